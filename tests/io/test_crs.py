@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""CRS: CF parameters mean the same as the WKT, scales are those on the ground."""
+"""CRS: CF parameters mean the same as the WKT, one system in two spellings is one system, scales
+are those on the ground."""
 
 import math
 
@@ -8,33 +9,126 @@ import pyproj
 import pytest
 from rasterio.crs import CRS
 
-from rockfall.io.crs import grid_mapping, length_scale
+from rockfall.io.crs import crs_name, grid_mapping, length_scale, same_crs, vertical_datum
 from rockfall.io.grid import Grid
 
 WKT = "crs_wkt", "spatial_ref"
 
 
-@pytest.mark.parametrize("code", [32733, 2154, 31254, 3035, 5070, 3395, 3031])
-def test_the_parameters_of_a_projection_give_the_coordinates_of_its_wkt(code):
+# EPSG codes, and systems without a number
+DESCRIBED = [
+    32733, 2154, 31254, 3035, 5070, 3395, 3031, 32661, 31370, 3388, 3408, 3410, 27701,
+    "+proj=utm +zone=32 +ellps=bessel +towgs84=577,90,464,5,1.5,5.3,2.4",
+    "+proj=lcc +lat_1=46 +lat_0=46 +lon_0=7 +k_0=1 +x_0=600000 +y_0=200000 +ellps=GRS80",
+    "+proj=laea +lat_0=46 +lon_0=7 +R=6371000", "+proj=sinu +lon_0=9", "+proj=merc +lat_ts=40",
+    "+proj=stere +lat_0=46 +lon_0=7 +k_0=0.9996", "+proj=ortho +lat_0=45 +lon_0=9",
+    "+proj=nsper +h=35785831 +lat_0=45", "+proj=geos +h=35785831 +lon_0=0",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("system", DESCRIBED)
+def test_the_parameters_of_a_projection_give_the_coordinates_of_its_wkt(system):
     """By the parameters alone, as a program reads them that knows no WKT."""
-    attributes = grid_mapping(CRS.from_epsg(code))
+    attributes = grid_mapping(CRS.from_user_input(system))
+    assert attributes["grid_mapping_name"]
     alone = {key: value for key, value in attributes.items() if key not in WKT}
-    whole = pyproj.CRS.from_wkt(attributes["crs_wkt"])
-    area = pyproj.CRS.from_epsg(code).area_of_use
-    place = np.linspace(area.west, area.east, 5)[1:4], np.linspace(area.south, area.north, 5)[1:4]
+    whole, read = pyproj.CRS.from_wkt(attributes["crs_wkt"]), pyproj.CRS.from_cf(alone)
+    whole = whole.source_crs if whole.is_bound else whole
+    centre = pyproj.Transformer.from_crs(whole, whole.geodetic_crs, always_xy=True)
+    area = pyproj.CRS.from_user_input(system).area_of_use
+    place = centre.transform([6e5, 6.1e5], [2e5, 2.2e5])
+    if area:
+        place = [np.linspace(*ends, 5)[1:4] for ends in (area[0:4:2], area[1:4:2])]
     x, y = (
         pyproj.Transformer.from_crs(crs.geodetic_crs, crs, always_xy=True).transform(*place)
-        for crs in (whole, pyproj.CRS.from_cf(alone))
+        for crs in (whole, read)
     )
+    assert np.isfinite(x).all()
     np.testing.assert_allclose(y, x, atol=1e-3)
 
 
-@pytest.mark.parametrize("code", [27572, 2056, 3375, 3857, 28992])
+@pytest.mark.parametrize("code", [27572, 2056, 3375, 3857, 28992, 2062, 5514, 2985, 4087])
 def test_a_projection_that_cf_cannot_describe_has_its_wkt_alone(code):
     """Grads and a scale on a cone, oblique axes, web maps, an oblique stereographic."""
     attributes = grid_mapping(CRS.from_epsg(code))
     assert "grid_mapping_name" not in attributes
     assert CRS.from_wkt(attributes["crs_wkt"]) == CRS.from_epsg(code)
+
+
+@pytest.mark.parametrize("system", ["EPSG:25832+5783", "EPSG:25832+6360", "EPSG:2056+5728", 4979])
+def test_maps_have_no_system_of_heights(system):
+    """A reader would convert counts and energies to its unit."""
+    whole = CRS.from_user_input(system)
+    attributes = grid_mapping(whole)
+    for key in WKT:
+        found = pyproj.CRS.from_wkt(attributes[key])
+        assert len(found.axis_info) == 2 and not found.is_compound
+    assert attributes["crs_wkt"].startswith(("PROJCRS", "GEODCRS"))  # WKT 2
+    assert attributes["vertical_datum"] == vertical_datum(whole)
+
+
+UTM32_BESSEL = "+proj=utm +zone=32 +ellps=bessel"
+GK_WEST = "+proj=tmerc +lat_0=0 +lon_0=10.3333333333 +k=1 +x_0=0 +y_0=-5000000 +ellps=bessel"
+SHIFT = " +towgs84=577.326,90.129,463.919,5.137,1.474,5.297,2.4232"
+ETRS_UTM = (
+    'PROJCS["ETRS89 / UTM 32",GEOGCS["x",DATUM["European_Terrestrial_Reference_System_1989",'
+    'SPHEROID["GRS 1980",6378137,298.257222101]],PRIMEM["Greenwich",0],UNIT["degree",'
+    '0.0174532925199433]],PROJECTION["Transverse_Mercator"],PARAMETER["latitude_of_origin",0],'
+    'PARAMETER["central_meridian",9],PARAMETER["scale_factor",0.9996],'
+    'PARAMETER["false_easting",500000],PARAMETER["false_northing",0],UNIT["metre",1]]'
+)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        (31254, GK_WEST + SHIFT, True),
+        (31254, GK_WEST, True),
+        (GK_WEST, GK_WEST + SHIFT, True),
+        (GK_WEST + SHIFT, GK_WEST + " +towgs84=1,2,3", True),
+        (31254, GK_WEST.replace("-5000000", "-5000001"), False),
+        (31254, GK_WEST.replace("bessel", "clrk66"), False),
+        (31254, GK_WEST.replace("k=1", "k=1.00001"), False),
+        (31254, 31257, False),
+        (25832, ETRS_UTM, True),
+        (25832, "+proj=utm +zone=32 +ellps=GRS80 +towgs84=0,0,0,0,0,0,0", True),
+        (25832, "+proj=utm +zone=33 +ellps=GRS80 +towgs84=0,0,0,0,0,0,0", False),
+        (25832, "EPSG:25832+5783", True),
+        (UTM32_BESSEL, "+proj=tmerc +lon_0=9 +k=0.9996 +x_0=500000 +ellps=bessel" + SHIFT, True),
+        (2056, 21781, False),
+        (28404, 3333, False),  # one projection and ellipsoid, two known datums
+        (2154, "+proj=lcc +lat_0=46.5 +lon_0=3 +lat_1=49 +lat_2=44 +x_0=700000 +y_0=6600000 "
+         "+ellps=GRS80 +towgs84=0,0,0", True),
+        (27572, "+proj=lcc +lat_1=46.8 +lat_0=46.8 +lon_0=0 +k_0=0.99987742 +x_0=600000 "
+         "+y_0=2200000 +a=6378249.2 +b=6356515 +towgs84=-168,-60,320 +pm=paris", True),
+        (27572, "+proj=lcc +lat_1=46.8 +lat_0=46.8 +lon_0=0 +k_0=0.99987742 +x_0=600000 "
+         "+y_0=2200000 +a=6378249.2 +b=6356515 +towgs84=-168,-60,320", False),  # Greenwich
+        (28992, "+proj=sterea +lat_0=52.1561605555556 +lon_0=5.38763888888889 +k=0.9999079 "
+         "+x_0=155000 +y_0=463000 +ellps=bessel +towgs84=565.4,50.3,465.5,-0.4,0.3,-1.9,4.1", True),
+        (5514, "+proj=krovak +lat_0=49.5 +lon_0=24.8333333333333 +alpha=30.2881397527778 +k=0.9999 "
+         "+x_0=0 +y_0=0 +ellps=bessel +towgs84=589,76,480", True),
+        (32632, 4326, False),
+    ],
+)  # fmt: skip
+def test_one_system_in_two_spellings_is_one_system(one, other, same):
+    """A shift to WGS 84 is no part of it: it never moves a layer or a raster."""
+    a, b = CRS.from_user_input(one), CRS.from_user_input(other)
+    assert same_crs(a, b) is same_crs(b, a) is same
+
+
+@pytest.mark.parametrize("form", ["WKT1_GDAL", "WKT1_ESRI", "WKT2_2015", "WKT2_2019"])
+@pytest.mark.parametrize("code", [31254, 31467, 2056, 25832, 2154, 27700, 3003, 5514, 3035, 2193])
+def test_well_known_text_of_any_dialect_is_the_number(code, form):
+    """Dialects have other names of datums, and other orders of axes."""
+    text = pyproj.CRS.from_epsg(code).to_wkt(form)
+    assert same_crs(CRS.from_epsg(code), CRS.from_user_input(text))
+
+
+def test_a_system_without_a_name_is_called_by_its_projection():
+    assert crs_name(CRS.from_user_input(GK_WEST.replace("k=1", "k=0.999") + SHIFT)).startswith(
+        "Transverse Mercator, Bessel 1841"
+    )
+    assert crs_name(CRS.from_user_input('LOCAL_CS["quarry",UNIT["metre",1]]')) == "quarry"
 
 
 @pytest.mark.parametrize(

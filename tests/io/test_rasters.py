@@ -253,16 +253,28 @@ def test_what_netcdf_says_against_itself_is_refused(about, message):
         read_dem("dem.nc")
 
 
-def test_a_part_of_a_file_lies_where_its_coordinates_are():
-    """It keeps the GeoTransform of the whole."""
-    crs = rasterio.CRS.from_epsg(32632).wkt
-    about = {"GeoTransform": "600000 5 0 5000000 0 -5", "crs_wkt": crs}
+@pytest.mark.parametrize(
+    "stale",
+    [
+        "600000 5 0 5000000 0 -5",  # of the whole
+        "600000 10 0 5000000 0 -10",  # before resampling
+        "0 5 0 0 0 -5",
+        "600005 5 1 4999990 1 -5",  # rotated
+        "600005 5 0 4999970 0 5",  # of rows from the south
+        "600005 5 0 4999990 0 -5",  # right
+    ],
+)
+@pytest.mark.parametrize("rising", [False, True])
+def test_a_part_of_a_file_lies_where_its_coordinates_are(stale, rising):
+    """It keeps the GeoTransform of the whole, and GDAL believes it or not, by its version."""
+    about = {"GeoTransform": stale, "crs_wkt": rasterio.CRS.from_epsg(32632).wkt}
     data = georeferenced(hill()).to_dataset()
     data["crs"] = xr.Variable((), 0, about)
     data["z"].attrs["grid_mapping"] = "crs"
-    data.isel(x=slice(1, 4), y=slice(2, 6)).to_netcdf("part.nc")
+    part = data.isel(x=slice(1, 4), y=slice(2, 6))
+    (part.isel(y=slice(None, None, -1)) if rising else part).to_netcdf("part.nc")
     z, grid = read_dem("part.nc")
-    assert (grid.west, grid.north) == (600005.0, 4999990.0)
+    assert (grid.west, grid.north, grid.cell) == (600005.0, 4999990.0, 5.0)
     np.testing.assert_array_equal(z, hill()[2:, 1:])
 
 

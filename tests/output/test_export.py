@@ -98,6 +98,19 @@ def result():
     return made()
 
 
+@pytest.mark.parametrize("system", ["EPSG:32632+6360", "EPSG:32632+5783"])
+def test_maps_of_a_result_with_a_system_of_heights_have_none(result, system, tmp_path):
+    """GDAL would convert counts and energies from feet. Older results have it in their CRS."""
+    result["crs"].attrs["crs_wkt"] = rasterio.crs.CRS.from_user_input(system).to_wkt()
+    maps = [path for path in export(result, tmp_path / "out") if path.suffix == ".tif"]
+    assert maps
+    for path in maps:
+        with rasterio.open(path) as file:
+            assert file.crs == rasterio.crs.CRS.from_epsg(32632)
+            assert "foot" not in str(file.units) and "metre" not in str(file.units)
+    assert "32632" in str(layer(tmp_path / "out", "stops")[0])
+
+
 def table(path):
     with open(path, encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))

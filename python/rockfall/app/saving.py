@@ -17,6 +17,7 @@ from rockfall.case_files import input_files
 from rockfall.case_rules import CHOSEN
 from rockfall.case_variants import BASE, variants
 from rockfall.errors import RockfallError
+from rockfall.io.crs import plan_wkt
 from rockfall.io.output_files import atomic_folder, overwriting
 from rockfall.language import say
 from rockfall.result.export import write_geopackage
@@ -66,7 +67,7 @@ def save(site: Site, document: Document, name: str, overwrite: bool) -> Saved:
     drawn = {name: layer for name, layer in made.layers.items() if name not in inline}
     files = [f"{name}.nml", *([f"{name}.gpkg"] if drawn else [])]
     check_free(site.folder, files, overwrite)
-    crs = site.grid.crs.to_wkt() if site.grid.crs else None
+    crs = plan_wkt(site.grid.crs) if site.grid.crs else None
     own, *inputs = input_files(made.case)
     inputs += [site.folder / path for _, _, path in _files_of_variants(site)]
     with overwriting(overwrite), atomic_folder(site.folder, inputs, last=files[0]) as place:

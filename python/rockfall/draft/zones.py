@@ -11,6 +11,7 @@ import numpy as np
 
 from rockfall.draft.recognise import NAMES, OF_ZONES, Layer
 from rockfall.errors import RockfallError
+from rockfall.io.crs import plan_wkt
 from rockfall.io.grid import NO_ID, Grid
 from rockfall.io.layers import burn_polygons
 from rockfall.io.tables import spreadsheet_text
@@ -43,7 +44,7 @@ def zones_of(layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path) ->
         copy = place / f"{stem}_zones.gpkg"
         parts = [(layer.shapes, {ID: np.array(ids)})]
         write_geopackage(
-            copy, {"zones": ("Unknown", parts)}, grid.crs.to_wkt() if grid.crs else None
+            copy, {"zones": ("Unknown", parts)}, plan_wkt(grid.crs) if grid.crs else None
         )
     table = place / f"{stem}_zones.csv"
     with open(table, "w", encoding="utf-8", newline="") as file:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,20 +22,115 @@ if TYPE_CHECKING:
     from rockfall.io.grid import Grid
 
 _METRES = {"", "m", "metre", "metres", "meter", "meters"}
+NO_DATUM = "not stated"
+_NAMELESS = re.compile(r"unknown|unnamed|not.specified", re.IGNORECASE)
+_NEAR = 1e-3  # difference of equal coordinates [m]
 
 
 def crs_name(crs: CRS) -> str:
-    """Short name: EPSG:25832, or the title of a system without a number."""
+    """Short name: EPSG:25832, the title of a system without a number, or its projection."""
     code = crs.to_epsg()
-    return f"EPSG:{code}" if code else _pyproj(crs).name
+    return f"EPSG:{code}" if code else _title(_pyproj(crs))
+
+
+def _title(system: pyproj.CRS) -> str:
+    """Name of a system, or its projection and ellipsoid."""
+    source = _source(system)
+    if not _NAMELESS.match(system.name) or source.coordinate_operation is None:
+        return system.name
+    body = source.ellipsoid.name if source.ellipsoid else system.name
+    method = source.coordinate_operation.method_name
+    return method if _NAMELESS.match(body) else f"{method}, {body}"
+
+
+def crs_argument(crs: CRS) -> str:
+    """Horizontal system for a command: its code, or well-known text."""
+    code = in_plan(crs).to_epsg()
+    return f"EPSG:{code}" if code else plan_wkt(crs)
 
 
 def same_crs(a: CRS | None, b: CRS | None) -> bool:
-    """Return True if plan coordinates are equivalent; an unknown system equals any other."""
+    """Return True if plan coordinates are equivalent; an unknown system equals any other.
+
+    A projection can be written as a number, as well-known text, or as a PROJ string, which has no
+    name of the datum but may have a shift to WGS 84.
+    """
     if a is None or b is None:
         return True
-    a, b = _in_plan(a), _in_plan(b)
-    return a == b or (a.to_epsg() is not None and a.to_epsg() == b.to_epsg())
+    a, b = in_plan(a), in_plan(b)
+    if a == b or (a.to_epsg() is not None and a.to_epsg() == b.to_epsg()):
+        return True
+    first, second = _source(_pyproj(a)), _source(_pyproj(b))
+    return _same_datum(first, second) and _same_coordinates(first, second)
+
+
+def _source(system: pyproj.CRS) -> pyproj.CRS:
+    """System without a shift to another datum."""
+    return system.source_crs if system.is_bound and system.source_crs else system
+
+
+def _same_datum(a: pyproj.CRS, b: pyproj.CRS) -> bool:
+    """Return True unless both datums are known and differ."""
+    if a.datum is None or b.datum is None:
+        return False
+    names = a.datum.name, b.datum.name
+    if any(map(_NAMELESS.match, names)):
+        return True
+    plain = [re.sub(r"^d_|ensemble$|[^a-z0-9]", "", name.lower()) for name in names]
+    return plain[0] == plain[1] or a.datum == b.datum
+
+
+def _same_coordinates(a: pyproj.CRS, b: pyproj.CRS) -> bool:
+    """Return True if two projections of one ellipsoid have the same coordinates, up to `_NEAR`, at
+    some places near their centre."""
+    import pyproj
+
+    if not (a.is_projected and b.is_projected):
+        return False
+    if not np.allclose(_body(a), _body(b), rtol=1e-9, atol=0.0):
+        return False
+    try:
+        first, second = (_projected(system, *_places(a)) for system in (a, b))
+    except pyproj.exceptions.ProjError:
+        return False
+    return bool(np.isfinite(first).all() and (np.abs(first - second) <= _NEAR).all())
+
+
+def _body(system: pyproj.CRS) -> tuple[float, float, float]:
+    """Ellipsoid, and prime meridian counted from the antimeridian, never 0."""
+    ellipsoid, meridian = system.ellipsoid, system.prime_meridian
+    assert ellipsoid is not None and meridian is not None
+    greenwich = meridian.longitude * float(meridian.unit_conversion_factor)
+    return ellipsoid.semi_major_metre, ellipsoid.inverse_flattening, math.pi + greenwich
+
+
+def _places(system: pyproj.CRS) -> tuple[np.ndarray, np.ndarray]:
+    """Longitudes and latitudes [degrees] near the centre of a projection."""
+    assert system.coordinate_operation is not None
+    angles: dict[str, list[float]] = {"ongitude": [], "atitude": []}
+    for parameter in system.coordinate_operation.params:
+        for word, values in angles.items():
+            if word in parameter.name:
+                unit = float(parameter.unit_conversion_factor)
+                values.append(math.degrees(float(parameter.value) * unit))
+    longitudes, latitudes = angles.values()
+    away = [x for x in latitudes if abs(x) < 85.0] or [math.copysign(80.0, sum(latitudes))]
+    east, north = np.meshgrid(
+        (longitudes or [0.0])[0] + np.array([-1.5, 0.5, 2.5]),
+        [latitude + step for latitude in away for step in (-1.0, 0.7)],
+    )
+    return east.ravel(), north.ravel()
+
+
+def _projected(system: pyproj.CRS, longitude: np.ndarray, latitude: np.ndarray) -> np.ndarray:
+    """Coordinates of places [degrees from the prime meridian of the system]."""
+    import pyproj
+
+    base = system.geodetic_crs
+    assert base is not None
+    unit = math.degrees(base.axis_info[0].unit_conversion_factor)
+    way = pyproj.Transformer.from_crs(base, system, always_xy=True)
+    return np.array(way.transform(longitude / unit, latitude / unit))
 
 
 class Transformation(NamedTuple):
@@ -47,23 +143,23 @@ class Transformation(NamedTuple):
 def transformation(crs: CRS, grid: Grid) -> Transformation:
     """Transformation from a system to that of a raster, in plan."""
     assert grid.crs is not None
-    return _best_way(_pyproj(_in_plan(crs)), _pyproj(_in_plan(grid.crs)), grid.crs, grid)
+    return _best_way(_pyproj(in_plan(crs)), _pyproj(in_plan(grid.crs)), grid.crs, grid)
 
 
 def degrees_way(crs: CRS, bounds: Bounds) -> Transformation:
     """Transformation from a system to longitude and latitude (WGS 84), best within `bounds`."""
     import pyproj
 
-    return _best_way(_pyproj(_in_plan(crs)), pyproj.CRS.from_user_input("OGC:CRS84"), crs, bounds)
+    return _best_way(_pyproj(in_plan(crs)), pyproj.CRS.from_user_input("OGC:CRS84"), crs, bounds)
 
 
 def vertical_datum(crs: CRS) -> str:
-    """Name of the system of heights; "not stated" if the system has none."""
+    """Name of the system of heights; `NO_DATUM` if the system has none."""
     system = _pyproj(crs)
     names = [part.name for part in system.sub_crs_list if part.is_vertical]
     if not names and len(system.axis_info) == 3:
         names = ["ellipsoid"]
-    return names[0] if names else "not stated"
+    return names[0] if names else NO_DATUM
 
 
 class Bounds(NamedTuple):
@@ -142,14 +238,25 @@ def _units(crs: pyproj.CRS) -> tuple[str, str]:
     return plan, heights
 
 
-def _in_plan(crs: CRS) -> CRS:
-    """Horizontal part of a compound system."""
+def in_plan(crs: CRS) -> CRS:
+    """Horizontal part of a system."""
     from rasterio.crs import CRS
 
     description = crs.to_dict(projjson=True)
-    if description.get("type") != "CompoundCRS":
-        return crs
-    return CRS.from_user_input(json.dumps(description["components"][0]))
+    kind = description.get("type")
+    if kind == "BoundCRS" and description["source_crs"].get("type") == "CompoundCRS":
+        description, kind = description["source_crs"], "CompoundCRS"
+    if kind == "CompoundCRS":
+        return CRS.from_user_input(json.dumps(description["components"][0]))
+    system = _pyproj(crs)
+    return CRS.from_wkt(system.to_2d().to_wkt()) if len(system.axis_info) == 3 else crs
+
+
+def plan_wkt(crs: CRS | str) -> str:
+    """Well-known text of the horizontal part of a system, or of its well-known text."""
+    from rasterio.crs import CRS
+
+    return in_plan(CRS.from_user_input(crs)).to_wkt()
 
 
 def _utm(grid: Grid) -> str | None:
@@ -185,28 +292,59 @@ def length_scale(grid: Grid) -> float:
 
 
 def grid_mapping(crs: CRS) -> dict[str, Any]:
-    """Attributes of a CF grid mapping variable. The complete CRS is in `crs_wkt`; CF parameters are
-    added where they are equivalent."""
-    return _parameters(_pyproj(crs)) | {"crs_wkt": crs.to_wkt(), "spatial_ref": crs.to_wkt()}
+    """Attributes of a CF grid mapping variable for the horizontal part of a system: that of
+    heights would make readers scale counts and energies. The complete system is in `crs_wkt`
+    (WKT 2), and in `spatial_ref` (WKT 1, for older programs); CF parameters are added where they
+    are equivalent. `vertical_datum` is the name of the system of heights, if there is one."""
+    plan, heights = in_plan(crs), vertical_datum(crs)
+    system = _pyproj(plan)
+    attrs = _parameters(system)
+    if system.is_projected and _NAMELESS.match(system.name):
+        attrs |= {"projected_crs_name": _title(system)}
+    if heights != NO_DATUM:
+        attrs |= {"vertical_datum": heights}
+    return attrs | {"crs_wkt": plan.to_wkt(version="WKT2_2015"), "spatial_ref": plan.to_wkt()}
 
 
 def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
-    """`to_cf` without the systems it represents incorrectly: angles in units other than degrees,
-    the scale of a cone with one standard parallel, and the pole."""
-    if crs.geodetic_crs and any(a.unit_name == "grad" for a in crs.geodetic_crs.axis_info):
-        return {}
+    """`to_cf` where its parameters alone have the coordinates of the system.
+
+    An oblique Mercator is left out: CF has no angle of the rectified grid, and PROJ's readers
+    disagree on its default (EPSG:2056 is more than 100 km off by pyproj up to 3.7).
+    """
+    import pyproj
+
+    source = _ellipsoidal(_source(crs))
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # its warning about a lost parameter
-        try:
-            parameters = crs.to_cf()
-        except UserWarning:
+        warnings.simplefilter("ignore")  # of a lost parameter; not in all versions
+        parameters = source.to_cf()
+        parameters.pop("crs_wkt", None)
+        name, parallel = parameters.get("grid_mapping_name"), parameters.get("standard_parallel")
+        if name == "polar_stereographic" and parallel is not None:
+            parameters["latitude_of_projection_origin"] = math.copysign(90.0, parallel)
+        if not source.is_projected:
+            return parameters
+        if name in (None, "oblique_mercator"):
             return {}
-    name, parallel = parameters.get("grid_mapping_name"), parameters.get("standard_parallel")
-    if name == "lambert_conformal_conic" and isinstance(parallel, float):
-        return {}
-    if name == "polar_stereographic" and parallel is not None:
-        parameters["latitude_of_projection_origin"] = math.copysign(90.0, parallel)
-    return parameters
+        try:
+            read = pyproj.CRS.from_cf(parameters)
+        except (pyproj.exceptions.ProjError, KeyError, ValueError):
+            return {}
+    return parameters if _same_coordinates(_source(crs), read) else {}
+
+
+def _ellipsoidal(system: pyproj.CRS) -> pyproj.CRS:
+    """System whose projection has the formulas for an ellipsoid, as in CF; on a sphere they agree
+    with the spherical ones."""
+    import pyproj
+
+    description = system.to_json_dict()
+    method = description.get("conversion", {}).get("method", {})
+    if not method.get("name", "").endswith(" (Spherical)"):
+        return system
+    method["name"] = method["name"].removesuffix(" (Spherical)")
+    method.pop("id", None)
+    return pyproj.CRS.from_json_dict(description)
 
 
 def _pyproj(crs: CRS) -> pyproj.CRS:

@@ -23,7 +23,7 @@ from urllib.parse import quote
 import numpy as np
 
 from rockfall.errors import RockfallError, need
-from rockfall.io.crs import crs_name, same_crs, transformation
+from rockfall.io.crs import crs_argument, crs_name, same_crs, transformation
 from rockfall.io.drawing import is_drawing, left_out, read_drawing
 from rockfall.io.files import check_text_file, start_of
 from rockfall.io.gdal_files import plain_file
@@ -235,7 +235,7 @@ def _on_terrain(
     bounds = _check_shapes(path, shapes, kinds, what)
     if grid.crs is None:
         return _Features(path, shapes, values, bounds)
-    crs = _crs_of(path, metadata, bounds, crs_name(grid.crs))
+    crs = _crs_of(path, metadata, bounds, crs_argument(grid.crs))
     if same_crs(crs, grid.crs):
         return _Features(path, shapes, values, bounds)
     shapes = _reprojected(name_of(path, layer), shapes, crs, grid, remarks)

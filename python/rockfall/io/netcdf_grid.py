@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Numbers of netCDF grids: missing values, packing, and unit.
 
-GDAL gives their position, but honours only some of the CF attributes, so these are read here.
-Contradictory attributes are refused.
+GDAL honours only some of the CF attributes, so these are read here. Contradictory attributes are
+refused. Coordinates decide on the position: a cut-out keeps the GeoTransform of the whole, which
+newer versions of GDAL believe.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.crs import is_metre
-from rockfall.io.grid import TOLERANCE, Box, row_blocks
+from rockfall.io.grid import TOLERANCE, Box, Transform, row_blocks
 from rockfall.io.netcdf import open_netcdf
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ class NetcdfCells:
     variable: netCDF4.Variable
     dtype: np.dtype  #: of the stored numbers
     shape: tuple[int, int]
+    transform: Affine | Transform  #: north-up
     packing: tuple[float, float]  #: scale and offset
     missing: tuple[float, ...]  #: stored numbers that are none
     valid: tuple[float, float]  #: min and max of stored numbers that are data
@@ -82,7 +84,7 @@ def open_grid_file(file: str) -> Iterator[netCDF4.Dataset]:
 
 
 def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> NetcdfCells:
-    """Cells of a variable, whose position must agree with GDAL's."""
+    """Cells of a variable; `transform` is GDAL's, exact where it agrees with the coordinates."""
     try:
         variable = data[name]
     except (IndexError, KeyError):
@@ -91,7 +93,6 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
     if variable.ndim < 2 or any(n != 1 for n in variable.shape[:-2]):
         raise RockfallError(f"{path}: {name} has the shape {variable.shape}: must be on y, x")
     x, y = (_coordinates(path, variable, axis) for axis in (-1, -2))
-    _check_place(path, x, y, transform)
     dtype = _stored_type(path, name, variable.dtype, attributes)
     scale, offset = (
         _single(path, name, key, attributes.get(key, without))
@@ -102,8 +103,8 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
     packing = scale, offset
     validity = _Validity(f"{path}: {name}", dtype, attributes, packing != (1.0, 0.0))
     return NetcdfCells(
-        variable, dtype, variable.shape[-2:], packing, validity.missing(_default_fill(variable)),
-        validity.range(), bool(y[0] < y[-1]),
+        variable, dtype, variable.shape[-2:], _place(x, y, transform), packing,
+        validity.missing(_default_fill(variable)), validity.range(), bool(y[0] < y[-1]),
     )  # fmt: skip
 
 
@@ -188,15 +189,19 @@ def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray
     return centres
 
 
-def _check_place(path: str, x: np.ndarray, y: np.ndarray, transform: Affine) -> None:
-    """Refuse a GeoTransform that contradicts the coordinates."""
+def _place(x: np.ndarray, y: np.ndarray, transform: Affine) -> Affine | Transform:
+    """GDAL's transform where it agrees with the coordinates, else theirs."""
     t, far = transform, max(x.size, y.size)
     west, east = t.c + 0.5 * t.a, t.c + (x.size - 0.5) * t.a
     north, south = t.f + 0.5 * t.e, t.f + (y.size - 0.5) * t.e
     near = max(_EVEN, TOLERANCE * far) * abs(t.a)
     places = (x[0], west), (x[-1], east), (y.max(), north), (y.min(), south)
-    if any(abs(own - other) > near for own, other in places) or t.b or t.d:
-        raise RockfallError(f"{path}: its GeoTransform is not that of its coordinates x and y")
+    if not (any(abs(own - other) > near for own, other in places) or t.b or t.d):
+        return transform
+    width, height = (x[-1] - x[0]) / (x.size - 1), abs(y[-1] - y[0]) / (y.size - 1)
+    return Transform(
+        *map(float, (width, 0.0, x[0] - width / 2, 0.0, -height, y.max() + height / 2))
+    )
 
 
 def _stored_type(path: str, name: str, stored: np.dtype, attributes: dict[str, Any]) -> np.dtype:

@@ -28,7 +28,7 @@ from rockfall.io.gdal_files import (
     plain_file,
 )
 from rockfall.io.grid import Box, Grid, Transform, flaw_of, row_blocks
-from rockfall.io.netcdf_grid import cells_of, open_grid_file
+from rockfall.io.netcdf_grid import NetcdfCells, cells_of, open_grid_file
 from rockfall.limits import MACHINE_MEMORY
 
 if TYPE_CHECKING:
@@ -258,7 +258,7 @@ def _dataset(path: str, name: str, drivers: tuple[str, ...], stack: ExitStack) -
 
 
 def _raster(path: str, source: DatasetReader | AsciiSource, cells: Cells) -> RasterFile:
-    t = cells.transform if isinstance(cells, AsciiCells) else source.transform
+    t = cells.transform if isinstance(cells, (AsciiCells, NetcdfCells)) else source.transform
     if (source.height, source.width) != getattr(cells, "shape", source.shape):
         raise RockfallError(f"{path}: GDAL reads another header: malformed")
     north = t.f if t.e < 0 else t.f + source.height * t.e

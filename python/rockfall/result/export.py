@@ -9,6 +9,7 @@ import sqlite3
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, nullcontext
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,6 +19,7 @@ import numpy as np
 from rockfall.case_files import files_behind
 from rockfall.errors import OUR_FAULT, RockfallError, need
 from rockfall.io.arrays import grid_of
+from rockfall.io.crs import in_plan, plan_wkt
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import atomic_folder, why_unwritten
 from rockfall.io.raster import write_geotiff
@@ -229,6 +231,7 @@ def _exported(name: str, units: str) -> tuple[str, float]:
 def write_map(path: Path, data: xr.DataArray) -> Path:
     """Write a map in plan as GeoTIFF, with its attributes as tags."""
     grid, flipped = grid_of(data)
+    grid = replace(grid, crs=in_plan(grid.crs) if grid.crs else None)
     values, fill = _stored(data)
     tags = {
         key: str(value)
@@ -467,8 +470,10 @@ def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
 
 
 def crs_wkt(data: xr.Dataset) -> str | None:
-    """CRS of the grid mapping `crs`; None if the terrain has none."""
-    return data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
+    """Horizontal CRS of the grid mapping `crs`; None if the terrain has none. Older results have
+    the system of heights in it."""
+    wkt = data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
+    return plan_wkt(wkt) if wkt and wkt.startswith("COMP") else wkt
 
 
 def write_geopackage(

@@ -51,7 +51,9 @@ def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
             f"longitudes and latitudes from {crs_name(crs)}: PROJ lacks a grid here for the most "
             "accurate way; places may be off by a metre or more"
         ]
-    return Geographic(way, crs_name(crs), vertical_datum(crs), remarks)
+    attrs = data["crs"].attrs if "crs" in data.variables else {}  # older results have it in the CRS
+    heights = attrs.get("vertical_datum") or vertical_datum(CRS.from_wkt(attrs.get("crs_wkt", wkt)))
+    return Geographic(way, crs_name(crs), heights, remarks)
 
 
 def _bounds(data: xr.Dataset) -> Bounds:

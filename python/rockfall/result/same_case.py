@@ -14,11 +14,13 @@ import numpy as np
 from rockfall.case import REPEATABLE, Case, case_in, file_keys
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
+from rockfall.io.crs import same_crs
 from rockfall.result.samples import has_rows
 from rockfall.result.trajectories import lines
 
 if TYPE_CHECKING:
     import xarray as xr
+    from rasterio.crs import CRS
 
 #: Groups that define the case of a slope; seeds, numbers of boulders, their volumes, lines and
 #: outputs may differ.
@@ -68,9 +70,17 @@ def common_lines(results: Mapping[str, xr.Dataset]) -> list[tuple[str, np.ndarra
 
 def _check_crs(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
     ours, theirs = (data["crs"].attrs.get("crs_wkt", "") for data in (first, other))
-    if ours != theirs:
+    if ours == theirs:
+        return
+    if not (ours and theirs and same_crs(_crs(ours), _crs(theirs))):
         names = (_crs_name(data) for data in (other, first))
         raise RockfallError(f"{what}: has another coordinate system: {' in place of '.join(names)}")
+
+
+def _crs(wkt: str) -> CRS:
+    from rasterio.crs import CRS
+
+    return CRS.from_wkt(wkt)
 
 
 def _crs_name(data: xr.Dataset) -> str:

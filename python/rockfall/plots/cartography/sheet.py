@@ -144,7 +144,7 @@ def scale_text(denominator: float, paper: str = "A4") -> str:
 def named_crs(crs: Mapping[str, Any]) -> str:
     """Name of the coordinate system of a grid mapping; "" if it has none."""
     keys = ("projected_crs_name", "geographic_crs_name")
-    match = WKT_NAME.match(str(crs.get("crs_wkt", "")))  # CF has no parameters for some systems
+    match = WKT_NAME.search(str(crs.get("crs_wkt", "")))  # CF has no parameters for some systems
     names = (str(crs[key]) for key in keys if crs.get(key))
     return next(names, match[1] if match else "")
 
