@@ -21,6 +21,7 @@ FROM_ARRAY = "(array)"  # the DEM of a case whose elevations come from `run(case
 WIDTH = 72  # columns after which a list continues on the next line
 LINES = tuple(_core.fields("line_group").decode().split())  # groups of lines, in their order
 OPERATOR = {"sets": "matrix", "table": "table"}  # forms of what keys of `impact` name
+OF_MAPS = ("map_extent", "min_passages")  # keys of `output` that only concern maps
 REPEATABLE = tuple(_core.fields("repeatable_group").decode().split())  # groups that are lists
 
 
@@ -231,7 +232,7 @@ class Case:
     def replace(self, **groups: Any) -> Case:
         """Return a copy with other values: `case.replace(surface={"method": "A"})`; None removes a
         key. A list replaces all groups of its name: `case.replace(line=[])`. `sets` or `table` of
-        `impact` bring their form with them.
+        `impact` bring their form with them; `maps` of `output` takes its keys along.
 
         >>> import rockfall
         >>> case = rockfall.read_case("case.nml")
@@ -246,6 +247,8 @@ class Case:
         }
         changed |= {g: self.__dict__[g] if given is None else given for g, given in lists.items()}
         changed["impact"] = _new_operator(self.impact, groups.get("impact", {}))
+        if changed["output"].get("maps") is None and "maps" in self.output:
+            changed["output"] |= dict.fromkeys(OF_MAPS)
         return Case(folder=self.folder, name=self.name, **changed)
 
     def text(self) -> str:

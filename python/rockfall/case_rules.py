@@ -14,8 +14,13 @@ from rockfall.limits import MAX_NAME
 
 #: Keys of &variant that choose among the groups of a name.
 CHOSEN = {"barriers": "barrier", "dams": "dam"}
+BASE = "base"  # name of the case without its variants
 #: Factors of &ensemble for which draws may have a column.
 FACTORS = ("radius_factor", "volume_factor", "volume_std_factor", "drop_height_factor")
+
+ROCKS = {  # keys of &surface that may give rock sizes
+    "zones", "mean_radius", "rg70", "uniform_mean_radius", "uniform_rg",
+}  # fmt: skip
 
 Groups = Mapping[str, Any]  # a case: keys and values of each group, lists of repeatable ones
 Broken = Iterator[tuple[str, str]]  # keys, and the rules that they break
@@ -50,6 +55,10 @@ def _ensemble(groups: Groups) -> Broken:
     ensemble, boulder, release = (groups[name] for name in ("ensemble", "boulder", "release"))
     if ensemble["dem_error"] > 0 and "dem_correlation" not in ensemble:
         yield "dem_correlation is missing", "needed for dem_error"
+    if "dem_correlation" in ensemble and not ensemble["dem_error"]:
+        yield "dem_correlation", "is only valid with a dem_error"
+    if ensemble["radius_factor"] > 1 and not ROCKS & groups["surface"].keys():
+        yield "radius_factor", "is only valid with rock sizes in &surface"
     if "draws" in ensemble:
         if ensemble["source_shift"] > 0:
             yield "source_shift", "must be 0: draws has it"
@@ -125,6 +134,8 @@ def _variant(variants: list[Groups], number: int) -> Broken:
             "is that of a file, too: it must not begin or end with a dot or a blank, or contain "
             'one of / \\ : * ? " < > | , =',
         )
+    if _lower(name) == BASE.encode():
+        yield "name", "is that of the case without its variants: choose another name"
     for key, group in CHOSEN.items():
         if key in given and group in given.get("without", []):
             yield key, f"is not valid together with without = '{group}'"

@@ -9,17 +9,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rockfall.case import Case, varied_key
-from rockfall.case_rules import CHOSEN
+from rockfall.case import REPEATABLE, Case, given_groups, varied_key
+from rockfall.case_rules import BASE, CHOSEN
 from rockfall.errors import RockfallError
-
-BASE = "base"  # name of the case without its variants, unless one is called so
 
 
 def variants(case: Case) -> dict[str, Case]:
     """Cases of the &variant groups of a case, by name, in their order; none without such groups.
 
-    A variant that makes no valid case raises a RockfallError that names it.
+    A variant that makes no valid case, or the case of another, raises a RockfallError that names
+    it.
 
     >>> import rockfall
     >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
@@ -30,7 +29,18 @@ def variants(case: Case) -> dict[str, Case]:
     >>> {name: len(one.barrier) for name, one in rockfall.variants(case).items()}
     {'bare': 0, 'with net': 1}
     """
-    return {given["name"]: _variant(case, given) for given in case.variant}
+    cases: dict[str, Case] = {}
+    names: dict[str, str] = {}  # of the first variant with these contents
+    for given in case.variant:
+        name, made = given["name"], _variant(case, given)
+        first = names.setdefault(_contents(made), name)
+        if first != name:
+            raise RockfallError(
+                f"{case.name}: &variant name = '{name}': equals variant '{first}': change a key, "
+                "or leave out one of the two"
+            )
+        cases[name] = made
+    return cases
 
 
 def chosen_variant(case: Case, name: str | None) -> Case:
@@ -41,7 +51,7 @@ def chosen_variant(case: Case, name: str | None) -> Case:
         return case
     by_name = variants(case)
     if by_name:
-        by_name.setdefault(BASE, case.replace(variant=[]))
+        by_name[BASE] = case.replace(variant=[])
     if name not in by_name:
         has = f"the variants are {', '.join(by_name)}" if by_name else "the case has no &variant"
         raise RockfallError(f"{case.name}: --variant {name}: {has}")
@@ -67,6 +77,8 @@ def _variant(case: Case, given: Mapping[str, Any]) -> Case:
     changes["case"] = {"title": f"{title}: {given['name']}" if title else given["name"]}
     for group in given.get("without", []):
         own = getattr(case, group)
+        if not own or not (isinstance(own, list) or group in given_groups(case)):
+            raise RockfallError(f"{where} without = '{group}': the case has no &{group}")
         changes[group] = [] if isinstance(own, list) else dict.fromkeys(own)
     for key, group in CHOSEN.items():
         if key in given:
@@ -77,6 +89,13 @@ def _variant(case: Case, given: Mapping[str, Any]) -> Case:
             changes.setdefault(group, {})[name] = value
     with naming_variant(case, given["name"]):
         return case.replace(**changes)
+
+
+def _contents(case: Case) -> str:
+    """Contents of a case as text, without its title."""
+    groups = given_groups(case)
+    groups["case"] = {key: own for key, own in groups["case"].items() if key != "title"}
+    return repr((groups, [getattr(case, group) for group in REPEATABLE]))
 
 
 @contextmanager

@@ -12,17 +12,19 @@ from rockfall.io.layers import EXTENSIONS, read_attributes
 from rockfall.io.zone_table import Zone, read_zone_table, zones_of_polygons
 
 
-def case_zones(case: Case) -> dict[int, Zone]:
-    """Zones by id, in the order of the table or of the polygons; none for a surface without
-    zones."""
+def case_zones(case: Case, remarks: list[str] | None = None) -> dict[int, Zone]:
+    """Zones by id, in the order of the table or of the polygons; none for a surface without zones.
+    `remarks` take what is unusual in them."""
     if "zones" not in case.surface:
         return {}
     if "table" in case.surface:
-        return read_zone_table(case.path(case.surface["table"]))
-    return polygon_zones(case)[1]
+        return read_zone_table(case.path(case.surface["table"]), remarks)
+    return polygon_zones(case, remarks)[1]
 
 
-def polygon_zones(case: Case) -> tuple[np.ndarray, dict[int, Zone]]:
+def polygon_zones(
+    case: Case, remarks: list[str] | None = None
+) -> tuple[np.ndarray, dict[int, Zone]]:
     """Id of each polygon (int32), and the zones by id, for a case without a table of zones."""
     surface = case.surface
     path = case.path(surface["zones"])
@@ -31,7 +33,7 @@ def polygon_zones(case: Case) -> tuple[np.ndarray, dict[int, Zone]]:
             f"{case.name}: &surface table is missing: needed to say what the zones are made of"
         )
     columns = read_attributes(path, "polygons", surface.get("zones_layer"), "zones_layer")
-    ids, zones, own = zones_of_polygons(columns, str(path), surface["zone_field"])
+    ids, zones, own = zones_of_polygons(columns, str(path), surface["zone_field"], remarks)
     if "default_zone" in surface and not own:
         raise RockfallError(
             f"{case.name}: &surface default_zone = {surface['default_zone']}: needs an integer "

@@ -11,6 +11,7 @@ import rockfall
 import scenes
 from made import make_frame, make_layer, refused
 from rockfall.analysis.hazard.files import object_table
+from rockfall.analysis.hazard.study import read_study
 from rockfall.cli import main
 from rockfall.text.hazard import object_rows
 from rockfall.text.risk import assumptions, risk_rows
@@ -136,3 +137,22 @@ def test_the_command_takes_several(place, capsys):
     assert main(words) == 0
     case = rockfall.read_case("case_scenario1.nml")
     assert [one["name"] for one in case.line] == ["object 1 part 1", "object 2 part 2"]
+
+
+@pytest.mark.parametrize("given, listed", [
+    ({"valeur": [5.0]}, "valeur (value?)"),
+    ({"Valeur": [5.0], "vulnerability": [0.5]}, "valeur (value?)"),
+    ({"persns": [4.0], "vulnerability": [0.5]}, "persns (persons?)"),
+    ({"widht": [3.0]}, "widht (width?)"),
+    ({"kindd": ["building"], "value": [5.0]}, "kindd (kind?)"),
+    ({"expositon": [0.5], "value": [5.0]}, "expositon"),
+    ({"vulnerabilty": [0.5]}, "vulnerabilty (vulnerability?)"),
+    ({"address": ["Dorf 1"]}, "address"),
+    ({**TRAFFIC, "presense": [0.1]}, "presense (presence?)"),
+    ({"value": [5.0], "objectid": [7]}, None),
+])  # fmt: skip
+def test_attributes_that_are_not_used_are_listed(tmp_path, given, listed):
+    path = make_layer(tmp_path / "own.gpkg", [ROAD], crs="EPSG:32632", **given)
+    remarks = read_study(make_case(tmp_path), path, dem=Z, transform=GRID).remarks
+    mine = [line for line in remarks if "attributes not used" in line]
+    assert mine == [f"{path}: attributes not used: {listed}"] * (listed is not None)

@@ -197,6 +197,8 @@ def test_a_stopped_run_goes_on(here, capsys, monkeypatch):
         ({"name": "a", "forest_seed": 0.5}, "&variant forest_seed = 0.5"),
         ({"name": "a", "case_seed": 2}, "&variant case_seed: unknown key"),
         ({"name": "a", "cost": -1.0}, "&variant cost = -1.0: must be >= 0"),
+        ({"name": "base"}, "&variant name = 'base': is that of the case without its variants"),
+        ({"name": "BASE"}, "&variant name = 'BASE': is that of the case without its variants"),
     ],
 )  # fmt: skip
 def test_a_group_is_checked_with_the_case(tmp_path, group, message):
@@ -226,6 +228,38 @@ def test_a_variant_that_makes_no_case_is_named(tmp_path, group, message):
     with refused("case.nml: &variant name = 'a'") as caught:
         variants(case)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("group", ["barrier", "dam", "forest", "impact"])
+def test_what_is_not_there_cannot_be_left_out(tmp_path, group):
+    case = make_full_case(tmp_path, impact={"sets": None})
+    with refused(f"&variant name = 'a' without = '{group}': the case has no &{group}"):
+        variants(case.replace(variant=[{"name": "a", "without": [group]}]))
+
+
+def test_a_forest_variant_needs_a_forest(tmp_path):
+    case = make_full_case(tmp_path).replace(variant=[{"name": "a", "forest_density_factor": 0.5}])
+    with refused("name = 'a': &forest density_factor = 0.5: is only valid with trees, polygons or"):
+        variants(case)
+
+
+@pytest.mark.parametrize(
+    ("one", "two"),
+    [
+        ({}, {}),
+        ({}, {"cost": 5.0}),
+        ({}, {"boulder_volume_mean": 0.8}),
+        ({}, {"barriers": ["net", "wall"]}),
+        ({"without": ["barrier"]}, {"without": ["barrier"], "dams": ["dam"]}),
+        ({"release_drop_height": 2.0}, {"release_drop_height": 2}),
+    ],
+)
+def test_equal_variants_are_refused(tmp_path, one, two):
+    """Whatever keys make them so."""
+    case = site(tmp_path, [{"name": "a"} | one, {"name": "b"} | two])
+    with refused("&variant name = 'b': equals variant 'a': change a key, or leave out one of the"):
+        variants(case)
+    assert [*variants(case.replace(variant=case.variant[1:]))] == ["b"]
 
 
 @pytest.mark.parametrize(

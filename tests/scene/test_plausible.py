@@ -253,6 +253,10 @@ def scenario(**keys):
     return put_several("scenario", {"name": "blocks"} | keys)
 
 
+def hazard(**keys):
+    return lambda site: (scenario(frequency=0.1)(site), site.set("hazard", **keys))
+
+
 def normal(**keys):
     return put("boulder", volume="normal", **keys)
 
@@ -312,9 +316,9 @@ MISTAKES = {
         "&dam 1, height = 30, slope = 60: its face is 1. m wide, 2.. cells of 5 m: on fewer than"),
     "high dam": (dam(height=99.0, slope=60.0), "dams against rockfall are up to 30 m high: was i"),
     "dam by a ratio": (dam(height=25.0, slope=5.5), "a face of 5.5 degrees is a ramp: was it mea"),
-    "thresholds in J": (put("hazard", thresholds=[30.0, 30_000.0]),
+    "thresholds in J": (hazard(thresholds=[30.0, 30_000.0]),
         "&hazard thresholds: a threshold of 30,000 kJ: no barrier takes so much; was it meant in"),
-    "return periods as frequencies": (put("hazard", return_periods=[0.1, 0.3, 1.0]),
+    "return periods as frequencies": (hazard(return_periods=[0.1, 0.3, 1.0]),
         "&hazard return_periods: a return period of 0.1 years: was a frequency meant?"),
     "frequency as a return period": (scenario(frequency=100.0),
         "&scenario name = 'blocks' frequency = 100, .*: 100 boulders in a year: was a return per"),

@@ -9,6 +9,7 @@ module rockfall_case
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, refuse_list, &
                               has_comma, key_location
    use rockfall_case_keys, only: read_keys, map_names, n_maps, text_length, max_name
+   use rockfall_case_effects, only: check_effects
    use rockfall_boulder, only: volume_distribution_t, fixed_volume, uniform_volume, distributions
    use rockfall_surface, only: method_a, method_b
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
@@ -104,6 +105,7 @@ contains
                                                       this, error)
       if (.not. allocated(error)) call read_breakage(group_of(list, "breakage"), group_of(list, "output"), this, error)
       if (.not. allocated(error)) call read_hazard(group_of(list, "hazard"), this, error)
+      if (.not. allocated(error)) call check_effects(list, error)
       this%variants = variant_names(list)
    end subroutine read_case
 

@@ -201,10 +201,13 @@ def by_tables(
     own = _with_named_apart(own)
     varied, is_named = _varied(own), not _own_share(own)
     follows_table = case.impact["form"] == "table" or "ground" in case.surface
+    has_others = {"zones", "ground_map"} & case.surface.keys()
+    unused: dict[str, Any] = {} if has_others else dict.fromkeys(("ratio", "turning"))
     laws, unsized = {}, _unsized_part(own, varied)
     for name in table_names() if names is None else names:
+        by_table = {"form": "table", "table": name}
         if is_named or not follows_table or name != usual_name(case):
-            law = case.replace(impact={"form": "table", "table": name}, surface={"ground": None})
+            law = case.replace(impact=unused | by_table, surface={"ground": None})
             laws[name] = law, usual_ground(law)
     needing = [rule.name for _, rule in laws.values() if rule.rocks]
     if names is None and unsized == 1 and needing:

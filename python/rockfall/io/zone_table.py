@@ -16,6 +16,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID
 from rockfall.io.layers import attribute, plain
 from rockfall.io.tables import Row, check_columns, read_table
+from rockfall.io.unused_attributes import note_unused
 
 #: Columns of lengths in metres, in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
@@ -33,12 +34,12 @@ class Zone(NamedTuple):
     name: str = ""  # name; "": not given
 
 
-def read_zone_table(path: str | Path) -> dict[int, Zone]:
+def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[int, Zone]:
     """Rows by zone id, in the order of the file.
 
-    Cells are separated by commas or semicolons; unknown columns are ignored. An empty size is not
-    given, and is refused where it is needed. A zone with its own ground may have no rocks: sizes of
-    zero.
+    Cells are separated by commas or semicolons; unknown columns are ignored, with one of the
+    `remarks`. An empty size is not given, and is refused where it is needed. A zone with its own
+    ground may have no rocks: sizes of zero.
     """
     where, columns, rows = read_table(path)
     names = ("zone", *RADII, "ground")
@@ -47,6 +48,8 @@ def read_zone_table(path: str | Path) -> dict[int, Zone]:
     if set(names[1:]).isdisjoint(columns):
         raise RockfallError(f"{where}: none of the columns {', '.join(RADII)}")
     check_columns(where, [name for name in columns if name in names], names)
+    if remarks is not None:
+        note_unused(remarks, path, columns, (*names, *NAMES))
     zones: dict[int, Zone] = {}
     for row in rows:
         zone = _zone(row)
@@ -57,7 +60,7 @@ def read_zone_table(path: str | Path) -> dict[int, Zone]:
 
 
 def zones_of_polygons(
-    columns: dict[str, np.ndarray], path: str, field: str
+    columns: dict[str, np.ndarray], path: str, field: str, remarks: list[str] | None = None
 ) -> tuple[np.ndarray, dict[int, Zone], bool]:
     """Id of each polygon (int32), the zones by id, and whether ids are those of the layer, for
     polygons whose attributes are the columns of a table of zones.
@@ -74,6 +77,8 @@ def zones_of_polygons(
             f"{path}: no attribute {', '.join(RADII)} or ground; give polygons one, or a &surface "
             "table"
         )
+    if remarks is not None:
+        note_unused(remarks, path, columns, (*RADII, "ground", *NAMES, field))
     size = len(next(iter(given.values())))
     rows = [
         Row(f"{path}: feature {k + 1}", {name: texts[k] for name, texts in given.items()})

@@ -24,6 +24,7 @@ from rockfall.io.raster_file import raster_file
 from rockfall.io.zone_table import RADII
 from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import Digest
+from rockfall.scene.effects import check_effects
 from rockfall.scene.forest.planted import read_forest
 from rockfall.scene.frames import FrameFiles, is_frame, with_frames
 from rockfall.scene.ground import Ground
@@ -98,6 +99,7 @@ def read_scene(
     sums = stages.take("digest", inputs.case, (terrain,), lambda _: _digest(terrain))
     scene = replace(scene, dams=dams, decoded=sums.sums(scene, scene.trees), stages=stages)
     _ = scene.kernel.handle  # raises errors that the case text alone cannot reveal
+    check_effects(scene)
     return scene
 
 
@@ -185,6 +187,7 @@ def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
         raise RockfallError(f"{grid.path}: all cells are nodata")
     windows = Windows(cells, cell_bytes(case, dtype), survey, ground)
     decoded = sums.sums(scene, scene.trees)
+    check_effects(scene)
     return replace(scene, windows=windows, decoded=decoded, remarks=tuple(inputs.remarks))
 
 

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -27,7 +28,8 @@ LAWS = tuple(fields("distribution")[:4])  # those of a feature, numbered from 1
 RANGE = re.compile(r"\s*([0-9.eE+]+)\s*(?:-|to)\s*([0-9.eE+]+)\s*")  # a class of volumes [m3]
 
 
-class Table(NamedTuple):
+@dataclass(frozen=True)
+class Table:
     """Attributes of features, counted from 0."""
 
     path: str
@@ -35,17 +37,20 @@ class Table(NamedTuple):
     size: int
     where: Callable[[int], str]  # a feature's position, for messages
     is_text: bool = False  # numbers are text, as in CSV
+    asked: set[str] = field(default_factory=set)  # attributes that were looked for
 
     def refuse(self, k: int, name: str, value: Any, rule: str) -> NoReturn:
         raise RockfallError(f"{self.where(k)}: {name} = {value!r}: {rule}")
 
     def values(self, name: str) -> list[Any]:
         """Values of an attribute; None where empty or missing."""
+        self.asked.add(name)
         column = attribute(self.columns, name)
         return [None] * self.size if column is None else [*map(plain, column)]
 
     def numbers(self, name: str) -> np.ndarray:
         """Numbers of an attribute that is also a key of the case; NaN where missing."""
+        self.asked.add(name)
         column = attribute(self.columns, name)
         if column is None:
             return np.full(self.size, np.nan)
@@ -197,7 +202,8 @@ def _check_source(case: Case, table: Table, law: np.ndarray, given: np.ndarray) 
 def _names(case: Case, table: Table) -> list[str]:
     """Names of the features, or their numbers if unnamed."""
     names = table.values("name")
-    if field := case.release.get("name_field"):
-        names = [*map(plain, named_attribute(table.path, table.columns, field))]
+    if own := case.release.get("name_field"):
+        table.asked.add(own)
+        names = [*map(plain, named_attribute(table.path, table.columns, own))]
     texts = (str(k if name is None else name) for k, name in enumerate(names, start=1))
     return [" ".join(text.split()) for text in texts]

@@ -16,6 +16,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import EXTENSIONS, numbered_polygons, read_points
 from rockfall.io.tables import read_columns
+from rockfall.io.unused_attributes import note_unused
 from rockfall.language import remark
 from rockfall.quantities import first_of, percent
 from rockfall.scene.kernel_scene import area_ratios, terrain_of
@@ -128,6 +129,7 @@ def _with_attributes(
 ) -> Sources:
     """Sources with the release attributes of features; those of each source are given."""
     features, frequency = read_attributes(inputs.case, table, feature)
+    note_unused(inputs.remarks, table.path, table.columns, table.asked)
     given = ~np.isnan(frequency)
     _note_lost(inputs, table, features.names, frequency, feature)
     if not given.any():

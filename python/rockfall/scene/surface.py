@@ -53,7 +53,7 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
     """Read grounds, where they differ from the case's impact sets, and the ground of each material.
     Returns the zones by id, and the names of grounds by id in a raster."""
     case, surface = inputs.case, inputs.case.surface
-    zones = case_zones(case)
+    zones = case_zones(case, inputs.remarks)
     named = [zone for zone in zones.values() if zone.ground]
     if case.impact["form"] == "matrix" and not named:
         if {"ground", "ground_map"}.isdisjoint(surface):

@@ -103,9 +103,8 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     inputs = Uncertain(scene)
     names, blocks = inputs.names, case.ensemble["runs"]
     maps = MemberMaps(scene) if scene.case.output.get("maps") else None
-    base = _run(
-        replace(read, case=read.case.replace(output={"map_extent": "terrain", "kept": "all"}))
-    )
+    output = {"kept": "all"} | ({"map_extent": "terrain"} if "maps" in case.output else {})
+    base = _run(replace(read, case=read.case.replace(output=output)))
     size = (blocks, 2 + len(names), base.values.size)
     y, covariance = np.empty(size), np.empty((*size[:2], *size[1:]))
     draws: list[list[Draw]] = []
@@ -155,7 +154,7 @@ def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
             f"{case.name}: &case sampling = '{case.case['sampling']}': must be 'random' for "
             f"{what}: the Monte Carlo error is not known"
         )
-    output: dict[str, Any] = {"maps": maps, "map_extent": "terrain"}
+    output: dict[str, Any] = {"maps": maps} | ({"map_extent": "terrain"} if maps else {})
     output |= {"rebounds": False, "trajectories": 0, "energy_balance": False, "kept": "all"}
     return replace(scene, case=case.replace(output=output))
 

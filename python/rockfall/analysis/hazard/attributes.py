@@ -5,7 +5,8 @@ range, refused in one line that names file, feature and attribute."""
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, NoReturn
+from dataclasses import dataclass, field
+from typing import NoReturn
 
 import numpy as np
 
@@ -23,20 +24,24 @@ RANGES = {  # of the others: lowest and highest value
 }
 
 
-class Layer(NamedTuple):
+@dataclass(frozen=True)
+class Layer:
     """Path and columns of a layer, by names in lower case."""
 
     path: str
     columns: Columns
     size: int
+    asked: set[str] = field(default_factory=set)  # attributes that were looked for
 
     def has(self, name: str) -> bool:
         """Return True if the layer has an attribute."""
+        self.asked.add(name)
         return attribute(self.columns, name) is not None
 
     def numbers(self, name: str, default: float, *, missing: bool = False) -> np.ndarray:
         """Values of an attribute, `default` if the layer does not have it. Single objects may lack
         it (NaN) if it may be `missing`."""
+        self.asked.add(name)
         values = attribute(self.columns, name)
         if values is None:
             return np.full(self.size, default)
@@ -53,6 +58,7 @@ class Layer(NamedTuple):
 
     def texts(self, name: str) -> list[str]:
         """Texts of an attribute; "" for objects that lack it."""
+        self.asked.add(name)
         values = attribute(self.columns, name)
         if values is None:
             return [""] * self.size
@@ -66,6 +72,7 @@ class Layer(NamedTuple):
         """Values (objects, intensities) of an attribute that is one number for all intensities, or
         one for each (name_1, name_2, ...), not falling; empty if the layer has neither."""
         several = [f"{name}_{k}" for k in range(1, intensities + 1)]
+        self.asked.update((name, *several))
         given = [column for column in self.columns if column.startswith(name) and column != NAMED]
         if not given:
             return np.empty((0, intensities))

@@ -23,6 +23,7 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
+from rockfall.io.unused_attributes import note_unused
 from rockfall.result.samples import check_all_rows
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
 
@@ -76,6 +77,7 @@ def read_objects(
         _take_values(objects, layer.layer, thresholds.size + 1)
         without_energy = objects.point.tolist()
         objects.exposed = read_exposure(layer.layer, own, thresholds, curves, without_energy)
+        note_unused(remarks, file.path, layer.layer.columns, {*layer.layer.asked, "name"})
         all_objects.append(objects)
     return _joined(all_objects)
 

@@ -11,9 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
+from rockfall.case import default_values
 from rockfall.errors import RockfallError
 from rockfall.io.layers import EXTENSIONS, attribute, extent, named_attribute, read_points
 from rockfall.io.tables import read_table
+from rockfall.io.unused_attributes import note_unused
 from rockfall.language import remark
 from rockfall.limits import MAX_REAL
 from rockfall.scene.forest.made import Cells, conifer_shares
@@ -22,6 +24,8 @@ from rockfall.scene.forest.thinning import numbers_of_list
 from rockfall.scene.forest.trees import MAX_DBH, Planted, Trees
 from rockfall.scene.layers import Inputs
 
+COLUMNS = "x", "y", "dbh", "species"  # of a table
+FIELDS = "dbh_field", "species_field"  # keys that name attributes of a layer
 SPECIES_NUMBER = 3  # index of the random number of a stem that selects its species
 
 
@@ -42,7 +46,7 @@ def listed_trees(inputs: Inputs) -> Planted:
     elif "trees_layer" in inputs.case.forest:
         raise RockfallError(f"{inputs.case.name}: &forest trees_layer: is not valid for a table")
     else:
-        listed = _from_table(path)
+        listed = _from_table(path, inputs)
     inputs.note_layer("trees", path, inputs.case.forest.get("trees_layer"))
     x, y = listed.x, listed.y
     inside = (x >= grid.west) & (x < grid.east) & (y > grid.south) & (y <= grid.north)
@@ -64,9 +68,16 @@ def listed_trees(inputs: Inputs) -> Planted:
     return Planted(trees, None if remain is None else remain[inside])
 
 
-def _from_table(path: Path) -> Listed:
-    """Read trees from a CSV file; unknown columns are ignored."""
+def _from_table(path: Path, inputs: Inputs) -> Listed:
+    """Read trees from a CSV file, whose columns have fixed names."""
+    for key in FIELDS:
+        if inputs.case.forest[key] != default_values()["forest"][key]:
+            raise RockfallError(
+                f"{inputs.case.name}: &forest {key}: is only valid with a layer: name the columns "
+                f"of a table {', '.join(COLUMNS)}"
+            )
     where, columns, rows = read_table(path)
+    note_unused(inputs.remarks, path, columns, COLUMNS)
     for column in ("x", "y", "dbh"):
         if column not in columns:
             raise RockfallError(f"{where}: no column {column}; has: {', '.join(columns)}")
@@ -102,6 +113,7 @@ def _from_layer(path: Path, inputs: Inputs) -> Listed:
         )
     field = forest["species_field"]
     names = attribute(columns, field)
+    note_unused(inputs.remarks, path, columns, (forest["dbh_field"], field))
     if names is None and field == "species":
         return Listed(x, y, dbh, None)
     species = named_attribute(path, columns, field).tolist()

@@ -26,6 +26,7 @@ from rockfall.scene.forest.trees import HECTARE, Stand
 from rockfall.scene.layers import Inputs
 
 PART = re.compile(r"(?P<name>[^\d%]*[^\d%\s])\s*(?P<percent>\d+(\.\d+)?)?\s*%?")
+STAND = "stems", "dbh_mean", "dbh_std", "conifers", "species", "name"  # attributes of a stand
 WHOLE = 1.0  # [%] by which the species of a stand may miss 100 %
 
 
@@ -91,6 +92,7 @@ def read_stands(inputs: Inputs, table: Species) -> Stands | None:
     shapes, columns = read_polygons(path, grid, inputs.remarks, layer, "polygons_layer")
     inputs.note_layer("stands", path, layer)
     attributes = Attributes(str(path), columns)
+    attributes.note_unused(inputs.remarks, STAND)
     everywhere = np.ones(len(shapes), bool)
     density = attributes.numbers("stems", everywhere)
     if density is None:

@@ -71,7 +71,9 @@ def _cleared(inputs: Inputs, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     path, layer = inputs.case.path(forest["clearings"]), forest.get("clearings_layer")
     shapes, columns = read_polygons(path, inputs.grid, inputs.remarks, layer, "clearings_layer")
     inputs.note_layer("clearings", path, layer)
-    given = Attributes(str(path), columns).numbers("density_factor", np.ones(shapes.size, bool))
+    attributes = Attributes(str(path), columns)
+    attributes.note_unused(inputs.remarks, ("density_factor", "name"))
+    given = attributes.numbers("density_factor", np.ones(shapes.size, bool))
     remaining, has_layer = np.zeros(shapes.size) if given is None else given, False
     for k, inside in points_inside(shapes, x, y):
         factors[inside] = np.minimum(factors[inside], remaining[k])

@@ -138,6 +138,21 @@ def _distributions(scene: Scene) -> Iterator[_Volumes]:
             yield _Volumes("layer", f"&release source '{name}'", keys)
 
 
+def largest_volumes(scene: Scene) -> Iterator[float]:
+    """Largest volume [m3] of each distribution that a run or a hazard of a scene draws from; inf
+    where it has no limit."""
+    if scene.source_boulders is not None:
+        yield float(scene.source_boulders.volume.max())
+    for group, _, keys in _distributions(scene):
+        law = keys["volume"]
+        if law == "source" or (not group and scene.case.scenario):
+            continue
+        usual = scene.case.boulder if group else {}
+        name = {"fixed": "volume_mean", "list": "volumes", "uniform": "volume_max"}.get(law)
+        name = "volume_max" if law == "pareto" else name
+        yield math.inf if name is None else float(np.max(keys.get(name, usual.get(name, math.inf))))
+
+
 def _volumes(scene: Scene) -> Iterator[InputWarning]:
     """Warnings about the largest volume of each key, over all features or cells."""
     largest_of: dict[str, tuple[float, str]] = {}

@@ -1,0 +1,234 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Keys of a case that would have no effect: refused with what they are only valid with. A key that has its default is
+!> no fault, because a program that writes a case may write all of them.
+module rockfall_case_effects
+   use rockfall_kinds, only: wp
+   use rockfall_error, only: error_t
+   use rockfall_namelist, only: namelist_t, group_t, parse_namelist
+   use rockfall_values, only: has_key, get_text, get_real, get_logical, refuse
+   use rockfall_case_keys, only: key_table, n_keys, text_length, map_names
+   implicit none
+   private
+   public :: check_effects
+
+   integer, parameter :: key_length = 20, map_length = len(map_names)
+
+contains
+
+   !> Refuse the first key of a complete case that no program would use.
+   pure subroutine check_effects(list, error)
+      type(namelist_t), intent(in) :: list
+      type(error_t), allocatable, intent(out) :: error
+      integer :: g
+
+      do g = 1, size(list%group)
+         select case (list%group(g)%name)
+         case ("surface"); call check_surface(list%group(g), error)
+         case ("impact"); call check_impact(list, list%group(g), error)
+         case ("boulder"); call check_boulder(list, list%group(g), error)
+         case ("breakage"); call check_breakage(list%group(g), error)
+         case ("forest"); call check_forest(list%group(g), error)
+         case ("output"); call check_output(list%group(g), error)
+         case ("hazard"); call check_hazard(list, list%group(g), error)
+         end select
+         if (allocated(error)) return
+      end do
+   end subroutine check_effects
+
+   !> Sizes of rocks are valid for either method, because `rockfall models` compares both.
+   pure subroutine check_surface(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      logical :: sizes
+
+      sizes = text_of(group, "method") == "A" .or. has_key(group, "rg70") .or. has_key(group, "uniform_rg")
+      call only_with(group, ["zone_field"], has_key(group, "zones"), "zones", error)
+      call only_with(group, ["rg_reading"], sizes .or. has_grounds(group), "method = 'A', or a ground", error)
+      call only_with(group, ["ground_table"], has_grounds(group), "ground, ground_map or zones", error)
+   end subroutine check_surface
+
+   pure subroutine check_impact(list, group, error)
+      type(namelist_t), intent(in) :: list
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+
+      call only_with(group, [character(len=key_length) :: "ratio", "turning"], &
+                     text_of(group, "form") == "matrix" .or. any_grounds(list), "form = 'matrix', or a ground", &
+                     error)
+   end subroutine check_impact
+
+   pure subroutine check_boulder(list, group, error)
+      type(namelist_t), intent(in) :: list
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      integer :: g
+      logical :: by_table
+
+      by_table = any_grounds(list)
+      do g = 1, size(list%group)
+         if (list%group(g)%name == "impact") by_table = by_table .or. text_of(list%group(g), "form") == "table"
+      end do
+      call only_with(group, ["block_shape"], by_table, "a table of impacts: &impact form = 'table', or a ground", error)
+      if (has_key(group, "rock_density") .and. is_changed(group, "density") .and. .not. allocated(error)) &
+         call refuse(group, "density", "is not valid together with rock_density, which gives it", error)
+   end subroutine check_boulder
+
+   pure subroutine check_breakage(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+
+      call only_with(group, [character(len=key_length) :: "min_area_ratio", "min_volume", "max_fragments", "cone"], &
+                     text_of(group, "at") /= "none", "at = 'release', 'impact' or 'both'", error)
+   end subroutine check_breakage
+
+   pure subroutine check_forest(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      logical :: listed, made, stands
+
+      listed = has_key(group, "trees")
+      made = has_key(group, "stems") .or. has_key(group, "uniform_stems")
+      stands = has_key(group, "polygons")
+      call only_with(group, [character(len=key_length) :: "seed", "clear_of_sources", "density_factor", &
+                             "lateral_from", "scratch_from", "turn_frontal", "turn_lateral", "turn_scratch"], &
+                     listed .or. made .or. stands, "trees, polygons or stems", error)
+      call only_with(group, [character(len=key_length) :: "dbh_field", "species_field"], listed, "trees", error)
+      call only_with(group, ["spread"], made .or. stands, "polygons or stems", error)
+   end subroutine check_forest
+
+   pure subroutine check_output(group, error)
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+
+      call only_with(group, [character(len=key_length) :: "map_extent", "min_passages"], has_key(group, "maps"), &
+                     "maps", error)
+   end subroutine check_output
+
+   !> Thresholds and objects serve maps too, the rest the classes of hazard, which need frequencies.
+   pure subroutine check_hazard(list, group, error)
+      type(namelist_t), intent(in) :: list
+      type(group_t), intent(in) :: group
+      type(error_t), allocatable, intent(out) :: error
+      logical :: scenarios
+
+      scenarios = any(list%group%name == "scenario")
+      call only_with(group, [character(len=key_length) :: "return_periods", "matrix", "frequency_factor", &
+                             "minimum_area", "minimum_width"], scenarios, "&scenario", error)
+      call only_with(group, ["object_width"], scenarios .or. has_maps(list, "hits"), "&scenario, or maps of hits", &
+                     error)
+      call only_with(group, ["thresholds"], scenarios .or. has_maps(list, "exceeded"), &
+                     "&scenario, or maps ..._exceeded", error)
+   end subroutine check_hazard
+
+   !> Refuse the first of these keys that is not as its default, unless they are valid.
+   pure subroutine only_with(group, keys, valid, with, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: keys(:), with
+      logical, intent(in) :: valid
+      type(error_t), allocatable, intent(inout) :: error
+      integer :: k
+
+      if (valid .or. allocated(error)) return
+      do k = 1, size(keys)
+         if (.not. is_changed(group, trim(keys(k)))) cycle
+         call refuse(group, trim(keys(k)), "is only valid with "//with, error)
+         return
+      end do
+   end subroutine only_with
+
+   !> Return whether the values of a key differ from its default, or are given although it has none.
+   pure logical function is_changed(group, key)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      character(len=:), allocatable :: default
+      integer :: e, k
+
+      is_changed = .false.
+      do e = 1, size(group%entry)
+         if (group%entry(e)%key == key) exit
+      end do
+      if (e > size(group%entry)) return
+      do k = 1, n_keys
+         if (key_table(k)%group == group%name .and. key_table(k)%name == key) exit
+      end do
+      default = trim(key_table(k)%default)
+      ! as a rule a default is written as in the table; entries end before a closing quote
+      if (group%entry(e)%text == default .or. group%entry(e)%text//"'" == default) return
+      is_changed = default == "absent" .or. default == "required"
+      if (.not. is_changed) is_changed = .not. has_values(group, key, default)
+   end function is_changed
+
+   !> Return whether a key has the values that a text spells.
+   pure logical function has_values(group, key, text)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key, text
+      type(namelist_t) :: usual
+      character(len=text_length), allocatable :: words(:), usual_words(:)
+      real(wp), allocatable :: numbers(:), usual_numbers(:)
+      logical :: switch, usual_switch
+      type(error_t), allocatable :: error
+
+      has_values = .false.
+      call parse_namelist("&"//trim(group%name)//" "//key//" = "//text//" /", "", usual, error)
+      allocate (words(0), usual_words(0), numbers(0), usual_numbers(0))
+      call get_real(group, key, numbers, error)
+      if (.not. allocated(error)) then
+         call get_real(usual%group(1), key, usual_numbers, error)
+         if (size(numbers) == size(usual_numbers)) has_values = .not. any(abs(numbers - usual_numbers) > 0)
+         return
+      end if
+      call get_text(group, key, words, error)
+      if (.not. allocated(error)) then
+         call get_text(usual%group(1), key, usual_words, error)
+         if (size(words) == size(usual_words)) has_values = all(words == usual_words)
+         return
+      end if
+      call get_logical(group, key, switch, error)
+      call get_logical(usual%group(1), key, usual_switch, error)
+      has_values = switch .eqv. usual_switch
+   end function has_values
+
+   !> Return whether a surface may have rebounds of its own in some place.
+   pure logical function has_grounds(surface)
+      type(group_t), intent(in) :: surface
+
+      has_grounds = has_key(surface, "ground") .or. has_key(surface, "ground_map") .or. has_key(surface, "zones")
+   end function has_grounds
+
+   pure logical function any_grounds(list)
+      type(namelist_t), intent(in) :: list
+      integer :: g
+
+      any_grounds = .false.
+      do g = 1, size(list%group)
+         if (list%group(g)%name == "surface") any_grounds = any_grounds .or. has_grounds(list%group(g))
+      end do
+   end function any_grounds
+
+   !> Return whether a map whose name contains a word is requested.
+   pure logical function has_maps(list, word)
+      type(namelist_t), intent(in) :: list
+      character(len=*), intent(in) :: word
+      character(len=map_length), allocatable :: maps(:)
+      type(error_t), allocatable :: error
+      integer :: g
+
+      has_maps = .false.
+      do g = 1, size(list%group)
+         if (list%group(g)%name /= "output") cycle
+         maps = [character(len=map_length) ::]
+         call get_text(list%group(g), "maps", maps, error)
+         has_maps = any(index(maps, word) > 0)
+      end do
+   end function has_maps
+
+   pure function text_of(group, key) result(value)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      character(len=:), allocatable :: value  !! "" if absent
+      type(error_t), allocatable :: error
+
+      value = ""
+      call get_text(group, key, value, error)
+   end function text_of
+end module rockfall_case_effects

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Keys of a case that its files leave without effect. The kernel refuses those of which the case
+alone says so."""
+
+from __future__ import annotations
+
+from rockfall.case import default_values
+from rockfall.errors import RockfallError
+from rockfall.grounds import IMPACT_SETS, TABLES
+from rockfall.scene.rules.boulders import largest_volumes
+from rockfall.scene.scene import Scene
+
+
+def check_effects(scene: Scene) -> None:
+    """Refuse keys of rebounds that no ground of a scene uses, and fragments larger than every
+    boulder."""
+    case = scene.case
+    models = {ground.model for ground in scene.grounds} or {IMPACT_SETS}
+    for group, key, is_used, with_ in (
+        ("impact", "ratio", IMPACT_SETS in models, "impact sets"),
+        ("impact", "turning", not models <= {*TABLES}, "impact sets or classical models"),
+        ("boulder", "block_shape", not models.isdisjoint(TABLES), "a table of impacts"),
+    ):
+        value = getattr(case, group)[key]
+        if not is_used and value != default_values()[group][key]:
+            raise RockfallError(
+                f"{case.name}: &{group} {key} = '{value}': is only valid with {with_}, and no "
+                "ground has that"
+            )
+    least = case.breakage["min_volume"]
+    if case.breakage["at"] != "none" and least >= max(largest_volumes(scene)):
+        raise RockfallError(
+            f"{case.name}: &breakage min_volume = {least:g}: must be below the largest volume of "
+            "the boulders [m3], or none breaks"
+        )
