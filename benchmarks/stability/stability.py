@@ -321,7 +321,7 @@ def factor(program: Path, name: str, c: np.ndarray, draws: int = 200_000) -> Ite
     greatest = np.abs(c).max()
     away = np.abs(root.astype("g") @ root.T.astype("g") - c).max()
     about = name, "the factor loses what is small, or fails"
-    used = "dpotrf" if used == "1" else "dpstrf"
+    used = "definite" if used == "1" else "semidefinite"
     bound = 10 * UNITS * EPSILON  # sums of nine products
     yield Row(*about, f"L L^T - C, relative ({used})", float(away / (greatest or 1)), bound)
     errors = np.sqrt((np.outer(np.diag(c), np.diag(c)) + c * c) / draws)

@@ -211,7 +211,7 @@ def test_several_draws_take_turns(site):
 def test_the_error_of_the_sets_is_part_of_that_of_the_numbers(site, tmp_path):
     mean, covariance = scenes.sets()
     rng = np.random.default_rng(4)
-    root = 4e-3 * rng.normal(size=(9, 9))
+    root = 1e-2 * rng.normal(size=(9, 9))
     one = ImpactSet(
         mean[0], covariance[0], np.zeros(9), np.zeros((9, 9)), 99, 0.0, None, root @ root.T
     )

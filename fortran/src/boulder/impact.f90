@@ -5,14 +5,15 @@
 module rockfall_impact
    use rockfall_kinds, only: wp, i8
    use rockfall_sizes, only: n_impact_sets
-   use rockfall_error, only: error_t, fail, our_fault
+   use rockfall_error, only: error_t
+   use rockfall_covariance, only: covariance_root
    use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact, words_per_block, &
                               rebound_words
    use rockfall_boulder, only: inertia_factor
    use rockfall_math, only: squared_sine
    implicit none
    private
-   public :: impact_set_t, impact_set, check_covariance, with_noise, fitted_t, fitted, beyond_fit
+   public :: impact_set_t, impact_set, with_noise, fitted_t, fitted, beyond_fit
    public :: velocity_distribution_t, velocity_distribution, drawn_velocity
    public :: max_draws, min_normal, impact_ratios, find_nearest_set, interpolated_set, ratio_weights, rebound_t, rebound
    public :: admissible, is_admissible, limit_rebound, twice_energy, redraw_rebound, draw_rebound, energy_of
@@ -21,13 +22,8 @@ module rockfall_impact
    integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (theory, chapter 5)
    !> V_n of a limited rebound that did not leave the surface, over the incoming speed [-]; our choice.
    real(wp), parameter :: min_normal = 0.01_wp
-   real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! relative to the largest entry [-]
-   !> Rounding to seven printed digits can make an eigenvalue of a semidefinite matrix negative by this much, relative
-   !> to the largest entry [-].
-   real(wp), parameter :: definite_tolerance = 1.0e-6_wp
    !> Relative pivot size below which a pivot is zero up to rounding [-].
    real(wp), parameter :: pivot_tolerance = 64*epsilon(1.0_wp)
-   integer, parameter :: lapack_work = 90  !! work array size of dsyev (at least 3n - 1) and dgelqf (at least n), n = 9
 
    !> Ranges of incident speed and of angle from the surface on which a set was fitted: squares of both ends, which are
    !> compared without a root or an arc.
@@ -36,8 +32,7 @@ module rockfall_impact
       real(wp) :: sine2(2) = [0.0_wp, 1.0_wp]           !! [-]
    end type fitted_t
 
-   !> Distribution of (a1..a9), A by rows: A = m + L z with the mean m, the lower triangular root L of its covariance
-   !> C = L L^T, and nine normal numbers z; with derived quantities for V_out = A V_in. All [-].
+   !> Distribution of V_out = A V_in, where (a1..a9), A by rows, is normal with the mean m and a covariance. All [-].
    type :: impact_set_t
       real(wp) :: mean(9) = 0.0_wp
       !> Covariances of V_out (11, 21, 31, 22, 32, 33), rows, as linear functions of the products of V_in
@@ -45,7 +40,6 @@ module rockfall_impact
       real(wp) :: covariance(6, 6) = 0.0_wp
       real(wp) :: rounding(3) = 0.0_wp  !! rounding error of a variance of V_out, over |V_in|**2
       type(fitted_t) :: fitted
-      real(wp) :: root(9, 9) = 0.0_wp
    end type impact_set_t
 
    !> Distribution of V_out = A V_in for one V_in: normal, with the covariance S = F D F^T, F unit lower triangular, D
@@ -63,66 +57,19 @@ module rockfall_impact
       logical :: forced = .false. !! no draw was admissible: the last was limited
    end type rebound_t
 
-   interface  ! LAPACK
-      subroutine dpotrf(uplo, n, a, lda, info)
-         import :: wp
-         character, intent(in) :: uplo
-         integer, intent(in) :: n, lda
-         real(wp), intent(inout) :: a(lda, *)
-         integer, intent(out) :: info
-      end subroutine dpotrf
-      subroutine dpstrf(uplo, n, a, lda, piv, rank, tol, work, info)
-         import :: wp
-         character, intent(in) :: uplo
-         integer, intent(in) :: n, lda
-         real(wp), intent(inout) :: a(lda, *)
-         integer, intent(out) :: piv(n), rank
-         real(wp), intent(in) :: tol
-         real(wp), intent(out) :: work(2*n)
-         integer, intent(out) :: info
-      end subroutine dpstrf
-      subroutine dgelqf(m, n, a, lda, tau, work, lwork, info)
-         import :: wp
-         integer, intent(in) :: m, n, lda, lwork
-         real(wp), intent(inout) :: a(lda, *)
-         real(wp), intent(out) :: tau(*), work(lwork)
-         integer, intent(out) :: info
-      end subroutine dgelqf
-      subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)
-         import :: wp
-         character, intent(in) :: jobz, uplo
-         integer, intent(in) :: n, lda, lwork
-         real(wp), intent(inout) :: a(lda, *)
-         real(wp), intent(out) :: w(n), work(lwork)
-         integer, intent(out) :: info
-      end subroutine dsyev
-   end interface
-
 contains
 
-   !> Build a set from its mean and covariance. Factors by dpotrf, or by the pivoted dpstrf if the covariance is only
-   !> semidefinite. Errors as in check_covariance.
-   subroutine impact_set(mean, covariance, set, error)
+   !> Build a set from its mean and covariance. Errors as in covariance_root.
+   pure subroutine impact_set(mean, covariance, set, error)
       real(wp), intent(in) :: mean(9), covariance(9, 9)  !! of a1..a9 [-]
       type(impact_set_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: root(9, 9)
-      integer :: info, k
+      real(wp), dimension(9, 9) :: root, drawn
 
-      call check_covariance("covariance", covariance, error)
+      call covariance_root("covariance", covariance, root, drawn, error)
       if (allocated(error)) return
       set%mean = mean
-      root = covariance
-      call dpotrf("L", 9, root, 9, info)
-      if (info /= 0) call semidefinite_root(covariance, root)
-      do k = 1, 9
-         set%root(k:, k) = root(k:, k)
-      end do
-      if (info == 0) then
-         call set_covariance(set, covariance)
-      else  ! no root exists for a matrix made indefinite by rounding: the product of L is as close
-         call set_covariance(set, product_of(set%root))
-      end if
+      call set_covariance(set, drawn)
    end subroutine impact_set
 
    !> Precompute what `velocity_distribution` needs of the covariance C of A: S_ij = sum over k, l of
@@ -147,19 +94,6 @@ contains
       end do
    end subroutine set_covariance
 
-   !> Product L L^T, summed in the same order on every machine.
-   pure function product_of(root) result(c)
-      real(wp), intent(in) :: root(9, 9)  !! [-]
-      real(wp) :: c(9, 9)
-      integer :: i, j
-
-      do j = 1, 9
-         do i = 1, 9
-            c(i, j) = dot_product(root(i, :), root(j, :))
-         end do
-      end do
-   end function product_of
-
    !> Covariance of A that gives V_out = A V_in the distribution of A V_in + |V_in| e, |V|**2 = V_t**2 + V_n**2 +
    !> W**2, e normal with covariance S (theory, chapter 5). A and e are drawn together for each impact, and |V_in| e is
    !> distributed as E V_in, where E has independent columns of covariance S: so C + S (x) I.
@@ -173,71 +107,6 @@ contains
          total(k::3, k::3) = total(k::3, k::3) + s
       end do
    end function with_noise
-
-   !> Check a covariance. Errors: not symmetric (names the entry), indefinite (names the eigenvalue).
-   subroutine check_covariance(name, c, error)
-      character(len=*), intent(in) :: name  !! of C, for messages
-      real(wp), intent(in) :: c(:, :)       !! [-]
-      type(error_t), allocatable, intent(out) :: error
-
-      call check_symmetric(name, c, error)
-      if (.not. allocated(error)) call check_definite(name, c, error)
-   end subroutine check_covariance
-
-   subroutine check_symmetric(name, c, error)
-      character(len=*), intent(in) :: name
-      real(wp), intent(in) :: c(:, :)  !! [-]
-      type(error_t), allocatable, intent(out) :: error
-      character(len=160) :: text
-      integer :: i, j
-
-      do j = 1, size(c, 2)
-         do i = j + 1, size(c, 1)
-            if (abs(c(i, j) - c(j, i)) <= symmetry_tolerance*maxval(abs(c))) cycle
-            write (text, "(2a,i0,a,i0,a,g0,a,i0,a,i0,a,g0)") name, " is not symmetric: entry (", i, ", ", j, &
-               ") = ", c(i, j), ", entry (", j, ", ", i, ") = ", c(j, i)
-            call fail(error, trim(text))
-            return
-         end do
-      end do
-   end subroutine check_symmetric
-
-   !> Check that no eigenvalue is negative beyond rounding; no random matrix has such a covariance.
-   subroutine check_definite(name, c, error)
-      character(len=*), intent(in) :: name
-      real(wp), intent(in) :: c(:, :)  !! [-]
-      type(error_t), allocatable, intent(out) :: error
-      real(wp) :: a(size(c, 1), size(c, 1)), eigenvalue(size(c, 1)), work(lapack_work)
-      character(len=120) :: text
-      integer :: info
-
-      a = c
-      call dsyev("N", "L", size(c, 1), a, size(c, 1), eigenvalue, work, size(work), info)
-      if (info /= 0) then
-         call fail(error, "the eigenvalues of the "//name//" did not converge", our_fault)
-      else if (eigenvalue(1) < -definite_tolerance*maxval(abs(c))) then
-         write (text, "(2a,es12.4)") name, " is indefinite: smallest eigenvalue ", eigenvalue(1)
-         call fail(error, trim(text)//", must be >= 0")
-      end if
-   end subroutine check_definite
-
-   !> Lower triangular L with L L^T = C for a semidefinite C: dpstrf gives C = P M M^T P^T with a trapezoidal M, and
-   !> dgelqf factors P M into L Q with an orthogonal Q, which can be dropped.
-   subroutine semidefinite_root(c, root)
-      real(wp), intent(in) :: c(9, 9)      !! [-]
-      real(wp), intent(out) :: root(9, 9)  !! [-]
-      real(wp) :: factor(9, 9), reflectors(9), work(lapack_work)
-      integer :: pivot(9), rank, info, k
-
-      root = 0
-      if (.not. any(abs(c) > 0)) return
-      factor = c
-      call dpstrf("L", 9, factor, 9, pivot, rank, -1.0_wp, work, info)
-      do k = 1, rank
-         root(pivot(k:9), k) = factor(k:9, k)
-      end do
-      call dgelqf(9, 9, root, 9, reflectors, work, size(work), info)
-   end subroutine semidefinite_root
 
    !> Fitted ranges from the ends of speed and angle.
    pure type(fitted_t) function fitted(speed, angle)

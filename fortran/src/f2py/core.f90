@@ -57,6 +57,7 @@ module rockfall_f2py
                                  read_keys
    use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading, line_groups, &
                             barrier_strengths
+   use rockfall_covariance, only: find_root => covariance_root
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    use rockfall_state_table, only: array_t, row_text
    use rockfall_run_state, only: plan_of, add_part => merge_run, settle_run, restore_run, &
@@ -76,7 +77,7 @@ module rockfall_f2py
    public :: forget_tallies, pack_part, begin_part, unpack_part, forget_part
    public :: value_fault, run_difference, case_facts, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
    public :: largest_block
-   public :: check_maps, check_case, refusal, table_row, read_sets, fields
+   public :: check_maps, check_case, refusal, table_row, read_sets, covariance_root, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
@@ -1046,6 +1047,21 @@ contains
       text = model_names(k)
       rocks = rocks_of_model(k)
    end subroutine ground_model
+
+   !> Root L of a covariance C = L L^T, by which all draws are made.
+   subroutine covariance_root(name, covariance, root, code, message, n)
+      integer(c_int), intent(in) :: n
+      character(len=*), intent(in) :: name                 !! for messages
+      real(c_double), intent(in) :: covariance(n, n)       !! any [unit]
+      real(c_double), intent(out) :: root(n, n)
+      integer(c_int), intent(out) :: code                  !! 0 = success
+      character(len=max_message), intent(out) :: message
+      real(c_double) :: drawn(n, n)
+      type(error_t), allocatable :: error
+
+      call find_root(name, covariance, root, drawn, error)
+      call give_error(error, code, message)
+   end subroutine covariance_root
 
    !> The numbers of the five impact sets in a text, as in coefficients_t, for a rule of turning.
    subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, ranges, draws, code, message)

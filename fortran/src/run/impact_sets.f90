@@ -8,7 +8,8 @@ module rockfall_impact_sets
    use rockfall_text, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_integer, get_real, refuse
-   use rockfall_impact, only: impact_set_t, impact_set, check_covariance, with_noise, impact_ratios
+   use rockfall_impact, only: impact_set_t, impact_set, with_noise, impact_ratios
+   use rockfall_covariance, only: covariance_root
    use rockfall_direction, only: lateral_classes, lateral_quantiles, by_lab
    implicit none
    private
@@ -173,14 +174,15 @@ contains
       real(wp), intent(inout) :: covariance(9, 9)
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
-      real(wp) :: noise(3, 3)
+      real(wp), dimension(9, 9) :: root, drawn
+      real(wp), dimension(3, 3) :: noise, noise_root, drawn_noise
 
       if (.not. has_key(group, "noise")) return
       call get_real(group, "noise", values, error)
       if (allocated(error)) return
       noise = symmetric(values, 3)
-      call check_covariance("covariance", covariance, error)
-      if (.not. allocated(error)) call check_covariance("noise", noise, error)
+      call covariance_root("covariance", covariance, root, drawn, error)
+      if (.not. allocated(error)) call covariance_root("noise", noise, noise_root, drawn_noise, error)
       if (.not. allocated(error)) covariance = with_noise(covariance, noise)
    end subroutine add_noise
 

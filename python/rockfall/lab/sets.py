@@ -14,7 +14,7 @@ from rockfall.impact_sets import shipped_sets
 from rockfall.io.files import read_text
 from rockfall.lab.lateral import Lateral
 from rockfall.lab.setfile import ERROR_MARK
-from rockfall.scene.coefficients import draws_in
+from rockfall.scene.coefficients import covariance_root, draws_in
 from rockfall.scene.rebound import admissible
 
 DRAWS = 4000  # of A, for the means of R_t and R_n
@@ -36,8 +36,8 @@ class Sets:
         if self.error is None:
             return self
         off = [
-            generator.multivariate_normal(np.zeros(9), error, method="eigh", check_valid="ignore")
-            for error in self.error  # of a jackknife: singular up to rounding
+            covariance_root(error, "covariance of errors") @ generator.standard_normal(9)
+            for error in self.error
         ]
         return replace(self, mean=self.mean + off)
 
@@ -99,9 +99,7 @@ def restitution(
     NaN.
     """
     generator = np.random.Generator(np.random.PCG64(seed))
-    draws = generator.multivariate_normal(
-        mean, covariance, DRAWS, method="eigh", check_valid="ignore"
-    )
+    draws = mean + generator.standard_normal((DRAWS, 9)) @ covariance_root(covariance).T
     t, n = np.cos(np.radians(angle)), -np.sin(np.radians(angle))
     if angle == 90:
         t = 0.0

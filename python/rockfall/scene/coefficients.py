@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets: the text of a file, as passed to the kernel, and the numbers in it."""
+"""Impact sets: the text of a file, as passed to the kernel, the numbers in it, and the roots of
+their covariances."""
 
 from __future__ import annotations
 
@@ -63,6 +64,14 @@ def draws_in(path: Path, turning: str) -> list[SetFile]:
     for drawn in draws[1:]:
         drawn.read(turning)
     return draws
+
+
+def covariance_root(covariance: np.ndarray, name: str = "covariance") -> np.ndarray:
+    """Root L (n, n) of a covariance C (n, n) in the unit of C: C = L L^T, by the kernel's rule
+    (theory, chapter 5). Raises a RockfallError that starts with `name` where C is no covariance."""
+    root, code, message = _core.covariance_root(name, covariance)
+    check_kernel(code, message)
+    return root
 
 
 def set_weights(ratio: float, between: bool) -> np.ndarray:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rockfall.scene.coefficients import covariance_root
 from rockfall.scene.rebound import MAX_DRAWS, admissible, limited
 
 NEAREST = 20  # impacts from which one is drawn
@@ -37,14 +38,13 @@ class Growth:
 
 def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
     """Rebounds by a set: V_out = A V_in, redrawn until admissible, as in the kernel."""
-    values, vectors = np.linalg.eigh(covariance)
-    factor = vectors * np.sqrt(np.maximum(values, 0))
+    root = covariance_root(covariance)
 
     def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         v_out = np.empty_like(v_in)
         todo = np.arange(len(v_in))
         for _ in range(MAX_DRAWS):
-            a = (mean + generator.standard_normal((len(todo), 9)) @ factor.T).reshape(-1, 3, 3)
+            a = (mean + generator.standard_normal((len(todo), 9)) @ root.T).reshape(-1, 3, 3)
             v_out[todo] = np.einsum("nij,nj->ni", a, v_in[todo])
             todo = todo[~admissible(v_in[todo], v_out[todo])]
             if not todo.size:

@@ -1,0 +1,197 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Roots of covariances: the one rule by which the kernel, the laboratory and the planes accept a covariance and draw
+!> from it (theory, chapter 5). Only + - * / and sqrt in a fixed order: the same bits on all machines. Optimised
+!> libraries differ in the last bits, and disagree on the rank of singular matrices.
+module rockfall_covariance
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use rockfall_kinds, only: wp
+   use rockfall_error, only: error_t, fail, our_fault
+   use rockfall_text, only: integer_text, real_text
+   implicit none
+   private
+   public :: covariance_root, product_of, printed_tolerance
+
+   real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! of correlations [-]
+   !> Eigenvalues of correlations above this are no rounding errors: the covariance is drawn as given [-].
+   real(wp), parameter :: clearly_definite = 64*epsilon(1.0_wp)
+   !> Six printed digits change a correlation by up to 1e-5, so an eigenvalue of nine by up to 9e-5 [-].
+   real(wp), parameter :: printed_tolerance = 1.0e-4_wp
+   real(wp), parameter :: product_tolerance = 1.0e-12_wp   !! of the product of a root, in correlations [-]
+   real(wp), parameter :: negligible = 1.0e-30_wp  !! entry next to 1 that needs no rotation [-]
+   integer, parameter :: max_sweeps = 30           !! usually 6 to 10
+
+contains
+
+   !> Root L of a covariance C, C = L L^T: with the standard deviations D and the correlations R = V E V^T,
+   !> L = D V sqrt(E). `drawn` is C itself where R is clearly definite. Otherwise it is L L^T, with negative eigenvalues
+   !> set to zero: then D^-1 L L^T D^-1 is the semidefinite matrix nearest to R.
+   !> Errors: not finite, not symmetric, a negative variance, an entry without variance, indefinite.
+   pure subroutine covariance_root(name, c, root, drawn, error)
+      character(len=*), intent(in) :: name           !! of C, for messages
+      real(wp), intent(in) :: c(:, :)                !! any [unit]
+      real(wp), intent(out) :: root(:, :), drawn(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), dimension(size(c, 1), size(c, 1)) :: correlation, vectors, product
+      real(wp), dimension(size(c, 1)) :: deviation, eigenvalue
+      integer :: i, k, n
+
+      n = size(c, 1)
+      root = 0
+      drawn = 0
+      call check_entries(name, c, error)
+      if (allocated(error)) return
+      do i = 1, n
+         deviation(i) = sqrt(c(i, i))
+      end do
+      do k = 1, n
+         do i = k, n
+            correlation(i, k) = correlation_of(c, deviation, i, k)
+            correlation(k, i) = correlation(i, k)
+         end do
+      end do
+      call check_correlations(name, c, deviation, correlation, error)
+      if (allocated(error)) return
+      call find_eigenvalues(correlation, eigenvalue, vectors)
+      if (minval(eigenvalue) < -printed_tolerance) then
+         call fail(error, name//" is indefinite: the smallest eigenvalue of its correlations is " &
+                   //real_text(minval(eigenvalue), 3)//", must be >= 0")
+         return
+      end if
+      do k = 1, n
+         root(:, k) = vectors(:, k)*sqrt(max(0.0_wp, eigenvalue(k)))
+      end do
+      product = product_of(root)
+      if (maxval(abs(product - correlation)) > product_tolerance - min(0.0_wp, minval(eigenvalue))) then
+         call fail(error, "internal error: the root of the "//name//" is inaccurate", our_fault)
+         return
+      end if
+      do k = 1, n
+         drawn(:, k) = deviation*product(:, k)*deviation(k)
+         root(:, k) = deviation*root(:, k)
+      end do
+      if (minval(eigenvalue) > clearly_definite) drawn = c
+   end subroutine covariance_root
+
+   !> Product L L^T, summed in the same order on every machine.
+   pure function product_of(root) result(c)
+      real(wp), intent(in) :: root(:, :)
+      real(wp) :: c(size(root, 1), size(root, 1))
+      integer :: i, j
+
+      do j = 1, size(c, 2)
+         do i = 1, size(c, 1)
+            c(i, j) = dot_product(root(i, :), root(j, :))
+         end do
+      end do
+   end function product_of
+
+   !> Correlation of two entries, and 1 of each with itself; 0 without variance.
+   pure real(wp) function correlation_of(c, deviation, i, j) result(correlation)
+      real(wp), intent(in) :: c(:, :), deviation(:)
+      integer, intent(in) :: i, j
+
+      correlation = 0
+      if (.not. min(deviation(i), deviation(j)) > 0) return
+      correlation = 1
+      if (i /= j) correlation = c(i, j)/deviation(i)/deviation(j)
+   end function correlation_of
+
+   !> Check that all entries are finite, and that only those with a variance have a covariance.
+   pure subroutine check_entries(name, c, error)
+      character(len=*), intent(in) :: name
+      real(wp), intent(in) :: c(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, j
+
+      if (.not. all(ieee_is_finite(c))) then
+         call fail(error, name//": entry "//place_of(findloc(ieee_is_finite(c), .false.))//" is not finite")
+         return
+      end if
+      do j = 1, size(c, 2)
+         do i = 1, size(c, 1)
+            if (c(j, j) < 0) then
+               call fail(error, name//": variance "//place_of([j, j])//" = "//real_text(c(j, j), 3)//", must be >= 0")
+            else if (abs(c(i, j)) > 0 .and. .not. c(j, j) > 0) then
+               call fail(error, name//": entry "//place_of([i, j])//" = "//real_text(c(i, j), 3)//" needs a variance " &
+                         //place_of([j, j])//" above 0")
+            end if
+            if (allocated(error)) return
+         end do
+      end do
+   end subroutine check_entries
+
+   !> Check that a covariance is symmetric, and that no correlation is above 1.
+   pure subroutine check_correlations(name, c, deviation, correlation, error)
+      character(len=*), intent(in) :: name
+      real(wp), intent(in) :: c(:, :), deviation(:), correlation(:, :)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, j
+
+      do j = 1, size(c, 2)
+         do i = j + 1, size(c, 1)
+            if (abs(c(i, j) - c(j, i)) > symmetry_tolerance*deviation(i)*deviation(j)) then
+               call fail(error, name//" is not symmetric: entry "//place_of([i, j])//" = "//real_text(c(i, j), 17) &
+                         //", entry "//place_of([j, i])//" = "//real_text(c(j, i), 17))
+            else if (abs(correlation(i, j)) > 1 + printed_tolerance) then
+               call fail(error, name//" is indefinite: entry "//place_of([i, j])//" makes a correlation of " &
+                         //real_text(correlation(i, j), 6)//", must be -1 to 1")
+            end if
+            if (allocated(error)) return
+         end do
+      end do
+   end subroutine check_correlations
+
+   pure function place_of(indices) result(text)
+      integer, intent(in) :: indices(2)
+      character(len=:), allocatable :: text
+
+      text = "("//integer_text(indices(1))//", "//integer_text(indices(2))//")"
+   end function place_of
+
+   !> Eigenvalues and eigenvectors of a symmetric matrix of entries up to 1, by Jacobi rotations in a fixed order.
+   pure subroutine find_eigenvalues(matrix, eigenvalue, vectors)
+      real(wp), intent(in) :: matrix(:, :)
+      real(wp), intent(out) :: eigenvalue(:), vectors(:, :)  !! vectors as columns
+      real(wp) :: a(size(matrix, 1), size(matrix, 1)), t, c, s, ratio
+      integer :: i, j, sweep
+      logical :: is_diagonal
+
+      a = matrix
+      vectors = 0
+      do i = 1, size(a, 1)
+         vectors(i, i) = 1
+      end do
+      do sweep = 1, max_sweeps
+         is_diagonal = .true.
+         do j = 2, size(a, 1)
+            do i = 1, j - 1
+               if (.not. abs(a(i, j)) > negligible) cycle
+               is_diagonal = .false.
+               ratio = (a(j, j) - a(i, i))/(2*a(i, j))
+               t = sign(1/(abs(ratio) + sqrt(1 + ratio*ratio)), ratio)
+               c = 1/sqrt(1 + t*t)
+               s = t*c
+               call rotate(a(:, i), a(:, j), c, s)
+               call rotate(a(i, :), a(j, :), c, s)
+               call rotate(vectors(:, i), vectors(:, j), c, s)
+               a(i, j) = 0
+               a(j, i) = 0
+            end do
+         end do
+         if (is_diagonal) exit
+      end do
+      do i = 1, size(a, 1)
+         eigenvalue(i) = a(i, i)
+      end do
+   end subroutine find_eigenvalues
+
+   pure elemental subroutine rotate(x, y, c, s)
+      real(wp), intent(inout) :: x, y
+      real(wp), intent(in) :: c, s  !! cosine and sine
+      real(wp) :: turned
+
+      turned = c*x - s*y
+      y = s*x + c*y
+      x = turned
+   end subroutine rotate
+end module rockfall_covariance
