@@ -129,8 +129,136 @@ def test_what_is_left_out_and_assumed_is_said(drawing, tmp_path):
     assert remarks == [
         f"{path}, layer 0: left out, as no lines: 1 LINE of no length, 1 POINT, 1 MTEXT, "
         "1 POLYLINE, 1 HATCH",
+        f"{path}, layer 0: left out: 1 entities in paper space; _CHSPACE in CAD moves them to "
+        "model space",
         f"{path}, layer 0: {NO_CRS}; it says mm, taken as metres",
     ]
+
+
+def square(x, y, side):
+    return [(x, y), (x + side, y), (x + side, y + side), (x, y + side)]
+
+
+RINGS = {
+    "a hole": [square(0, 0, 10), square(3, 3, 4)],
+    "an island in a hole": [square(0, 0, 10), square(2, 2, 6), square(4, 4, 2)],
+    "a hole in an island": [square(0, 0, 10), square(1, 1, 8), square(2, 2, 6), square(4, 4, 2)],
+    "two areas": [square(0, 0, 10), square(20, 0, 10)],
+    "two areas, a hole in the second": [square(0, 0, 10), square(20, 0, 10), square(23, 3, 4)],
+    "the hole first": [square(3, 3, 4), square(0, 0, 10)],
+    "a hole at the side": [square(0, 0, 10), square(0, 3, 4)],
+    "areas side by side": [square(0, 0, 10), square(10, 0, 10)],
+}
+AREAS = {  # m2, by style: islands in holes, one level of holes, no holes
+    "a hole": (84, 84, 100), "an island in a hole": (68, 64, 100),
+    "a hole in an island": (68, 36, 100), "two areas": (200, 200, 200),
+    "two areas, a hole in the second": (184, 184, 200), "the hole first": (84, 84, 100),
+    "a hole at the side": (84, 84, 100), "areas side by side": (200, 200, 200),
+}  # fmt: skip
+
+
+def hatched(space, rings, edges=False, style=0, layer="Fels"):
+    """Add a hatch with boundaries as CAD programs flag them: the first is external."""
+    hatch = space.add_hatch(dxfattribs=on(layer, hatch_style=style))
+    for k, ring in enumerate(rings):
+        flags = (1, 16, 0)[min(k, 2)]
+        if not edges:
+            hatch.paths.add_polyline_path(ring, flags=flags)
+            continue
+        path = hatch.paths.add_edge_path(flags)
+        for start, end in zip(ring, ring[1:] + ring[:1], strict=True):
+            path.add_line(start, end)
+    return hatch
+
+
+@pytest.mark.parametrize("name", RINGS)
+@pytest.mark.parametrize("edges", [False, True])
+@pytest.mark.parametrize("style", range(3))
+def test_hatches_have_the_area_of_their_style(name, edges, style, drawing, tmp_path):
+    space = drawing.modelspace()
+    hatched(space, RINGS[name], edges, style)
+    for ring in RINGS[name]:
+        space.add_lwpolyline(ring, close=True, dxfattribs=on("Fels"))  # drawn around it
+    space.add_lwpolyline(square(50, 50, 10), close=True, dxfattribs=on("Fels"))
+    path = saved(drawing, tmp_path)
+    shapes, _ = read_polygons(path, GRID, [], "Fels")
+    assert [shape.area for shape in shapes] == [AREAS[name][style], 100]
+    lines, remarks = lines_of(path, "Fels")
+    assert len(lines) == len(RINGS[name]) + 1
+    assert remarks == [f"{path}, layer Fels: left out, as no lines: 1 HATCH"]
+
+
+def test_hatches_of_arcs_of_blocks_and_with_room_for_texts(drawing, tmp_path):
+    space = drawing.modelspace()
+    ring = space.add_hatch(dxfattribs=on("Kreis")).paths
+    ring.add_edge_path(1).add_arc((50, 50), 20, 0, 360)
+    ring.add_edge_path(16).add_ellipse((50, 50), (10, 0), 0.5, 0, 360)
+    hatched(drawing.blocks.new("cliff"), RINGS["an island in a hole"], layer="0")
+    space.add_blockref("cliff", (100, 100), dxfattribs=on("Block", xscale=2, yscale=3))
+    text = hatched(space, [square(0, 0, 10)], layer="Text")
+    text.paths.add_polyline_path(square(4, 4, 2), flags=8)
+    bulge = space.add_hatch(dxfattribs=on("Bogen")).paths
+    bulge.add_polyline_path([(0, 0, 1), (10, 0, 0)])  # half a disc
+    path = saved(drawing, tmp_path)
+    for layer, area in ("Kreis", np.pi * 350), ("Block", 68 * 6), ("Text", 100), (
+        "Bogen", np.pi * 12.5,
+    ):  # fmt: skip
+        (shape,), _ = read_polygons(path, GRID, [], layer)
+        assert shape.area == pytest.approx(area, rel=3e-3)
+    (shape,), _ = read_polygons(path, GRID, [], "Block")
+    assert shape.bounds == (100, 100, 120, 130)
+
+
+def test_a_closed_line_that_bounds_no_hatch_stays(drawing, tmp_path):
+    """A circle within a hatched square has its bounds, and is no outline of it."""
+    space = drawing.modelspace()
+    hatched(space, [square(0, 0, 10)])
+    space.add_circle((5, 5), 5, dxfattribs=on("Fels"))
+    shapes, _ = read_polygons(saved(drawing, tmp_path), GRID, [], "Fels")
+    assert sorted(shape.area for shape in shapes) == pytest.approx([25 * np.pi, 100], rel=3e-3)
+
+
+def test_gaps_of_hatches_are_closed_and_boundaries_across_themselves_refused(drawing, tmp_path):
+    space = drawing.modelspace()
+    path = space.add_hatch(dxfattribs=on("Lücke")).paths.add_edge_path(1)
+    for start, end in ((0, 0), (8.99, 0)), ((9, 0), (9, 9)), ((8.99, 9), (0, 9)):
+        path.add_line(start, end)
+    hatched(space, [[(0, 0), (9, 9), (9, 0), (0, 9)]], layer="kreuz")
+    file = saved(drawing, tmp_path)
+    (shape,), _ = read_polygons(file, GRID, [], "Lücke")
+    assert shape.area == pytest.approx(81, rel=2e-3)
+    with pytest.raises(rockfall.RockfallError, match=r"feature 1: invalid polygon: Self-inters"):
+        read_polygons(file, GRID, [], "kreuz")
+
+
+def test_a_layer_of_hatches_does_not_stand_between_lines_and_their_only_layer(drawing, tmp_path):
+    space = drawing.modelspace()
+    hatched(space, [square(0, 0, 10)])
+    space.add_line((0, 0), (9, 9), dxfattribs=on("road"))
+    lines, _ = lines_of(saved(drawing, tmp_path))
+    assert len(lines) == 1
+
+
+def test_paper_space_is_counted_and_refused_where_it_has_all(drawing, tmp_path):
+    hatched(drawing.modelspace(), [square(0, 0, 10)])
+    for layout in (drawing.layout("Layout1"), drawing.layouts.new("A3")):
+        layout.add_line((0, 0), (9, 9), dxfattribs=on("fels"))
+        layout.add_line((0, 0), (9, 9), dxfattribs=on("road"))
+        layout.add_text("legend", dxfattribs=on("fels"))
+    path, remarks = saved(drawing, tmp_path), []
+    read_polygons(path, GRID, remarks)
+    move = "move them with _CHSPACE in CAD"
+    assert remarks == [
+        f"{path}, layer Fels: left out: 2 entities in paper space; _CHSPACE in CAD moves them to "
+        "model space"
+    ]
+    with refused(f"{path}, layer Road: 2 entities in paper space, none in model space: {move}"):
+        lines_of(path, "Road")
+    drawing.modelspace().delete_all_entities()
+    path = saved(drawing, tmp_path)
+    for read in lines_of, layer_names:
+        with refused(f"{path}: 4 entities in paper space, none in model space: {move}"):
+            read(path)
 
 
 def ezcrs():

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""DXF drawings: the lines, closed lines and points of the layers of their model space.
+"""DXF drawings: the lines, closed lines, hatches and points of the layers of their model space.
 
 Blocks are taken apart, arcs, circles, ellipses and splines drawn as chords within `TOLERANCE`. All
-is in plan. The reader is ezdxf: GDAL's garbles names with umlauts and stops at some drawings.
+is in plan. The reader is ezdxf: GDAL's garbles names with umlauts, stops at some drawings, and
+ignores the style of hatches. Areas of hatches are made here of their boundaries, because ezdxf
+loses islands in holes.
 """
 
 from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from itertools import count
 from pathlib import Path
@@ -23,6 +25,7 @@ from rockfall.io.gdal_files import plain_file
 
 if TYPE_CHECKING:
     from ezdxf.entities import DXFEntity
+    from shapely import Geometry
 
 TOLERANCE = 0.01  # of chords [m]
 COARSEST = 1e-6  # of chords, over the size of a curve: bounds their number
@@ -30,6 +33,10 @@ CURVES = 16  # cubic curves that stand for an arc: within 1e-7 of its radius
 MAX_PARTS = 50_000  # entities of blocks, wherever these are inserted
 MAX_DEPTH = 16  # of blocks within blocks
 LINES = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "HELIX")
+HATCHES = ("HATCH", "MPOLYGON")
+DRAWN = (*LINES, *HATCHES, "POINT", "INSERT")  # what layers in paper space are counted by
+TEXT_BOX = 8  # flag of a boundary that leaves room for a text
+OUTERMOST, FILLED = 1, 2  # styles of hatches: one level of holes, none; otherwise islands in holes
 PLAIN = ("AcDb2dPolyline", "AcDb3dPolyline")  # polylines that are no meshes
 NOWHERE = np.empty((0, 2))
 UNITS_OF_METRES = (0, 6)  # $INSUNITS: none, metres
@@ -40,20 +47,53 @@ class Part(NamedTuple):
 
     layer: str
     kind: str
-    xy: np.ndarray  # (n, 2); one place for a point; none: neither line nor point
+    xy: np.ndarray  # (n, 2); one place for a point, one boundary of a hatch; none: not read
     closed: bool = False
+    rings: tuple[np.ndarray, ...] = ()  # all boundaries of a hatch, (n, 2) each
+    style: int = 0  # of a hatch
+
+    def area(self) -> Geometry:
+        """Polygons of a closed line or a hatch. Boundaries that cross themselves stay as they are,
+        for the check of shapes to refuse."""
+        import shapely
+
+        areas = shapely.polygons([shapely.linearrings(ring) for ring in self.rings or (self.xy,)])
+        for area in areas[~shapely.is_valid(areas)][:1]:
+            return area
+        if self.style == FILLED:
+            return shapely.union_all(areas)
+        if self.style == OUTERMOST:
+            inner, _ = shapely.STRtree(areas).query(areas, predicate="within")
+            depth = np.bincount(inner) - 1
+            return shapely.difference(*(shapely.union_all(areas[depth == k]) for k in (0, 1)))
+        while len(areas) > 1:
+            pairs = np.append(areas, [None] * (len(areas) % 2)).reshape(-1, 2)
+            odd = shapely.is_missing(pairs[:, 1])
+            areas = np.where(odd, pairs[:, 0], shapely.symmetric_difference(*pairs.T))
+        return areas[0]
 
 
 class Drawing(NamedTuple):
-    """Entities of the model space, and the unit it names; "" for metres or none."""
+    """Entities of the model space, the unit it names ("" for metres or none), and the number of
+    entities of each layer in paper space, by names without case."""
 
     parts: list[Part]
     unit: str
+    paper: Counter[str]
 
     @property
     def layers(self) -> list[str]:
-        """Names of the layers with lines or points."""
-        return list(dict.fromkeys(part.layer for part in self.parts if len(part.xy)))
+        """Names of the layers with lines, hatches or points."""
+        return self.layers_with(lambda _: True)
+
+    def layers_with(self, wanted: Callable[[Part], bool]) -> list[str]:
+        """Names of the layers with such lines, hatches or points."""
+        parts = (part for part in self.parts if len(part.xy) and wanted(part))
+        return list(dict.fromkeys(part.layer for part in parts))
+
+    def on_paper(self, layer: str | None) -> int:
+        """Number of entities of a layer (None: of all) in paper space."""
+        return self.paper.total() if layer is None else self.paper[layer.casefold()]
 
 
 def is_drawing(path: str | Path) -> bool:
@@ -86,6 +126,13 @@ def _read(path: str, file: str, *_: int) -> Drawing:
         for layer, entity in _taken_apart(space, "", 0, of_blocks):
             layer = layer.encode("utf-8", "replace").decode()
             parts.append(_part(path, names.setdefault(layer.casefold(), layer), entity))
+        paper = Counter(
+            entity.dxf.get("layer", "0").casefold()
+            for layout in drawing.layouts
+            if layout.is_any_paperspace
+            for entity in layout
+            if entity.dxftype() in DRAWN
+        )
     except RockfallError as error:
         raise RockfallError(str(error) if path in str(error) else f"{path}: {error}") from error
     except (  # what ezdxf raises for files that are damaged
@@ -93,7 +140,7 @@ def _read(path: str, file: str, *_: int) -> Drawing:
         ArithmeticError, RuntimeError, StopIteration, AssertionError,
     ) as error:  # fmt: skip
         raise RockfallError(f"{path}: not a DXF drawing that can be read ({error})") from error
-    return Drawing(parts, str(named or ""))
+    return Drawing(parts, str(named or ""), paper)
 
 
 def _taken_apart(
@@ -124,20 +171,78 @@ def _part(path: str, layer: str, entity: Any) -> Part:
     kind = entity.dxftype()
     if kind == "POINT":
         return Part(layer, kind, np.array([tuple(entity.dxf.location)[:2]], float))
+    if kind in HATCHES:
+        return _hatch(path, layer, entity)
     if kind not in LINES or (kind == "POLYLINE" and entity.get_mode() not in PLAIN):
         return Part(layer, kind, NOWHERE)
     curve = make_path(entity, segments=CURVES)
+    xy = _chords(curve, f"{path}: layer {layer}: {kind}")
+    if not len(xy):  # a click of the mouse
+        return Part(layer, f"{kind} of no length", NOWHERE)
+    return Part(layer, kind, xy, curve.is_closed and len(xy) > 3)
+
+
+def _hatch(path: str, layer: str, entity: Any) -> Part:
+    """Boundaries of a hatch, without those that leave room for texts; gaps are
+    closed by straight lines."""
+    from ezdxf.math import Vec3
+    from ezdxf.path import from_hatch_boundary_path
+
+    kind, rings = entity.dxftype(), []
+    moved = Vec3(entity.dxf.get("offset_vector", (0, 0)) if kind == "MPOLYGON" else (0, 0))
+    place = entity.ocs(), entity.dxf.elevation.z, moved
+    for boundary in entity.paths:
+        if boundary.path_type_flags & TEXT_BOX:
+            continue
+        curve = from_hatch_boundary_path(boundary, *place)
+        for ring in curve.sub_paths() if curve.has_sub_paths else [curve]:
+            xy = _chords(ring, f"{path}: layer {layer}: {kind}")
+            if len(xy) < 3:
+                continue
+            rings.append(xy if (xy[0] == xy[-1]).all() else np.vstack([xy, xy[:1]]))
+    if not rings:
+        return Part(layer, f"{kind} of no area", NOWHERE)
+    return Part(layer, kind, rings[0], True, tuple(rings), entity.dxf.get("hatch_style", 0))
+
+
+def _chords(curve: Any, where: str) -> np.ndarray:
+    """Places (n, 2) of a curve in plan; none if it has no length."""
     corners = np.array([tuple(vertex)[:2] for vertex in curve.control_vertices()], float)
     if not np.isfinite(corners).all():
-        raise RockfallError(f"{path}: layer {layer}: {kind} has coordinates that are not finite")
+        raise RockfallError(f"{where} has coordinates that are not finite")
     size = float(np.ptp(corners, axis=0).max()) if len(corners) else 0.0
-    if not size:  # a click of the mouse
-        return Part(layer, f"{kind} of no length", NOWHERE)
+    if not size:
+        return NOWHERE
     chord = max(TOLERANCE, COARSEST * size)
     xy = np.array([tuple(vertex)[:2] for vertex in curve.flattening(chord, segments=1)], float)
     if curve.is_closed:
         xy[-1] = xy[0]
-    return Part(layer, kind, xy, curve.is_closed and len(xy) > 3)
+    return xy
+
+
+def without_outlines(parts: list[Part]) -> list[Part]:
+    """Parts without the closed lines that are drawn around hatches, or around holes in them: the
+    area would count twice, and the hole as an area."""
+    hatched = [_measures(ring) for part in parts for ring in part.rings]
+    if not hatched:
+        return parts
+    near = np.array(hatched)
+
+    def is_outline(part: Part) -> bool:
+        if not part.closed or part.rings:
+            return False
+        apart = np.abs(near - _measures(part.xy))
+        wide = np.ptp(part.xy, axis=0).sum()
+        return bool((apart <= [*[2 * TOLERANCE] * 4, 4 * TOLERANCE * wide]).all(axis=1).any())
+
+    return [part for part in parts if not is_outline(part)]
+
+
+def _measures(xy: np.ndarray) -> np.ndarray:
+    """Bounds [m] and area [m2] of a closed line."""
+    x, y = (xy - xy[0]).T
+    area = abs(x[:-1] @ y[1:] - x[1:] @ y[:-1]) / 2
+    return np.array([*xy.min(axis=0), *xy.max(axis=0), area])
 
 
 def left_out(parts: list[Part]) -> str:

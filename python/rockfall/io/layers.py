@@ -24,7 +24,14 @@ import numpy as np
 
 from rockfall.errors import RockfallError, need
 from rockfall.io.crs import crs_argument, crs_name, same_crs, transformation
-from rockfall.io.drawing import is_drawing, left_out, read_drawing
+from rockfall.io.drawing import (
+    Drawing,
+    Part,
+    is_drawing,
+    left_out,
+    read_drawing,
+    without_outlines,
+)
 from rockfall.io.files import check_text_file, start_of
 from rockfall.io.gdal_files import plain_file
 from rockfall.io.grid import NO_ID, Grid
@@ -44,7 +51,7 @@ _UNDEFINED = re.compile(r'\["Undefined (geographic |Cartesian )?SRS"')  # in Geo
 _POLYGONS = {"Polygon", "MultiPolygon"}
 _LINES = {"LineString", "MultiLineString"}
 _POINTS = {"Point", "MultiPoint"}
-_FEATURES = {"Point", *_LINES, *_POLYGONS}
+_FEATURES = {*_POINTS, *_LINES, *_POLYGONS}
 _TYPES = (  # in the order of their numbers
     "Point", "LineString", "LinearRing", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"
 )  # fmt: skip
@@ -89,7 +96,9 @@ def layer_names(path: str | Path) -> list[str]:
     import pyogrio
 
     if is_drawing(path):
-        return read_drawing(path).layers
+        drawing = read_drawing(path)
+        _check_paper_space(str(path), drawing, drawing.layers, None)
+        return drawing.layers
     try:
         layers = pyogrio.list_layers(_plain_layer(str(path)))
     except (RuntimeError, UnicodeDecodeError) as error:  # from GDAL
@@ -126,9 +135,16 @@ def _burnt(
 def read_features(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Points, lines and polygons, with all their attributes by name, as in `_on_terrain`."""
+    """Points, lines and polygons, with all their attributes by name, as in `_on_terrain`; a
+    multipoint of one point is a point."""
+    import shapely
+
     what = "points, lines or polygons"
-    return _on_terrain(path, None, _FEATURES, what, grid, remarks, layer, key)[1:3]
+    _, shapes, values, _ = _on_terrain(path, None, _FEATURES, what, grid, remarks, layer, key)
+    is_one = (shapely.get_type_id(shapes) == _TYPES.index("MultiPoint")) & (
+        shapely.get_num_geometries(shapes) == 1
+    )
+    return np.where(is_one, shapely.get_geometry(shapes, 0), shapes), values
 
 
 def read_polygons(
@@ -252,29 +268,43 @@ def _drawn(
     layer: str | None,
     key: str,
 ) -> np.ndarray:
-    """Shapes of a layer of a drawing, which has no attributes and no CRS. Closed lines are polygons
-    where these are allowed; what cannot be a shape of the given kinds, such as a text, is left out,
-    with a remark, but not a line in place of a polygon."""
+    """Shapes of a layer of a drawing, which has no attributes and no CRS. Closed lines and hatches
+    are polygons where these are allowed; what cannot be a shape of the given kinds, such as a text,
+    is left out, with a remark, but not a line in place of a polygon."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import shapely
 
     for name in columns or ():
         raise RockfallError(f"{path}: no attribute {name}; a drawing has none")
-    drawing = read_drawing(path)
-    layer_names = {name.casefold(): name for name in drawing.layers}
-    asked = layer if layer is None else layer_names.get(layer.casefold(), layer)
-    name = _layer(path, [(title, "Unknown") for title in drawing.layers], what, asked, key)
+    drawing, areas, points = read_drawing(path), bool(_POLYGONS & kinds), bool(kinds & _POINTS)
+
+    def is_usable(part: Part) -> bool:
+        return points if len(part.xy) == 1 else areas if part.rings else kinds != _POINTS
+
+    titles = drawing.layers
+    if layer is None:
+        titles = [*drawing.layers_with(lambda part: areas or not part.rings)] or titles
+    by_name = {name.casefold(): name for name in titles}
+    asked = layer if layer is None else by_name.get(layer.casefold(), layer)
+    _check_paper_space(path, drawing, titles, asked)
+    name = _layer(path, [(title, "Unknown") for title in titles], what, asked, key)
     where, parts = name_of(path, name), [part for part in drawing.parts if part.layer == name]
-    lines, points = kinds != _POINTS, bool(kinds & _POINTS)
-    usable = [part for part in parts if (lines, points)[len(part.xy) == 1] and len(part.xy)]
+    usable = [part for part in parts if len(part.xy) and is_usable(part)]
     if not usable:
         raise RockfallError(f"{where}: the layer has no {what}")
+    used = set(map(id, usable))
+    if others := [part for part in parts if id(part) not in used]:
+        remarks.append(remark(where, "input.left_out", what=what, parts=left_out(others)))
+    if n := drawing.on_paper(name):
+        remarks.append(remark(where, "input.paper_space", n=n))
+    if areas:
+        usable = without_outlines(usable)
     shapes = np.empty(len(usable), object)
     for k, part in enumerate(usable):
         if len(part.xy) == 1:
             shapes[k] = shapely.Point(part.xy[0])
-        elif part.closed and _POLYGONS & kinds:
-            shapes[k] = shapely.Polygon(part.xy)
+        elif part.closed and areas:
+            shapes[k] = part.area()
         elif kinds == _POLYGONS:
             raise RockfallError(
                 f"{where}: a {part.kind} from x {part.xy[0, 0]:.2f}, y {part.xy[0, 1]:.2f} is not "
@@ -282,15 +312,21 @@ def _drawn(
             )
         else:
             shapes[k] = shapely.LineString(part.xy)
-    used = set(map(id, usable))
-    if others := [part for part in parts if id(part) not in used]:
-        names = {"what": what, "parts": left_out(others)}
-        remarks.append(remark(where, "input.left_out", **names))
     if grid.crs is not None or drawing.unit:
         key = "input.drawing_in_unit" if drawing.unit else "input.drawing"
         text = remark(where, key, unit=drawing.unit)
         remarks += [text] * (text not in remarks)
     return shapes
+
+
+def _check_paper_space(path: str, drawing: Drawing, titles: list[str], asked: str | None) -> None:
+    """Refuse a layer, or a drawing, with entities in paper space alone."""
+    is_found = asked in titles if asked else titles
+    if not is_found and (n := drawing.on_paper(asked)):
+        raise RockfallError(
+            f"{name_of(path, asked)}: {n:,} entities in paper space, none in model space: move "
+            "them with _CHSPACE in CAD"
+        )
 
 
 def name_of(path: str | Path, layer: str | None) -> str:

@@ -94,6 +94,10 @@ def _read(file: File, grid: Grid, remarks: list[str]) -> _Read:
     import shapely
 
     shapes, columns = read_features(file.path, grid, remarks, file.layer, "--objects-layer")
+    for number in [k for k, shape in enumerate(shapes, 1) if shape.geom_type == "MultiPoint"][:1]:
+        raise RockfallError(
+            f"{file.path}: feature {number}: is several points: split it, so that each is an object"
+        )
     columns = {name.lower(): values for name, values in columns.items()}
     numbers = [str(number) for number in range(1, len(shapes) + 1)]
     names = [str(name) for name in columns.get("name", numbers)]
