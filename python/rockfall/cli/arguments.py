@@ -116,11 +116,16 @@ def _add_draft(commands: _Commands) -> None:
     dem.add_argument("input", metavar="FILE", type=Path, nargs="+", help=text)
     _option(dem, "-o --output DEM.tif", Path, required=True)
     points = dem.add_argument_group("points")
-    text = "side of a cell; default: 1, 2, 5, 10..., at most the mean spacing of the points"
+    text = "side of a cell; default: spacing of a grid, else 1, 2, 5..., at most the mean spacing"
     _option(points, "--cell M", float, text)
     _option(points, "--power P", float, "points weigh 1/distance**P; default: 2")
     _option(points, "--neighbours N", int, "points of which a cell is made, at most; default: 12")
-    _option(points, "--within M", float, "nodata beyond; default: three times the mean spacing")
+    _option(
+        points,
+        "--within M",
+        float,
+        "nodata beyond; default: three mean spacings of the points, of a grid 0",
+    )
     _option(
         points, "--crs CODE", str, "of the points, or of a DEM that names none, such as EPSG:2056"
     )

@@ -10,7 +10,15 @@ import numpy as np
 
 from rockfall.cli.given import given_options
 from rockfall.cli.messages import DONE, warn
-from rockfall.draft.dem import Dem, check_place, dem_of_points, edited, read_source, write_dem
+from rockfall.draft.dem import (
+    Dem,
+    Survey,
+    check_place,
+    dem_of_points,
+    edited,
+    read_source,
+    write_dem,
+)
 from rockfall.draft.new_case import new_case
 from rockfall.errors import RockfallError
 from rockfall.io.point_clouds import is_cloud
@@ -32,7 +40,7 @@ def dem_command(arguments: argparse.Namespace) -> int:
     sources, steps = arguments.input, arguments.steps or []
     check_place(arguments.output, sources, steps)
     remarks: list[str] = []
-    dem = edited(_source(arguments), steps, remarks)
+    dem = edited(_source(arguments, remarks), steps, remarks)
     for line in remarks:
         warn(line)
     write_dem(dem, arguments.output, sources, _options(arguments))
@@ -44,8 +52,8 @@ def dem_command(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _source(arguments: argparse.Namespace) -> Dem:
-    """Read a raster, or the points of files, with their properties."""
+def _source(arguments: argparse.Namespace, remarks: list[str]) -> Dem:
+    """Read a raster, or the points of files, and print their properties."""
     given = given_options(arguments, OF_POINTS)
     path, *others = arguments.input
     if not is_cloud(path) and path.suffix.lower() not in (".csv", ".txt"):
@@ -56,19 +64,46 @@ def _source(arguments: argparse.Namespace) -> Dem:
             raise RockfallError(f"{path}: is a raster, of which there can be only one")
         if not arguments.steps and crs is None:
             raise RockfallError(f"{path}: no edit; see rockfall dem --help")
-        return read_source(path, crs)
+        return read_source(path, crs, remarks)
     dem, survey = dem_of_points(*arguments.input, **given)
-    print(f"{survey.points:,} points, {survey.spacing:.3g} m apart")
+    remarks += survey.remarks
+    print(*(_nodes(survey, dem) if survey.nodes else _points(survey)), sep="\n")
+    return dem
+
+
+def _points(survey: Survey) -> Iterator[str]:
+    """Lines about points that were interpolated."""
+    yield f"{survey.points:,} points, {survey.spacing:.3g} m apart"
     few = len(survey.errors) < survey.points
     total = f" of {len(survey.errors):,}" if few else ""
     if np.isnan(survey.errors).all():
-        print("standard error: not known, no point has another that is near enough")
-    else:
-        print(
-            f"standard error, each point{total} left out: {survey.standard_error:.3g} m "
-            f"(bias {np.nanmean(survey.errors):+.3g} m, max {np.nanmax(abs(survey.errors)):.3g} m)"
+        yield "standard error: not known, no point has another that is near enough"
+        return
+    yield (
+        f"standard error, each point{total} left out: {survey.standard_error:.3g} m "
+        f"(bias {np.nanmean(survey.errors):+.3g} m, max {np.nanmax(abs(survey.errors)):.3g} m)"
+    )
+
+
+def _nodes(survey: Survey, dem: Dem) -> Iterator[str]:
+    """Lines about points that are the nodes of a regular grid."""
+    assert survey.nodes is not None
+    grid, gaps, shared = survey.nodes.grid, survey.nodes.gaps, survey.nodes.shared
+    yield (
+        f"{survey.points:,} points are the nodes of a grid of {grid.nx} x {grid.ny}, "
+        f"{grid.cell:g} m apart"
+    )
+    if dem.grid.matches(grid):
+        yield (
+            "unchanged: each node is the centre of a cell (corner of the grid "
+            f"{dem.grid.west:.10g}, {dem.grid.north:.10g})"
         )
-    return dem
+    else:
+        yield f"bilinear between them, at the centres of cells of {dem.grid.cell:g} m"
+    if shared:
+        yield f"{shared:,} nodes have several points with other elevations: their mean"
+    if gaps:
+        yield f"{gaps:,} nodes have no point: nodata, unless --within M or --fill M fills them"
 
 
 def _options(arguments: argparse.Namespace) -> Iterator[str]:

@@ -15,24 +15,26 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import check_elevations
-from rockfall.io.crs import check_metres, crs_name
+from rockfall.io.crs import check_area, check_metres, crs_name
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
 from rockfall.io.output_files import check_output
 from rockfall.io.point_clouds import is_cloud, read_clouds
+from rockfall.io.point_text import HEIGHTS, MISSING
 from rockfall.io.raster import read_dem, write_geotiff
 from rockfall.io.raster_file import open_raster, raster_files
 from rockfall.io.tables import read_table
+from rockfall.language import remark
 from rockfall.limits import MAX_ELEVATION, MAX_REAL
 from rockfall.scene.layers import Inputs, file_checksum
 from rockfall.scene.lines import read_lines
 from rockfall.scene.rules.protection import dam_rules
 from rockfall.terrain.dams import with_dam
 from rockfall.terrain.inverse_distance import Weights, interpolated, left_out
+from rockfall.terrain.regular_points import MAX_CELLS, Nodes, regular_nodes, resampled, spacings
 from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_pits
 from rockfall.version import __version__
 
-MAX_CELLS = 400_000_000
 MAX_LEFT_OUT = 1_000_000  # points of which the leave-one-out error is taken, at most about
 FAR = 3.0  # point spacings beyond which elevations are unknown
 NICE = (1.0, 2.0, 5.0, 10.0)  # leading digits of cell sides
@@ -54,6 +56,8 @@ class Survey(NamedTuple):
     points: int
     spacing: float  # [m]
     errors: np.ndarray  # leave-one-out errors of evenly chosen points [m]; NaN: no other is near
+    nodes: Nodes | None = None  # if the points are the nodes of a regular grid; errors are empty
+    remarks: tuple[str, ...] = ()
 
     @property
     def standard_error(self) -> float:
@@ -76,6 +80,10 @@ def dem_of_points(
     points within `within` [m] (default: three spacings of the points).
 
     The default of `cell` [m] is 1, 2 or 5 times a power of ten, at most the mean spacing.
+
+    Points that are the nodes of one regular grid become that grid: the default of `cell` is then
+    their spacing, each node the centre of a cell. Nodes without a point are nodata, unless `within`
+    is given. With another `cell`, elevations are bilinear between the nodes.
     """
     path, system = paths[0], _crs(crs)
     if all(map(is_cloud, paths)):
@@ -86,39 +94,81 @@ def dem_of_points(
         raise RockfallError(f"{path}: --classes and --thin are for .las, .laz and .xyz")
     else:
         points = _read_points(path)
+    remarks: list[str] = []
+    points = _known(path, points, remarks)
     low, high = points.min(axis=0), points.max(axis=0)
+    if low[2] < HEIGHTS[0] or high[2] > HEIGHTS[1]:
+        ends = {"low": float(low[2]), "high": float(high[2])}
+        remarks.append(remark(path, "input.no_height_of_land", **ends))
+    nodes = regular_nodes(points)
     spacing = math.sqrt(np.prod((high - low)[:2]) / len(points))
-    if not spacing and (cell is None or within is None):
+    if nodes is not None:
+        spacing = nodes.grid.cell
+    elif not spacing and (cell is None or within is None):
         raise RockfallError(
             f"{path}: all points lie on a line along an axis: give --cell, --within"
         )
-    cell = _nice(spacing) if cell is None else cell
     weights = Weights(power, neighbours, FAR * spacing if within is None else within)
+    cell = (_nice(spacing) if nodes is None else spacing) if cell is None else cell
     for name, value in (("cell", cell), *weights._asdict().items()):
         if not 0 < value < math.inf:
             raise RockfallError(f"--{name} {value:g}: must be > 0")
+    if nodes is None:
+        grid, z = _covering(low, high, cell), None
+        if (steps := spacings(points)) and max(steps) > 1.01 * min(steps):
+            sides = {"dx": steps[0], "dy": steps[1]}
+            remarks.append(remark(path, "input.nodes_not_square", **sides))
+    elif math.isclose(cell, spacing, rel_tol=1e-6):
+        z, grid = nodes.z, nodes.grid
+    else:
+        z, grid = resampled(nodes, cell)
+    grid = replace(grid, crs=system)
+    check_metres(grid, str(path))
+    check_area(grid, str(path), remarks)
+    if z is None or within is not None:
+        made = interpolated(points, grid, weights)
+        z = made if z is None else np.where(np.isnan(z), made, z)
+    z = z.astype(np.float32)
+    check_elevations(str(path), z)
+    errors = np.empty(0)
+    if nodes is None:
+        errors = left_out(points, weights, math.ceil(len(points) / MAX_LEFT_OUT))
+    return Dem(z, grid, NODATA), Survey(len(points), spacing, errors, nodes, tuple(remarks))
+
+
+def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarray:
+    """Points (n, 3) without those whose elevation marks a missing one."""
+    missing = np.isin(points[:, 2], MISSING)
+    if not missing.any():
+        return points
+    if missing.all():
+        raise RockfallError(f"{path}: all elevations are {points[0, 2]:g}: nodata")
+    value, n = float(points[missing][0, 2]), int(missing.sum())
+    remarks.append(remark(path, "input.points_missing", n=n, value=value))
+    return points[~missing]
+
+
+def _covering(low: np.ndarray, high: np.ndarray, cell: float) -> Grid:
+    """Grid of cells with edges at multiples of their side that contain all points between."""
     west, north = math.floor(low[0] / cell) * cell, (math.floor(high[1] / cell) + 1) * cell
     nx, ny = (high[0] - west) // cell + 1, (north - low[1]) // cell + 1
     if not nx * ny <= MAX_CELLS:
         raise RockfallError(
             f"--cell {cell:g}: {nx:,.0f} x {ny:,.0f} cells: must be at most {MAX_CELLS:,}"
         )
-    grid = Grid(west, north, cell, max(2, int(nx)), max(2, int(ny)), system)
-    check_metres(grid, str(path))
-    z = interpolated(points, grid, weights).astype(np.float32)
-    check_elevations(str(path), z)
-    errors = left_out(points, weights, math.ceil(len(points) / MAX_LEFT_OUT))
-    return Dem(z, grid, NODATA), Survey(len(points), spacing, errors)
+    return Grid(west, north, cell, max(2, int(nx)), max(2, int(ny)))
 
 
-def read_source(path: str | Path, crs: str | None = None) -> Dem:
-    """Read the DEM in a raster file, with a CRS if the file has none."""
+def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | None = None) -> Dem:
+    """Read the DEM in a raster file, with a CRS if the file has none; `remarks` gets a line if it
+    lies outside the area of use of that CRS."""
     z, grid = read_dem(path)
     if crs is not None:
         if grid.crs is not None:
             raise RockfallError(f"--crs {crs}: {path} names its own, {crs_name(grid.crs)}")
         grid = replace(grid, crs=_crs(crs))
         check_metres(grid, str(path))
+        check_area(grid, str(path), [] if remarks is None else remarks)
     with open_raster(path) as raster:
         nodata = raster.source.nodata
     return Dem(z, grid, math.nan if nodata is None else float(nodata))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.language import remark
 
 if TYPE_CHECKING:
     import pyproj
@@ -222,6 +223,35 @@ def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None =
     if warp is not None:
         cure = f"reproject with: {warp('utm', f'--dst-crs {utm} --resampling bilinear')}"
     raise RockfallError(f"{problem}; {cure}")
+
+
+def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
+    """Add a remark if the centre of a raster lies outside the area of use of its CRS; refuse it if
+    x and y are exchanged."""
+    code = None if grid.crs is None else _in_plan(grid.crs).to_epsg()
+    if code is None:
+        return
+    import pyproj
+
+    area = pyproj.CRS.from_epsg(code).area_of_use
+    if area is None:
+        return
+    west, south, east, north = area.bounds
+
+    def is_within(x: float, y: float) -> bool:
+        (longitude,), (latitude,) = _degrees(grid.crs, [x], [y])
+        in_north = math.isfinite(longitude) and south <= latitude <= north
+        return in_north and (longitude - west) % 360.0 <= ((east - west) % 360.0 or 360.0)
+
+    x, y = _middle(grid)
+    if is_within(x, y):
+        return
+    if is_within(y, x):
+        raise RockfallError(
+            f"{path}: x {x:.0f}, y {y:.0f} lies outside EPSG:{code}, but within it with x and y "
+            "exchanged: exchange them"
+        )
+    remarks.append(remark(path, "input.outside_area", x=x, y=y, crs=f"EPSG:{code}"))
 
 
 def _units(crs: pyproj.CRS) -> tuple[str, str]:

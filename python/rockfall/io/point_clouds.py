@@ -8,10 +8,9 @@ averaged in squares, about 150 for each square that has some, and 0.3 GB for the
 from __future__ import annotations
 
 import os
-import re
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ from rockfall.errors import RockfallError, need
 from rockfall.io.crs import crs_name, same_crs
 from rockfall.io.files import start_of
 from rockfall.io.gdal_files import plain_file
+from rockfall.io.point_text import TEXT, is_point_text, text_chunks
 from rockfall.limits import MAX_ELEVATION, MAX_REAL
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     #: Reads chunks (n, 3) [m] of a file.
     Chunks = Iterator[np.ndarray]
 
-LASER, TEXT = (".las", ".laz"), ".xyz"
+LASER = (".las", ".laz")
 GROUND = (2,)  # classes of LAS, of the ASPRS
 CHUNK = 1_000_000  # points
 MAX_POINTS = 20_000_000  # kept
@@ -39,12 +39,11 @@ _V14 = struct.Struct("<QIQ")  # at byte 235: extended records and their number, 
 _PLACE, _TABLE = struct.Struct("<q"), struct.Struct("<II")  # of LAZ: its table of chunks, its head
 _RECORD, _EXTENDED = 54, 60  # bytes of the heads of records
 _WITHHELD = "withheld"
-_SEPARATOR = re.compile(r"\s*([,;]|\s)\s*")
 
 
 def is_cloud(path: str | Path) -> bool:
-    """Return True if the name is that of a point cloud."""
-    return Path(path).suffix.lower() in (*LASER, TEXT)
+    """Return True for the name of a point cloud, and for other texts with points in rows."""
+    return Path(path).suffix.lower() in (*LASER, TEXT) or is_point_text(path)
 
 
 def read_clouds(
@@ -61,7 +60,7 @@ def read_clouds(
     if thin is not None and not 0 < thin < np.inf:
         raise RockfallError(f"--thin {thin:g}: must be > 0 [m]")
     for path in paths:
-        if classes is not None and Path(path).suffix.lower() == TEXT:
+        if classes is not None and not _is_laser(path):
             raise RockfallError(f"--classes: {path} has none; they are for .las and .laz")
     chosen = GROUND if classes is None else tuple(classes)
     for number in chosen:
@@ -74,9 +73,11 @@ def read_clouds(
 
 def _chunks(path: str | Path, classes: Sequence[int]) -> Chunks:
     """Chunks of a file, of either kind."""
-    if Path(path).suffix.lower() == TEXT:
-        return _text_chunks(path)
-    return _laser_chunks(path, classes)
+    return _laser_chunks(path, classes) if _is_laser(path) else text_chunks(path)
+
+
+def _is_laser(path: str | Path) -> bool:
+    return Path(path).suffix.lower() in LASER
 
 
 def _checked(path: str | Path, chunks: Chunks) -> Chunks:
@@ -146,11 +147,11 @@ def _sums(squares: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
     """CRS that all files name, or none; a RockfallError refuses a mixture."""
-    named = [(path, _laser_crs(path)) for path in paths if Path(path).suffix.lower() in LASER]
+    named = [(path, _laser_crs(path)) for path in paths if _is_laser(path)]
     for path, crs in named:
         if crs is not None and given is not None:
             raise RockfallError(f"--crs: {path} names its own, {crs_name(crs)}")
-    named += [(path, None) for path in paths if Path(path).suffix.lower() == TEXT]
+    named += [(path, None) for path in paths if not _is_laser(path)]
     (first, common), *others = named
     for path, crs in others:
         if (crs is None) != (common is None) or not same_crs(crs, common):
@@ -262,45 +263,3 @@ def _laser_chunks(path: str | Path, classes: Sequence[int]) -> Chunks:
         has = ", ".join(f"{number} ({count:,} points)" for number, count in sorted(seen.items()))
         wanted = ", ".join(map(str, classes))
         raise RockfallError(f"{path}: no points of class {wanted}; has {has}; see --classes")
-
-
-def _text_chunks(path: str | Path) -> Chunks:
-    """Columns x, y, z of a text: those that its first line names, else the first three."""
-    import pandas as pd
-
-    name = plain_file(path)
-    separator, columns, head = _layout(path)
-    try:
-        with pd.read_csv(
-            name, sep=separator, header=None, skiprows=head, usecols=sorted(columns),
-            dtype=np.float64, chunksize=CHUNK, index_col=False,
-            encoding="utf-8-sig", na_values=[""], keep_default_na=False,
-        ) as reader:  # fmt: skip
-            for table in reader:
-                yield table[list(columns)].to_numpy()
-    except pd.errors.EmptyDataError:
-        return
-    except (ValueError, OverflowError, MemoryError) as error:  # ParserError too
-        raise RockfallError(f"{path}: is not rows of numbers ({error})") from error
-
-
-def _layout(path: str | Path) -> tuple[str, tuple[int, int, int], int]:
-    """Separator, columns of x, y and z, and lines of the head."""
-    start = start_of(path).decode("utf-8-sig", "replace")
-    line = start.splitlines()[0].strip() if start.strip() else ""
-    match = _SEPARATOR.search(line)
-    mark = match[1] if match else " "
-    split: Callable[[str], list[str]] = (
-        str.split if mark.isspace() else lambda text: text.split(mark)
-    )
-    separator = r"\s+" if mark.isspace() else mark
-    names = [name.strip().lower().lstrip("#/") for name in split(line)]
-    if all(re.fullmatch(r"[-+0-9.eE]+", name) for name in names):
-        if len(names) < 3:
-            raise RockfallError(f"{path}: line 1: {len(names)} columns: x, y and z are needed")
-        return separator, (0, 1, 2), 0
-    names = [name for name in names if name]
-    for axis in "xyz":
-        if names.count(axis) != 1:
-            raise RockfallError(f"{path}: line 1: must have one column {axis}, or be numbers")
-    return separator, (names.index("x"), names.index("y"), names.index("z")), 1

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Points that are the nodes of one regular grid, as national surveys deliver grids: x, y and z of
+each node, with or without gaps."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.grid import Grid, row_blocks
+from rockfall.terrain.height import height
+
+ROUNDING = 0.02  # of a spacing: rounded coordinates are this near to their node
+DENSE = 0.8  # fraction of points with at least two of their four neighbours; fewer are a survey
+#: whose coordinates are rounded
+MAX_CELLS = 400_000_000
+SPARSE = 100  # nodes for each point: more are no grid with gaps
+
+
+class Nodes(NamedTuple):
+    """Elevations (ny, nx) [m] of nodes, NaN where no point is; their grid has a cell around each
+    node. `shared` nodes have several points that differ, whose mean it is."""
+
+    z: np.ndarray
+    grid: Grid
+    shared: int
+
+    @property
+    def gaps(self) -> int:
+        """Number of nodes without a point."""
+        return int(np.isnan(self.z).sum())
+
+
+class _Axis(NamedTuple):
+    """Nodes along an axis: the first, their spacing [m], and where each point is."""
+
+    first: float
+    step: float
+    at: np.ndarray
+
+    @property
+    def size(self) -> int:
+        return int(self.at.max()) + 1
+
+
+def spacings(points: np.ndarray) -> tuple[float, float] | None:
+    """Spacing of the nodes in x and y [m]; None if points (n, 3) are no nodes of a grid."""
+    axes = _axes(points)
+    return None if axes is None else (axes[0].step, axes[1].step)
+
+
+def regular_nodes(points: np.ndarray) -> Nodes | None:
+    """Nodes of the one regular grid of square cells that points (n, 3) [m] are; else None."""
+    axes = _axes(points)
+    if axes is None:
+        return None
+    x, y = axes
+    nx, ny = x.size, y.size
+    if abs(x.step - y.step) * max(nx, ny) > 5 * ROUNDING * x.step:
+        return None
+    cell = x.step if nx >= ny else y.step
+    node = (ny - 1 - y.at) * nx + x.at
+    count = np.bincount(node, minlength=nx * ny)
+    if _dense(count.reshape(ny, nx) > 0) < DENSE:
+        return None
+    z = np.full(nx * ny, np.nan)
+    z[node] = points[:, 2]
+    shared = 0
+    if (count > 1).any():
+        differ = np.bincount(node, weights=points[:, 2] != z[node], minlength=nx * ny) > 0
+        shared = int(differ.sum())
+        mean = np.bincount(node, weights=points[:, 2], minlength=nx * ny)[differ] / count[differ]
+        z[differ] = mean
+    west, north = x.first - cell / 2, y.first + (ny - 1) * cell + cell / 2
+    return Nodes(z.reshape(ny, nx), Grid(west, north, cell, nx, ny), shared)
+
+
+def resampled(nodes: Nodes, cell: float) -> tuple[np.ndarray, Grid]:
+    """Bilinear elevations of other cells, whose centres lie within the nodes; their edges are
+    multiples of the cell."""
+    own = nodes.grid
+    west = np.ceil((own.x[0] - cell / 2) / cell - ROUNDING) * cell
+    north = np.floor((own.y[0] + cell / 2) / cell + ROUNDING) * cell
+    nx = int((own.x[-1] - west - cell / 2) / cell + ROUNDING) + 1
+    ny = int((north - cell / 2 - own.y[-1]) / cell + ROUNDING) + 1
+    if min(nx, ny) < 2 or nx * ny > MAX_CELLS:
+        raise RockfallError(f"--cell {cell:g}: {nx:,} x {ny:,} cells: must be 2 to {MAX_CELLS:,}")
+    grid = Grid(float(west), float(north), cell, nx, ny)
+    z = np.empty(grid.shape)
+    for rows in row_blocks(grid.shape):
+        x, y = np.meshgrid(grid.x, grid.y[rows])
+        z[rows] = height(nodes.z, own, x.clip(own.x[0], own.x[-1]), y.clip(own.y[-1], own.y[0]))
+    return z, grid
+
+
+def _axes(points: np.ndarray) -> tuple[_Axis, _Axis] | None:
+    x = _axis(points[:, 0])
+    y = None if x is None else _axis(points[:, 1])
+    if x is None or y is None or x.size * y.size > min(MAX_CELLS, SPARSE * len(points)):
+        return None
+    return x, y
+
+
+def _axis(values: np.ndarray) -> _Axis | None:
+    """Nodes along an axis; None if coordinates are not evenly spaced."""
+    places = np.unique(values)
+    if not 2 <= len(places) <= len(values) / 2:
+        return None
+    steps = np.diff(places)
+    wide = np.quantile(steps, 0.95, method="lower")  # some are gaps, some two roundings of a node
+    steps = steps[steps > ROUNDING * wide]
+    usual = np.median(steps)
+    step = float(steps[abs(steps - usual) < usual / 2].mean())
+    nodes = np.rint((places - places[0]) / step)
+    if nodes[-1] < 1:
+        return None
+    step = float(f"{(places[-1] - places[0]) / nodes[-1]:.9g}")
+    offset = places - places[0] - nodes * step
+    first = float(np.round(places[0] + np.median(offset), 6))
+    if abs(places - first - nodes * step).max() > ROUNDING * step:
+        return None
+    return _Axis(first, step, np.rint((values - first) / step).astype(np.int64))
+
+
+def _dense(has_point: np.ndarray) -> float:
+    """Fraction of nodes with a point of which at least two of four neighbours have one."""
+    around = np.zeros(has_point.shape, np.int8)
+    around[1:] += has_point[:-1]
+    around[:-1] += has_point[1:]
+    around[:, 1:] += has_point[:, :-1]
+    around[:, :-1] += has_point[:, 1:]
+    return float((around[has_point] >= 2).mean())
