@@ -28,13 +28,13 @@ program rockfall_batch
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_case_file, only: read_case_file
    use rockfall_system, only: start_process, end_at_once, is_folder, is_regular, path_exists, same_file, folder_of, &
-                              temporary_name, take_lock, give_lock_back
+                              temporary_name, take_lock, give_lock_back, check_place
    use rockfall_threads, only: check_team
    use rockfall_console, only: arguments_t, read_arguments, stem, one_line, decimal
    use rockfall_ground, only: ground_t
    use rockfall_scene_file, only: inputs_t, read_scene
    use rockfall_part_file, only: write_part
-   use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, remove_checkpoint
+   use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, name_checkpoint, remove_checkpoint
    use rockfall_run_state, only: run_t
    use rockfall_run_loop, only: run_case
    use rockfall_samples, only: sample_size, sample_sum
@@ -111,6 +111,7 @@ contains
       if (allocated(error)) return
       if (lines_outside(case, inputs%arrays%grid) /= "") &
          call warn("no boulder can cross "//lines_outside(case, inputs%arrays%grid)//": outside the terrain")
+      checkpoint%output = output
       checkpoint%name = output//".checkpoint"
       checkpoint%case => case
       checkpoint%text = text
@@ -118,7 +119,10 @@ contains
       checkpoint%every = arguments%checkpoint
       checkpoint%say => warn
       call run_case(case, inputs%arrays%grid, inputs%scene, arguments%shard, checkpoint, state, error)
-      if (.not. allocated(error)) call write_part(output, temporary_name(output), case, text, inputs, state, error)
+      if (.not. allocated(error)) then
+         call write_part(output, temporary_name(output), case, text, inputs, state, error)
+         if (allocated(error)) call name_checkpoint(checkpoint, error)
+      end if
       if (allocated(error)) return
       call remove_checkpoint(checkpoint)
       call warn_of_breakage(case, state)
@@ -161,7 +165,6 @@ contains
       character(len=*), intent(in) :: output, scene
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
-      integer :: unit, status
 
       if (is_folder(output)) then
          call fail(error, output//": is a folder; a file name is needed")
@@ -174,10 +177,7 @@ contains
       else if (path_exists(output) .and. .not. (arguments%overwrite .or. path_exists(output//".checkpoint"))) then
          call fail(error, output//": already exists; not overwritten (--overwrite replaces it)")
       end if
-      if (allocated(error)) return
-      open (newunit=unit, file=temporary_name(output), status="new", action="write", iostat=status)
-      if (status == 0) close (unit, status="delete", iostat=status)
-      if (status /= 0) call fail(error, output//": cannot be written (is its folder writable?)")
+      if (.not. allocated(error)) call check_place(output, error)
    end subroutine check_output
 
    !> Names of the evaluation lines that lie completely outside the terrain, separated by commas.

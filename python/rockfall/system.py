@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import os
+import shutil
 import signal
 import socket
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,9 +22,17 @@ STOPS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM)
 NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)
 #: Encoding of paths for netCDF, which takes the code page of Windows where Python writes UTF-8.
 NETCDF_NAMES = "mbcs" if sys.platform == "win32" else None
+#: Errors of a disk, quota or file size limit that cannot take more bytes.
+FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG)
+
+
+def check_free(folder: Path, size: int) -> None:
+    """Raise an OSError if the disk of a folder has less than this left [bytes]."""
+    if shutil.disk_usage(folder).free < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
 
 if sys.platform == "win32":
-    import ctypes
     import msvcrt
 
     STOPS = (*STOPS, signal.SIGBREAK)
@@ -55,6 +66,14 @@ if sys.platform == "win32":
             if error.errno not in (errno.EACCES, 0):  # 0: Wine's C library gives no reason
                 raise
             raise BlockingIOError(error.errno, error.strerror) from None
+
+    def has_locks(path: str) -> bool:
+        """Return False if the file system of a file cannot lock files: here all can."""
+        return True
+
+    def reserve(folder: Path, size: int) -> None:
+        """Raise an OSError if a folder cannot hold a file of this size [bytes]."""
+        check_free(folder, size)
 
     def remove_locked(path: Path, descriptor: int) -> None:
         """Close a locked file and remove it; an open one cannot be removed."""
@@ -101,6 +120,33 @@ else:
         it."""
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
+    def has_locks(path: str) -> bool:
+        """Return False if the file system of a file or folder cannot lock files."""
+        try:
+            descriptor = os.open(path, os.O_RDONLY)
+        except OSError:
+            return True
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+        finally:
+            os.close(descriptor)
+        return True
+
+    def reserve(folder: Path, size: int) -> None:
+        """Raise an OSError if a folder cannot hold a file of this size [bytes]; where the system
+        can reserve space, quotas and `ulimit -f` count too."""
+        with tempfile.TemporaryFile(dir=folder) as file:
+            allocate = getattr(ctypes.CDLL(None, use_errno=True), "fallocate", None)  # Linux
+            if allocate and allocate(file.fileno(), 0, ctypes.c_long(0), ctypes.c_long(size)) == 0:
+                return
+            if allocate and (reason := ctypes.get_errno()) in FULL:
+                raise OSError(reason, os.strerror(reason))
+        check_free(folder, size)
+
     def remove_locked(path: Path, descriptor: int) -> None:
         """Remove a locked file and close it; no other process may lock it in between."""
         with suppress(OSError):  # another process has removed it
@@ -108,10 +154,13 @@ else:
         os.close(descriptor)
 
     def sync(path: Path) -> None:
-        """Flush a file, or the entries of a folder, to disk."""
+        """Flush a file, or the entries of a folder, to disk; some file systems flush no folders."""
         descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)
+        except OSError:
+            if not path.is_dir():
+                raise
         finally:
             os.close(descriptor)
 

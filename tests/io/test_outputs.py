@@ -229,6 +229,8 @@ def failing(call, error):
     done = []
 
     def replace(source, target):
+        if source.name == "part":  # the trial before
+            return os.replace(source, target)
         done.append(source)
         if len(done) == call:
             raise error
@@ -251,8 +253,14 @@ def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, ca
         with atomic_folder(folder, last="z.csv") as part:
             for name in ("a.csv", "b.csv", "z.csv"):
                 (part / name).write_text(NEW)
+    kept = tmp_path / "folder-2"
     if isinstance(error, OSError):
-        assert str(caught.value) == f"{folder}: cannot be written: No space left on device"
+        told = "no renaming: No space left on device. The new files are in"
+        assert str(caught.value) == f"{folder}: {told} {kept}"
+        assert {path.name: path.read_text() for path in kept.iterdir()} == dict.fromkeys(
+            ("a.csv", "b.csv", "z.csv"), NEW
+        )
+        shutil.rmtree(kept)
     assert contents(tmp_path) == before
     monkeypatch.undo()
     with atomic_folder(folder, last="z.csv") as part:
@@ -264,11 +272,14 @@ def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, ca
 
 def test_folders_that_were_not_there_are_not_left(tmp_path, monkeypatch):
     monkeypatch.setattr("rockfall.io.output_files.replace", failing(2, OSError(5, "broken")))
-    with pytest.raises(rockfall.RockfallError, match="broken"):
+    with pytest.raises(rockfall.RockfallError, match="broken") as caught:
         with atomic_folder(tmp_path / "some" / "where") as part:
             (part / "a").touch()
             (part / "b").touch()
-    assert not list(tmp_path.iterdir())
+    (kept,) = tmp_path.glob(".rockfall-*/new")  # there is no folder beside which they could be
+    assert str(caught.value).endswith(f"broken. The new files are in {kept}")
+    assert not (tmp_path / "some").exists()
+    assert sorted(path.name for path in kept.iterdir()) == ["a", "b"]
 
 
 HELD = PermissionError(13, "Access is denied", "a.csv")
@@ -336,6 +347,10 @@ def test_a_command_that_fails_half_way_changes_nothing(name, place, monkeypatch,
             once.setattr("rockfall.io.output_files.replace", broken)
             capsys.readouterr()
             assert main(words) == 2
-        assert "cannot be written: No space left on device" in capsys.readouterr().err
+        said = capsys.readouterr().err
+        assert "no renaming: No space left on device. The new files are in" in said
+        kept = Path(said.split()[-1])
+        assert any(kept.iterdir())
+        shutil.rmtree(kept.parent if kept.name == "new" else kept)
         assert contents(place) == before and not list(place.glob(".*"))
         assert main(words) == 0

@@ -5,18 +5,18 @@ module rockfall_checkpoint
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
-   use rockfall_system, only: path_exists, remove_file, hidden_name, interrupt_status, say_to
+   use rockfall_system, only: path_exists, remove_file, hidden_name, interrupt_status, say_to, check_space
    use rockfall_case, only: case_t
    use rockfall_scene_file, only: inputs_t
-   use rockfall_part_file, only: write_part, read_part, boulders_in
+   use rockfall_part_file, only: write_part, read_part, row_bytes, boulders_in
    use rockfall_run_state, only: run_t
    use rockfall_run_loop, only: run_observer_t, save_rest
    implicit none
    private
-   public :: checkpoint_t, check_checkpoint, remove_checkpoint
+   public :: checkpoint_t, check_checkpoint, name_checkpoint, remove_checkpoint
 
    type, extends(run_observer_t) :: checkpoint_t
-      character(len=:), allocatable :: name
+      character(len=:), allocatable :: output, name  !! of the run, of its checkpoint
       type(case_t), pointer :: case => null()
       character(len=:), allocatable :: text         !! of the case, with options of the command line
       type(inputs_t), pointer :: inputs => null()
@@ -47,12 +47,23 @@ contains
       end if
    end subroutine check_checkpoint
 
-   !> Continue from the file, if it exists.
+   !> Name the checkpoint, if it exists, in the error of a result that could not be written.
+   subroutine name_checkpoint(this, error)
+      type(checkpoint_t), intent(in) :: this
+      type(error_t), intent(inout) :: error
+
+      if (path_exists(this%name)) error%message = error%message//". "//this%name//" keeps " &
+                                                  //integer_text(boulders_in(this%name))//" boulders for --resume"
+   end subroutine name_checkpoint
+
+   !> Check the disk, and continue from the file, if it exists.
    subroutine on_start(this, run, error)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
 
+      call check_space(this%output, row_bytes(run), error)
+      if (allocated(error)) return
       call wait_for(this, this%every)
       if (.not. path_exists(this%name)) return
       call read_part(this%name, this%text, this%inputs, run, error)

@@ -22,11 +22,11 @@ module rockfall_part_file
    use rockfall_same_run, only: identity_t, difference
    use rockfall_scene_file, only: inputs_t
    use rockfall_state_table, only: array_t, table_t
-   use rockfall_run_state, only: run_t, rows_of, settle_run, restore_run
+   use rockfall_run_state, only: run_t, arrays_of, rows_of, settle_run, restore_run
    use rockfall_part, only: part_t, part_lengths_t, pack_part, make_room, unpack_part, part_arrays
    implicit none
    private
-   public :: write_part, read_part, boulders_in
+   public :: write_part, read_part, row_bytes, boulders_in
 
    character(len=*), parameter :: types(*) = ["i1", "i4", "i8", "f4", "f8"]  !! as in `stored_as`
    integer, parameter :: kinds(*) = [nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double]
@@ -62,7 +62,7 @@ contains
       if (done) done = replace_file(part, name)
       if (done) return
       if (is_ok(file)) then
-         call fail(error, name//": cannot be replaced; is it open in another program? The new file is "//part)
+         call fail(error, name//": cannot be renamed; is it open in another program? The new file is "//part)
       else
          done = remove_file(part)
          call fail(error, name//": cannot be written: "//trim(nf90_strerror(file%status))//" (the disk may be full)")
@@ -226,6 +226,22 @@ contains
       call record_status(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=1, size(statuses))]))
       call record_status(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
    end subroutine pass_array
+
+   !> Size of the rows of all boulders [bytes]: every file of the run is larger.
+   integer(i8) function row_bytes(run)
+      type(run_t), intent(inout), target :: run
+      type(table_t) :: table
+      integer :: k
+
+      table = arrays_of(run)
+      row_bytes = 0
+      do k = 1, size(table%row)
+         associate (row => table%row(k))
+            if (row%axis(1) == "boulder" .and. row%variable%group /= "work") &
+               row_bytes = row_bytes + bytes_of(row)*product(row%length)
+         end associate
+      end do
+   end function row_bytes
 
    pure integer function bytes_of(row)
       type(array_t), intent(in) :: row

@@ -5,10 +5,13 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
+#include <stdint.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -52,6 +55,7 @@ void rockfall_start(void)
 {
     int file;
 
+    setenv("HDF5_USE_FILE_LOCKING", "FALSE", 0); /* it fails where there are no locks, and we need none of its */
     while ((file = open("/dev/null", O_RDWR)) >= 0 && file <= STDERR_FILENO)
         ;
     if (file > STDERR_FILENO)
@@ -143,6 +147,25 @@ void rockfall_unlock(void)
     close(lock_file);
 }
 
+/* Whether the disk can hold a file of this size, which is created and removed. Where the system can reserve space,
+   quotas and `ulimit -f` count too. */
+int rockfall_disk_holds(const char *path, int64_t bytes)
+{
+    struct statvfs disk;
+    int file = open(path, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW, 0600), full = 0;
+
+    if (file < 0)
+        return 1; /* for others to report */
+#if defined(__linux__)
+    full = fallocate(file, 0, 0, bytes) != 0 && (errno == ENOSPC || errno == EDQUOT || errno == EFBIG);
+#endif
+    close(file);
+    if (!full && statvfs(path, &disk) == 0)
+        full = (double)disk.f_bavail * (double)disk.f_frsize < (double)bytes;
+    unlink(path);
+    return !full;
+}
+
 /* Flush a file, or the names in a folder, to disk. */
 static int sync_path(const char *path)
 {
@@ -158,7 +181,10 @@ static int sync_path(const char *path)
 /* Replace a file atomically by another once it is on disk, and make the new name durable. */
 int rockfall_replace(const char *from, const char *to, const char *folder)
 {
-    return sync_path(from) && rename(from, to) == 0 && sync_path(folder);
+    if (!sync_path(from) || rename(from, to) != 0)
+        return 0;
+    sync_path(folder); /* which some file systems refuse */
+    return 1;
 }
 
 /* Character other than '/' that separates folders in paths, if there is one. */

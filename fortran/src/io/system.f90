@@ -1,13 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Signals, locks and names of files, by system.c or system_windows.c.
 module rockfall_system
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_null_char
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
    implicit none
    private
    public :: start_process, end_at_once, interrupt_status, begin_reading, end_reading
-   public :: take_lock, give_lock_back, say_to, remove_file, replace_file
+   public :: take_lock, give_lock_back, say_to, remove_file, replace_file, check_place, check_space
    public :: path_exists, is_folder, is_regular, same_file, folder_of, name_of, hidden_name, temporary_name
 
    interface
@@ -39,6 +39,11 @@ module rockfall_system
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: from(*), to(*), folder(*)
       end function c_replace
+      integer(c_int) function c_disk_holds(path, bytes) bind(c, name="rockfall_disk_holds")
+         import :: c_char, c_int, c_int64_t
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int64_t), value :: bytes
+      end function c_disk_holds
       integer(c_int) function c_is_folder(path) bind(c, name="rockfall_is_folder")
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: path(*)
@@ -110,6 +115,48 @@ contains
 
       replace_file = c_replace(from//c_null_char, to//c_null_char, folder_of(to)//"."//c_null_char) /= 0
    end function replace_file
+
+   !> Refuse an output in a folder without permission to write, or that cannot rename a file over another.
+   subroutine check_place(name, error)
+      character(len=*), intent(in) :: name
+      type(error_t), allocatable, intent(out) :: error
+      character(len=:), allocatable :: from, to
+      logical :: ok
+
+      from = temporary_name(name)
+      to = from//".renamed"
+      ok = make_empty(from)
+      if (.not. ok) then
+         call fail(error, name//": cannot be written (is its folder writable?)")
+         return
+      end if
+      if (make_empty(to)) ok = replace_file(from, to)
+      if (.not. ok) call fail(error, name//": its folder cannot rename files, choose another folder")
+      if (.not. ok) ok = remove_file(from)
+      ok = remove_file(to)
+   end subroutine check_place
+
+   !> Create an empty file; return whether it succeeded.
+   logical function make_empty(name)
+      character(len=*), intent(in) :: name
+      integer :: unit, status
+
+      open (newunit=unit, file=name, status="new", action="write", iostat=status)
+      make_empty = status == 0
+      if (make_empty) close (unit, iostat=status)
+   end function make_empty
+
+   !> Refuse an output of at least this size [bytes] that the disk of its folder cannot hold.
+   subroutine check_space(name, bytes, error)
+      character(len=*), intent(in) :: name
+      integer(c_int64_t), intent(in) :: bytes
+      type(error_t), allocatable, intent(out) :: error
+
+      if (bytes <= 0) return
+      if (c_disk_holds(temporary_name(name)//c_null_char, bytes) == 0) &
+         call fail(error, name//": needs at least "//integer_text(bytes/1000000 + 1) &
+                   //" MB of disk, more than its folder can take")
+   end subroutine check_space
 
    logical function path_exists(path)
       character(len=*), intent(in) :: path

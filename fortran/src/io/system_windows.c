@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <io.h>
 #include <signal.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/locking.h>
@@ -127,6 +128,18 @@ void rockfall_unlock(void)
     close_lock();
     remove(lock);
     lock[0] = '\0';
+}
+
+/* Whether the disk of a path has this much left; 1 where it is not known. */
+int rockfall_disk_holds(const char *path, int64_t bytes)
+{
+    char folder[4096], *name = NULL;
+    ULARGE_INTEGER left;
+
+    if (GetFullPathNameA(path, sizeof folder, folder, &name) == 0 || name == NULL)
+        return 1;
+    *name = '\0';
+    return !GetDiskFreeSpaceExA(folder, &left, NULL, NULL) || left.QuadPart >= (ULONGLONG)bytes;
 }
 
 /* Try for a second: virus scanners and backups hold new files open. */

@@ -127,7 +127,9 @@ class Task:
             if not self._resume:
                 checkpoint.remove()
             scene = read_scene(case, memory=machine_memory())
-            write_result(simulate(scene, checkpoint=checkpoint, keep=False), path)
+            result = simulate(scene, checkpoint=checkpoint, keep=False)
+            with checkpoint.named():
+                write_result(result, path)
             checkpoint.remove()
 
     def _run(self, case: Case) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -97,7 +98,7 @@ def _run_to(
             result = _simulate(scene, arguments, shard, checkpoint)
         except Interrupted as stop:
             return _keep(stop.contents, path, checkpoint)
-        write_result(result, path)
+        _write(result, path, checkpoint)
     if checkpoint:
         checkpoint.remove()
     for verdict in verdicts_of(result):
@@ -107,6 +108,12 @@ def _run_to(
         print(summary(result))
         print(path)
     return DONE
+
+
+def _write(result: Contents, path: Path, checkpoint: Checkpoint | None) -> None:
+    """Write a result; if this fails, its checkpoint is named."""
+    with checkpoint.named() if checkpoint else nullcontext():
+        write_result(result, path)
 
 
 def _simulate(
@@ -129,7 +136,7 @@ def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
     done, requested = simulated(result), result.attrs["boulders_requested"]
     if not done:
         raise KeyboardInterrupt
-    write_result(result, path)
+    _write(result, path, checkpoint)
     if "part_layout" in result.attrs:
         holds = f"{path} holds {done:,} boulders of the part"
     else:

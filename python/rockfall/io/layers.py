@@ -37,6 +37,7 @@ from rockfall.io.gdal_files import plain_file
 from rockfall.io.grid import NO_ID, Grid
 from rockfall.io.polygons import held_cells
 from rockfall.language import remark
+from rockfall.system import has_locks
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -469,7 +470,7 @@ def _plain_layer(path: str) -> str | bytes:
         return name
     if start.startswith(b"SQLite format 3\0"):
         _check_geopackage(path, start)
-        return name
+        return name if has_locks(name) else Path(path).read_bytes()  # SQLite would lock it
     if start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
         return _plain_geojson(path)
     raise RockfallError(

@@ -10,13 +10,19 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from rockfall.errors import RockfallError
 from rockfall.io.files import CLASSIC, check_regular, start_of
-from rockfall.system import NETCDF_NAMES
+from rockfall.system import NETCDF_NAMES, has_locks
 
 if TYPE_CHECKING:
     import netCDF4
     import xarray as xr
 
 Mode = Literal["r", "w", "x", "a"]
+_LOCKING = "HDF5_USE_FILE_LOCKING"
+
+# HDF5 locks the files that it reads or writes, and fails on file systems without locks. Nothing
+# here needs these locks: files are written under temporary names. HDF5 reads the variable when it
+# opens its first file.
+os.environ.setdefault(_LOCKING, "FALSE")
 
 
 def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
@@ -33,8 +39,6 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
     check_letters(path)
     # absolute, since netCDF takes other names for addresses
     name = os.path.abspath(path)
-    if NETCDF_NAMES is None or name.isascii():
-        return netCDF4.Dataset(name, mode)
 
     class Named(netCDF4.Dataset):
         """A file whose name xarray can ask for."""
@@ -42,7 +46,16 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
         def filepath(self, encoding: str | None = None) -> str:
             return super().filepath(encoding or NETCDF_NAMES)
 
-    return Named(name, mode, encoding=NETCDF_NAMES)
+    try:
+        if NETCDF_NAMES is None or name.isascii():
+            return netCDF4.Dataset(name, mode)
+        return Named(name, mode, encoding=NETCDF_NAMES)
+    except OSError as error:
+        if has_locks(name if os.path.exists(name) else os.path.dirname(name)):
+            raise
+        raise RockfallError(
+            f"{path}: HDF5 cannot lock files on this file system; set {_LOCKING}=FALSE"
+        ) from error
 
 
 def check_letters(path: str | Path) -> None:

@@ -15,9 +15,15 @@ from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
-from rockfall.io.files import IN_USE, TEMPORARY, check_regular, keep_next_to
+from rockfall.io.files import (
+    TEMPORARY,
+    check_regular,
+    check_renaming,
+    keep_next_to,
+    not_replaced,
+)
 from rockfall.io.netcdf import check_letters
-from rockfall.system import replace
+from rockfall.system import replace, reserve
 
 RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 EXISTS = "already exists; not overwritten (--overwrite replaces it)"
@@ -37,26 +43,46 @@ def overwriting(allowed: bool) -> Iterator[None]:
         _replacing.reset(before)
 
 
-def check_result_path(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse an output path for a result before the work starts."""
-    check_output(path, inputs)
+def check_result_path(
+    path: str | Path, inputs: Iterable[str | Path] = (), *, tries: bool = True
+) -> None:
+    """Refuse an output path for a result before the work starts; see `check_output`."""
+    check_output(path, inputs, tries=tries)
     check_letters(path)
     if not RESULT_NAME.search(Path(path).name):
         raise RockfallError(f"{path}: results are netCDF files, their names must end in .nc")
 
 
-def check_output(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
+def check_output(
+    path: str | Path, inputs: Iterable[str | Path] = (), *, tries: bool = True
+) -> None:
     """Refuse an output path before the work starts: an input, an existing file unless
-    `overwriting` allows it, a folder, a missing folder, or a path that is not writable."""
+    `overwriting` allows it, a folder, a missing folder, or a path that is not writable, which is
+    only tried if requested: after the work what is finished shall be written anywhere."""
     path = Path(path)
     check_outputs([path], inputs)
     if not path.parent.is_dir():
         raise RockfallError(f"{path}: there is no folder {path.parent}")
+    if tries:
+        _check_place(path, path.parent)
+
+
+def _check_place(path: Path, folder: Path) -> None:
+    """Refuse an output in a folder without permission to write, or that cannot rename files."""
     try:
-        tempfile.TemporaryFile(dir=path.parent).close()
+        check_renaming(folder)
+    except OSError as error:
+        cannot = "cannot rename files" if error.filename2 else "is not writable"
+        raise RockfallError(f"{path}: folder {folder} {cannot}: {error.strerror}") from error
+
+
+def check_space(path: Path, size: int) -> None:
+    """Refuse an output of at least this size [bytes] that the disk of its folder cannot hold."""
+    try:
+        reserve(path.parent, size)
     except OSError as error:
         raise RockfallError(
-            f"{path}: folder {path.parent} is not writable: {error.strerror}"
+            f"{path}: needs at least {size / 1e6:,.1f} MB of disk: {error.strerror}"
         ) from error
 
 
@@ -88,10 +114,19 @@ def why_unwritten(error: Exception, folder: Path) -> str:
     return os.strerror(errno.ENOSPC) if full else str(error)
 
 
-def check_folder(folder: Path) -> None:
-    """Refuse a file in place of a folder; the folder need not exist."""
+def check_folder(folder: Path, *, tries: bool = True) -> None:
+    """Refuse a file in place of a folder, and, if this shall be tried, one that is not writable;
+    the folder need not exist."""
     if folder.exists() and not folder.is_dir():
         raise RockfallError(f"{folder}: is a file, a folder is needed")
+    if tries:
+        _check_place(folder, _existing(folder))
+
+
+def _existing(folder: Path) -> Path:
+    """The folder, or the nearest of its parents that exists."""
+    place = folder.resolve()
+    return next(path for path in (place, *place.parents) if path.exists())
 
 
 @contextmanager
@@ -102,12 +137,11 @@ def atomic_folder(
     the end. If it fails, nothing has changed; if a file of it cannot be replaced, as on Windows one
     that is open, the new ones are left in a folder next to it."""
     folder = Path(folder)
-    check_folder(folder)
-    place = folder.resolve()
-    base = next(path for path in (place, *place.parents) if path.exists())
-    part = None
+    check_folder(folder, tries=False)
+    part = kept = None
     try:
-        part = Path(tempfile.mkdtemp(dir=base, prefix=TEMPORARY))  # accessible to its owner only
+        # accessible to its owner only
+        part = Path(tempfile.mkdtemp(dir=_existing(folder), prefix=TEMPORARY))
         new, old = part / "new", part / "old"
         for path in new, old:
             path.mkdir()
@@ -120,17 +154,19 @@ def atomic_folder(
         try:
             with _made(folder), interrupts():  # all of them, or none
                 _move_all(moves)
-        except PermissionError as error:
-            kept = keep_next_to(folder, new)
+        except OSError as error:
+            kept = keep_next_to(folder.resolve(), new)
             raise RockfallError(
-                f"{error.filename}: {IN_USE} The new files are in {kept}"
+                f"{error.filename or folder}: {not_replaced(error)} The new files are in {kept}"
             ) from error
     except OSError as error:
         raise RockfallError(f"{folder}: cannot be written: {error.strerror or error}") from error
     except RockfallError as error:
+        if kept is not None:
+            raise
         raise RockfallError(str(error).replace(str(new), str(folder)), error.code) from error
     finally:
-        if part:
+        if part and kept != new:
             shutil.rmtree(part, ignore_errors=True)
 
 

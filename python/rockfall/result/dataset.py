@@ -118,7 +118,7 @@ def write_result(result: Held, path: str | Path) -> None:
     >>> import rockfall
     >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "other.nc")
     """
-    check_result_path(path, files_behind(result))
+    check_result_path(path, files_behind(result), tries=False)
     with atomic_write(path) as part:
         put_netcdf(result, part, path)
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import csv
 import re
+import shutil
 import sqlite3
+import tempfile
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -44,6 +46,7 @@ from rockfall.result.trajectory_layers import (
 )
 from rockfall.result.validate import check_dimensions
 from rockfall.result.vector_style import STYLES, Style, put_styles
+from rockfall.system import has_locks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -483,7 +486,7 @@ def write_geopackage(
     import pyogrio
     import shapely
 
-    with atomic_write(path) as part, warnings.catch_warnings():
+    with atomic_write(path) as named, _lockable(named) as part, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "'crs' was not provided")
         try:
             for layer, (kind, parts) in layers.items():
@@ -508,6 +511,18 @@ def write_geopackage(
             reason = why_unwritten(error, part.parent)
             raise RockfallError(f"{path}: cannot be written: {reason}") from error
     return path
+
+
+@contextmanager
+def _lockable(path: Path) -> Iterator[Path]:
+    """Yield the path, or one in the system's temporary folder if SQLite could not lock it here; the
+    file is then moved."""
+    if has_locks(str(path.parent)):
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield (place := Path(folder) / path.name)
+        shutil.copyfile(place, path)
 
 
 def _check_arrived(path: Path, layer: str, features: int) -> None:

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
+from rockfall.io.output_files import check_space
 from rockfall.result.dataset import put_netcdf
 from rockfall.simulation.part_file import CLOCKS, boulders_in, make_part, read_part
 from rockfall.simulation.tally import Tally, origin_of
@@ -38,7 +39,7 @@ class Checkpoint:
         say: Callable[[str], None] = lambda _: None,
         keep: bool = False,
     ) -> None:
-        output = Path(output)
+        self.output = output = Path(output)
         self.path = checkpoint_of(output)
         self.part = output.with_name(f".{output.name}.checkpoint")  # until it is complete
         self.every, self.say = every, say
@@ -57,6 +58,11 @@ class Checkpoint:
                 "another output"
             )
         return boulders
+
+    def check_space(self, tally: Tally) -> None:
+        """Refuse a run whose rows do not fit on the disk of the output."""
+        if not self.keep or np.isfinite(self.every):
+            check_space(self.output, tally.row_bytes)
 
     def restore(self, tally: Tally) -> None:
         """Resume from the file, if it exists. A damaged file, or one of another case, input,
@@ -106,6 +112,17 @@ class Checkpoint:
             tally.run.forget_part()
         end = time.monotonic()
         self.next = end + max(self.every, REST * (end - begun))
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Name the file, if it exists, in an error of what is done with the result."""
+        try:
+            yield
+        except RockfallError as error:
+            if not (boulders := self.found()):
+                raise
+            kept = f"{self.path} keeps {boulders:,} boulders for --resume"
+            raise RockfallError(f"{error}. {kept}", error.code) from error
 
     def remove(self) -> None:
         """Remove the file after the run has been written."""

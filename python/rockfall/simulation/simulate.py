@@ -135,6 +135,7 @@ def simulate(
     with interrupts() as interrupted:  # no chunk is lost half-way
         tally = start(scene, threads, shard)
         if checkpoint:
+            checkpoint.check_space(tally)
             checkpoint.restore(tally)
         with progress_bar(tally.boulders, shown=progress) as advance:
             advance(tally.done)

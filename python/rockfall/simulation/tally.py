@@ -122,6 +122,12 @@ class Tally:
         return next((array.values for array in self.run.arrays("kept")), None)
 
     @property
+    def row_bytes(self) -> int:
+        """Size of the rows of all boulders [bytes]: every file of the run is larger."""
+        rows = (array for array in self.run.arrays() if "boulder" in array.dims)
+        return sum(array.values.nbytes for array in rows if array.group != "work")
+
+    @property
     def rows(self) -> int:
         """Rows of the boulders done."""
         return self.numbers().size
