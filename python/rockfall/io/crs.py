@@ -228,7 +228,7 @@ def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None =
 def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
     """Add a remark if the centre of a raster lies outside the area of use of its CRS; refuse it if
     x and y are exchanged."""
-    code = None if grid.crs is None else _in_plan(grid.crs).to_epsg()
+    code = None if grid.crs is None else in_plan(grid.crs).to_epsg()
     if code is None:
         return
     import pyproj
