@@ -121,8 +121,8 @@ def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: b
     odd = ~((z >= HEIGHTS[0]) & (z <= HEIGHTS[1])) & ~np.isin(z, MISSING) & (abs(z) <= MAX_REAL)
     for row in np.flatnonzero(odd)[:1].tolist():
         raise RockfallError(
-            f"{path}: line {table.index[row] + 1}: the third column, {z[row]:.10g}, is no height of "
-            f"land [m]: {cure}"
+            f"{path}: line {table.index[row] + 1}: the third column, {z[row]:.10g}, is no height "
+            f"of land [m]: {cure}"
         )
 
 
