@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Roots of covariances: the one rule by which the kernel, the laboratory and the planes accept a covariance and draw
-!> from it (theory, chapter 5). Only + - * / and sqrt in a fixed order: the same bits on all machines. Optimised
-!> libraries differ in the last bits, and disagree on the rank of singular matrices.
+!> from it (theory, chapter 5). LAPACK's Cholesky factor is the root where the correlations are clearly definite.
+!> Libraries disagree on the rank of singular matrices, so rotations in a fixed order decide that, and are the root of
+!> the others.
 module rockfall_covariance
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail, our_fault
    use rockfall_text, only: integer_text, real_text
@@ -12,19 +13,29 @@ module rockfall_covariance
    public :: covariance_root, product_of, printed_tolerance
 
    real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! of correlations [-]
-   !> Eigenvalues of correlations above this are no rounding errors: the covariance is drawn as given [-].
-   real(wp), parameter :: clearly_definite = 64*epsilon(1.0_wp)
+   !> Eigenvalues of correlations above this are far above rounding errors: Cholesky's method cannot fail [-].
+   real(wp), parameter :: clearly_definite = 1.0e-12_wp
    !> Six printed digits change a correlation by up to 1e-5, so an eigenvalue of nine by up to 9e-5 [-].
    real(wp), parameter :: printed_tolerance = 1.0e-4_wp
    real(wp), parameter :: product_tolerance = 1.0e-12_wp   !! of the product of a root, in correlations [-]
    real(wp), parameter :: negligible = 1.0e-30_wp  !! entry next to 1 that needs no rotation [-]
    integer, parameter :: max_sweeps = 30           !! usually 6 to 10
 
+   interface  ! LAPACK
+      pure subroutine dpotrf(uplo, n, a, lda, info)
+         import :: wp
+         character, intent(in) :: uplo
+         integer, intent(in) :: n, lda
+         real(wp), intent(inout) :: a(lda, *)
+         integer, intent(out) :: info
+      end subroutine dpotrf
+   end interface
+
 contains
 
-   !> Root L of a covariance C, C = L L^T: with the standard deviations D and the correlations R = V E V^T,
-   !> L = D V sqrt(E). `drawn` is C itself where R is clearly definite. Otherwise it is L L^T, with negative eigenvalues
-   !> set to zero: then D^-1 L L^T D^-1 is the semidefinite matrix nearest to R.
+   !> Root L of a covariance C, C = L L^T, with the standard deviations D and the correlations R = V E V^T. Where R is
+   !> clearly definite, D^-1 L is its Cholesky factor, and `drawn` is C itself. Otherwise L = D V sqrt(E) with negative
+   !> eigenvalues set to zero, and `drawn` is L L^T: D^-1 L L^T D^-1 is the semidefinite matrix nearest to R.
    !> Errors: not finite, not symmetric, a negative variance, an entry without variance, indefinite.
    pure subroutine covariance_root(name, c, root, drawn, error)
       character(len=*), intent(in) :: name           !! of C, for messages
@@ -34,6 +45,7 @@ contains
       real(wp), dimension(size(c, 1), size(c, 1)) :: correlation, vectors, product
       real(wp), dimension(size(c, 1)) :: deviation, eigenvalue
       integer :: i, k, n
+      logical :: is_definite
 
       n = size(c, 1)
       root = 0
@@ -57,11 +69,16 @@ contains
                    //real_text(minval(eigenvalue), 3)//", must be >= 0")
          return
       end if
-      do k = 1, n
-         root(:, k) = vectors(:, k)*sqrt(max(0.0_wp, eigenvalue(k)))
-      end do
+      is_definite = minval(eigenvalue) > clearly_definite
+      if (is_definite) then
+         root = cholesky(correlation)
+      else
+         do k = 1, n
+            root(:, k) = vectors(:, k)*sqrt(max(0.0_wp, eigenvalue(k)))
+         end do
+      end if
       product = product_of(root)
-      if (maxval(abs(product - correlation)) > product_tolerance - min(0.0_wp, minval(eigenvalue))) then
+      if (.not. all(abs(product - correlation) <= product_tolerance - min(0.0_wp, minval(eigenvalue)))) then
          call fail(error, "internal error: the root of the "//name//" is inaccurate", our_fault)
          return
       end if
@@ -69,8 +86,22 @@ contains
          drawn(:, k) = deviation*product(:, k)*deviation(k)
          root(:, k) = deviation*root(:, k)
       end do
-      if (minval(eigenvalue) > clearly_definite) drawn = c
+      if (is_definite) drawn = c
    end subroutine covariance_root
+
+   !> Lower triangular L with L L^T = R for a definite R; NaN where LAPACK fails, which the check of the product finds.
+   pure function cholesky(r) result(root)
+      real(wp), intent(in) :: r(:, :)  !! [-]
+      real(wp) :: root(size(r, 1), size(r, 1))
+      integer :: info, k
+
+      root = r
+      call dpotrf("L", size(r, 1), root, size(r, 1), info)
+      if (info /= 0) root = ieee_value(1.0_wp, ieee_quiet_nan)
+      do k = 2, size(r, 1)
+         root(:k - 1, k) = 0
+      end do
+   end function cholesky
 
    !> Product L L^T, summed in the same order on every machine.
    pure function product_of(root) result(c)
