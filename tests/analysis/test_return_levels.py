@@ -15,8 +15,9 @@ from programs import refuses
 from rockfall.analysis.generalised_pareto import fit_gpd
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Values
-from rockfall.analysis.return_levels import QUANTITIES, _profiled, tail
+from rockfall.analysis.return_levels import QUANTITIES, Level, _profiled, _rising, tail
 from rockfall.cli import main
+from rockfall.html_report.intervals import estimate, rising_estimates
 from rockfall.quantities import QUANTITIES as SHOWN
 from rockfall.text import line_tables as linetables
 from rockfall.text.summary import summary
@@ -53,6 +54,51 @@ TAILS = {
     "heavy": stats.genpareto(0.2, 5, 2),
     "bounded": stats.beta(2, 5, 0, 40),
 }
+
+
+SAMPLES = {  # of which the tail's levels may lie below those of the sample
+    "uniform": lambda random, n: random.uniform(size=n),
+    "steps": lambda random, n: random.integers(0, 40, n).astype(float),
+    "two kinds": lambda random, n: (
+        np.where(random.uniform(size=n) < 0.01, 5.0, 0.0) + random.uniform(size=n)
+    ),
+    "bounded": lambda random, n: 40 * random.beta(2, 5, n),
+    "edge": lambda random, n: 10 * random.beta(1, 1.2, n),
+    "heavy": lambda random, n: 5 + random.pareto(5, n),
+    "exponential": lambda random, n: 10 + random.exponential(3, n),
+    "rounded": lambda random, n: random.exponential(3, n).round(1),
+    "lognormal": lambda random, n: random.lognormal(0, 0.5, n),
+    "Weibull": lambda random, n: random.weibull(3, n),
+}
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+@pytest.mark.parametrize("size", [1200, 30_000])
+def test_levels_and_their_limits_do_not_fall_with_rarity(name, size):
+    values = SAMPLES[name](np.random.default_rng(5), size)
+    made = tail(values, levels=(100_000, 10_000, 1000, 100, 30)).levels
+    given = np.array([made[N][:3] for N in sorted(made) if not made[N].refused])
+    assert len(given) and np.all(np.diff(given, axis=0) >= 0)
+    assert np.all(given[:, 1] <= given[:, 0]) and np.all(given[:, 0] <= given[:, 2])
+
+
+def test_a_level_of_the_tail_is_not_below_one_of_the_sample():
+    levels = {1000: Level(30.0, 29.0, 31.0), 10_000: Level(29.5, 28.0, 30.5),
+              100_000: Level(refused="too long"), 1_000_000: Level(40.0, 28.5, np.inf)}  # fmt: skip
+    found = _rising(levels)
+    assert found[10_000] == Level(30.0, 29.0, 31.0) and found[100_000].refused == "too long"
+    assert found[1_000_000] == Level(40.0, 29.0, np.inf)
+
+
+def test_levels_as_written_do_not_fall_with_rarity():
+    """Digits justified by a wide interval would make 24.46 of a later level 24, after 24.4."""
+    row = {"level_1000": 24.4, "level_1000_low": 24.3, "level_1000_high": 24.5,
+           "level_10000": 24.46, "level_10000_low": 20.0, "level_10000_high": 31.0,
+           "level_100000": 39.9, "level_100000_low": 24.0, "level_100000_high": 60.0}  # fmt: skip
+    names = ["level_1000", "level_10000", "level_100000"]
+    shown = [value for value, _ in rising_estimates(row, names, "speed")]
+    assert shown == ["24.40", "24.46", "40"]
+    assert estimate(row, "level_10000", "speed")[0] == "24"
 
 
 def test_intervals_hold_the_levels_of_known_distributions():

@@ -3,6 +3,7 @@
 what they came from."""
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,13 @@ import pytest
 
 import rockfall
 import slope_case
+from rockfall.case import case_of, given_text
 from rockfall.cli import main
 from rockfall.html_report.intervals import rows_of
-from rockfall.html_report.tables import line_tables
-from rockfall.office.workbook import UNITS, Sheet, write_workbook
+from rockfall.html_report.render import _environment
+from rockfall.html_report.tables import line_tables, provenance
+from rockfall.language import speaking, translated
+from rockfall.office.workbook import UNITS, Sheet, number_format, write_workbook
 from rockfall.scene.layers import file_checksum
 
 openpyxl = pytest.importorskip("openpyxl", reason="the office extra is not installed")
@@ -105,6 +109,39 @@ def test_every_column_of_numbers_has_a_unit(site, path):
         assert page.freeze_panes == "A2"
 
 
+@pytest.mark.parametrize(
+    "value, shown",
+    [
+        (1234567.891, "1,234,568"), (999.4, "999"), (12.345, "12.3"), (-12.345, "-12.3"),
+        (1.2345, "1.23"), (0.012345, "0.0123"), (0.001, "0.00100"), (0.0, "0"),
+        (1.2e-9, "0.00E+00"), (100.0, "100"), (99.99, "100.0"),
+    ],
+)  # fmt: skip
+def test_a_number_is_shown_with_its_digits_that_count(value, shown):
+    """As Excel shows it by the format: thousands, and decimals of small numbers only."""
+    form = number_format(value)
+    assert re.fullmatch(r"#,##0(\.0+)?|0\.00E\+00", form)
+    _, _, decimals = form.partition(".")
+    assert (form if "E" in form else f"{value:,.{len(decimals)}f}") == shown
+
+
+@pytest.mark.parametrize("path", ["all/tables.xlsx", "sheet/design.xlsx"])
+def test_a_workbook_is_printed_one_page_wide(site, path):
+    for page in openpyxl.load_workbook(path).worksheets:
+        is_table = page.title != "provenance"
+        assert page.sheet_properties.pageSetUpPr.fitToPage
+        assert (page.page_setup.fitToWidth, page.page_setup.fitToHeight) == (1, 0)
+        assert int(page.page_setup.paperSize) == int(page.PAPERSIZE_A4)
+        assert page.page_setup.orientation == ("landscape" if is_table else "portrait")
+        assert page.print_title_rows == ("$1:$1" if is_table else None)
+        wide = sum(one.width for one in page.column_dimensions.values())
+        assert wide < 460  # letters of 4 pt on A4
+        for cell in (cell for row in page.iter_rows(min_row=2) for cell in row):
+            if cell.data_type == "n" and cell.value is not None:
+                assert cell.number_format != "General", (page.title, cell.coordinate)
+            assert cell.value not in ("inf", "-inf", "nan")
+
+
 def test_texts_are_never_run_as_formulas(site, tmp_path):
     for path, sheet in (
         ("all/tables.xlsx", "line_statistics"),
@@ -116,7 +153,7 @@ def test_texts_are_never_run_as_formulas(site, tmp_path):
     table = pd.DataFrame({"a": ["=cmd()", "bell\x07", "+1"], "b": [np.inf, np.nan, -1.5]})
     write_workbook([Sheet("hostile", table)], tmp_path / "hostile.xlsx")
     _, rows = cells(tmp_path / "hostile.xlsx", "hostile")
-    assert rows == [("=cmd()", "inf"), ("bell ", None), ("+1", -1.5)]
+    assert rows == [("=cmd()", None), ("bell ", None), ("+1", -1.5)]
     page = openpyxl.load_workbook(tmp_path / "hostile.xlsx")["hostile"]
     assert page["A2"].data_type == "s"
 
@@ -150,6 +187,51 @@ def test_a_document_has_the_tables_of_the_report(site):
     assert document.sections[0].page_width > document.sections[0].page_height
     facts = {row.cells[0].text: row.cells[1].text for row in document.tables[-1].rows}
     assert facts["file of the result, SHA-256"] == file_checksum(Path("out.nc"))
+
+
+#: Of the proofing of Word.
+SPELLING = {"en": "en-GB", "de": "de-CH", "fr": "fr-FR", "it": "it-IT"}
+
+
+@pytest.mark.parametrize("language", SPELLING)
+def test_a_document_is_of_its_language_and_splits_no_row(site, language):
+    assert main(f"export out.nc d_{language} --tables docx --language {language}".split()) == 0
+    document = docx.Document(f"d_{language}/tables.docx")
+    (spelling,) = document.styles.element.xpath("w:docDefaults//w:lang/@w:val")
+    (theme,) = document.settings.element.xpath("w:themeFontLang/@w:val")
+    assert spelling == theme == document.core_properties.language == SPELLING[language]
+    assert document.settings.element.xpath("w:autoHyphenation/@w:val") == ["true"]
+    rows = [row for table in document.tables for row in table.rows]
+    assert rows and all(row._tr.trPr.xpath("w:cantSplit/@w:val") == ["true"] for row in rows)
+    heads = [table.rows[0] for table in document.tables]
+    assert all(row._tr.trPr.xpath("w:tblHeader") for row in heads)
+
+
+@pytest.mark.parametrize(
+    "language, shown",
+    [("en", "12,345"), *((language, "12\u202f345") for language in ("de", "fr", "it"))],
+)
+def test_numbers_of_the_provenance_are_in_the_language(site, language, shown):
+    """In all kinds of files: a page, a document, a sheet."""
+    result = rockfall.read_result("out.nc")
+    case = case_of(result)
+    case = case.replace(case={"boulders": 12345})
+    result = result.assign_attrs(
+        boulders_requested=12345, boulder_last=12340, case=given_text(case)
+    )
+    with speaking(language):
+        table = provenance(result)["table"]
+        cells = {str(name): translated(value) for name, value in table.rows}
+        page = table_html(table)
+    assert f"1 – {shown[:-1]}0 / {shown}" in cells.values() and shown in cells.values()
+    assert page.count(shown) == 2 and "12345" not in page
+    assert cells["seed" if language == "en" else [*cells][2]] == "7"
+
+
+def table_html(table):
+    """A table as on a page."""
+    template = '{% from "parts.html.j2" import table with context %}{{ table(one) }}'
+    return _environment().from_string(template).render(one=table, on_paper=True)
 
 
 HEADINGS = {

@@ -138,7 +138,7 @@ def test_page_1_says_the_numbers_of_the_line_table(result):
         half = max(high - value, value - low)
         assert numbers == pytest.approx([value, low, high], abs=half / 4)
         assert len(shown[0].strip("0.").replace(".", "")) <= 3
-    assert cliff[1:] == [["0.0", f"(0.0 to {100 * rows['cliff']['speed']['fraction_high']:.1f})"],
+    assert cliff[1:] == [["0.0", f"(0.0–{100 * rows['cliff']['speed']['fraction_high']:.1f})"],
                          *[["-"]] * 3]  # fmt: skip
     text = words(result)
     assert f"road <b>: {road[1][0]} % of the boulders pass; of these one in 20 has" in text
@@ -160,7 +160,7 @@ def test_what_too_few_boulders_know_is_marked_and_not_a_number(result):
     assert "std, q90" in rows["road <b>"]["speed"]["withheld"]
     (table,) = line_tables(rows)
     about, cells = table.caption, dict(zip(table.head, table.rows[0], strict=True))
-    assert cells["standard deviation"].endswith("\n(–)") and " to " in cells["mean"]
+    assert cells["standard deviation"].endswith("\n(–)") and "–" in cells["mean"]
     assert about.endswith("; a dash where too few boulders give no interval that holds")
     assert "dash" not in next(line_tables(rows_of(result))).caption
     row = {"q95": 3.0, "q95_low": np.nan, "q95_high": np.nan}

@@ -148,7 +148,7 @@ def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:
     tried = tuple(_tried(sample, independent))
     fit = lowest_valid(tried)
     refused = _refusal(tried, fit, independent)
-    made = {N: _level(N, sample, independent, tried, fit, refused) for N in levels}
+    made = _rising({N: _level(N, sample, independent, tried, fit, refused) for N in levels})
     end = (np.inf, np.inf)
     if fit and not refused:
         end = _end(sample.largest(fit.exceedances) - fit.threshold, fit, independent / n)
@@ -201,6 +201,18 @@ def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str |
     if fit.shape <= -MAX_SHAPE:
         return say("level.too_sharp", shape=fit.shape)
     return None
+
+
+def _rising(levels: dict[int, Level]) -> dict[int, Level]:
+    """Levels of which no value and no limit is below that of a more frequent one: some are from the
+    sample, others from its tail."""
+    least: tuple[float, ...] = (-np.inf,) * 3
+    rising = dict(levels)
+    for N in sorted(levels):
+        if not levels[N].refused:
+            least = tuple(map(float, np.fmax(levels[N][:3], least)))
+            rising[N] = Level(*np.where(np.isnan(levels[N][:3]), np.nan, least).tolist())
+    return rising
 
 
 def _level(

@@ -33,15 +33,31 @@ if TYPE_CHECKING:
 
 MM = 25.4  # of an inch
 SHEET = 263.0  # height between the margins [mm]; templates/page.css has the margins
-FIXED = 54.0  # of it: project, author, date; headings, signature, and the space between parts [mm]
-WARNING_LINES, ANSWER_LINES, SURE_LINES, BESIDE_LINES = 8, 8, 6, 14  # maximum numbers of lines
-HEAD = 4  # rows taken by the caption and header of a table
-CHARACTERS = {"title": 62, "question": 95, "warning": 104, "answer": 88, "sure": 112, "narrow": 50}
-LINE = {"title": 7.0, "question": 5.0, "warning": 3.9, "answer": 4.6, "sure": 3.9}  # [mm]
+FIXED = 41.0  # of it: labels, date, program; headings, signature, and the space between parts [mm]
+WARNING_LINES, ANSWER_LINES, SURE_LINES, BESIDE_LINES = 6, 4, 6, 20  # maximum numbers of lines
+HEAD = 3  # rows taken by the caption and header of a table
+CHARACTERS = {
+    "title": 62,
+    "question": 88,
+    "warning": 98,
+    "answer": 84,
+    "sure": 112,
+    "narrow": 50,
+    "fact": 90,
+}
+LINE = {
+    "title": 7.0,
+    "question": 5.0,
+    "warning": 3.9,
+    "answer": 4.6,
+    "sure": 3.9,
+    "fact": 4.3,
+}  # [mm]
 ROW = 4.3  # of a table [mm]
-BETWEEN, MORE = 1.2, 4.5  # two paragraphs; a note on omissions [mm]
-NAME = 15  # letters of the first cell of a row
-LOWEST = {True: 62.0, False: 45.0}  # of a map with text next to it, of a broad one [mm]
+BETWEEN, MORE, BOX = 1.2, 4.5, 9.0  # two paragraphs; a note on omissions; warnings' frame [mm]
+NAME = 20  # letters of the first cell of a row
+#: Lowest map with text next to it, and broad one, with its scale and legend of some 40 mm [mm].
+LOWEST = {True: 105.0, False: 85.0}
 TALLEST = 165.0  # [mm]
 UPRIGHT = 0.8  # height over width from which a map leaves space for text next to it
 
@@ -81,7 +97,8 @@ def front_of(
     most = BESIDE_LINES if beside else SURE_LINES
     certainty, more_certainty = _fitted(texts["certainty"], sure, most)
     lines = {
-        "title": min(2, -(-len(texts["title"]) // CHARACTERS["title"])),
+        "title": _lines(texts["title"], "title"),
+        "fact": _lines([parties.project, parties.client], "fact"),
         "question": _lines(texts["question"], "question"),
         "warning": _lines(warnings, "warning"),
         "answer": _lines(answers, "answer"),
@@ -90,6 +107,7 @@ def front_of(
     used = FIXED + sum(LINE[kind] * n for kind, n in lines.items())
     used += BETWEEN * len([*warnings, *answers, *([] if beside else certainty)])
     used += MORE * sum(map(bool, (more_warnings, more_answers)))
+    used += BOX if warnings else 0.0
     shown, more_tables = _cut(tables, order, int((SHEET - used - LOWEST[beside]) / ROW))
     used += ROW * sum(HEAD + sum(map(_high, row.rows)) for row in shown)
     high = min(TALLEST, max(LOWEST[beside], SHEET - used)) / MM

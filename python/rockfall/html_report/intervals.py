@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.line_statistics import line_statistics
@@ -54,14 +54,43 @@ def interval(row: Row, name: str, quantity: str) -> str:
 def estimate(row: Row, name: str, quantity: str) -> tuple[Number, str]:
     """Number in the unit shown and its interval in brackets, with justified digits: the last one is
     a twentieth to a half of the interval's half-width. `TOO_FEW` if there are too few boulders."""
-    value, low, high = (
-        QUANTITIES[quantity].factor * row.get(f"{name}{end}", math.nan)
-        for end in ("", "_low", "_high")
-    )
+    return _written(*_in_units(row, name, quantity))
+
+
+def rising_estimates(row: Row, names: Sequence[str], quantity: str) -> Iterator[tuple[Number, str]]:
+    """Estimates of numbers that do not fall, of which none is rounded below the one before it."""
+    before, decimals = -math.inf, 0
+    for name in names:
+        value, low, high = _in_units(row, name, quantity)
+        digits = _justified(value, low, high)
+        if digits is not None:
+            if round(value, digits) < before:
+                digits = decimals
+            before, decimals = round(value, digits), digits
+        yield _written(value, low, high, digits)
+
+
+def _in_units(row: Row, name: str, quantity: str) -> tuple[float, float, float]:
+    """Number and its limits in the unit shown."""
+    factor = QUANTITIES[quantity].factor
+    value, low, high = (factor * row.get(f"{name}{end}", math.nan) for end in ("", "_low", "_high"))
+    return value, low, high
+
+
+def _justified(value: float, low: float, high: float) -> int | None:
+    """Decimals that the interval of a number justifies; None without an interval."""
     if math.isnan(low) and math.isnan(high):
-        return number(value), "" if math.isnan(value) else TOO_FEW
+        return None
     half = max(abs(value - end) for end in (low, high) if not math.isnan(end))
-    decimals = min(4, -math.floor(math.log10(half / 2))) if half else 2
+    return min(4, -math.floor(math.log10(half / 2))) if half else 2
+
+
+def _written(
+    value: float, low: float, high: float, decimals: int | None = None
+) -> tuple[Number, str]:
+    decimals = _justified(value, low, high) if decimals is None else decimals
+    if decimals is None:
+        return number(value), "" if math.isnan(value) else TOO_FEW
     value_, low_, high_ = (
         Number("-" if math.isnan(number) else f"{round(number, decimals):,.{max(decimals, 0)}f}")
         for number in (value, low, high)

@@ -11,14 +11,28 @@ from rockfall.errors import RockfallError, need
 from rockfall.io.files import atomic_write
 
 PANGO = "libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"  # packages of Debian
+FONTS = "fonts-dejavu-core"
 
 
 def check_pdf() -> None:
     """Refuse PDF output if its libraries are missing, before the work starts."""
     try:
-        need("a PDF needs", "pdf", "weasyprint")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # WeasyPrint warns of missing fonts, and dies of them
+            need("a PDF needs", "pdf", "weasyprint")
     except OSError:  # missing C library
         raise RockfallError(f"a PDF needs Pango, as root: apt-get install {PANGO}") from None
+    if not _number_of_fonts():  # Pango would die of a signal
+        raise RockfallError(f"a PDF needs fonts, as root: apt-get install {FONTS}")
+
+
+def _number_of_fonts() -> int:
+    """Number of fonts of the system, by the library and configuration that Pango takes."""
+    from weasyprint.text.ffi import ffi, fontconfig
+
+    configuration = ffi.gc(fontconfig.FcInitLoadConfigAndFonts(), fontconfig.FcConfigDestroy)
+    fonts = fontconfig.FcConfigGetFonts(configuration, fontconfig.FcSetSystem)
+    return int(fonts.nfont) if fonts != ffi.NULL else 0
 
 
 def write_pdf(page: str, path: Path) -> None:

@@ -84,6 +84,7 @@ def _environment() -> jinja2.Environment:
     )  # fmt: skip
     environment.filters["capital"] = capital
     environment.filters["say"] = lambda text: UNIT.sub("\u00a0", translated(text))
+    environment.filters["translated"] = translated
     environment.filters["unit"] = lambda text: UNIT.sub("\u00a0", text)
     environment.globals["say"] = say
     return environment

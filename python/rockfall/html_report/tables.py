@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from rockfall.html_report.intervals import (
     estimate,
     in_lines,
     in_unit,
+    rising_estimates,
 )
 from rockfall.io.layers import REPROJECTED
 from rockfall.language import Number, say, translated, word
@@ -51,13 +52,23 @@ if TYPE_CHECKING:
     from rockfall.terrain.dams import DamShape
 
 
+LETTERS = 108  # of the numbers of a row that fit on A4, upright, next to a label
+
+
 class Table(NamedTuple):
     """A table; `kind` is its class in the style sheet. Cells may have several lines."""
 
     caption: str
     head: Sequence[str]
-    rows: Iterable[Sequence[object]]
+    rows: Sequence[Sequence[object]]
     kind: str = "numbers"
+
+    @property
+    def is_crowded(self) -> bool:
+        """Return True if its numbers are too wide for one line each on A4: cells may then wrap."""
+        columns = zip(*(row[1:] for row in self.rows), strict=True)
+        longest = (max(map(len, "\n".join(map(str, column)).split("\n"))) for column in columns)
+        return sum(1 + letters for letters in longest) > LETTERS
 
 
 def line_tables(rows: Rows) -> Iterator[Table]:
@@ -157,7 +168,7 @@ def level_table(levels: pd.DataFrame) -> Table:
     shown = []
     for _, row in levels[levels["n"] > 0].iterrows():
         quantity = row["quantity"]
-        cells = (in_lines(*estimate(row, n, quantity)) for n in names)
+        cells = (in_lines(*cell) for cell in rising_estimates(row, names, quantity))
         above = say("tables.exceedances", n=row["exceedances"])
         over = in_lines(in_unit(row["threshold"], quantity), above)
         tail = (over, number(row["shape"])) if np.isfinite(row["shape"]) else ("-", "-")
@@ -237,7 +248,9 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
     attrs = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
     clocks = {clock: result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu")}
-    requested = int(attrs["boulders_requested"])
+    first, last, requested = (
+        f"{int(attrs[f'boulder{end}']):,}" for end in ("_first", "_last", "s_requested")
+    )
     total = "boulders_total" in case.case
     number = case.case["boulders_total" if total else "boulders"]
     if total:
@@ -250,11 +263,8 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
         (say("label.program"), program_text(result)),
         (say("tables.case_file"), attrs["case_file"]),
         (say("tables.seed"), attrs["seed"]),
-        (
-            say("label.boulders"),
-            f"{attrs['boulder_first']} – {attrs['boulder_last']} / {requested}",
-        ),
-        (released, f"{number:,}"),
+        (say("label.boulders"), Number(f"{first} – {last} / {requested}")),
+        (released, Number(f"{number:,}")),
         *_impact_set(result),
         *(
             (say("tables.checksum_sha"), f"{key}: {_noted(noted)}")

@@ -9,12 +9,14 @@ from typing import Any, NamedTuple
 
 from rockfall.html_report.tables import Table
 from rockfall.io.files import atomic_write
-from rockfall.language import translated
+from rockfall.language import spoken, translated
 from rockfall.office.workbook import CONTROL
 
 SMALL = 8  # size of letters in tables [pt]
 MARGIN = 1.8  # [cm]
 A4 = 29.7, 21.0  # wide, high [cm]
+#: For the spelling and hyphenation of Word; German without sharp s.
+PROOFED = {"en": "en-GB", "de": "de-CH", "fr": "fr-FR", "it": "it-IT"}
 
 
 class Part(NamedTuple):
@@ -31,6 +33,7 @@ def write_document(title: str, parts: Iterable[Part], path: Path) -> Path:
     from docx.shared import Cm
 
     document = Document()
+    _set_language(document, PROOFED[spoken()])
     section = document.sections[0]
     section.page_width, section.page_height = map(Cm, A4)
     for side in ("left", "right", "top", "bottom"):
@@ -53,16 +56,43 @@ def write_document(title: str, parts: Iterable[Part], path: Path) -> Path:
     return path
 
 
+def _set_language(document: Any, language: str) -> None:
+    """Language of all texts, in which long words are hyphenated."""
+    from docx.oxml.ns import qn
+
+    document.core_properties.language = language
+    settings = document.settings.element
+    for lang in (
+        *document.styles.element.xpath("w:docDefaults/w:rPrDefault/w:rPr/w:lang"),
+        *settings.xpath("w:themeFontLang"),
+    ):
+        lang.set(qn("w:val"), language)
+    for tab_stop in settings.xpath("w:defaultTabStop"):
+        tab_stop.addnext(_flag("w:autoHyphenation"))
+
+
 def _add_table(document: Any, table: Table) -> None:
-    """A table; its first row is repeated on each page that it reaches."""
+    """A table; its first row is repeated on each page that it reaches, and no row is split."""
     rows: list[list[object]] = [[*table.head], *([*row] for row in table.rows)]
     grid = document.add_table(len(rows), len(table.head), style="Table Grid")
     cells = iter(grid._cells)  # grid.cell(i, j) makes this list again each time
     for number, row in enumerate(rows):
         for value in row:
             _write(next(cells), translated(value), bold=number == 0)
-    _repeat(grid.rows[0])
+    for row in grid.rows:
+        row._tr.get_or_add_trPr().append(_flag("w:cantSplit"))
+    grid.rows[0]._tr.get_or_add_trPr().append(_flag("w:tblHeader"))
     document.add_paragraph()
+
+
+def _flag(name: str) -> Any:
+    """Element that switches a property on."""
+    from docx.oxml import OxmlElement
+    from docx.oxml.ns import qn
+
+    flag = OxmlElement(name)
+    flag.set(qn("w:val"), "true")
+    return flag
 
 
 def _write(cell: Any, text: str, bold: bool) -> None:
@@ -72,16 +102,6 @@ def _write(cell: Any, text: str, bold: bool) -> None:
     paragraph.paragraph_format.space_after = Pt(0)
     run = paragraph.add_run(_clean(text).strip())
     run.bold, run.font.size = bold, Pt(SMALL)
-
-
-def _repeat(row: Any) -> None:
-    """Repeat a row on each page that its table reaches."""
-    from docx.oxml import OxmlElement
-    from docx.oxml.ns import qn
-
-    mark = OxmlElement("w:tblHeader")
-    mark.set(qn("w:val"), "true")
-    row._tr.get_or_add_trPr().append(mark)
 
 
 def _clean(text: object) -> str:

@@ -127,7 +127,7 @@ def _fact_sheet(facts: Iterable[Table], notes: Iterable[str]) -> Sheet:
     rows: list[Sequence[str]] = [(say("office.units"),), (say("office.intervals"),)]
     rows += [(note,) for note in notes]
     for table in facts:
-        rows += [("",), *((str(name), str(value)) for name, value in table.rows)]
+        rows += [("",), *((translated(name), translated(value)) for name, value in table.rows)]
     return Sheet("provenance", rows)
 
 

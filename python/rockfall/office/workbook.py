@@ -4,6 +4,7 @@ headers."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f]")  # not allowed in XML
 WIDEST, PAD = 60, 2  # of a column, in letters
+NARROWEST_HEAD = 12  # letters from which a header is wrapped
+DIGITS = 3  # shown at least of a number; its cell has all
 LIMIT = re.compile(r"_(?:low|high)$")
 BY_ROW = "unit"  # column with the units of the rows of a table
 #: Units of columns, as in results; "1" of fractions. Others are counts, marks, or without a unit.
@@ -44,23 +47,25 @@ class Sheet(NamedTuple):
 def write_workbook(sheets: Iterable[Sheet], path: Path) -> Path:
     """Write sheets to one workbook, atomically.
 
-    Numbers have all their digits, as in a CSV; missing ones are empty cells. Texts are never run as
-    formulas.
+    Numbers have all their digits, as in a CSV, and are shown with a few; missing and infinite ones
+    are empty cells. Texts are never run as formulas. Each sheet is printed one page wide.
     """
     from openpyxl import Workbook
 
     book = Workbook()
     book.remove(book.active)
+    book.properties.creator = "rockfall"
     for sheet in sheets:
         page = book.create_sheet(sheet.name)
         is_table = hasattr(sheet.table, "columns")
         rows = _table_rows(sheet.table) if is_table else sheet.table
         for number, row in enumerate(rows, start=1):
             for column, value in enumerate(row, start=1):
-                _put(page, number, column, value, bold=is_table and number == 1)
+                _put(page, number, column, value, is_head=is_table and number == 1)
         if is_table:
             page.freeze_panes = "A2"
-        _widen(page)
+        _widen(page, is_table)
+        _set_print(page, is_table)
     with atomic_write(path) as part, open(part, "wb") as file:
         book.save(file)
     return path
@@ -90,26 +95,66 @@ def _table_rows(table: pd.DataFrame) -> Iterable[Sequence[Any]]:
     yield from table.itertuples(index=False, name=None)
 
 
-def _put(page: Any, row: int, column: int, value: Any, bold: bool) -> None:
-    from openpyxl.styles import Font
+def _put(page: Any, row: int, column: int, value: Any, is_head: bool) -> None:
+    from openpyxl.styles import Alignment, Font
 
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, float) and not np.isfinite(value):
-        value = None if np.isnan(value) else str(value)
+        value = None
     cell = page.cell(row, column)
     if isinstance(value, float):
         cell.value, cell.data_type = repr(value), "n"  # openpyxl would write 16 digits of 17
+        cell.number_format = number_format(value)
     elif isinstance(value, str):
         cell.value = CONTROL.sub(" ", value)
         cell.data_type = "s"  # openpyxl takes texts that begin with = for formulas
+        cell.alignment = Alignment(wrap_text=True, vertical="top")
     else:
         cell.value = value
-    if bold:
+        if isinstance(value, int) and not isinstance(value, bool):
+            cell.number_format = "#,##0"
+    if is_head:
         cell.font = Font(bold=True)
 
 
-def _widen(page: Any) -> None:
-    """Make columns as wide as their texts, within reason."""
+def number_format(value: float) -> str:
+    """Format that shows at least `DIGITS` digits of a number, and all of its integer part."""
+    size = abs(value)
+    if size and size < 10.0**-DIGITS:
+        return "0.00E+00"
+    decimals = DIGITS - 1 - math.floor(math.log10(size)) if size else 0
+    return "#,##0" + (f".{'0' * min(decimals, 2 + DIGITS)}" if decimals > 0 else "")
+
+
+def _widen(page: Any, is_table: bool) -> None:
+    """Make columns as wide as their contents as shown, within reason; long headers wrap."""
     for column in page.columns:
-        longest = max(len(str(cell.value or "")) for cell in column)
-        page.column_dimensions[column[0].column_letter].width = min(longest, WIDEST) + PAD
+        head, *cells = column
+        longest = max((len(_shown(cell)) for cell in cells), default=0)
+        first = len(str(head.value or ""))
+        longest = max(longest, min(first, NARROWEST_HEAD) if is_table else first)
+        page.column_dimensions[head.column_letter].width = min(longest, WIDEST) + PAD
+
+
+def _shown(cell: Any) -> str:
+    """Text of a cell, about as wide as it is shown."""
+    if cell.data_type != "n" or cell.value is None:
+        return str(cell.value or "")
+    _, _, decimals = cell.number_format.partition(".")
+    if "E" in decimals:
+        return cell.number_format
+    return f"{float(cell.value):,.{len(decimals)}f}"
+
+
+def _set_print(page: Any, is_table: bool) -> None:
+    """A4, one page wide, with page numbers; tables are landscape and repeat their header."""
+    page.page_setup.paperSize = page.PAPERSIZE_A4
+    page.page_setup.orientation = "landscape" if is_table else "portrait"
+    page.page_setup.fitToWidth, page.page_setup.fitToHeight = 1, 0
+    page.sheet_properties.pageSetUpPr.fitToPage = True
+    page.oddFooter.left.text, page.oddFooter.right.text = "&A", "&P / &N"
+    margins = page.page_margins
+    margins.left = margins.right = 0.4  # [inch]
+    if is_table:
+        page.print_title_rows = "1:1"
+        page.print_options.gridLines = True
