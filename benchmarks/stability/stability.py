@@ -37,6 +37,7 @@ from benchmarks import variant
 from benchmarks.machine import machine
 from benchmarks.stability.extremes import EPSILON, SPREAD, Scene, conditioned, diagonal, scenes
 from rockfall.result import variables
+from rockfall.result.motion import are_met
 from rockfall.scene.prepare import prepare
 
 UNITS = 4  # in the last place: the bound of a flight, and of the energy of a contact
@@ -117,6 +118,9 @@ def not_numbers(result: xr.Dataset) -> int:
 def energy_gain(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> tuple[float, float]:
     """The greatest energy of a boulder at a contact above that at its release, and its bound, both
     per mass [J/kg]; of all contacts the one nearest to its bound."""
+    result = result.isel(
+        trajectory_vertex=are_met(result.trajectory_boulder.values, result.trajectory_leg.values)
+    )
     names = "boulder", "z", "ratio", "out_t", "out_n", "out_w"
     ways = {name: result[f"trajectory_{name}"].values for name in names}
     speed2 = sum(result[f"trajectory_velocity_{axis}"].values ** 2 for axis in "xyz")

@@ -3,6 +3,7 @@
 
 import base64
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -33,6 +34,8 @@ from rockfall.app import server as server_module  # noqa: E402
 from rockfall.app.room import Room  # noqa: E402
 from rockfall.app.server import Server, bind  # noqa: E402
 from rockfall.app.show import PAGE, show  # noqa: E402
+from rockfall.result import variables  # noqa: E402
+from rockfall.result.dataset import write_result  # noqa: E402
 from rockfall.scene.read import read_scene  # noqa: E402
 from rockfall.simulation.checkpoint import Checkpoint  # noqa: E402
 from rockfall.simulation.simulate import simulate  # noqa: E402
@@ -265,6 +268,41 @@ def test_a_source_is_dragged_on_four_million_cells(browser):
         assert lines["L"]["quantities"] != before["L"]["quantities"]
         window.save("moved")
         agrees(lines, "moved.nml")
+        browser.get("about:blank")
+
+
+def test_slides_and_waits_are_no_arcs_and_flights_have_their_own_gravity(browser):
+    """On the Moon: a fall, a slide of 6 s, a wait of 5 s, a hop of 4 s to the same height. By
+    Earth's gravity the highest points were 44, 31 and 20 m above the ground."""
+    case = rockfall.read_case("case.nml").replace(
+        flight={"gravity": 1.62}, case={"boulders_total": 1}, output={"trajectories": 1}
+    )
+    result = rockfall.run(case)
+    z, fall = result["start_z"].item(), math.sqrt(2 * 2.0 / 1.62)
+    columns = {
+        "x": [0.0, 0.0, 12.0, 12.0, 20.0],
+        "z": [2.0, 0.0, 0.0, 0.0, 0.0],
+        "time": [0.0, fall, fall + 6, fall + 11, fall + 15],
+        "velocity_x": [0.0, 2.0, 0.0, 2.0, 0.0],
+        "velocity_z": [0.0, 0.0, 0.0, 1.62 * 2, 0.0],
+        "leg": [variables.LEG[name] for name in ("flight", "ground", "rest", "flight")] + [0],
+    }
+    columns["x"] = np.array(columns["x"]) + result["start_x"].item()
+    columns["z"] = np.array(columns["z"]) + z
+    columns["y"] = np.full(5, result["start_y"].item())
+    columns["boulder"] = np.ones(5, int)
+    slid = result.drop_dims("trajectory_vertex").assign({
+        f"trajectory_{name}": ("trajectory_vertex", columns.get(name, np.zeros(5)), attrs)
+        for name, attrs in variables.VERTEX.items()
+    })  # fmt: skip
+    write_result(slid, Path("slid.nc"))
+    with served("slid.nc") as server:
+        resize(browser, 1280, 800)
+        window = open_window(browser, server)
+        window.click('[data-view="scene"]')
+        highest = "rockfall.frames.map((frame) => frame.highest).filter(Number.isFinite).at(-1)"
+        apex = 1.62 * 4**2 / 8
+        assert window.until("a frame", highest) == pytest.approx(z + apex, abs=0.06)
         browser.get("about:blank")
 
 

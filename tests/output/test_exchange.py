@@ -55,24 +55,28 @@ def exported(result, tmp_path_factory):
 
 
 def contacts(result):
-    """x, y, z, time and velocity of each contact, by boulder."""
-    names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
+    """x, y, z, time, velocity and kind of motion at each contact and point between, by boulder."""
+    names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z", "leg")
     rows = np.column_stack([result[f"trajectory_{name}"].values for name in names])
     owner = result["trajectory_boulder"].values
     return {number: rows[owner == number] for number in np.unique(owner).tolist()}
 
 
-def gravity(start, end):
-    """That of a flight between two contacts; none for a roll, which is straight and steady."""
-    duration = end[3] - start[3]
-    return 0.0 if abs(end[2] - start[2] - start[6] * duration) < 1e-9 else G
+def met(result):
+    """The contacts alone."""
+    known = contacts(result)
+    between = {k: (one[1:-1, 7] > 1) & (one[:-2, 7] > 1) for k, one in known.items()}
+    return {k: one[~np.r_[False, between[k], False]] for k, one in known.items()}
 
 
 def place_at(rows, time):
-    """Where a boulder is at a time since its release, by the law of free fall."""
+    """Where a boulder is at a time since its release, by the law of free fall; on the ground it
+    goes straight to the next point."""
     k = np.searchsorted(rows[:-1, 3], time, side="right") - 1
     t = time - rows[k, 3]
-    return rows[k, :3] + t * rows[k, 4:] - (0, 0, gravity(rows[k], rows[k + 1]) / 2 * t**2)
+    if rows[k, 7] > 1:
+        return rows[k, :3] + t / (rows[k + 1, 3] - rows[k, 3]) * (rows[k + 1] - rows[k])[:3]
+    return rows[k, :3] + t * rows[k, 4:7] - (0, 0, G / 2 * t**2)
 
 
 def rows_of(path, layer, columns):
@@ -130,7 +134,7 @@ def test_flights_have_begin_and_end_for_the_temporal_controller(exported, result
     columns = ["boulder", "contact", '"begin"', '"end"', "begin_s", "duration_s"]
     columns += ["speed_m_s", "speed_end_m_s"]
     rows = list(rows_of(exported / "rockfall.gpkg", "flights", columns))
-    known = contacts(result)
+    known = met(result)
     assert len(rows) == sum((np.diff(one[:, 3]) > 0).sum() for one in known.values())
     for path, (boulder, contact, begin, end, begin_s, duration, speed, speed_end) in rows:
         own, following = known[boulder][contact - 1], known[boulder][contact]
@@ -139,8 +143,8 @@ def test_flights_have_begin_and_end_for_the_temporal_controller(exported, result
         since = [seconds_of(stamp) for stamp in (begin, end)]
         assert since == pytest.approx([own[3], following[3]], abs=1.001e-3)
         assert since[0] < since[1]  # the format has no more than milliseconds
-        assert speed == pytest.approx(np.linalg.norm(own[4:]), abs=1e-12)
-        fallen = own[4:] - (0, 0, gravity(own, following) * (following[3] - own[3]))
+        assert speed == pytest.approx(np.linalg.norm(own[4:7]), abs=1e-12)
+        fallen = own[4:7] - (0, 0, G * (own[7] == 1) * (following[3] - own[3]))
         assert speed_end == pytest.approx(np.linalg.norm(fallen), abs=1e-6)
     with closing(sqlite3.connect(exported / "rockfall.gpkg")) as database:
         query = "SELECT styleQML FROM layer_styles WHERE f_table_name = 'flights'"
@@ -227,7 +231,8 @@ def test_kml_says_what_its_heights_are(exported):
 
 def test_kml_has_the_time_of_each_flight_to_the_microsecond(exported, result):
     root = ElementTree.parse(exported / "rockfall.kml").getroot()
-    known, flown = contacts(result), dict.fromkeys(contacts(result), 0.0)
+    known = met(result)
+    flown = dict.fromkeys(known, 0.0)
     spans = root.findall(f".//{KML}Placemark[{KML}TimeSpan]")
     assert len(spans) == sum((np.diff(one[:, 3]) > 0).sum() for one in known.values())
     for place in spans:

@@ -61,7 +61,7 @@ def made():
             f"trajectory_velocity_{axis}": ("trajectory_vertex", way * rolls)
             for axis, way in {"x": 1, "y": 1, "z": -1}.items()
         },
-        "trajectory_ratio": ("trajectory_vertex", np.ones(6)),
+        "trajectory_leg": ("trajectory_vertex", np.array([2.0, 2.0, 0.0, 0.0, 2.0, 0.0])),
     }
     stop_x = 600000.0 + np.arange(5.0) / 3.0
     stop_x[4] = np.nan
@@ -245,7 +245,7 @@ def test_lines_and_trajectories_are_line_strings(exported):
 
     _, shapes, columns = layer(exported, "trajectories")
     assert columns["boulder"].tolist() == [1, 2, 3]
-    assert columns["vertices"].tolist() == [3, 1, 2]
+    assert columns["vertices"].tolist() == [2, 1, 2]  # the contacts and ends
     assert columns["travel_time"].tolist() == [2.5, 0.0, 3.25]
     assert shapes[0].coords[2] == (600002.0, 4999992.0, 98.0)
     assert list(shapes[1].coords) == [(600003.0, 4999993.0, 97.0)] * 2  # it never moved

@@ -1,7 +1,22 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Trajectories of a message, and those of several messages of the same run as one.
+// Trajectories of a message, those of several messages of the same run as one, and the motion between two of their points.
 import type { Binary, TrajectoriesMessage } from './protocol';
 import type { Trajectories } from './view3d/view3d';
+
+/** Numbers of a point: x, y, z, time, speed, gravity. */
+export const COLUMNS = 6;
+
+/** Write x, y, z, time and speed after a part (0 to 1) of the motion from the point at index a to that at b: a parabola by a gravity, or
+ * straight without. */
+export function between(points: Float32Array, a: number, b: number, gravity: number, part: number, to: Float32Array): void {
+  const span = points[b + 3]! - points[a + 3]!;
+  for (let column = 0; column < 5; column++) to[column] = points[a + column]! + part * (points[b + column]! - points[a + column]!);
+  if (!(gravity > 0 && span > 0)) return;
+  to[2] = to[2]! + 0.5 * gravity * span * span * part * (1 - part);
+  const level = Math.hypot(points[b]! - points[a]!, points[b + 1]! - points[a + 1]!) / span;
+  const rise = (points[b + 2]! - points[a + 2]!) / span + gravity * span * (0.5 - part);
+  to[4] = Math.hypot(level, rise);
+}
 
 function trajectoriesOf(message: Binary<TrajectoriesMessage>): Trajectories | null {
   const [points, first, boulder, mass] = [

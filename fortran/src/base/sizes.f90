@@ -13,7 +13,7 @@ module rockfall_sizes
    integer, parameter :: max_array_row = 256  !! row of the table of arrays; as ROCKFALL_TEXT there
 
    ! Columns of rows (rockfall_variables has their names):
-   integer, parameter :: n_boulder_fields = 12, n_boulder_counts = 9, n_line_fields = 12, n_vertex_fields = 14
+   integer, parameter :: n_boulder_fields = 12, n_boulder_counts = 9, n_line_fields = 12, n_vertex_fields = 15
    integer, parameter :: n_line_quantities = 11  !! of samples, computed from a row
    ! Impact sets: their number, numbers of a mean, limits between classes of incidence, these, quantiles of a class.
    integer, parameter :: n_impact_sets = 5, n_set_numbers = 9, n_incidence_limits = 8, n_lateral_classes = 9, &

@@ -15,7 +15,10 @@ module rockfall_rolling
    implicit none
    private
    public :: roll_t, touch_t, find_roll, find_slide, slide_on_patch, walk_patches, falls_away, time_slide, &
-             flight_after_roll, speed_within, cut_roll
+             flight_after_roll, speed_within, cut_roll, ground_points
+
+   !> Height over R_b up to which the ground may lie above or below a chord between recorded points [-].
+   real(wp), parameter :: chord_tolerance = 0.01_wp
 
    !> Relative excess over the drop held by friction up to which a boulder is still held [-]: on a plane at the rest
    !> angle, rounding must not decide.
@@ -302,4 +305,47 @@ contains
       landing%w = patch_position(dem, landing%y, landing%patch%j)
       landing%z = height(landing%patch, landing%u, landing%w)
    end subroutine cut_roll
+
+   !> Points between the start and the end of a straight path along the ground, so that chords follow the terrain: where
+   !> it meets the next patch, and within a patch as its curvature needs them.
+   pure subroutine ground_points(dem, path, duration, radius, time, place)
+      type(terrain_t), intent(in) :: dem
+      type(flight_t), intent(in) :: path
+      real(wp), intent(in) :: duration  !! [s]
+      real(wp), intent(in) :: radius    !! of the boulder [m]
+      real(wp), allocatable, intent(out) :: time(:)      !! since the start of the path, rising [s]
+      real(wp), allocatable, intent(out) :: place(:, :)  !! (3, size(time)): x, y, z [m]
+      type(patch_t) :: patch, next
+      real(wp) :: inverse(2), tx, ty, entered, left, sag, at
+      integer :: step(2), parts, k
+
+      allocate (time(0), place(3, 0))
+      patch = path%patch
+      step = merge(1, -1, path%v(1:2) > 0)
+      inverse = inverse_speed(path%v(1:2), dem%cell)
+      entered = 0
+      do
+         tx = side_time(path%x, path%v(1), real(patch%i, wp), dem%cell, inverse(1))
+         ty = side_time(path%y, path%v(2), real(patch%j, wp), dem%cell, inverse(2))
+         left = min(tx, ty, duration)
+         if (left > entered) then
+            sag = abs(patch%c*path%v(1)*path%v(2))*(0.5_wp*(left - entered)*dem%per_cell)**2
+            parts = ceiling(sqrt(min(sag/(chord_tolerance*radius), 1.0e6_wp)))
+            do k = 1, max(1, parts)
+               at = merge(left, entered + (left - entered)*k/max(1, parts), k >= parts)
+               if (.not. at < duration) exit
+               associate (x => path%x + at*path%v(1), y => path%y + at*path%v(2))
+                  time = [time, at]
+                  place = reshape([place, x, y, height(patch, patch_position(dem, x, patch%i), &
+                                                       patch_position(dem, y, patch%j))], [3, size(time)])
+               end associate
+            end do
+            entered = left
+         end if
+         if (min(tx, ty) >= duration) return
+         call read_patch(dem, patch%i + merge(step(1), 0, tx <= ty), patch%j + merge(0, step(2), tx <= ty), next)
+         if (.not. next%known) return
+         patch = next
+      end do
+   end subroutine ground_points
 end module rockfall_rolling

@@ -11,7 +11,7 @@ module rockfall_variables
    public :: scene_layout, part_layout, piece, max_packing
 
    ! Versions of scene and part files:
-   integer(i8), parameter :: scene_layout = 2, part_layout = 4
+   integer(i8), parameter :: scene_layout = 2, part_layout = 5
    integer(i8), parameter :: piece = 2_i8**17    !! values per checksum
    integer(i8), parameter :: max_packing = 1100  !! maximum compression ratio of zlib
 
@@ -21,8 +21,8 @@ module rockfall_variables
       !> boulder, if sources come from a layer), mass (there, too, and if they give densities), tree (per boulder, if
       !> there are trees), breakage (per boulder, if they may break), line (first crossing), fragment (at lines, if
       !> boulders may break), line_vertex, barrier, map, histogram, vertex (of a trajectory), tally (per cell, in part
-      !> files), kept and sample (if not all rows are kept); or status and outcome: values of the status of a boulder
-      !> and of the outcome at a barrier.
+      !> files), kept and sample (if not all rows are kept); or status, outcome and leg: values of the status of a
+      !> boulder, of the outcome at a barrier, and of the motion from a vertex to the next.
       character(len=11) :: group
       character(len=27) :: name       !! in files prefixed by line_, trajectory_, tally_, followed by _histogram
       character(len=7) :: kind        !! real, integer, word
@@ -226,6 +226,8 @@ module rockfall_variables
       variable_t("vertex", "out_w", "real", "m s-1", "W after the rebound"), &
       variable_t("vertex", "ratio", "real", "1", "R_b/R_m of the rebound", &
                  "0 without a rebound, -1 of a classical one"), &
+      variable_t("vertex", "leg", "real", "1", "motion to the next vertex", &
+                 "1 flight, 2 on the ground, 3 at rest; 0 at the end"), &
       variable_t("tally", "cell", "integer", "1", "index of the cell, by rows from the north-west"), &
       variable_t("tally", "counts", "integer", "1", "counts of the maps, by layer", stored="i4"), &
       variable_t("tally", "sums", "integer", "1", "sums of the maps, by layer"), &
@@ -255,7 +257,10 @@ module rockfall_variables
       variable_t("outcome", "stopped", "word", "", &
                  "came to rest there: the barrier took all energy, or left less than the stop speed"), &
       variable_t("outcome", "broken_through", "word", "", "went on with what the barrier did not take"), &
-      variable_t("outcome", "passed_over", "word", "", "its centre was above the top edge each time")]
+      variable_t("outcome", "passed_over", "word", "", "its centre was above the top edge each time"), &
+      variable_t("leg", "flight", "word", "", "in the air"), &
+      variable_t("leg", "ground", "word", "", "rolls or slides along the ground"), &
+      variable_t("leg", "rest", "word", "", "waits for the end of a contact")]
 
    character(len=27), parameter :: boulder_fields(n_boulder_fields) = pack(variable_table%name, &
       variable_table%group == "boulder" .and. variable_table%kind == "real")

@@ -6,12 +6,13 @@ module rockfall_paths
    use rockfall_math, only: squared_length
    use rockfall_boulder, only: inertia_factor
    use rockfall_flight, only: flight_t, landing_t, span_t, fly, end_flight
-   use rockfall_rolling, only: roll_t, touch_t, flight_after_roll, speed_within, cut_roll
+   use rockfall_rolling, only: roll_t, touch_t, flight_after_roll, speed_within, cut_roll, &
+                               ground_points
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: record_crossings
    use rockfall_scratch, only: scratch_t, contact_t, with_lines, with_maps, with_all, visit_cells, record_vertex, &
-                               replace_velocity
+                               start_ground_leg, ground_leg, rest_leg
    use rockfall_obstacles, only: obstacle_t, find_obstacle, none
    implicit none
    private
@@ -83,7 +84,6 @@ contains
       landing = roll%landing
       roll%rolls = .false.
       mean = sqrt(squared_length(flight%v))
-      if (level >= with_all) call replace_velocity(scratch, flight%v)
       span = span_t(flight%patch%i, flight%patch%j, 0.0_wp, landing%time, 0.0_wp, 0.0_wp, 0.0_wp)
       if (level >= with_all) then
          call find_obstacle(scene, no_gravity, result, flight, landing, mean, span, scratch, obstacle)
@@ -108,6 +108,7 @@ contains
          v = roll%v
          if (obstacle%kind /= none) v = flight%v
       end if
+      if (level >= with_all) call record_ground_leg(scene, roll, flight, landing, result, scratch)
       above = merge(roll%above, 0.0_wp, roll%from_table .and. landing%contact)
       result%path_length = result%path_length + merge(fraction*roll%length, mean*landing%time, roll%from_table)
       result%time = result%time + landing%time
@@ -120,4 +121,29 @@ contains
       flight = flight_after_roll(scene%dem, roll, landing, v)
       if (level >= with_all) call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v))
    end subroutine follow_roll
+
+   !> Record the points between the start and the end of a leg on the ground, and where the boulder waits at its end.
+   pure subroutine record_ground_leg(scene, roll, flight, landing, result, scratch)
+      type(scene_t), intent(in) :: scene
+      type(roll_t), intent(in) :: roll
+      type(flight_t), intent(in) :: flight    !! its path
+      type(landing_t), intent(in) :: landing  !! its end
+      type(boulder_result_t), intent(in) :: result  !! up to its start
+      type(scratch_t), intent(inout) :: scratch
+      real(wp), allocatable :: time(:), place(:, :)
+      logical :: waits
+      integer :: k
+
+      if (.not. allocated(scratch%record)) return
+      waits = roll%from_table .and. landing%contact .and. roll%waits > 0
+      call start_ground_leg(scratch, flight%v, merge(rest_leg, ground_leg, waits .and. .not. landing%time > 0))
+      call ground_points(scene%dem, flight, landing%time, result%boulder%radius, time, place)
+      do k = 1, size(time)
+         call record_vertex(scratch, contact_t(place(1, k), place(2, k), place(3, k), result%time + time(k), &
+                                               flight%v, leg=ground_leg))
+      end do
+      if (waits .and. landing%time > 0) &
+         call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time + landing%time, &
+                                               leg=rest_leg))
+   end subroutine record_ground_leg
 end module rockfall_paths

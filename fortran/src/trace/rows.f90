@@ -84,6 +84,6 @@ contains
       real(wp) :: row(size(vertex_fields))
 
       row = [vertex%x + dem%x0, vertex%y + dem%y0, vertex%z, vertex%time, vertex%v, vertex%v_in, vertex%v_out, &
-             vertex%ratio]
+             vertex%ratio, real(vertex%leg, wp)]
    end function vertex_row
 end module rockfall_rows

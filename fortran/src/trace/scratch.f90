@@ -17,18 +17,24 @@ module rockfall_scratch
    implicit none
    private
    public :: scratch_t, contact_t, piece_t, gathered_t, basic, with_lines, with_maps, with_all
-   public :: clear_scratch, visit_cells, count_ground, record_vertex, replace_velocity
+   public :: clear_scratch, visit_cells, count_ground, record_vertex, start_ground_leg, end_record
+   public :: no_leg, flight_leg, ground_leg, rest_leg
 
    !> Level of recording, in addition to the boulder's result: nothing; lines and histograms; also visits of raster
    !> cells; also trajectory vertices, obstacles and the energy balance.
    integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_all = 3
 
-   !> Vertex of a recorded trajectory: the release, each contact, each obstacle hit, the end.
+   !> Motion from a recorded vertex to the next: none at the end; otherwise in the order of rockfall_variables.
+   integer, parameter :: no_leg = 0, flight_leg = 1, ground_leg = 2, rest_leg = 3
+
+   !> Vertex of a recorded trajectory: the release, each contact, each obstacle hit, the end; also where a leg on the
+   !> ground meets the next patch of the terrain, and where the boulder waits.
    type :: contact_t
       real(wp) :: x = 0, y = 0, z = 0, time = 0  !! local coordinates [m], since release [s]
       real(wp) :: v(3) = 0                   !! velocity after it [m/s]
       real(wp) :: v_in(3) = 0, v_out(3) = 0  !! V_t, V_n, W before and after; 0 without a rebound [m/s]
       real(wp) :: ratio = 0            !! R_b/R_m; 0 without a rebound
+      integer :: leg = flight_leg      !! to the next vertex
    end type contact_t
 
    !> Boulder at its release, or fragment where its boulder broke: start of a path.
@@ -139,12 +145,23 @@ contains
       if (scratch%recorded <= size(scratch%record)) scratch%record(scratch%recorded) = vertex
    end subroutine record_vertex
 
-   !> Replace the velocity at the last vertex by that of the roll that starts there.
-   pure subroutine replace_velocity(scratch, v)
+   !> Set the velocity at the last vertex to that of the leg on the ground that starts there.
+   pure subroutine start_ground_leg(scratch, v, leg)
       type(scratch_t), intent(inout) :: scratch
       real(wp), intent(in) :: v(3)  !! [m/s]
+      integer, intent(in) :: leg    !! ground_leg or rest_leg
 
       if (.not. allocated(scratch%record)) return
-      if (scratch%recorded <= size(scratch%record)) scratch%record(scratch%recorded)%v = v
-   end subroutine replace_velocity
+      if (scratch%recorded > size(scratch%record)) return
+      scratch%record(scratch%recorded)%v = v
+      scratch%record(scratch%recorded)%leg = leg
+   end subroutine start_ground_leg
+
+   !> Note that no motion follows the last vertex.
+   pure subroutine end_record(scratch)
+      type(scratch_t), intent(inout) :: scratch
+
+      if (.not. allocated(scratch%record)) return
+      if (scratch%recorded <= size(scratch%record)) scratch%record(scratch%recorded)%leg = no_leg
+   end subroutine end_record
 end module rockfall_scratch

@@ -11,7 +11,7 @@ module rockfall_trajectory
                                left_domain, hit_nodata
    use rockfall_crossings, only: record_crossings
    use rockfall_scratch, only: scratch_t, contact_t, basic, with_lines, with_maps, with_all, clear_scratch, &
-                               record_vertex
+                               record_vertex, end_record
    use rockfall_start, only: start_boulder, start_piece, energy_head, end_boulder
    use rockfall_breaking, only: break_at_impact
    use rockfall_contact, only: handle_impact
@@ -149,6 +149,7 @@ contains
             call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v_in))
             flight%v = v_in
          end if
+         call end_record(scratch)
          call close_energy_balance(scene%gravity, landing%z, flight%v, omega_r, result)
          if (allocated(scene%barriers)) call record_passed_over(scene, result, scratch%crossings)
       end if

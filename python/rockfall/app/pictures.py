@@ -180,7 +180,7 @@ def trajectory_message(
     points = [_points(trajectory, ground) for trajectory in shown]
     first = np.cumsum([0, *map(len, points)])
     arrays = {
-        "points": np.concatenate([np.zeros((0, 5)), *points]).astype("f4"),
+        "points": np.concatenate([np.zeros((0, 6)), *points]).astype("f4"),
         "first": first.astype("u4"),
         "boulder": np.array([trajectory.boulder for trajectory in shown], "u4"),
         "mass": mass.astype("f4"),
@@ -189,12 +189,13 @@ def trajectory_message(
 
 
 def _points(path: Trajectory, ground: Ground) -> np.ndarray:
-    """Points (n, 5) of a trajectory: x, y, z, time and speed at both ends of each flight, between
-    which the page draws the parabola."""
+    """Points (n, 6) of a trajectory: x, y, z, time, speed and gravity at both ends of each piece,
+    between which the page draws the parabola, or, without gravity, a straight line."""
     place = np.arange(path.x.size) % POINTS
     chosen = (place == 0) | (place == POINTS - 1)
     plan = ground.relative(path.x[chosen], path.y[chosen])
-    return np.column_stack([plan, path.z[chosen], path.time[chosen], path.speed[chosen]])
+    columns = path.z, path.time, path.speed, path.gravity
+    return np.column_stack([plan, *(values[chosen] for values in columns)])
 
 
 def masses(result: xr.Dataset, boulders: Sequence[int], case: Case) -> np.ndarray:

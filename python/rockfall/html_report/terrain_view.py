@@ -39,6 +39,7 @@ SHOWN = 100  # trajectories
 COARSE = 0.5  # tolerance of drawn parabolas [m]
 AWAY = 1.2  # distance of the eye from the centre, in sides of the scene
 ABOVE = 2.0  # height of lines above the ground, so that they remain visible [m]
+CLEAR = 0.5  # least height of trajectories above the drawn surface, for the same reason [m]
 
 
 class View(NamedTuple):
@@ -88,7 +89,10 @@ def traces(result: xr.Dataset, terrain: Terrain) -> list[Trace]:
         traced.append(_curve(name, [(x, y, height(*terrain, x, y) + ABOVE)], corner, look))
     motion = motion_of(result, SHOWN)
     if paths := sampled(motion, COARSE).strings(motion.boulder):
-        curves = [path[:, :3].T for path in paths]
+        curves = [
+            (x, y, np.fmax(up, height(z, grid, x, y) + CLEAR))
+            for x, y, up, _ in (p.T for p in paths)
+        ]
         traced.append(
             _curve(say("page.trajectories"), curves, corner, {"color": VERMILION, "width": 2})
         )

@@ -17,6 +17,7 @@ from rockfall.lab.lateral import incidence
 from rockfall.lab.setfile import write_sets
 from rockfall.lab.sets import Sets, restitution
 from rockfall.lab.talus import CELL, NORTH, WEST, Talus
+from rockfall.result.motion import are_met
 from rockfall.scene.rebound import ratio_class
 from rockfall.simulation.simulate import run
 
@@ -169,8 +170,10 @@ def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
 
 def _turns(result: xr.Dataset) -> np.ndarray:
     """Turns of the path in plan at the contacts of the recorded trajectories [degree]."""
-    x, y = result["trajectory_velocity_x"].values, result["trajectory_velocity_y"].values
-    boulder = result["trajectory_boulder"].values
+    boulder, leg = result["trajectory_boulder"].values, result["trajectory_leg"].values
+    met = are_met(boulder, leg)
+    x, y = (result[f"trajectory_velocity_{axis}"].values[met] for axis in "xy")
+    boulder = boulder[met]
     same = boulder[1:] == boulder[:-1]
     cross = x[:-1] * y[1:] - y[:-1] * x[1:]
     turn = np.degrees(np.abs(np.arctan2(cross, x[:-1] * x[1:] + y[:-1] * y[1:])))

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Motion of recorded boulders between their vertices, as the kernel follows it to lines and cells.
+"""Motion of recorded boulders between their vertices, by the kind of each leg.
 
-A boulder flies on a parabola, or, while it rolls or slides on the ground, goes straight at its mean
-speed; where a slide takes longer than that, it waits at the end of it. A roll or slide begins at a
-rebound; the flight after it begins above its last vertex, by what the boulder rose in the contact.
+A boulder flies on a parabola. On the ground it goes from point to point of the terrain, straight in
+plan at its mean speed; where a contact takes longer than that, it waits at the end. A roll or slide
+begins at a rebound; the flight after it begins above its last vertex, by what the boulder rose in
+the contact.
 """
 
 from __future__ import annotations
 
+import warnings
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -15,6 +17,7 @@ import numpy as np
 
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
+from rockfall.result.variables import LEG
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
@@ -23,23 +26,35 @@ EXACT = 1e-6  # distance [m] and time [s] up to which places and times are the s
 PARALLEL = 1e-9  # sine of the angle between directions that are the same
 TOLERANCE = 0.05  # [m]
 _Kept = TypeVar("_Kept")
-_NAMES = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z", "ratio")
+_NAMES = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
+NO_LEGS = (
+    "trajectories of an older version: legs on the ground are taken for flights, run the case again"
+)
 
 
 class Motion(NamedTuple):
-    """Flights, rolls, slides and waits, in order of time for each boulder. One that never moved has
-    one piece, without duration."""
+    """Flights, legs on the ground and waits, in order of time for each boulder. One that never
+    moved has one piece, without duration."""
 
     start: np.ndarray  # (4, n) x, y, z [m], time since release [s]
     end: np.ndarray  # (4, n)
     velocity: np.ndarray  # (3, n) at the start [m/s]
     gravity: np.ndarray  # (n) [m/s2]; 0: straight and steady
     boulder: np.ndarray  # (n) number
-    vertex: np.ndarray  # (n) index, in the result, of the last vertex
+    vertex: np.ndarray  # (n) index, in the result, of the last contact, release or obstacle hit
 
     def take(self, pieces: Any) -> Motion:
         """Pieces of an index or mask; for None, all of them with an axis for several parts."""
         return Motion(*(values[..., pieces] for values in self))
+
+    def straightened(self) -> Motion:
+        """Each leg on the ground straight to its end, as the kernel follows it to lines and
+        cells."""
+        slides = (self.gravity == 0) & self.velocity.any(axis=0)
+        joins = slides & np.roll(slides, 1) & (np.diff(self.vertex, prepend=-1) == 0)
+        first = np.flatnonzero(~joins)
+        last = np.append(first, joins.size)[1:] - 1
+        return self.take(first)._replace(end=self.end[:, last])
 
     def at(self, part: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x, y, z [m] and time [s] (4, ...), and speed [m/s], after a part of the duration of each
@@ -68,40 +83,45 @@ def motion_of(result: Held, number: int | None = None, gravity: float | None = N
     boulder = result["trajectory_boulder"].values
     vertex = np.flatnonzero(np.isin(boulder, spread(np.unique(boulder).tolist(), number)))
     columns = np.stack([seconds(result[f"trajectory_{name}"].values[vertex]) for name in _NAMES])
+    if "trajectory_leg" in result:
+        leg = result["trajectory_leg"].values[vertex]
+    else:
+        warnings.warn(NO_LEGS, stacklevel=2)
+        leg = np.full(vertex.size, LEG["flight"])
     g = case_of(result).flight["gravity"] if gravity is None else gravity
-    return _between(columns, boulder[vertex], vertex, g)
+    return _between(columns, boulder[vertex], vertex, leg, g)
 
 
-def _between(columns: np.ndarray, boulder: np.ndarray, vertex: np.ndarray, g: float) -> Motion:
+def are_met(boulder: np.ndarray, leg: np.ndarray) -> np.ndarray:
+    """Mask of the vertices that are releases, contacts, obstacles hit and ends: not the points
+    between the start and the end of a leg on the ground."""
+    straight, same = leg > LEG["flight"], np.diff(boulder, prepend=-1) == 0
+    return ~(straight & np.roll(straight, 1) & same)
+
+
+def _between(
+    columns: np.ndarray, boulder: np.ndarray, vertex: np.ndarray, leg: np.ndarray, g: float
+) -> Motion:
     """Motion between vertices of which `columns` are _NAMES; changes them."""
-    start, velocity, rebounds = columns[:4], columns[4:7], columns[7] != 0
+    start, velocity = columns[:4], columns[4:]
     begins, ends = np.diff(boulder, prepend=-1) != 0, np.diff(boulder, append=-1) != 0
+    straight = leg > LEG["flight"]
+    after_straight = np.roll(straight, 1) & ~begins
     end = np.where(ends, start, np.roll(start, -1, axis=1))
     step = end - start
-    duration, plan_speed = step[3], np.hypot(*velocity[:2])
-    steady = duration.copy()  # of the step in plan, at the velocity at its start
-    np.divide(np.hypot(*step[:2]), plan_speed, out=steady, where=plan_speed > 0)
-    off = step[:3] - velocity * steady
-    lift = step[2] - velocity[2] * duration + 0.5 * g * duration**2  # before a flight
-    # A slide that an obstacle ends is shorter, and ends on the ground, above or below its path.
-    cut = (duration - steady <= EXACT) & (np.abs(lift) > EXACT)
-    straight = rebounds & (np.hypot(*off[:2]) <= EXACT) & (cut | (np.abs(off[2]) <= np.abs(lift)))
-    lifted = ~begins & ~rebounds & ~ends & np.roll(straight, 1) & (np.abs(lift) > EXACT)
+    lift = step[2] - velocity[2] * step[3] + 0.5 * g * step[3] ** 2  # before a flight
+    lifted = after_straight & ~straight & ~ends & (np.abs(lift) > EXACT)
     start[2, lifted] += lift[lifted]
-    waits = np.flatnonzero(straight & (duration - steady > EXACT))
-    arrival = end.copy()
-    arrival[3, waits] = start[3, waits] + steady[waits]
+    contact = np.maximum.accumulate(np.where(are_met(boulder, leg), np.arange(vertex.size), 0))
     moves = np.flatnonzero(begins | ~ends)
-    stands = np.repeat([False, True], [moves.size, waits.size])
-    moves_of = np.append(moves, waits)
     return Motion(
-        np.where(stands, arrival[:, moves_of], start[:, moves_of]),
-        np.where(stands, end[:, moves_of], arrival[:, moves_of]),
-        np.where(stands, 0.0, velocity[:, moves_of]),
-        np.where(stands | straight[moves_of], 0.0, g),
-        boulder[moves_of],
-        vertex[moves_of],
-    ).take(np.argsort(moves_of, kind="stable"))
+        start[:, moves],
+        end[:, moves],
+        velocity[:, moves],
+        np.where(straight, 0.0, g)[moves],
+        boulder[moves],
+        vertex[contact[moves]],
+    )
 
 
 def seconds(values: np.ndarray) -> np.ndarray:
@@ -116,11 +136,11 @@ def spins(result: Held, motion: Motion) -> np.ndarray:
     vertex, first, indices = np.unique(motion.vertex, return_index=True, return_inverse=True)
     piece = motion.take(first)
     out_w, ratio = (result[f"trajectory_{name}"].values[vertex] for name in ("out_w", "ratio"))
-    straight, way = piece.gravity == 0, piece.end[:3] - piece.start[:3]
+    straight = piece.gravity == 0
     before, after = np.roll(piece.at(1.0)[1], 1), piece.at(0.0)[1]
     follows = (ratio == 0) & (np.diff(piece.boulder, prepend=-1) == 0)
     hit = follows & ~np.roll(straight, 1)
-    rolled = follows & ~hit & _are_parallel(piece.velocity, np.roll(way, 1, axis=1))
+    rolled = follows & ~hit & _are_parallel(piece.velocity, np.roll(piece.velocity, 1, axis=1))
     leaves = np.where(rolled, after, out_w)  # W with which a boulder leaves each vertex
     kept = np.where(hit, after / np.where(before > 0, before, np.inf), 1.0)
     for k in np.flatnonzero(follows & ~rolled).tolist():

@@ -30,6 +30,7 @@ class Trajectory(NamedTuple):
     speed: np.ndarray
     time: np.ndarray
     boulder: int  # its number
+    gravity: np.ndarray  # [m/s2] in flight; 0 on the ground and at rest
 
 
 def vertices_of(result: Held, *names: str) -> list[np.ndarray]:
@@ -46,9 +47,10 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
     their contacts.
 
     A parabola is fixed by the velocity after a contact, the time and gravity. A boulder rolls and
-    slides straight at a mean speed; where it stands, time goes on at speed 0. A result has the
-    trajectories that its case asks for (`&output trajectories`); each is a named tuple of arrays
-    x, y, z, distance [m], speed [m/s] and time [s], and the boulder's number.
+    slides along the terrain at a mean speed; where it stands, time goes on at speed 0. A result has
+    the trajectories that its case asks for (`&output trajectories`); each is a named tuple of
+    arrays x, y, z, distance [m], speed [m/s] and time [s], the boulder's number, and gravity
+    [m/s2], which is 0 on the ground and at rest.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml").replace(output={"trajectories": 3})
@@ -69,10 +71,11 @@ def curves(motion: Motion) -> list[Trajectory]:
     start = np.repeat(motion.start[:2, first], size, axis=1)[..., None]
     distance = np.hypot(x - start[0], y - start[1])
     columns = [values.ravel() for values in (x, y, z, distance, speed, time)]
+    gravity = np.repeat(motion.gravity, POINTS)
     still = (motion.start == motion.end)[:, first].all(axis=0)
     points = np.where(still & (size == 1), 1, POINTS * size)
     return [
-        Trajectory._make([*(values[k : k + n] for values in columns), number])
+        Trajectory._make([*(values[k : k + n] for values in columns), number, gravity[k : k + n]])
         for number, k, n in zip(numbers.tolist(), POINTS * first, points, strict=True)
     ]
 

@@ -31,11 +31,13 @@ def trajectory_features(
     data: xr.Dataset, sampled: Sampled
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Trajectories as LineString ZM, with the number of contacts and the travel time [s]."""
-    boulder, contacts = np.unique(data["trajectory_boulder"].values, return_counts=True)
+    boulder, recorded = np.unique(data["trajectory_boulder"].values, return_counts=True)
     paths = sampled.strings(sampled.motion.boulder)
+    _, first = np.unique(sampled.motion.vertex, return_index=True)
+    _, contacts = np.unique(sampled.motion.boulder[first], return_counts=True)
     return lines_zm(paths), {
         "boulder": boulder.astype(np.int64),
-        "vertices": contacts.astype(np.int64),
+        "vertices": np.minimum(contacts + 1, recorded).astype(np.int64),  # with the end
         "travel_time": np.array([path[-1, 3] for path in paths]),
     }
 
@@ -52,7 +54,7 @@ def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]
     _, release, indices = np.unique(piece.boulder, return_index=True, return_inverse=True)
     columns = {
         "boulder": piece.boulder.astype(np.int64),
-        "contact": (piece.vertex - piece.vertex[release][indices] + 1).astype(np.int64),
+        "contact": (np.arange(indices.size) - release[indices] + 1).astype(np.int64),
         "begin": time_stamps(begin),
         "end": time_stamps(end),
         "begin_s": begin,

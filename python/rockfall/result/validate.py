@@ -106,7 +106,9 @@ def _groups() -> Iterator[_Group]:
         "barrier_height": ("line",), "barrier_capacity": ("line",),
         "barrier_outcome": ("line", "boulder"),
     }  # fmt: skip
-    yield {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
+    vertex: _Group = {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
+    yield {"trajectory_leg": vertex.pop("trajectory_leg")}  # which older versions lack
+    yield vertex
     yield {f"sample_{name}": sample_dims(name) for name in variables.SAMPLE}
     yield {axis: (axis,) for axis in ("x", "y")}
     yield {"threshold": ("threshold",)}

@@ -32,6 +32,7 @@ KEPT = _TABLE["kept"]  # of the boulders whose rows a part keeps, where these ar
 SAMPLE = _TABLE["sample"]  # there, and in results: sample_bin, ...
 STATUS = {name: number for number, name in enumerate(_TABLE["status"], start=1)}
 OUTCOME = {name: number for number, name in enumerate(_TABLE["outcome"], start=1)}
+LEG = {name: number for number, name in enumerate(_TABLE["leg"], start=1)}  # 0: the end
 
 EXCEEDED = ("energy_exceeded", "hits_energy_exceeded")  # maps with a layer for each threshold
 

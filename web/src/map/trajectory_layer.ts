@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Trajectories in plan, and points of one kind.
 import { css, LAYER_COLOURS, plasma, SPEED_CLASSES } from '../colours';
+import { COLUMNS } from '../trajectories';
 import type { Trajectories } from '../view3d/view3d';
 import { PlotLayer, type Plan } from './plot_layer';
 
-const COLUMNS = 5; // x, y, z, time, speed
+const SPEED = 4; // column of a point
 const TOGETHER = 10; // trajectories whose pieces are drawn by one stroke
 const SHORTEST = 1; // pixel: vertices nearer to the last one drawn are left out
 
@@ -19,7 +20,7 @@ export class TrajectoryLayer extends PlotLayer {
     this.originY = south;
     this.fastest = 0;
     const points = trajectories?.points ?? [];
-    for (let k = COLUMNS - 1; k < points.length; k += COLUMNS) this.fastest = Math.max(this.fastest, points[k] ?? 0);
+    for (let k = SPEED; k < points.length; k += COLUMNS) this.fastest = Math.max(this.fastest, points[k] ?? 0);
     this.redraw();
   }
 
@@ -87,7 +88,7 @@ export class TrajectoryLayer extends PlotLayer {
         const x = x0 + (points[k] as number) * scale;
         const y = y0 - (points[k + 1] as number) * scale;
         if (Math.abs(x - lastX) + Math.abs(y - lastY) < SHORTEST && k + COLUMNS < end) continue;
-        const now = Math.min(SPEED_CLASSES - 1, Math.floor((points[k + 4] as number) / perClass));
+        const now = Math.min(SPEED_CLASSES - 1, Math.floor((points[k + SPEED] as number) / perClass));
         const path = paths[now] as Path2D;
         if (now !== last) path.moveTo(Number.isNaN(lastX) ? x : lastX, Number.isNaN(lastY) ? y : lastY);
         path.lineTo(x, y);

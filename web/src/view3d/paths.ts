@@ -5,26 +5,27 @@ import {
   type PerspectiveCamera,
 } from 'three';
 import { plasma } from '../colours';
+import { between, COLUMNS } from '../trajectories';
 import { scaleEnd, type Quantity } from './colours';
 import type { Ground } from './ground';
 import { Ribbons, STRIDE } from './ribbons';
 import type { Trajectories } from './types';
 
-const GRAVITY = 9.81; // [m/s2]
 const DENSITY = 2700; // [kg/m3], for the size in which a boulder is drawn
 const SAG = 0.06; // [m] between a parabola and the chords that are drawn for it
-const CHORD = Math.sqrt((8 * SAG) / GRAVITY); // [s] that such a chord lasts
 const SHORTEST = 0.1; // [s] of a hop, at most 12 mm high, that is drawn
+const OFF = 0.02; // [m] from the motion between its neighbours at which a point is left out
 const COARSE = 0.45; // [s] between points drawn far away, 0.25 m above the chord
 const DETAIL = 0.2; // [m] of a pixel below which all points are drawn
 const MIN_RADIUS = 3.5; // [pixel] of a boulder far away
 const SAMPLE = 50; // points per one by which the camera sees where trajectories are
 const MOST = 0.995; // quantile of the values that the palette spans
 
-/** Trajectories with points where their parabolas need them, and where boulders are at a time. */
+/** Trajectories with points where their motion needs them, and where boulders are at a time. */
 export class Paths {
   readonly group = new Group();
   readonly duration: number;
+  readonly highest: number = -Infinity; // z [m] of a point drawn
   /** Some points [m] of the trajectories, and the sum of the vectors from their starts to their ends. */
   readonly sample: Vector3[] = [];
   readonly fall = new Vector3();
@@ -55,6 +56,7 @@ export class Paths {
         const back = at - STRIDE;
         this.length[k] = this.length[k - 1]! + Math.hypot(x - points[back]!, y - points[back + 1]!, z - points[back + 2]!);
       }
+      this.highest = Math.max(this.highest, z);
       duration = Math.max(duration, points[at + 3]!);
       const last = k + 1 === first[path + 1]!;
       if (last || k === first[path]! || k % SAMPLE === 0) this.sample.push(new Vector3(x, y, z));
@@ -114,7 +116,7 @@ export class Paths {
       const part = span > 0 && time !== null ? Math.min(Math.max((time - points[a + 3]!) / span, 0), 1) : 0;
       const centreX = x + part * east;
       const centreY = y + part * north;
-      let centreZ = z + part * (points[b + 2]! - z) + 0.5 * GRAVITY * span * span * part * (1 - part);
+      let centreZ = z + part * (points[b + 2]! - z);
       const away = Math.hypot(centreX - eyeX, centreY - eyeY, centreZ - eyeZ);
       const radius = Math.max(this.radius[path]!, MIN_RADIUS * pixel * away);
       centreZ += 0.8 * radius; // a trajectory runs along the underside of its boulder
@@ -187,63 +189,69 @@ function rock(): DodecahedronGeometry {
   return geometry;
 }
 
-/** Points so that straight chords follow the parabolas: without points that lie on a parabola of their neighbours, with points where they
- * are too far apart. Contacts stay. A path of one point gets a second. */
+/** Points so that straight chords follow the motion: without points that lie on the motion of their neighbours, with points where these are
+ * too far apart. Contacts stay. A path of one point gets a second. */
 function resampled({ points, first }: Trajectories): { points: Float32Array<ArrayBuffer>; speed: Float32Array; first: Uint32Array } {
   let data = new Float32Array(1024);
   let used = 0;
   const speeds: number[] = [];
   const firsts = new Uint32Array(first.length);
-  const add = (x: number, y: number, z: number, time: number, speed: number): void => {
+  const add = (from: Float32Array, at = 0, later = 0): void => {
     if (used + STRIDE > data.length) {
       const longer = new Float32Array(2 * data.length);
       longer.set(data);
       data = longer;
     }
-    data[used] = x;
-    data[used + 1] = y;
-    data[used + 2] = z;
-    data[used + 3] = time;
+    for (let column = 0; column < 4; column++) data[used + column] = from[at + column]!;
+    data[used + 3]! += later;
     used += STRIDE;
-    speeds.push(speed);
+    speeds.push(from[at + 4]!);
   };
+  const point = new Float32Array(COLUMNS);
   for (let path = 0; path + 1 < first.length; path++) {
-    const begin = first[path]! * 5;
-    const last = (first[path + 1]! - 1) * 5;
+    const begin = first[path]! * COLUMNS;
+    const last = (first[path + 1]! - 1) * COLUMNS;
+    add(points, begin);
     let kept = begin;
-    for (let at = begin; at <= last; at += 5) {
-      if (at !== begin && at !== last && isSpare(points, kept, at)) continue;
-      const span = points[at + 3]! - points[kept + 3]!;
-      const pieces = at === begin ? 1 : Math.min(Math.ceil(span / CHORD), 64);
-      const rise = (points[at + 2]! - points[kept + 2]!) / span + 0.5 * GRAVITY * span; // at the beginning of the flight
-      const level = Math.hypot(points[at]! - points[kept]!, points[at + 1]! - points[kept + 1]!) / span;
-      for (let k = 1; k < pieces; k++) {
-        const part = k / pieces;
-        const between = (column: number): number => points[kept + column]! + part * (points[at + column]! - points[kept + column]!);
-        const bulge = 0.5 * GRAVITY * span * span * part * (1 - part);
-        add(between(0), between(1), between(2) + bulge, between(3), Math.hypot(level, rise - GRAVITY * span * part));
+    let mixed = false; // legs of several kinds are left out since the last point kept
+    for (let at = begin + COLUMNS; at <= last; at += COLUMNS) {
+      if (at !== last && isSpare(points, kept, at)) {
+        mixed ||= points[at + 5] !== points[kept + 5];
+        continue;
       }
-      add(points[at]!, points[at + 1]!, points[at + 2]!, points[at + 3]!, points[at + 4]!);
+      const span = points[at + 3]! - points[kept + 3]!;
+      const gravity = mixed ? 0 : points[kept + 5]!;
+      const pieces = Math.min(Math.ceil(span / chord(gravity)), 64);
+      for (let k = 1; k < pieces; k++) {
+        between(points, kept, at, gravity, k / pieces, point);
+        add(point);
+      }
+      add(points, at);
       kept = at;
+      mixed = false;
     }
     // A second point, later, or the next path would seem to go on from the first.
-    if (begin === last) add(points[begin]!, points[begin + 1]!, points[begin + 2]!, points[begin + 3]! + 1e-3, points[begin + 4]!);
+    if (begin === last) add(points, begin, 1e-3);
     firsts[path + 1] = used / STRIDE;
   }
   return { points: data.slice(0, used), speed: Float32Array.from(speeds), first: firsts };
 }
 
-/** Whether the parabola from a kept point to the point after this one is short, and passes through this one or is too short to be seen. */
+/** Time [s] of a chord that is drawn for a part of a parabola; any time for straight motion. */
+function chord(gravity: number): number {
+  return gravity > 0 ? Math.sqrt((8 * SAG) / gravity) : Infinity;
+}
+
+const there = new Float32Array(COLUMNS);
+
+/** Whether the motion from a kept point to the point after this one is short, and passes through this one or is too short to be seen. */
 function isSpare(points: Float32Array, kept: number, at: number): boolean {
-  const next = at + 5;
+  const next = at + COLUMNS;
   const span = points[next + 3]! - points[kept + 3]!;
-  if (span < SHORTEST) return true;
-  if (span > CHORD || points[next + 3] === points[at + 3] || points[at + 3] === points[kept + 3]) return false;
-  const part = (points[at + 3]! - points[kept + 3]!) / span;
-  for (let column = 0; column < 3; column++) {
-    const bulge = column === 2 ? 0.5 * GRAVITY * span * span * part * (1 - part) : 0;
-    const there = points[kept + column]! + part * (points[next + column]! - points[kept + column]!) + bulge;
-    if (Math.abs(there - points[at + column]!) > 0.02) return false;
-  }
-  return true;
+  const short = span < SHORTEST;
+  const gravity = short ? 0 : points[kept + 5]!;
+  if (!short && (gravity !== points[at + 5] || span > chord(gravity) || points[next + 3] === points[at + 3] || points[at + 3] === points[kept + 3]))
+    return false;
+  between(points, kept, next, gravity, span > 0 ? (points[at + 3]! - points[kept + 3]!) / span : 0, there);
+  return Math.hypot(there[0]! - points[at]!, there[1]! - points[at + 1]!, there[2]! - points[at + 2]!) <= (short ? SAG : OFF);
 }

@@ -10,7 +10,8 @@ export interface Terrain { west: number; south: number; cell: number; nx: number
 /** Hillshade 1..255, 0 is unknown, from the north-west corner of the terrain. */
 export interface Shade { cell: number; nx: number; ny: number; values: Uint8Array }
 
-/** Points (n, 5): x - west, y - south, z [m], time since release [s], speed [m/s]; masses [kg]. */
+/** Points (n, COLUMNS): x - west, y - south, z [m], time since release [s], speed [m/s], and gravity on the way to the next point [m/s2]: 0 on
+ * the ground and at rest; masses [kg]. */
 export interface Trajectories { points: Float32Array; first: Uint32Array; boulder: Uint32Array; mass: Float32Array }
 
 /** A drawn line: x and y [m] in the terrain's own system, height [m] above the ground. */

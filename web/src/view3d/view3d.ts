@@ -77,10 +77,11 @@ export class View3d {
   }
 }
 
-/** Milliseconds of the script for a frame, and the time at which the frame began. */
+/** Milliseconds of the script for a frame, the time at which the frame began, and the highest point [m] of the trajectories drawn. */
 export interface Frame {
   cost: number;
   now: number;
+  highest: number;
 }
 
 type Part = 'ground' | 'drape' | 'lines' | 'paths' | 'colours';
@@ -293,7 +294,7 @@ class Stage {
 
   /** Keep how long the script took to prepare a frame [ms], without the drawing, and when, for benchmarks. */
   private noteCost(cost: number, now: number): void {
-    this.frames.push({ cost, now });
+    this.frames.push({ cost, now, highest: this.paths?.highest ?? -Infinity });
     if (this.frames.length > FRAMES) this.frames.shift();
   }
 }

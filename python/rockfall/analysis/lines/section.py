@@ -98,7 +98,8 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
 
     stations = stations_of(line)
     mapped = section_maps.has_maps(result)
-    motion, boulders = motion_of(result), result["boulder"].values
+    followed, boulders = motion_of(result), result["boulder"].values
+    motion = followed.straightened()
     moves = (motion.start != motion.end)[:3].any(axis=0)
     not_kept = np.setdiff1d(motion.boulder[moves], boulders).size
     moves &= np.isin(motion.boulder, boulders)
@@ -139,8 +140,8 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     }
     return Section(
         line, pd.DataFrame(table, columns=COLUMNS).assign(**attrs), lines, pd.DataFrame(columns),
-        _paths(motion, line, np.concatenate(crossing)), rows.size, simulated(result), mapped,
-        not_kept,
+        _paths(followed, line, np.concatenate(crossing)), rows.size, simulated(result),
+        mapped, not_kept,
     )  # fmt: skip
 
 
