@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.crs import check_metres, is_metre
+from rockfall.io.crs import check_metres
 from rockfall.io.grid import TOLERANCE, Grid, flaw_of, row_blocks
+from rockfall.io.length_units import is_metre, stated_in_attributes
 from rockfall.limits import MAX_ELEVATION
 
 if TYPE_CHECKING:
@@ -34,13 +35,13 @@ def from_array(
         data = as_plan(cast("xr.DataArray", data))
         grid, flipped = grid_of(data)
         values, fill = data.values, data.attrs.get("_FillValue")
-        _check_unit("elevations are", data)
+        stated = stated_in_attributes(data.attrs)
     elif transform is None:
         raise RockfallError(f"{_NAME}: a NumPy array needs a transform (affine.Affine)")
     else:
-        values, fill = np.ma.getdata(data), None
+        values, fill, stated = np.ma.getdata(data), None, []
         grid, flipped = _numpy_grid(values, transform)
-    check_metres(grid, _NAME)
+    check_metres(grid, _NAME, stated)
     dtype = elevation_dtype(values.dtype, _NAME)
     missing = np.ma.getmaskarray(data) if np.ma.isMaskedArray(data) else None
     if fill is not None and not np.isnan(fill):

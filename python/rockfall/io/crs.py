@@ -8,12 +8,13 @@ import json
 import math
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.io.length_units import METRE, Stated, Unit, contradiction
 from rockfall.language import remark
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
     from rockfall.io.grid import Grid
 
-_METRES = {"", "m", "metre", "metres", "meter", "meters"}
 NO_DATUM = "not stated"
 _NAMELESS = re.compile(r"unknown|unnamed|not.specified", re.IGNORECASE)
 _NEAR = 1e-3  # difference of equal coordinates [m]
@@ -191,38 +191,77 @@ def _best_way(
     return Transformation(ways.transformers[0].transform, ways.best_available)
 
 
-def is_metre(unit: str | None) -> bool:
-    """Return True if a unit as spelled in files is the metre, or missing."""
-    return (unit or "").strip().lower() in _METRES
+#: Command that converts a raster to metres: to a plan (None: unchanged), and heights by a factor.
+Cure = Callable[[str | None, float], str]
 
 
-def check_metres(grid: Grid, path: str, warp: Callable[[str, str], str] | None = None) -> None:
-    """Refuse units other than the metre; `warp(suffix, options)` gives the command that fixes it.
-
-    The unit of heights is checked if the system has a vertical datum.
-    """
-    crs = grid.crs
-    if crs is None:
+def check_metres(
+    grid: Grid, path: str, stated: Iterable[Stated] = (), cure: Cure | None = None
+) -> None:
+    """Refuse units other than the metre, of plan coordinates and of elevations; `stated` are those
+    that the file gives beside its CRS."""
+    system = None if grid.crs is None else _pyproj(grid.crs)
+    plan = METRE
+    if system is not None:
+        _check_kind(path, system)
+        plan, heights = _units(system)
+        if heights is not None:
+            stated = [Stated(heights, f"CRS {crs_name(grid.crs)}"), *stated]
+    stated = [*stated]
+    if pair := contradiction(stated):
+        units = " and in ".join(f"{unit.name} ({where})" for unit, where in pair)
+        raise RockfallError(f"{path}: elevations are in {units}: correct one")
+    wrong = next((heights for heights in stated if not heights.unit.is_metre), None)
+    if plan.is_metre and wrong is None:
         return
-    if _pyproj(crs).is_geocentric:
+    if plan.is_metre:
+        assert wrong is not None
+        problem = f"{path}: elevations are in {wrong.unit.name} ({wrong.where}), metres are needed"
+        if cure is not None and math.isfinite(wrong.unit.factor):
+            problem += f"; convert with: {cure(None, wrong.unit.factor)}"
+        raise RockfallError(problem)
+    raise _plan_refusal(grid, path, plan, wrong.unit if wrong else None, bool(stated), cure)
+
+
+def _plan_refusal(
+    grid: Grid, path: str, plan: Unit, heights: Unit | None, is_stated: bool, cure: Cure | None
+) -> RockfallError:
+    """Refusal of plan coordinates in a unit, with elevations in another than the metre (None: in
+    metres, or not stated), and the commands that convert both."""
+    assert grid.crs is not None
+    both = f", elevations in {heights.name}" if heights else ""
+    problem = f"{path}: cells are in {plan.name}{both} ({crs_name(grid.crs)}), metres are needed"
+    utm = _utm(grid)
+    if utm is None or (heights and math.isnan(heights.factor)):
+        return RockfallError(problem)
+    if cure is None:
+        return RockfallError(f"{problem}; reproject to {utm}")
+    if heights:
+        return RockfallError(f"{problem}; convert with: {cure(utm, heights.factor)}")
+    alone = cure(utm, 1.0)
+    if is_stated or not math.isfinite(plan.factor):
+        return RockfallError(f"{problem}; reproject with: {alone}")
+    return RockfallError(
+        f"{problem}; with elevations in {plan.name} too: {cure(utm, plan.factor)}; "
+        f"with elevations in metres: {alone}"
+    )
+
+
+def _check_kind(path: str, system: pyproj.CRS) -> None:
+    """Refuse systems without plan coordinates, and depths."""
+    if system.is_geocentric:
         raise RockfallError(
-            f"{path}: coordinates are geocentric ({crs_name(crs)}), from the centre of the Earth: "
+            f"{path}: coordinates are geocentric ({_title(system)}), from the centre of the Earth: "
             "a projected CRS in metres is needed"
         )
-    plan, heights = _units(_pyproj(crs))
-    if plan == heights == "metre":
-        return
-    if plan == "metre":
+    if system.is_vertical and not system.is_compound:
         raise RockfallError(
-            f"{path}: elevations are in {heights} ({crs_name(crs)}), metres are needed"
+            f"{path}: its CRS is one of heights alone ({_title(system)}): a projected CRS is needed"
         )
-    problem = f"{path}: cells are in {plan} ({crs_name(crs)}), metres are needed"
-    if (utm := _utm(grid)) is None:
-        raise RockfallError(problem)
-    cure = f"reproject to {utm}"
-    if warp is not None:
-        cure = f"reproject with: {warp('utm', f'--dst-crs {utm} --resampling bilinear')}"
-    raise RockfallError(f"{problem}; {cure}")
+    if any(axis.direction == "down" for axis in system.axis_info):
+        raise RockfallError(
+            f"{path}: has depths ({_title(system)}): elevations, positive upwards, are needed"
+        )
 
 
 def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
@@ -254,17 +293,18 @@ def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
     remarks.append(remark(path, "input.outside_area", x=x, y=y, crs=f"EPSG:{code}"))
 
 
-def _units(crs: pyproj.CRS) -> tuple[str, str]:
-    """Units of a system in plan and of its heights; metre where undefined."""
-    plan = heights = "metre"
+def _units(crs: pyproj.CRS) -> tuple[Unit, Unit | None]:
+    """Units of a system in plan and of its heights, None without; metre where undefined. Angles
+    have no factor."""
+    plan, heights = METRE, None
     for axis in crs.axis_info:
-        unit = "degrees" if axis.unit_name == "degree" else axis.unit_name
-        if abs(axis.unit_conversion_factor - 1.0) <= 1e-9 and unit not in ("radian", "unity"):
-            continue
-        if axis.direction in ("up", "down"):
-            heights = unit
-        else:
-            plan = unit
+        factor, name = axis.unit_conversion_factor, axis.unit_name
+        if axis.direction == "up":
+            heights = Unit(name, factor)
+        elif name in ("degree", "grad", "radian", "unity"):
+            plan = Unit("degrees" if name == "degree" else name, math.nan)
+        elif abs(factor - 1.0) > 1e-9:
+            plan = Unit(name, factor if factor > 0.0 else math.nan)
     return plan, heights
 
 

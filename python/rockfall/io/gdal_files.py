@@ -25,9 +25,11 @@ from rockfall.io.tables import plain_decimal
 BINARY = ("GTiff", "HFA", "GSBG", "GS7BG")
 IMAGINE = b"EHFA_HEADER_TAG"
 _MASKS = (".msk", ".ovr")
-_NODATA, _ASCII = 42113, 2  # a tag, and a type
+_NODATA = 42113  # a tag
+_ASCII, _SHORT = 2, 3  # types
+_SIZES = {_ASCII: 1, _SHORT: 2}  # bytes
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity|1\.#(qnan|ind|inf)0*)", re.IGNORECASE)
-_MAX_NUMBER = 64  # bytes
+_MAX_TAG = 65536  # bytes
 
 
 def plain_file(path: str | Path) -> str:
@@ -62,18 +64,33 @@ def check_imagine(path: str) -> None:
 
 def check_nodata(path: str) -> None:
     """Refuse a GeoTIFF whose nodata text is not a number: GDAL reads it as 0."""
-    with open(path, "rb") as file:
-        try:
-            text = _nodata_text(file, os.path.getsize(path))
-        except struct.error:  # truncated: GDAL reports it
-            return
-    nodata = text.strip(" \0")
+    nodata = tiff_text(path, _NODATA).strip(" \0")
     if nodata and math.isnan(plain_decimal(nodata)) and not _NOT_FINITE.fullmatch(nodata):
         raise RockfallError(f"{path}: nodata = {nodata[:40]}: must be a number or nan")
 
 
-def _nodata_text(file: BinaryIO, size: int) -> str:
-    """Text of the nodata tag in the first directory; empty if absent."""
+def tiff_text(path: str | Path, tag: int) -> str:
+    """Text of a tag in the first directory; empty if absent, or in a truncated file, which GDAL
+    reports."""
+    return _tiff_tag(path, tag, _ASCII)[0].decode("latin-1")
+
+
+def tiff_numbers(path: str | Path, tag: int) -> tuple[int, ...]:
+    """Integers of 16 bits of a tag in the first directory; empty as `tiff_text`."""
+    raw, end = _tiff_tag(path, tag, _SHORT)
+    return struct.unpack(f"{end}{len(raw) // 2}H", raw[: len(raw) // 2 * 2])
+
+
+def _tiff_tag(path: str | Path, tag: int, kind: int) -> tuple[bytes, str]:
+    """Bytes of a tag of a type, and their order."""
+    with open(path, "rb") as file:
+        try:
+            return _tag_bytes(file, os.path.getsize(path), tag, kind)
+        except struct.error:
+            return b"", "<"
+
+
+def _tag_bytes(file: BinaryIO, size: int, wanted: int, wanted_kind: int) -> tuple[bytes, str]:
     start = file.read(16)
     end = "<" if start[:2] == b"II" else ">"
     big = struct.unpack_from(f"{end}H", start, 2)[0] == 43
@@ -83,13 +100,13 @@ def _nodata_text(file: BinaryIO, size: int) -> str:
     length = struct.calcsize(f"{end}{entry}")
     for _ in range(min(entries, size // length)):
         tag, kind, many, where = struct.unpack(f"{end}{entry}", raw := file.read(length))
-        if tag == _NODATA and kind == _ASCII:
-            inline = 8 if big else 4
+        if tag == wanted and kind == wanted_kind:
+            inline, many = 8 if big else 4, many * _SIZES[kind]
             if many <= inline:
-                return raw[-inline:][:many].decode("latin-1")
+                return raw[-inline:][:many], end
             file.seek(where)
-            return file.read(min(many, _MAX_NUMBER)).decode("latin-1")
-    return ""
+            return file.read(min(many, _MAX_TAG)), end
+    return b"", end
 
 
 def companions(path: Path) -> list[Path]:

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.crs import is_metre
 from rockfall.io.grid import TOLERANCE, Box, Transform, row_blocks
+from rockfall.io.length_units import is_metre
 from rockfall.io.netcdf import open_netcdf
 
 if TYPE_CHECKING:

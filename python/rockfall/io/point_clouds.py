@@ -20,6 +20,8 @@ from rockfall.errors import RockfallError, need
 from rockfall.io.crs import crs_name, same_crs
 from rockfall.io.files import start_of
 from rockfall.io.gdal_files import plain_file
+from rockfall.io.geo_keys import DIRECTORY, TEXTS, check_plan, keys_of, stated_heights
+from rockfall.io.length_units import Stated, refuse_units, unit_in_words
 from rockfall.io.point_text import TEXT, is_point_text, text_chunks
 from rockfall.limits import MAX_ELEVATION, MAX_REAL
 
@@ -39,6 +41,7 @@ _V14 = struct.Struct("<QIQ")  # at byte 235: extended records and their number, 
 _PLACE, _TABLE = struct.Struct("<q"), struct.Struct("<II")  # of LAZ: its table of chunks, its head
 _RECORD, _EXTENDED = 54, 60  # bytes of the heads of records
 _WITHHELD = "withheld"
+_WKT, _DESCRIPTION = 2112, 3  # records of LAS: coordinate system, text area
 
 
 def is_cloud(path: str | Path) -> bool:
@@ -161,17 +164,50 @@ def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
 
 
 def _laser_crs(path: str | Path) -> CRS | None:
-    """CRS of a LAS file, None if it names none."""
+    """CRS of a LAS file, None if it names none. A file whose records contradict each other is
+    refused: laspy takes the last, other readers the first, or join them."""
     from rasterio.crs import CRS
 
     with _Laser(path) as reader:
         crs = reader.header.parse_crs()
+        by_keys = reader.header.parse_crs(prefer_wkt=False)
         records = [*reader.header.vlrs, *(reader.header.evlrs or ())]
+        own = [record for record in records if record.user_id == "LASF_Projection"]
+        for number, name in ((_WKT, "WKT"), (DIRECTORY, "GeoKey")):
+            contents = {record.record_data_bytes().rstrip(b"\0") for record in own
+                        if record.record_id == number}  # fmt: skip
+            if len(contents) > 1:
+                raise RockfallError(
+                    f"{path}: has {len(contents)} {name} records that differ: keep one, for plan "
+                    "and heights"
+                )
+        _check_heights(path, own, records)
     if crs is not None:
-        return CRS.from_wkt(crs.to_wkt())
-    if any(record.user_id == "LASF_Projection" for record in records):
+        found, other = (CRS.from_wkt(system.to_wkt()) for system in (crs, by_keys))
+        if not same_crs(found, other):
+            raise RockfallError(
+                f"{path}: its WKT names {crs_name(found)}, its GeoKeys {crs_name(other)}: "
+                "correct one"
+            )
+        return found
+    if own:
         raise RockfallError(f"{path}: names a CRS that cannot be read")
     return None
+
+
+def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any]) -> None:
+    """Refuse heights in a unit other than the metre by the GeoKeys, which laspy does not read, or
+    by a description in words."""
+    data = {record.record_id: record.record_data_bytes() for record in own}
+    directory = data.get(DIRECTORY, b"")
+    keys = keys_of(struct.unpack(f"<{len(directory) // 2}H", directory[: len(directory) // 2 * 2]))
+    check_plan(str(path), keys)
+    stated = stated_heights(keys, data.get(TEXTS, b"").decode("latin-1"))
+    for record in records:
+        if (record.user_id, record.record_id) == ("LASF_Spec", _DESCRIPTION):
+            unit = unit_in_words(record.record_data_bytes().decode("latin-1"))
+            stated += [Stated(unit, "its text area")] if unit else []
+    refuse_units(path, stated)
 
 
 class _Laser:

@@ -16,6 +16,8 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.io.files import start_of
 from rockfall.io.gdal_files import plain_file
+from rockfall.io.length_units import Stated, refuse_units, unit_in_words
+from rockfall.io.projection_file import projection_heights
 from rockfall.limits import MAX_REAL
 
 if TYPE_CHECKING:
@@ -137,7 +139,10 @@ def _cells(line: str) -> tuple[list[str], str]:
 
 
 def _layout(path: str | Path) -> _Layout:
-    cells, separator = _cells(first_line(start_of(path)))
+    line = first_line(start_of(path))
+    cells, separator = _cells(line)
+    unit = unit_in_words(line)
+    refuse_units(path, [*projection_heights(path), *([Stated(unit, "line 1")] if unit else [])])
     if any(map(_COMMA_NUMBER.fullmatch, cells)):
         raise RockfallError(f"{path}: line 1: decimal commas: numbers need a point")
     if all(map(_NUMBER.fullmatch, filter(None, cells))):

@@ -16,10 +16,11 @@ import numpy as np
 
 from rockfall.errors import OUR_FAULT, RockfallError
 from rockfall.io.arrays import check_elevations
-from rockfall.io.crs import check_metres, crs_name, is_metre, same_crs
+from rockfall.io.crs import check_metres, crs_name, same_crs
 from rockfall.io.files import atomic_write
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.raster_file import GdalCells, RasterFile, open_raster
+from rockfall.io.raster_units import stated_units
 from rockfall.language import remark
 
 _TILE = 256  # cells
@@ -71,9 +72,8 @@ def _elevations(raster: RasterFile, box: Box) -> np.ndarray:
 
 def _check_dem(raster: RasterFile) -> None:
     """Refuse a raster that cannot be a terrain."""
-    check_metres(raster.grid, raster.path, raster.warp)
+    check_metres(raster.grid, raster.path, stated_units(raster), raster.in_metres)
     raster.check_cells()
-    _check_unit(raster, "elevations")
 
 
 def _remark(raster: RasterFile, remarks: list[str] | None) -> None:
@@ -176,9 +176,11 @@ def write_geotiff(
 
 def _check_unit(raster: RasterFile, what: str) -> None:
     """Refuse lengths in units other than the metre."""
-    unit = raster.source.units[0]
-    if not is_metre(unit):
-        raise RockfallError(f"{raster.path}: {what} are in {unit}, metres are needed")
+    for unit, where in stated_units(raster):
+        if not unit.is_metre:
+            raise RockfallError(
+                f"{raster.path}: {what} are in {unit.name} ({where}), metres are needed"
+            )
 
 
 def _check_aligned(raster: RasterFile, grid: Grid, what: str, resampling: str) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import elevation_dtype
 from rockfall.io.ascii_grid import AsciiCells, is_ascii, open_ascii
+from rockfall.io.crs import crs_argument, in_plan
 from rockfall.io.files import NETCDF, TIFF, start_of
 from rockfall.io.gdal_files import (
     BINARY,
@@ -29,10 +30,12 @@ from rockfall.io.gdal_files import (
 )
 from rockfall.io.grid import Box, Grid, Transform, flaw_of, row_blocks
 from rockfall.io.netcdf_grid import NetcdfCells, cells_of, open_grid_file
+from rockfall.io.projection_file import projection_crs
 from rockfall.limits import MACHINE_MEMORY
 
 if TYPE_CHECKING:
     from affine import Affine
+    from rasterio.crs import CRS
     from rasterio.io import DatasetReader
 
 _CACHE = 32  # MB, a row of tiles of a wide raster; GDAL would take 5 % of the memory
@@ -133,15 +136,44 @@ class RasterFile:
                 block, valid = block[::-1], valid[::-1]
             yield slice(rows.start - box.row, rows.stop - box.row), block, valid
 
-    def warp(self, suffix: str, options: str) -> str:
-        """Command that resamples this file into dem_suffix.tif; holes become nodata, not 0."""
+    def warp(self, suffix: str, options: str, factor: float = 1.0) -> str:
+        """Command that resamples this file into dem_suffix.tif; holes become nodata, not 0. Values
+        are multiplied by a factor, and unpacked, which `rio warp` does not."""
         if self.source.nodata is None:
             dtype = np.dtype(self.source.dtypes[0])
             mark = np.iinfo(dtype).max if dtype.kind == "u" else -9999
             options += f" --src-nodata {mark} --dst-nodata {mark}"
+        values = self._expression(factor)
+        warped, out = self._beside(f"{suffix}_raw" if values else suffix), self._beside(suffix)
+        command = f"rio warp {quote(_rio_name(self.path))} {warped} {options}"
+        return (
+            f"{command} && rio calc --dtype float64 {values} {warped} {out}" if values else command
+        )
+
+    def in_metres(self, plan: str | None, factor: float) -> str:
+        """Command that makes dem_utm.tif in a plan, or dem_m.tif in its own, with elevations
+        multiplied by a factor; without the system of heights, in which readers would convert."""
+        if plan is not None:
+            return self.warp("utm", f"--dst-crs {plan} --resampling bilinear", factor)
+        out, values = self._beside("m"), self._expression(factor)
+        whole = " --not-masked" if self.source.nodata is None else ""
+        command = f"rio calc --dtype float64{whole} {values} {quote(_rio_name(self.path))} {out}"
+        if (crs := self.grid.crs) is None or in_plan(crs) == crs:
+            return command
+        return f"{command} && rio edit-info {out} --crs {quote(crs_argument(crs))}"
+
+    def _beside(self, suffix: str) -> str:
+        """Quoted name of a file next to this one."""
         path = Path(self.path.replace(".nc:", "_"))
-        out = path.with_name(f"{path.stem}_{suffix}.tif")
-        return f"rio warp {quote(_rio_name(self.path))} {quote(str(out))} {options}"
+        return quote(str(path.with_name(f"{path.stem}_{suffix}.tif")))
+
+    def _expression(self, factor: float) -> str:
+        """Quoted expression for `rio calc`; empty if stored numbers stay."""
+        scale, offset = (factor * number for number in self.cells.packing)
+        if (scale, offset) == (1.0, 0.0):
+            return ""
+        product = f"(* {scale!r} (read 1))"
+        return quote(f"(+ {offset!r} {product})" if offset else product)
 
     def flaw(self) -> str:
         """Reason why its cells cannot form a grid; empty if they can."""
@@ -233,7 +265,8 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
         cells = open_ascii(file)
         if not companions(Path(file)):
             return _raster(path, AsciiSource(file, cells), cells)
-        return _raster(path, _dataset(path, name, ("AAIGrid",), stack), cells)
+        source = _dataset(path, name, ("AAIGrid",), stack)
+        return _raster(path, source, cells, source.crs or projection_crs(file))
     if start.startswith(TIFF):
         check_nodata(file)
     if start.startswith(IMAGINE):
@@ -257,12 +290,14 @@ def _dataset(path: str, name: str, drivers: tuple[str, ...], stack: ExitStack) -
     return source
 
 
-def _raster(path: str, source: DatasetReader | AsciiSource, cells: Cells) -> RasterFile:
+def _raster(
+    path: str, source: DatasetReader | AsciiSource, cells: Cells, crs: CRS | None = None
+) -> RasterFile:
     t = cells.transform if isinstance(cells, (AsciiCells, NetcdfCells)) else source.transform
     if (source.height, source.width) != getattr(cells, "shape", source.shape):
         raise RockfallError(f"{path}: GDAL reads another header: malformed")
     north = t.f if t.e < 0 else t.f + source.height * t.e
-    grid = Grid(t.c, north, t.a, source.width, source.height, source.crs, path)
+    grid = Grid(t.c, north, t.a, source.width, source.height, crs or source.crs, path)
     return RasterFile(path, source, cells, t, grid)
 
 
