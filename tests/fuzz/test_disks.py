@@ -145,7 +145,8 @@ def test_a_finished_file_that_cannot_take_its_name_stays_and_is_named(program, f
     how = {"NO_RENAME": fault, "LATE_RENAME": 1}
     status, said = run(program, OUTPUTS[program], ready, disk, "--checkpoint", "0", **how)
     assert status == 2
-    kept = ready / re.search(r"The new file is (\S+)\n$", said)[1]
+    assert (named := re.search(r"The new file is (\S+)\n$", said)), said
+    kept = ready / named[1]
     assert kept.is_file() and not (ready / OUTPUTS[program]).exists()
     whole = rockfall.run(rockfall.read_case(ready / "case.nml"))
     same_results(result_of(kept), whole)
