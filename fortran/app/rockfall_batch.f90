@@ -117,6 +117,8 @@ contains
       checkpoint%text = text
       checkpoint%inputs => inputs
       checkpoint%every = arguments%checkpoint
+      checkpoint%resumes = arguments%resume
+      checkpoint%overwrites = arguments%overwrite
       checkpoint%say => warn
       call run_case(case, inputs%arrays%grid, inputs%scene, arguments%shard, checkpoint, state, error)
       if (.not. allocated(error)) then
@@ -160,7 +162,7 @@ contains
    end subroutine print_help
 
    !> Reject an output that cannot be written, is an input, or exists without --overwrite. A result next to the
-   !> checkpoint of a stopped run may be replaced: check_checkpoint decides.
+   !> checkpoint of a stopped run may be replaced: check_checkpoint decides; with --resume the run itself.
    subroutine check_output(output, arguments, scene, error)
       character(len=*), intent(in) :: output, scene
       type(arguments_t), intent(in) :: arguments
@@ -174,7 +176,8 @@ contains
          call fail(error, output//": is an input; it is not overwritten")
       else if (path_exists(output) .and. .not. is_regular(output)) then
          call fail(error, output//": not a regular file")
-      else if (path_exists(output) .and. .not. (arguments%overwrite .or. path_exists(output//".checkpoint"))) then
+      else if (path_exists(output) .and. .not. (arguments%overwrite .or. arguments%resume .or. &
+                                                path_exists(output//".checkpoint"))) then
          call fail(error, output//": already exists; not overwritten (--overwrite replaces it)")
       end if
       if (.not. allocated(error)) call check_place(output, error)

@@ -119,7 +119,8 @@ def test_a_result_is_not_overwritten_unasked(many):
     few = ("--boulders", "3")
     assert subprocess.run(command("rockfall", "a.nc", *few), cwd=many).returncode == 0
     refused(many, "a.nc: already exists; not overwritten (--overwrite replaces it)", *few)
-    refused(many, "a.nc: already exists; not overwritten", "--resume", *few)
+    other = ("--boulders", "4")
+    refused(many, "a.nc: already exists; not overwritten", "--resume", *other)
     for program in PROGRAMS:
         words = command(program, "a.nc", *few, "--overwrite")
         assert subprocess.run(words, cwd=many, stderr=subprocess.DEVNULL).returncode == 0

@@ -15,7 +15,7 @@ import xarray as xr
 
 import scenes
 from made import refused
-from programs import refuses
+from programs import everything, refuses
 from rockfall import RockfallError
 from rockfall.cli import main
 from rockfall.lab import experiment, remake
@@ -201,6 +201,8 @@ def test_what_is_no_part_of_the_same_is_not_resumed(place, monkeypatch, change):
 
 def test_ctrl_c_twice_keeps_what_is_done_and_says_how_to_go_on(impacts, place, monkeypatch, capsys):
     monkeypatch.setattr(experiment, "SHOTS_IN_CHUNK", 3)
+    # However long the machine takes between them, both count as one.
+    monkeypatch.setattr("rockfall.interrupts.TOGETHER", np.inf)
 
     def pressing(name):
         does = getattr(experiment, name)
@@ -227,6 +229,10 @@ def test_ctrl_c_twice_keeps_what_is_done_and_says_how_to_go_on(impacts, place, m
     out, err = capsys.readouterr()
     assert err == "" and out.splitlines()[-1] == "lab.nc"
     assert checksum(open_impacts("lab.nc")) == checksum(impacts)
+    before = everything(place)
+    assert main([*words, "--resume"]) == 0
+    told = "rockfall: lab.nc: is finished already, from the same case; nothing was changed\n"
+    assert capsys.readouterr() == ("", told) and everything(place) == before
 
 
 def test_two_runs_of_a_laboratory_do_not_write_one_file(place, capsys):

@@ -8,7 +8,7 @@ module rockfall_checkpoint
    use rockfall_system, only: path_exists, remove_file, hidden_name, interrupt_status, say_to, check_space
    use rockfall_case, only: case_t
    use rockfall_scene_file, only: inputs_t
-   use rockfall_part_file, only: write_part, read_part, row_bytes, boulders_in
+   use rockfall_part_file, only: write_part, read_part, is_finished, row_bytes, boulders_in
    use rockfall_run_state, only: run_t
    use rockfall_run_loop, only: run_observer_t, save_rest
    implicit none
@@ -21,6 +21,7 @@ module rockfall_checkpoint
       character(len=:), allocatable :: text         !! of the case, with options of the command line
       type(inputs_t), pointer :: inputs => null()
       real(wp) :: every = 0                         !! [s]; 0 = never
+      logical :: resumes = .false., overwrites = .false.  !! as requested
       procedure(say_to), pointer, nopass :: say => null()
       integer(i8), private :: next = 0              !! time of the next save [ticks]
       integer(i8), private :: kept = 0              !! boulders in the last save
@@ -56,13 +57,20 @@ contains
                                                   //integer_text(boulders_in(this%name))//" boulders for --resume"
    end subroutine name_checkpoint
 
-   !> Check the disk, and continue from the file, if it exists.
+   !> Check output and disk, and continue from the file, if it exists. A finished output ends the run without fault.
    subroutine on_start(this, run, error)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
 
-      call check_space(this%output, row_bytes(run), error)
+      if (this%resumes .and. path_exists(this%output) .and. .not. path_exists(this%name)) then
+         if (is_finished(this%output, this%text, this%inputs, run)) then
+            call fail(error, this%output//": is finished already, from the same case; nothing was changed", code=0)
+         else if (.not. this%overwrites) then
+            call fail(error, this%output//": already exists; not overwritten (--overwrite replaces it)")
+         end if
+      end if
+      if (.not. allocated(error)) call check_space(this%output, row_bytes(run), error)
       if (allocated(error)) return
       call wait_for(this, this%every)
       if (.not. path_exists(this%name)) return

@@ -26,7 +26,7 @@ module rockfall_part_file
    use rockfall_part, only: part_t, part_lengths_t, pack_part, make_room, unpack_part, part_arrays
    implicit none
    private
-   public :: write_part, read_part, row_bytes, boulders_in
+   public :: write_part, read_part, is_finished, row_bytes, boulders_in
 
    character(len=*), parameter :: types(*) = ["i1", "i4", "i8", "f4", "f8"]  !! as in `stored_as`
    integer, parameter :: kinds(*) = [nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double]
@@ -271,6 +271,26 @@ contains
 
       value = sum(integers_of(file, name, 1))
    end function integer_of
+
+   !> Return whether a file is a part with all boulders of a run of which none are done.
+   logical function is_finished(name, text, inputs, run)
+      character(len=*), intent(in) :: name
+      character(len=*), intent(in) :: text  !! of the case, with options of the command line
+      type(inputs_t), intent(in) :: inputs
+      type(run_t), intent(inout) :: run
+      type(netcdf_file_t) :: file
+      type(error_t), allocatable :: error
+
+      is_finished = .false.
+      call open_netcdf(name, file, error)
+      if (allocated(error)) return
+      call check_run(file, text, inputs, run, error)
+      is_finished = .not. allocated(error) .and. is_ok(file) .and. run%done == run%boulders
+      run%done = 0
+      run%wall = 0
+      run%cpu = 0
+      call close_netcdf(file)
+   end function is_finished
 
    !> Read a part from which a run continues; it must start where the run starts. Others, and damaged ones, are
    !> rejected.

@@ -38,6 +38,7 @@ from rockfall.lab.sets import read_sets
 from rockfall.lab.site import Site
 from rockfall.lab.tables import table_of
 from rockfall.plots.lab import layer_figure
+from rockfall.simulation.finished import FINISHED
 from rockfall.simulation.lock import locked
 from rockfall.simulation.progress import progress_bar
 from rockfall.text.lab import (
@@ -80,6 +81,7 @@ def impact_command(arguments: argparse.Namespace) -> int:
         raise RockfallError("--radius: is for blocks on a ground")
     case = read_lab_case(arguments.case)
     run = run_sequences if case.throws else run_impacts
+    before = path.stat().st_ino if path.exists() else None
     try:
         with locked(path, warn):
             data = run(
@@ -88,6 +90,8 @@ def impact_command(arguments: argparse.Namespace) -> int:
             )  # fmt: skip
     except KeyboardInterrupt:
         return say(f"interrupted: {path} goes on with --resume", exit_status())
+    if path.stat().st_ino == before:  # a file that is written is a new one
+        return say(f"{path}: {FINISHED}", DONE)
     if not arguments.quiet:
         print(sequences_summary(data) if case.throws else impact_summary(data))
         print(path)

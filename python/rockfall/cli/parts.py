@@ -6,19 +6,32 @@ from __future__ import annotations
 import argparse
 
 from rockfall.cli.given import given_case
-from rockfall.cli.messages import DONE
-from rockfall.io.output_files import check_result_path
+from rockfall.cli.messages import DONE, say
+from rockfall.errors import RockfallError
+from rockfall.io.output_files import EXISTS, check_result_path, overwriting
 from rockfall.result.dataset import write_result
 from rockfall.scene.prepare import prepare
-from rockfall.simulation.merge import join
+from rockfall.simulation.finished import FINISHED, is_finished
+from rockfall.simulation.merge import Joined
 from rockfall.simulation.slurm import write_jobs
 from rockfall.text.summary import summary
 
 
 def merge_command(arguments: argparse.Namespace) -> int:
-    check_result_path(arguments.output, arguments.parts)
-    result = join(arguments.parts)
-    write_result(result, arguments.output)
+    path, there = arguments.output, arguments.output.exists() and not arguments.overwrite
+    with overwriting(arguments.overwrite or there):
+        check_result_path(path, arguments.parts)
+    joined = Joined()
+    for part in arguments.parts:
+        joined.add(part)
+    result = joined.result()
+    if there:
+        assert joined.first is not None
+        origin = joined.first.origin
+        if not is_finished(path, origin, range(1, origin.boulders + 1)):
+            raise RockfallError(f"{path}: {EXISTS}")
+        return say(f"{path}: {FINISHED}", DONE)
+    write_result(result, path)
     print(summary(result))
     print(arguments.output)
     return DONE

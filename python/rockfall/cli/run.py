@@ -16,14 +16,16 @@ from rockfall.cli.given import overridden, scene_of, stem_of
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, interrupts
-from rockfall.io.output_files import check_result_path, overwriting
+from rockfall.io.output_files import EXISTS, check_result_path, overwriting
 from rockfall.result.dataset import write_result
 from rockfall.result.samples import simulated
 from rockfall.scene.scene import Scene
 from rockfall.simulation.checkpoint import Checkpoint, checkpoint_of
 from rockfall.simulation.dask import run_on_cluster
+from rockfall.simulation.finished import FINISHED, is_finished
 from rockfall.simulation.lock import locked
-from rockfall.simulation.simulate import Interrupted, simulate
+from rockfall.simulation.simulate import Interrupted, simulate, start
+from rockfall.simulation.tally import origin_of
 from rockfall.text.summary import summary
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ def run_command(arguments: argparse.Namespace) -> int:
     which, parts = shard = (1, 1) if arguments.shard is None else _shard(arguments.shard)
     stem = stem_of(arguments)
     path = arguments.output or Path(f"{stem}.nc" if parts == 1 else f"{stem}.part{which}of{parts}")
-    with overwriting(arguments.overwrite or _was_stopped(path, arguments)):
+    with overwriting(arguments.overwrite or arguments.resume or _was_stopped(path, arguments)):
         check_result_path(path, input_files(case))
         with locked(path, warn):
             return _run_to(path, case, arguments, shard, _checkpoint(arguments, path))
@@ -93,6 +95,13 @@ def _run_to(
     checkpoint: Checkpoint | None,
 ) -> int:
     scene = scene_of(case, arguments)
+    if arguments.resume and path.exists() and not checkpoint_of(path).exists():
+        empty = start(scene, threads=1, shard=shard)
+        boulders = range(empty.before + 1, empty.before + empty.boulders + 1)
+        if is_finished(path, origin_of(empty), boulders):
+            return say(f"{path}: {FINISHED}", DONE)
+        if not arguments.overwrite:
+            raise RockfallError(f"{path}: {EXISTS}")
     with interrupts():  # completed work is written too
         try:
             result = _simulate(scene, arguments, shard, checkpoint)

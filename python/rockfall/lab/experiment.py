@@ -125,6 +125,8 @@ def run_impacts(
     else:
         data = _blank(case)
     total = data["status"].size
+    if (data["status"].values > 0).all():
+        return data
     saved = time.monotonic()
     with interrupts() as interrupted, progress_bar(total, progress, "impacts") as advance:
         advance(int((data["status"].values > 0).sum()))

@@ -56,6 +56,8 @@ def run_sequences(
     ratios = case.lab["ratios"]
     total = [case.throws_of(ratio) for ratio in ratios]
     parts, counters = _start(case, path if resume else None)
+    if (counters["done"] >= total).all():
+        return _dataset(case, parts, counters)
     saved = time.monotonic()
     with interrupts() as interrupted, progress_bar(sum(total), progress, "throws") as advance:
         advance(int(counters["done"].sum()))
