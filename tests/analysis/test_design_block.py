@@ -174,9 +174,9 @@ def test_the_scenario_is_one_of_a_case(tmp_path):
     path.write_text(case.text() + scenario_text(found))
     assert rockfall.read_case(path).scenario[0]["activity"] == found.scenario["activity"]
     other = rockfall.design_block(
-        drawn(100), events=drawn(12, 4), years=40, threshold=0.5, volume_max=30.0
+        drawn(100), events=drawn(12, 4), years=40, threshold=0.5, volume_max=300.0
     )
-    assert other.scenario["volume_max"] == 30
+    assert other.scenario["volume_max"] == 300
 
 
 GOOD = "volume\n" + "".join(f"{one:.4g}\n" for one in drawn(30))
@@ -211,7 +211,18 @@ GOOD = "volume\n" + "".join(f"{one:.4g}\n" for one in drawn(30))
         (None, {"return_period": 1e6}, "bear up to"),
         (None, {"threshold": math.inf}, "threshold = inf"),
         (None, {"threshold": 4.0}, "larger than 4 m3, 20 needed"),
-        (None, {"volume_max": 0.1}, "must be > threshold"),
+        (None, {"volume_max": 0.1}, "m3, the largest surveyed block"),
+        (None, {"volume_max": 5.0, "return_period": 300.0}, "m3, the largest surveyed block"),
+        (GOOD, {"events": drawn(9, 4), "volume_max": 7.0, "return_period": 300.0, "threshold": 0.6},
+            "m3, the block of 300 years"),
+        (None, {"years": 1987.0}, "is a calendar year: give the length of the observation"),
+        ("volume,year\n1,2187\n", {}, "year = 2187: lies in the future"),
+        ("volume,date\n1,2187-01-01\n", {}, "date = 2187-01-01: lies in the future"),
+        ("a,b,c\n120,80,60\n", {}, "a = 120: must be a number >= 0.001 and <= 50"),
+        ("a,b,c\n50,48,47\n", {}, "a x b x c must be <= 100000 m3, with axes in metres"),
+        ("a,b,c\n1200,800,600\n", {}, "a = 1200"),
+        ("volume,year\n800000,2000\n", {}, "volume = 800000"),
+        (GOOD, {"events": [8e5]}, "volume = 800000: must be >= 1e-06 and <= 100000 m3"),
         (GOOD, {"events": [1.0, 2.0]}, "2 dated blocks, 3 needed"),
         (GOOD, {"events": [0.1, 1.0, 2.0], "threshold": 0.5}, "2 dated blocks are larger than 0.5"),
         (GOOD, {"events": [[1.0]]}, "must be a table"),
@@ -226,6 +237,52 @@ def test_what_no_survey_bears_is_refused_in_one_line(tmp_path, text, given, told
         rockfall.design_block(path, **{"years": 40.0} | given)
     assert told in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+DATES = [1985.0 + 3 * k for k in range(12)]
+
+
+@pytest.mark.parametrize(
+    ("factor", "years", "dates", "told"),
+    [
+        (1000.0, 40.0, DATES, "were volumes meant in dm3 or kg"),
+        (2700.0, 40.0, DATES, "were volumes meant in dm3 or kg"),
+        (
+            1.0,
+            480.0,
+            DATES,
+            "all dated blocks fell within 33 of 480 years: was the observation",
+        ),
+        (1.0, 40 * 365.25, DATES, None),  # refused: more than the maximum
+        (1.0, 480.0, None, "an observation period of 480 years: was it meant in months?"),
+        (1.0, 40.0, DATES, ""),
+        (1.0, 60.0, DATES, ""),
+        (10.0, 40.0, DATES, ""),
+    ],
+)
+def test_units_of_a_survey_are_questioned(tmp_path, factor, years, dates, told):
+    """Whoever meant what is written reads one line more."""
+    volumes = [f"{factor * one:.6g}" for one in drawn(120)]
+    rows = [f"{one},{dates[k] if dates else 1990:.0f}" for k, one in enumerate(volumes[:12])]
+    rows = rows if dates else [row.partition(",")[0] + "," for row in rows]
+    path = survey_file(
+        tmp_path, text="volume,year\n" + "\n".join([*rows, *(f"{one}," for one in volumes[12:])])
+    )
+    given = {} if dates else {"events": [factor * one for one in drawn(12, 4)]}
+    if told is None:
+        with pytest.raises(RockfallError, match="years = 14610: must be > 0 and <= 10000"):
+            rockfall.design_block(path, years=years, **given)
+        return
+    warned = rockfall.design_block(path, years=years, **given).warnings
+    questions = [line for line in warned if line.endswith("?")]
+    assert len(questions) == (told != "") and all(told in line for line in questions)
+    assert all(len(line.split()) <= 25 for line in questions)
+
+
+def test_whole_numbers_are_questioned():
+    volumes = np.ceil(10 * drawn(60) ** 0.5)
+    found = rockfall.design_block(volumes, 30, events=volumes[:9], years=40, threshold=9.5)
+    assert "all volumes are whole numbers of m3: were they meant in dm3 or kg?" in found.warnings
 
 
 def test_the_command_prints_and_writes(tmp_path, capsys):

@@ -156,3 +156,18 @@ def test_attributes_that_are_not_used_are_listed(tmp_path, given, listed):
     remarks = read_study(make_case(tmp_path), path, dem=Z, transform=GRID).remarks
     mine = [line for line in remarks if "attributes not used" in line]
     assert mine == [f"{path}: attributes not used: {listed}"] * (listed is not None)
+
+
+@pytest.mark.parametrize("given, question", [
+    ({"width": 250.0}, "width = 250, as in 1 of 1 features: was it meant in cm?"),
+    ({"aadt": 292_000.0}, "aadt = 292000, as in 1 of 1 features: vehicles a day: were they meant"),
+    ({"speed": 22.0}, "speed = 22, as in 1 of 1 features: was it meant in m/s?"),
+    ({"vehicle_length": 540.0}, "vehicle_length = 540, as in 1 of 1 features: was it meant in cm?"),
+    ({"persons_per_vehicle": 1280.0}, "persons in a vehicle: were they meant for a day?"),
+    ({"speed": 120.0, "aadt": 40_000.0, "width": 30.0}, None),
+])  # fmt: skip
+def test_units_of_objects_are_questioned(tmp_path, given, question):
+    columns = TRAFFIC | {name: [value] for name, value in given.items()}
+    path = make_layer(tmp_path / "own.gpkg", [ROAD], crs="EPSG:32632", **columns)
+    remarks = read_study(make_case(tmp_path), path, dem=Z, transform=GRID).remarks
+    assert [question in line for line in remarks if line.endswith("?")] == [True] * bool(question)

@@ -5,6 +5,7 @@ alone says so; attributes that nothing uses are listed."""
 import geopandas
 import pytest
 import shapely
+import shapely.affinity
 
 import programs
 import rockfall
@@ -162,6 +163,7 @@ def frame(shape, **columns):
         "point": shapely.Point(west + 150, north - 50),
         "line": shapely.LineString([(west + 100, north - 200), (west + 200, north - 200)]),
         "everywhere": shapely.box(west - 1, north - 401, west + 301, north + 1),
+        "strip": shapely.box(west + 10, north - 300, west + 60, north - 30),
         "polygon": shapely.box(west + 100, north - 300, west + 200, north - 30),
     }
     return geopandas.GeoDataFrame(columns, geometry=[shapes[shape]], crs=None)
@@ -199,3 +201,48 @@ def test_attributes_that_are_not_used_are_listed(key, layer, names):
     if key != "clearings" and len(plain.columns) > 1:
         rest = read(case, **{key: plain})
         assert not any("attributes not used" in line for line in rest)
+
+
+MARKED = [
+    ("sources", "point", "volume", [1.0, 2.0, 255.0]),
+    ("sources", "point", "drop_height", [1.0, 2.0, 99.9]),
+    ("sources", "point", "frequency", [0.01, 0.02, 127.0]),
+    ("sources", "polygon", "density", [2600.0, 2700.0, 9999.0]),
+    ("stands", "strip", "stems", [300.0, 200.0, 999.0]),
+    ("stands", "strip", "dbh_mean", [30.0, 20.0, 255.0]),
+    ("stands", "strip", "dbh_std", [3.0, 2.0, 99.9]),
+    ("barriers", "line", "capacity", [500.0, 1000.0, 9999.0]),
+    ("barriers", "line", "height", [3.0, 4.0, 99.9]),
+    ("lines", "line", "object_width", [3.0, 4.0, 999.0]),
+    ("zones", "everywhere", "mean_radius", [0.2, 0.3, 127.0]),
+]
+ONES = {
+    "stands": {"stems": 300.0, "dbh_mean": 30.0, "dbh_std": 3.0, "conifers": 80.0},
+    "barriers": {"height": 3.0, "capacity": 500.0},
+}
+
+
+@pytest.mark.parametrize("key, shape, name, values", MARKED, ids=lambda value: str(value))
+def test_numbers_for_missing_ones_are_questioned(key, shape, name, values):
+    """In every column of a range, but not numbers among others near them."""
+    step = 60.0 if shape == "strip" else 7.0
+    one = frame(shape, a=[0]).geometry.iloc[0]
+    shapes = [shapely.affinity.translate(one, step * k, 0) for k in range(len(values))]
+    for last, is_mark in [(values[-1], True), (values[-1] * 0.37, False)]:
+        columns = {n: [v] * len(values) for n, v in ONES.get(key, {}).items()}
+        columns |= {name: [*values[:-1], last]}
+        warned = read(case_of({}), **{key: geopandas.GeoDataFrame(columns, geometry=shapes)})
+        marks = [line for line in warned if "does it mark missing numbers?" in line]
+        assert len(marks) == is_mark, warned
+        if is_mark:
+            assert f": {name} = {values[-1]:g} in 1 rows, far above all others" in marks[0]
+
+
+def test_one_frequency_far_above_the_others_is_questioned():
+    points = [shapely.Point(PLACE.c + 150 + 9 * k, PLACE.f - 50) for k in range(3)]
+    for frequencies, ratio in [([2e-4, 0.3, 2e-4], "1,500"), ([1e-3, 0.3, 2e-4], "")]:
+        layer = geopandas.GeoDataFrame({"frequency": frequencies}, geometry=points)
+        warned = read(case_of({"case": {"boulders": None, "boulders_total": 9}}), sources=layer)
+        questions = [line for line in warned if "next smaller" in line]
+        assert len(questions) == bool(ratio)
+        assert all(f"feature 2: frequency {ratio} times the next" in line for line in questions)

@@ -261,6 +261,20 @@ def normal(**keys):
     return put("boulder", volume="normal", **keys)
 
 
+def pareto(exponent):
+    volumes = {"volume_min": 0.1, "volume_max": 9.0, "volume_exponent": exponent}
+    return put("boulder", volume="pareto", volume_mean=None, **volumes)
+
+
+def log(diameter):
+    return barrier(diameter=diameter, height=None, **{"class": None})
+
+
+def forest(dbh, uniform_stems=300.0, **keys):
+    stems = {"uniform_stems": uniform_stems, "uniform_dbh_mean": dbh, "uniform_dbh_std": 3.0}
+    return put("forest", uniform_conifers=80.0, **stems, **keys)
+
+
 def radii(radius):
     return lambda site: (site.folder / "zones.csv").write_text(TABLE.replace("0.2", radius))
 
@@ -276,11 +290,41 @@ MISTAKES = {
     "mask of 1 and 255": (mask(1, 255), "cells = 'cells.tif': 255 in 4,760 cells, which makes"),
     "all cells": (mask(255, 255), "every cell of the terrain is a source: is 255 a nodata value"),
     "R_m in cm": (radii("20"), "a mean radius of 20 m: .* was it meant in cm"),
-    "density in t": (put("boulder", density=2.8),
-        "density = 2.8 kg/m3: rocks have 2000 to 3200; was it meant in t/m3?"),
-    "density of sources in t": (of_sources(2.75),
-        "rock_density = 2.75 kg/m3: rocks have 2000 to 3200; was it meant in t/m3?"),
-    "gravity": (put("flight", gravity=981.0), r"981 m/s2: the Earth has 9.81; was it meant in cm"),
+    "density": (put("boulder", density=280.0), "density = 280 kg/m3: rocks have 2000 to 3200"),
+    "density of sources": (of_sources(275.0), "rock_density = 275 kg/m3: rocks have 2000 to 3200"),
+    "density of a scenario": (scenario(frequency=0.1, density=27.0),
+        "&scenario name = 'blocks' density = 27 kg/m3: rocks have 2000 to 3200"),
+    "gravity of no planet": (put("flight", gravity=15.0), "gravity = 15 m/s2: the Earth has 9.81"),
+    "gravity in g": (put("flight", gravity=1.0), "gravity = 1 m/s2: the Earth has 9.81"),
+    "gravity in ft/s2": (put("flight", gravity=32.2), "gravity = 32.2 m/s2: the Earth has 9.81"),
+    "gravity in km/s2": (put("flight", gravity=0.00981), "= 0.00981 m/s2: the Earth has 9.81"),
+    "exponent of a density": (pareto(1.6), "&boulder volume_exponent = 1.6: exponents of the numbe"
+        "r of larger boulders are below 1: was that of the density meant. Then give 0.6"),
+    "exponent of a scenario": (scenario(activity=0.1, volume="pareto", volume_min=0.1,
+        volume_max=9.0, volume_exponent=1.5), "name = 'blocks' volume_exponent = 1.5: .* give 0.5"),
+    "stop_speed in km/h": (put("impact", stop_speed=18.0), "stop_speed = 18 m/s: boulders as fast "
+        "as this move on: was it meant in km/h?"),
+    "rest_angle in radians": (put("impact", rest_angle=0.66), "rest_angle = 0.66 degrees: so flat "
+        "that hardly any boulder rests: was it meant in radians, 38 degrees?"),
+    "objects in cm": (hazard(object_width=250.0), "object_width = 250 m: more than 100 m: was it"),
+    "minimum_area in ha": (hazard(minimum_area=0.02),
+        "minimum_area = 0.02 m2: smaller than a cell of 25 m2: was it meant in hectares?"),
+    "cliff_length in km": (scenario(frequency=0.1, frequency_per="m", cliff_length=0.8),
+        "'blocks' cliff_length = 0.8 m: shorter than a cliff: was it meant in km?"),
+    "a frequency of another unit": (put_several("scenario", {"name": "a", "frequency": 2e-4},
+        {"name": "b", "frequency": 0.3}), "name = 'b': 1,500 times as frequent as 'a', the next"),
+    "a return period as a frequency": (put_several("scenario", {"name": "a", "frequency": 0.01},
+        {"name": "b", "return_period": 0.07}),
+        "name = 'b': 1,429 times as frequent as 'a', the next: is one of the two a return period"),
+    "dem_correlation in km": (put("ensemble", dem_error=1.0, dem_correlation=0.03),
+        "dem_correlation = 0.03 m: shorter than half a cell of 5 m: was it meant in km?"),
+    "source_shift in cm": (put("ensemble", source_shift=300.0), "= 300 m: more than 100 m: was i"),
+    "a log by its length": (log(diameter=180.0), "a log of 180 cm: was its length or a diameter i"),
+    "clearing of sources in cm": (forest(30.0, clear_of_sources=150.0, stem_height=20.0),
+        "&forest clear_of_sources = 150 m: more than 100 m: was it meant in cm?"),
+    "stem height in dm": (forest(30.0, stem_height=250.0),
+        "&forest stem_height = 250 m: more than 60 m: was it meant in cm?"),
+    "basal area": (forest(90.0, uniform_stems=900.0), "a basal area of 5.. m2 a hectare, forests"),
     "drop": (put("release", drop_height=300.0), "start 300 m above the ground: was it meant in c"),
     "speed": (put("release", velocity=[0.0, -80.0, 0.0]), "80 m/s, 288 km/h: was it meant in km/"),
     "volume": (put("boulder", volume_mean=8000.0), "8000 m3: a boulder 25 m across: was it meant"),
@@ -369,6 +413,12 @@ ABSURD = {  # refused at the door
         "&hazard return_periods (value 1) = 0.0033: must be 0.1 to 1e6 [year]"),
     "std in percent": (normal(volume_mean=0.8, volume_std=15.0), "&boulder volume_std = 15.0: must "
         "be at most 5 times volume_mean [m3]; it is not a percentage"),
+    "density in t": (put("boulder", density=2.8),
+        "&boulder density = 2.8: must be in kg/m3, 1000 times that in t/m3"),
+    "density of a scenario in t": (scenario(frequency=0.1, density=2.7),
+        "&scenario density = 2.7: must be in kg/m3, 1000 times that in t/m3"),
+    "gravity in cm": (put("flight", gravity=981.0),
+        "&flight gravity = 981.0: must be in m/s2, a hundredth of that in cm/s2"),
     "error of the DEM in cm": (put("ensemble", dem_error=30.0, dem_correlation=30.0),
         "&ensemble dem_error = 30.0: must be 0 to 20 [m]"),
 }  # fmt: skip
@@ -426,8 +476,8 @@ def test_results_end_in_nc(site, capsys, monkeypatch, name, verb):
 
 def test_both_commands_and_the_function_say_the_same(site, capsys, monkeypatch):
     monkeypatch.chdir(site.folder)
-    site.set("boulder", density=2.8)
-    site.set("flight", gravity=981.0)
+    site.set("boulder", density=280.0)
+    site.set("flight", gravity=98.1)
     Path("case.nml").write_text(site.case().text())
     assert main(["check", "case.nml"]) == 0
     checked = capsys.readouterr().err

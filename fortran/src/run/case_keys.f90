@@ -587,9 +587,23 @@ contains
          rule = "must be at most 1e12"
       else if (positive .and. value < min_positive) then
          rule = "must be at least 1e-12"
+      else
+         rule = other_unit(trim(key%unit), value)
+         return
       end if
       if (rule /= "" .and. key%unit /= "") rule = rule//" ["//trim(key%unit)//"]"
    end function broken_rule
+
+   !> Rule for a number that is one in another unit; "" if it is not. Numbers between other bounds may be tests.
+   pure function other_unit(unit, value) result(rule)
+      character(len=*), intent(in) :: unit
+      real(wp), intent(in) :: value
+      character(len=:), allocatable :: rule
+
+      rule = ""
+      if (unit == "kg/m3" .and. value >= 1 .and. value <= 4) rule = "must be in kg/m3, 1000 times that in t/m3"
+      if (unit == "m/s2" .and. value > 900 .and. value < 1000) rule = "must be in m/s2, a hundredth of that in cm/s2"
+   end function other_unit
 
    !> Parse the ends of "a to b", "> a" or ">= a"; `outer` supplies missing ends.
    pure function range_of(allowed, outer) result(range)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -19,8 +19,13 @@ from rockfall.io.tables import Row, check_columns, read_table
 
 AXES = ("a", "b", "c")
 DATES = ("year", "date")
-MIN_VOLUME, MAX_VOLUME = 1e-6, 1e9  # [m3]
-MAX_YEARS = 1e5
+MIN_VOLUME, MAX_VOLUME = 1e-6, 1e5  # [m3] the largest is 58 m across
+MAX_AXIS = 50.0  # [m]
+MAX_YEARS = 1e4
+CALENDAR = (1800.0, 2100.0)  # numbers of years that are dates
+LARGE = 150.0  # [m3] 6.6 m across; larger blocks are rare, in litres they are usual
+LONG = 200.0  # [year] no record of falls is as long
+UNLIKELY = 1e-3  # probability of what a sound survey does not show
 
 Volumes = str | Path | Sequence[float] | np.ndarray  # a table, or volumes [m3]
 
@@ -87,6 +92,10 @@ def _period(years: float | None, fallen: _Blocks) -> float:
         )
     if not 0 < years <= MAX_YEARS:
         raise RockfallError(f"years = {years:g}: must be > 0 and <= {MAX_YEARS:g}")
+    if CALENDAR[0] <= years <= CALENDAR[1]:
+        raise RockfallError(
+            f"years = {years:g}: is a calendar year: give the length of the observation period"
+        )
     dates = fallen.dates[~np.isnan(fallen.dates)]
     if dates.size and (span := float(np.ptp(dates))) > years:
         raise RockfallError(
@@ -94,6 +103,27 @@ def _period(years: float | None, fallen: _Blocks) -> float:
             f"block of {fallen.name}"
         )
     return float(years)
+
+
+def survey_remarks(survey: Survey) -> Iterator[str]:
+    """Likely mistakes in the units of a survey, one line each."""
+    largest, years = float(survey.volumes.max()), survey.years
+    if largest > LARGE:
+        yield (
+            f"the largest block has {largest:.3g} m3: were volumes meant in dm3 or kg, or axes in "
+            "dm?"
+        )
+    elif largest > 1 and (survey.volumes == survey.volumes.round()).all():
+        yield "all volumes are whole numbers of m3: were they meant in dm3 or kg?"
+    dates = survey.dates[~np.isnan(survey.dates)]
+    part = float(np.ptp(dates)) / years if dates.size > 1 else 1.0
+    if part ** (dates.size - 1) * (dates.size - (dates.size - 1) * part) < UNLIKELY:
+        yield (
+            f"all dated blocks fell within {part * years:.0f} of {years:g} years: was the "
+            "observation period meant in months, or is the record incomplete?"
+        )
+    elif years > LONG:
+        yield f"an observation period of {years:g} years: was it meant in months?"
 
 
 def _read(given: Volumes, name: str) -> _Blocks:
@@ -105,7 +135,7 @@ def _read(given: Volumes, name: str) -> _Blocks:
     wrong = volumes[~((volumes >= MIN_VOLUME) & (volumes <= MAX_VOLUME))]
     if wrong.size:
         raise RockfallError(
-            f"{name}: volume = {wrong[0]:g}: must be >= {MIN_VOLUME:g} and <= {MAX_VOLUME:g}"
+            f"{name}: volume = {wrong[0]:g}: must be >= {MIN_VOLUME:g} and <= {MAX_VOLUME:g} m3"
         )
     return _Blocks(name, volumes, np.full(volumes.size, np.nan))
 
@@ -134,10 +164,12 @@ def _read_file(path: str | Path) -> _Blocks:
 
 def _volume(row: Row, has_axes: bool) -> float:
     if not has_axes:
-        return row.number("volume", MIN_VOLUME, MAX_VOLUME)
-    volume = math.prod(row.number(name, 1e-3, 1e3) for name in AXES)
+        return row.number("volume", MIN_VOLUME, MAX_VOLUME)  # [m3]
+    volume = math.prod(row.number(name, 1e-3, MAX_AXIS) for name in AXES)
     if volume < MIN_VOLUME:
         row.refuse("a", f"a x b x c must be >= {MIN_VOLUME:g} m3")
+    if volume > MAX_VOLUME:
+        row.refuse("a", f"a x b x c must be <= {MAX_VOLUME:g} m3, with axes in metres")
     return volume
 
 
@@ -146,6 +178,8 @@ def _decimal_year(row: Row, column: str) -> float:
     text = row.cells[column]
     if not text:
         return math.nan
+    if text[:4].isdecimal() and int(text[:4]) > date.today().year:
+        row.refuse(column, "lies in the future: give years in which blocks fell")
     if re.fullmatch("[0-9]{4}", text):
         return float(text)
     try:

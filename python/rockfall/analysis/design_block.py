@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.block_survey import Survey, Volumes, read_survey
+from rockfall.analysis.block_survey import Survey, Volumes, read_survey, survey_remarks
 from rockfall.analysis.generalised_pareto import Fit, best_of, fit_gpd, lowest_valid
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.return_levels import BARTLETT, MAX_PERIOD, MAX_SHAPE, THRESHOLDS
@@ -131,8 +131,10 @@ def design_block(
     asked = levels[periods.index(return_period)]
     if asked["refused"]:
         raise RockfallError(f"return_period = {return_period:g}: {asked['refused']}")
+    if volume_max is not None:
+        _check_largest(survey, asked, volume_max)
     scenario, remarks = _scenario(survey, fit, law, return_period, volume_max)
-    warnings = [*_warnings(survey, fit, rate, asked), *remarks]
+    warnings = [*survey_remarks(survey), *_warnings(survey, fit, rate, asked), *remarks]
     return DesignBlock(
         survey,
         return_period,
@@ -156,6 +158,18 @@ def _check(return_period: float, threshold: float | None, volume_max: float | No
     ):
         if value is not None and not 0 < value < math.inf:
             raise RockfallError(f"{name} = {value:g}: must be > 0 {unit}")
+
+
+def _check_largest(survey: Survey, asked: dict[str, Any], volume_max: float) -> None:
+    """Refuse a largest block of the scenario that is known to be too small."""
+    for volume, what in (
+        (float(survey.volumes.max()), "the largest surveyed block"),
+        (asked["volume"], f"the block of {asked['return_period']:g} years"),
+    ):
+        if volume_max < volume:
+            raise RockfallError(
+                f"volume_max = {volume_max:g}: must be >= {number(volume, up=True)} m3, {what}"
+            )
 
 
 def _fit(survey: Survey, threshold: float | None) -> Fit:
@@ -347,8 +361,6 @@ def _scenario(
     """Keys of `&scenario` for the power law, and what is to be known about them."""
     largest = float(survey.volumes.max())
     top = volume_max or max(largest, law.volume(BEYOND * period))
-    if _rounded(top) <= _rounded(fit.threshold):
-        raise RockfallError(f"volume_max = {top:g}: must be > threshold = {fit.threshold:g} m3")
     scenario = {
         "name": "blocks",
         "activity": law.activity,
@@ -366,9 +378,7 @@ def _scenario(
             f"the power law of the scenario does not fit (p = {law.p_value:.2g}): once in "
             f"{period:g} years it gives {law.volume(period):.3g} m3"
         )
-    if top < largest:
-        remarks.append(f"volume_max is smaller than the largest surveyed block, {largest:.3g} m3")
-    elif top > WIDE * largest:
+    if top > WIDE * largest:
         remarks.append(
             f"volume_max is {top / largest:.0f} times the largest surveyed block: a decision "
             "(--volume-max)"

@@ -16,7 +16,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID
 from rockfall.io.layers import attribute, plain
 from rockfall.io.tables import Row, check_columns, read_table
-from rockfall.io.unused_attributes import note_unused
+from rockfall.io.unused_attributes import note_marks, note_unused
 
 #: Columns of lengths in metres, in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
@@ -56,7 +56,14 @@ def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[
         if zone in zones:
             raise RockfallError(f"{row.where}: zone {zone}: is in the table twice")
         zones[zone] = _made(row)
+    if remarks is not None:
+        _note_marks(remarks, path, zones)
     return zones
+
+
+def _note_marks(remarks: list[str], path: str | Path, zones: dict[int, Zone]) -> None:
+    sizes = np.array([zone.sizes for zone in zones.values()])
+    note_marks(remarks, path, dict(zip(RADII, sizes.T, strict=True)), RADII)
 
 
 def zones_of_polygons(
@@ -92,6 +99,8 @@ def zones_of_polygons(
     for zone_id, row in zip(ids, rows, strict=True):
         if zone_id not in zones:
             zones[zone_id] = _made(row)
+    if remarks is not None:
+        _note_marks(remarks, path, zones)
     return np.array(ids, np.int32), zones, own is not None
 
 

@@ -15,7 +15,7 @@ from rockfall.case import REPEATABLE, Case, file_keys, keys_of
 from rockfall.errors import RockfallError
 from rockfall.io.layers import attribute, name_of, named_attribute, plain
 from rockfall.io.layers import read_lines as read_layer
-from rockfall.io.unused_attributes import note_unused
+from rockfall.io.unused_attributes import note_marks, note_unused
 from rockfall.result.variables import fields
 from rockfall.scene.layers import Inputs, take_inputs
 from rockfall.scene.stages import FRESH, Stages
@@ -95,6 +95,7 @@ def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[
     names = None
     used = {*asked, given.get("field", "name")}
     note_unused(inputs.remarks, name_of(path, layer), columns, sorted(used))
+    note_marks(inputs.remarks, name_of(path, layer), columns, sorted(asked))
     if group in RECORDED:
         names = _names(path, given, columns, [len(parts_) for parts_ in parts])
     for k, feature in enumerate(parts):

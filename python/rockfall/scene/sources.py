@@ -16,7 +16,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import EXTENSIONS, numbered_polygons, read_points
 from rockfall.io.tables import read_columns
-from rockfall.io.unused_attributes import note_unused
+from rockfall.io.unused_attributes import note_marks, note_unused
 from rockfall.language import remark
 from rockfall.quantities import first_of, percent
 from rockfall.scene.kernel_scene import area_ratios, terrain_of
@@ -28,6 +28,7 @@ SIDES = ("d1", "d2", "d3")
 SHAPES = int(_core.constant("shapes"))  # numbered from 1
 SPHERE = int(_core.constant("sphere"))  # default shape
 MAX_SIDE = 1e3  # [m]
+APART = 1000.0  # ratio of one frequency to the next smaller
 MAX_NAMED = 5  # features that a message names
 
 
@@ -130,6 +131,8 @@ def _with_attributes(
     """Sources with the release attributes of features; those of each source are given."""
     features, frequency = read_attributes(inputs.case, table, feature)
     note_unused(inputs.remarks, table.path, table.columns, table.asked)
+    note_marks(inputs.remarks, table.path, table.columns, table.asked)
+    _note_unequal(inputs, table, frequency)
     given = ~np.isnan(frequency)
     _note_lost(inputs, table, features.names, frequency, feature)
     if not given.any():
@@ -144,6 +147,15 @@ def _with_attributes(
     return replace(
         sources, features=features, frequency=frequency[feature - 1] * own / together[feature]
     )
+
+
+def _note_unequal(inputs: Inputs, table: Table, frequency: np.ndarray) -> None:
+    """Note one frequency far above all others: another unit, or a return period."""
+    ordered = np.unique(frequency[frequency > 0])
+    if ordered.size > 1 and (ratio := ordered[-1] / ordered[-2]) >= APART:
+        k = int(np.nanargmax(frequency))
+        text = remark(table.where(k), "input.frequency_apart", ratio=float(ratio))
+        inputs.remarks.append(text)
 
 
 def _note_lost(

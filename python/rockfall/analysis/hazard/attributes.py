@@ -5,6 +5,7 @@ range, refused in one line that names file, feature and attribute."""
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NoReturn
 
@@ -21,6 +22,15 @@ RANGES = {  # of the others: lowest and highest value
     "width": (0.0, 1000.0),  # as in a case [m]
     "speed": (1.0, 500.0),  # [km/h]
     "vehicle_length": (0.0, 1000.0),  # [m]
+}
+
+USUAL = {  # of sound layers: lowest and highest value, and what else may be meant
+    "width": (0.0, 50.0, "was it meant in cm?"),  # [m]
+    "speed": (25.0, 300.0, "was it meant in m/s?"),  # [km/h]
+    "vehicle_length": (1.5, 420.0, "was it meant in cm?"),  # [m] bicycle, train
+    "aadt": (0.0, 1e5, "vehicles a day: were they meant for a year?"),
+    "persons_per_vehicle": (0.5, 500.0, "persons in a vehicle: were they meant for a day?"),
+    "persons": (0.0, 1e4, "persons in one object: were they meant for all?"),
 }
 
 
@@ -55,6 +65,19 @@ class Layer:
             if not is_valid and not (missing and math.isnan(value)):
                 self.refuse(number, name, value, f"must be {rule}")
         return values.astype(float)
+
+    def unit_remarks(self) -> Iterator[str]:
+        """One line for each attribute that was read and is likely in another unit."""
+        for name, (low, high, question) in USUAL.items():
+            if name not in self.asked or not self.has(name):
+                continue
+            values = self.numbers(name, math.nan, missing=True)
+            odd = np.flatnonzero((values < low) | (values > high))
+            if odd.size:
+                yield (
+                    f"{self.path}: feature {odd[0] + 1}: {name} = {values[odd[0]]:g}, as in "
+                    f"{odd.size} of {self.size} features: {question}"
+                )
 
     def texts(self, name: str) -> list[str]:
         """Texts of an attribute; "" for objects that lack it."""

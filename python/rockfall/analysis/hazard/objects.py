@@ -23,7 +23,7 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
-from rockfall.io.unused_attributes import note_unused
+from rockfall.io.unused_attributes import note_marks, note_unused
 from rockfall.result.samples import check_all_rows
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
 
@@ -77,7 +77,10 @@ def read_objects(
         _take_values(objects, layer.layer, thresholds.size + 1)
         without_energy = objects.point.tolist()
         objects.exposed = read_exposure(layer.layer, own, thresholds, curves, without_energy)
-        note_unused(remarks, file.path, layer.layer.columns, {*layer.layer.asked, "name"})
+        used = {*layer.layer.asked, "name"}
+        note_unused(remarks, file.path, layer.layer.columns, sorted(used))
+        note_marks(remarks, file.path, layer.layer.columns, sorted(used))
+        remarks += layer.layer.unit_remarks()
         all_objects.append(objects)
     return _joined(all_objects)
 

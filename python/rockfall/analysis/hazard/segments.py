@@ -23,6 +23,7 @@ from rockfall.analysis.hazard.objects import beyond_elevations
 from rockfall.errors import RockfallError
 from rockfall.io.layers import read_lines
 from rockfall.io.polygons import points_inside
+from rockfall.io.unused_attributes import note_marks, note_unused
 from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.lines import numbered
 
@@ -127,6 +128,9 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
     columns = {name.lower(): values for name, values in columns.items()}
     layer = Layer(str(file.path), columns, len(parts))
     stretches = list(_stretches(parts, layer))
+    note_unused(remarks, file.path, columns, sorted(layer.asked))
+    note_marks(remarks, file.path, columns, sorted(layer.asked))
+    remarks += layer.unit_remarks()
     if length is None:
         remarks += _unequal(stretches, layer.path)
     roads = _roads(stretches, file.label)

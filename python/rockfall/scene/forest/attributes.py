@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.case import keys_of
 from rockfall.errors import RockfallError
 from rockfall.io.layers import SHORT, plain
-from rockfall.io.unused_attributes import note_unused
+from rockfall.io.unused_attributes import note_marks, note_unused
 from rockfall.scene.forest.trees import MAX_DBH, MAX_DENSITY
 
 NAMES = {  # the first is that of the case; English, German, French, Italian
@@ -79,9 +79,10 @@ class Attributes(NamedTuple):
         return matches[0] if matches else None
 
     def note_unused(self, remarks: list[str], keys: Iterable[str]) -> None:
-        """Add a remark on attributes that give none of the values `keys`."""
+        """Add remarks on attributes that give none of the values `keys`, and on marks in others."""
         names = [name for key in keys for name in NAMES[key]]
         note_unused(remarks, self.where, self.columns, names, plain_name)
+        note_marks(remarks, self.where, self.columns, names, plain_name)
 
     def refuse(self, k: int, key: str, value: Any, rule: str) -> RockfallError:
         return RockfallError(

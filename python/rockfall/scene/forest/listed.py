@@ -15,7 +15,7 @@ from rockfall.case import default_values
 from rockfall.errors import RockfallError
 from rockfall.io.layers import EXTENSIONS, attribute, extent, named_attribute, read_points
 from rockfall.io.tables import read_table
-from rockfall.io.unused_attributes import note_unused
+from rockfall.io.unused_attributes import note_marks, note_unused
 from rockfall.language import remark
 from rockfall.limits import MAX_REAL
 from rockfall.scene.forest.made import Cells, conifer_shares
@@ -48,6 +48,7 @@ def listed_trees(inputs: Inputs) -> Planted:
     else:
         listed = _from_table(path, inputs)
     inputs.note_layer("trees", path, inputs.case.forest.get("trees_layer"))
+    note_marks(inputs.remarks, path, {"dbh": listed.dbh}, ["dbh"])
     x, y = listed.x, listed.y
     inside = (x >= grid.west) & (x < grid.east) & (y > grid.south) & (y <= grid.north)
     if not inside.any():

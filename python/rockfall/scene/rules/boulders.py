@@ -23,16 +23,24 @@ from rockfall.scene.surface import radius_over_rg
 
 NO_DATA = (127, 255, 32767, 65535, 2147483647)  # largest integers of raster types
 DENSITIES = (1000.0, 4000.0)  # [kg/m3] porous tuff, ores
-GRAVITY = (1.0, 25.0)  # [m/s2] the Moon, Jupiter
+GRAVITIES = (1.35, 1.62, 3.71, 8.87, 9.81)  # [m/s2] Titan, the Moon, Mars, Venus, the Earth
+LATITUDE = 0.006  # relative: gravity on the Earth depends on the latitude
 DROP = 50.0  # [m] a boulder with a longer free fall has its source at the lower point
 SPEED = 50.0  # [m/s] at the release
 VOLUME = 150.0  # [m3] 6.6 m across: larger boulders are rare; 0.15 m3 in litres is 150
 TRUNCATED = 0.02  # relative increase of the mean of a normal distribution truncated at zero
+EXPONENT = 1.0  # surveys have 0.4 to 0.9, their densities 1.4 to 1.9
+STOP = 5.0  # [m/s] of stop_speed: such a boulder moves on
+FLATTEST, STEEPEST = 2.0, 90.0  # [degree] of rest_angle; 2 rad are 115 degrees
 SPREAD = 2.0  # standard deviation over mean beyond which a percentage was probably given
 RADIUS = 3.0  # [m] mean radius of the rocks on a slope
 DBH = (4.0, 150.0)  # [cm] mean diameters of stands
 SAPLING = 1.5  # [cm] thinner stems are not surveyed; in metres no stem is thicker
 THIN = 4.5  # [cm] stems up to here are more frequent than below SAPLING, where both are surveyed
+THICK = 250.0  # [cm] thicker stems are of sequoias
+BASAL = 150.0  # [m2/ha] no forest of Europe has a larger basal area
+CLEAR = 100.0  # [m] of clear_of_sources
+TALL = 60.0  # [m] of stem_height
 DENSE = 20_000.0  # stems per hectare: thickets
 ORDERED = 0.9  # fraction of places: in published zone tables half are not in the usual order
 SMOOTH_REST = 27.0  # [degree] ground without rocks may hold no boulder above (theory, chapter 8)
@@ -44,7 +52,8 @@ RG_FULL = 100.0  # [m] an Rg of Rockyfor3D that means water
 def boulder_rules(scene: Scene) -> Iterator[InputWarning]:
     """Warnings about boulder starts, boulder properties, and what boulders meet."""
     for rule in (
-        _release, _source_cells, _source_points, _densities, _volumes, _spreads, _gravity, _rocks,
+        _release, _source_cells, _source_points, _densities, _volumes, _exponents, _spreads, _stops,
+        _gravity, _rocks,
         _order, _operator, _rests, _forest,
     ):  # fmt: skip
         yield from rule(scene)
@@ -107,8 +116,12 @@ def _densities(scene: Scene) -> Iterator[InputWarning]:
         densities = np.array([scene.case.boulder["density"]]) if values is None else values[:, 0]
     for density in dict.fromkeys((densities.min(), densities.max())):
         if not DENSITIES[0] <= density <= DENSITIES[1]:
-            key = "input.density_in_tonnes" if 1 <= density <= 4 else "input.density"
-            yield InputWarning(f"{where} = {density:g} kg/m3", say(key))
+            yield InputWarning(f"{where} = {density:g} kg/m3", say("input.density"))
+    for scenario in scene.case.scenario:
+        density = scenario.get("density", DENSITIES[0])
+        if not DENSITIES[0] <= density <= DENSITIES[1]:
+            where = f"&scenario name = '{scenario['name']}' density"
+            yield InputWarning(f"{where} = {density:g} kg/m3", say("input.density"))
 
 
 class _Volumes(NamedTuple):
@@ -169,6 +182,25 @@ def _volumes(scene: Scene) -> Iterator[InputWarning]:
             yield InputWarning(where, say("input.volume", across=2 * sphere_radius(volume)))
 
 
+def _exponents(scene: Scene) -> Iterator[InputWarning]:
+    """Exponents of the number of larger boulders that are those of its density, larger by 1."""
+    for _, where, keys in _distributions(scene):
+        exponent = keys.get("volume_exponent", 0.0)
+        if keys.get("volume") == "pareto" and exponent > EXPONENT:
+            text = say("input.exponent", exponent=exponent - 1)
+            yield InputWarning(f"{where} volume_exponent = {exponent:g}", text)
+
+
+def _stops(scene: Scene) -> Iterator[InputWarning]:
+    """Speed and angle of rest in other units."""
+    impact = scene.case.impact
+    if (speed := impact["stop_speed"]) > STOP:
+        yield InputWarning(f"&impact stop_speed = {speed:g} m/s", say("input.stop_speed"))
+    if (angle := impact.get("rest_angle", STEEPEST)) < FLATTEST:
+        text = say("input.rest_angle", angle=math.degrees(angle))
+        yield InputWarning(f"&impact rest_angle = {angle:g} degrees", text)
+
+
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
     """Normal distributions whose mean changes when they are truncated at zero; of features, the one
     with the largest relative spread."""
@@ -195,9 +227,8 @@ def truncated_mean(mean: float, std: float) -> float:
 
 def _gravity(scene: Scene) -> Iterator[InputWarning]:
     gravity = scene.case.flight["gravity"]
-    if not GRAVITY[0] <= gravity <= GRAVITY[1]:
-        key = "input.gravity_in_cm" if 900 < gravity < 1000 else "input.gravity"
-        yield InputWarning(f"&flight gravity = {gravity:g} m/s2", say(key))
+    if not any(math.isclose(gravity, usual, rel_tol=LATITUDE) for usual in GRAVITIES):
+        yield InputWarning(f"&flight gravity = {gravity:g} m/s2", say("input.gravity"))
 
 
 def _rocks(scene: Scene) -> Iterator[InputWarning]:
@@ -274,5 +305,13 @@ def _forest(scene: Scene) -> Iterator[InputWarning]:
             f"&forest trees = '{scene.case.forest['trees']}'",
             say("input.thin_stems", part=thin, n=diameters.size, thinnest=SAPLING),
         )
+    basal = scene.trees.basal_area() / scene.trees.area()
     if density > DENSE:
         yield InputWarning("&forest", say("input.dense_stems", density=density))
+    elif thick := int(np.count_nonzero(diameters > THICK)):
+        yield InputWarning("&forest", say("input.thick_stems", part=thick, n=diameters.size))
+    elif basal > BASAL and dbh <= DBH[1]:
+        yield InputWarning("&forest", say("input.basal_area", area=basal, most=BASAL))
+    for key, most in ("clear_of_sources", CLEAR), ("stem_height", TALL):
+        if (value := scene.case.forest.get(key, 0.0)) > most:
+            yield InputWarning(f"&forest {key} = {value:g} m", say("input.far", most=most))

@@ -4,7 +4,9 @@ keys."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 
 from rockfall.io.input_warnings import InputWarning
 from rockfall.language import say
@@ -16,6 +18,12 @@ NET = 15.0  # [m] nets are up to 10 m high, walls hardly higher
 CAPACITY = 20_000.0  # [kJ] twice the capacity of the strongest tested nets
 DAM = 30.0  # [m] rockfall dams are up to about 25 m high
 FLAT = 15.0  # [degree] no dam face is flatter; a height-to-width ratio is a small number
+LOG = 120.0  # [cm] thicker logs are not felled across a slope
+CREST = 20.0  # [m] of crest_width
+OBJECT = 100.0  # [m] of object_width
+CLIFF = 10.0  # [m] of cliff_length
+APART = 1000.0  # ratio of one frequency to the next smaller
+SHIFT = 100.0  # [m] of source_shift
 LOWERED = 0.8  # fraction of the requested height: a lower crest has another cause
 THRESHOLD = 10_000.0  # [kJ] above all intensity thresholds and all nets
 PERIOD = 1.0  # [year] shorter return periods are not hazard classes; frequencies are below 1
@@ -27,7 +35,7 @@ def protection_rules(scene: Scene) -> Iterator[InputWarning]:
     """Warnings about protection, and about the inputs of `hazard` and `ensemble`."""
     yield from _barriers(scene)
     yield from dam_rules(scene.dams, scene.grid.cell)
-    for rule in _hazard, _scenarios, _ensemble:
+    for rule in _hazard, _scenarios, _unequal, _ensemble:
         yield from rule(scene)
 
 
@@ -38,6 +46,9 @@ def _barriers(scene: Scene) -> Iterator[InputWarning]:
             yield InputWarning(where, say("input.net_height", height=barrier["height"]))
         if barrier.get("capacity", 0.0) > CAPACITY:
             yield InputWarning(where, say("input.net_capacity", capacity=barrier["capacity"]))
+        if barrier.get("diameter", 0.0) > LOG:
+            text = say("input.log_diameter", diameter=barrier["diameter"])
+            yield InputWarning(where, text)
 
 
 def dam_rules(dams: Iterable[DamShape], cell: float) -> Iterator[InputWarning]:
@@ -51,6 +62,9 @@ def dam_rules(dams: Iterable[DamShape], cell: float) -> Iterator[InputWarning]:
             yield InputWarning(where, text)
         if dam.height_min < LOWERED * asked:
             yield InputWarning(where, say("input.dam_crest", height=dam.height_min))
+        if dam.requested[1] > CREST:
+            text = say("input.far", most=CREST)
+            yield InputWarning(f"{where}, crest_width = {dam.requested[1]:g}", text)
         if asked > DAM:
             yield InputWarning(where, say("input.dam_height", highest=DAM))
         if slope < FLAT:
@@ -63,6 +77,13 @@ def _hazard(scene: Scene) -> Iterator[InputWarning]:
         yield InputWarning("&hazard thresholds", say("input.threshold", largest=largest))
     if (shortest := min(hazard["return_periods"])) < PERIOD:
         yield InputWarning("&hazard return_periods", say("input.return_period", shortest=shortest))
+    if (width := hazard["object_width"]) > OBJECT:
+        text = say("input.far", most=OBJECT)
+        yield InputWarning(f"&hazard object_width = {width:g} m", text)
+    area, cell = hazard["minimum_area"], scene.grid.cell
+    if 0 < area < cell * cell:
+        text = say("input.minimum_area", cell=cell * cell)
+        yield InputWarning(f"&hazard minimum_area = {area:g} m2", text)
 
 
 def _scenarios(scene: Scene) -> Iterator[InputWarning]:
@@ -78,7 +99,32 @@ def _scenarios(scene: Scene) -> Iterator[InputWarning]:
             )
 
 
+def _unequal(scene: Scene) -> Iterator[InputWarning]:
+    """One frequency far above all others of the same reference: another unit, or a return
+    period."""
+    by_reference: dict[str, list[tuple[float, str]]] = {}
+    for scenario in scene.case.scenario:
+        stated = stated_frequency(scenario, scene.case.boulder), scenario["name"]
+        by_reference.setdefault(scenario["frequency_per"], []).append(stated)
+        length = scenario.get("cliff_length", math.inf)
+        if length < CLIFF:
+            where = f"&scenario name = '{scenario['name']}' cliff_length = {length:g} m"
+            yield InputWarning(where, say("input.cliff_length"))
+    for stated_ones in by_reference.values():
+        ordered = sorted(stated_ones)
+        for (less, below), (more, above) in pairwise(ordered):
+            if more >= APART * less:
+                text = say("input.frequencies_apart", ratio=more / less, name=below)
+                yield InputWarning(f"&scenario name = '{above}'", text)
+
+
 def _ensemble(scene: Scene) -> Iterator[InputWarning]:
     error, cell = scene.case.ensemble["dem_error"], scene.grid.cell
     if error > cell:
         yield InputWarning(f"&ensemble dem_error = {error:g} m", say("input.dem_error", cell=cell))
+    if (reach := scene.case.ensemble.get("dem_correlation", cell)) < cell / 2:
+        text = say("input.dem_correlation", cell=cell)
+        yield InputWarning(f"&ensemble dem_correlation = {reach:g} m", text)
+    if (shift := scene.case.ensemble["source_shift"]) > SHIFT:
+        text = say("input.far", most=SHIFT)
+        yield InputWarning(f"&ensemble source_shift = {shift:g} m", text)
