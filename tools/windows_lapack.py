@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reference LAPACK for Windows: what the kernel calls, compiled from Debian's source package.
+"""Reference LAPACK for Windows: what the laboratory and tests call, compiled from Debian's source package.
 
 usage: windows_lapack.py FOLDER   FOLDER/liblapack.a and FOLDER/lapack.pc
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 from debian_sources import fetch
 
 COMPILER = "x86_64-w64-mingw32-gfortran"
-CALLED = ("dpotrf", "dpstrf", "dgelqf", "dsyev")
+CALLED = ("dpotrf", "dsyev")
 FOLDERS = ("SRC", "BLAS/SRC", "INSTALL")
 #: Of the INSTALL folder: machine constants, which must not be optimised.
 PLAIN = {"dlamch"}

@@ -71,7 +71,6 @@ module rockfall_impact_table
       ! Of each part, made from boulders of one size; a table may have a single one:
       real(wp), allocatable :: size(:)     !! increasing: R_b [m] if the absolute speed is a key, else R_b/R_m [-]
       real(wp), allocatable :: speed(:)    !! sqrt(g R_b) in the laboratory if the absolute speed is a key, else 0 [m/s]
-      real(wp), allocatable :: fastest(:)  !! V**2 of the fastest record, scaled like the speed key
       real(wp) :: density = 1.0_wp         !! of the laboratory's blocks [kg/m3]
       real(wp) :: inertia = 0.4_wp         !! of the laboratory's blocks, I/(m R_b**2) [-]
       real(wp) :: rest_angle = 90.0_wp     !! of its ground: on steeper ground a boulder that stops rolls on [degrees]
@@ -83,6 +82,7 @@ module rockfall_impact_table
       real(sp), allocatable :: pull_across(:)   !! gravity across the heading, over g, of each record
       real(sp), allocatable :: pull_along(:)    !! likewise along it, each bin filled to whole parts with infinite ones
       integer, allocatable :: place(:)          !! where those of each bin begin, and end
+      real(wp), allocatable :: fastest(:)       !! speed key of the fastest record of incidence and spin, of each bin
       real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
       real(wp), allocatable :: step(:)          !! logarithm of the size of the next part over that of each [-], and 0
       real(wp) :: hold = 0.0_wp                 !! tangent of the rest angle; 0 where nothing rests [-]
@@ -133,6 +133,7 @@ contains
       table%step = [logarithm(table%size(2:)/table%size(:size(table%size) - 1)), 0.0_wp]
       table%flights%total = product(table%flights%n)
       table%rolls%total = product(table%rolls%n)
+      call find_fastest(table, bins)
       allocate (table%mark(marks, bins), source=huge(1.0_sp))
       allocate (table%place(bins + 1), source=1)
       do bin = 1, bins
@@ -149,6 +150,24 @@ contains
          end associate
       end do
    end subroutine index_records
+
+   !> Find the speed beyond which bins have no record: that of the fastest at their incidence and spin. Bins of blocks
+   !> that roll have none.
+   pure subroutine find_fastest(table, bins)
+      type(impact_table_t), intent(inout) :: table
+      integer, intent(in) :: bins
+      integer :: part, bin, speeds
+
+      allocate (table%fastest(bins), source=huge(1.0_wp))
+      speeds = table%flights%n(3)
+      do part = 1, size(table%size)
+         do bin = bins_before(table, part, .false.) + 1, bins_before(table, part, .true.), speeds
+            associate (speed => table%record(speed_in, table%first(bin):table%first(bin + speeds) - 1))
+               table%fastest(bin:bin + speeds - 1) = real(maxval(speed), wp)**2
+            end associate
+         end do
+      end do
+   end subroutine find_fastest
 
    !> Drop the followers that no boulder can follow, so that they need not be read.
    pure subroutine drop_fast_followers(record)
@@ -613,14 +632,14 @@ contains
       scaled_energy = along*along + across*across + normal*normal + inertia*w*w
    end function scaled_energy
 
-   !> Return 1 if a contact is faster than all records of its part of the table, else 0.
-   elemental real(wp) function exceeds_table(fastest, speed, key, rolling)
-      real(wp), intent(in) :: fastest     !! as in impact_table_t
-      real(wp), intent(in) :: speed, key  !! as in approach_t [-]
-      real(wp), intent(in) :: rolling     !! 1 or 0
+   !> Return 1 if a contact is faster than all records of its incidence and spin, else 0; 0 where it copies a record.
+   elemental real(wp) function exceeds_table(fastest, key3, copies)
+      real(wp), intent(in) :: fastest  !! as in impact_table_t
+      real(wp), intent(in) :: key3     !! from bin_keys
+      real(wp), intent(in) :: copies   !! 1 or 0
 
-      exceeds_table = merge(1.0_wp, 0.0_wp, key*(speed*speed) > fastest)
-      exceeds_table = merge(0.0_wp, exceeds_table, rolling > 0)
+      exceeds_table = merge(1.0_wp, 0.0_wp, key3 > fastest)
+      exceeds_table = merge(0.0_wp, exceeds_table, copies > 0)
    end function exceeds_table
 
    !> Scale factors between a boulder and the laboratory's blocks if the ground yields at an absolute speed: the key is

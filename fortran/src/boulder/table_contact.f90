@@ -43,7 +43,7 @@ module rockfall_table_contact
       real(wp) :: v_in(3), v_out(3)  !! V_t, V_n, W [m/s]
       logical :: stops = .false.     !! it stops, if the ground permits
       logical :: limited = .false.   !! energy was limited
-      logical :: fast = .false.      !! faster than all records of the table
+      logical :: fast = .false.      !! faster than all records of its incidence and spin
    end type table_contact_t
 
 contains
@@ -219,7 +219,7 @@ contains
       type(touch_t), intent(in) :: touch
       type(approach_t), intent(inout) :: in         !! v, speed, and pull on entry; complete on return
       integer, intent(out) :: bin, record           !! as from begin_draw
-      logical, intent(out) :: fast                  !! faster than all records of its part of the table
+      logical, intent(out) :: fast                  !! as in table_contact_t
       integer :: part
 
       in%next = touch%next
@@ -228,7 +228,8 @@ contains
       in%inertia = inertia
       part = drawn_part(table, touch%part, touch%excess, u)
       call begin_draw(table, boulder, unit, in, part, bin, record)
-      fast = exceeds_table(table%fastest(part), in%speed, in%key, merge(1.0_wp, 0.0_wp, in%rolling)) > 0
+      fast = .false.
+      if (bin > 0) fast = exceeds_table(table%fastest(bin), in%key*(in%speed*in%speed), 0.0_wp) > 0
    end subroutine find_record
 
    !> Apply the record, and keep what the next contact needs.

@@ -41,12 +41,12 @@ contains
       if (all(counts >= 1) .and. counts(1) <= max_parts .and. all(counts(2:7) <= max_bins)) then
          bins = counts(1)*(product(counts(2:4)) + product(counts(5:7)))
          if (expected_size(counts, bins) == len(text)) then
-            allocate (table%size(counts(1)), table%speed(counts(1)), table%fastest(counts(1)))
+            allocate (table%size(counts(1)), table%speed(counts(1)))
             allocate (table%first(bins + 1), table%map(map_fields, bins), table%record(record_fields, counts(8)))
             call take_reals(text, position, table%size)
             call take_reals(text, position, table%speed)
             table%speed = sqrt(max(0.0_wp, table%speed))
-            call take_reals(text, position, table%fastest)
+            position = position + 8*counts(1)  ! the fastest contact, which may not be a record
             call take_reals(text, position, scales)
             table%density = scales(1)
             table%inertia = scales(2)

@@ -82,7 +82,7 @@ module rockfall_variables
       variable_t("count", "rebounds_out_of_range", "integer", "1", &
                  "rebounds with R_b/R_m outside 0.5 to 5.5, or those of their table of impacts"), &
       variable_t("count", "rebounds_out_of_speed", "integer", "1", &
-                 "rebounds at incident speeds outside the set's speed_range"), &
+                 "rebounds at speeds outside the set's speed_range, or above their table's at this incidence"), &
       variable_t("count", "rebounds_out_of_angle", "integer", "1", &
                  "rebounds at incidence angles outside the set's angle_range"), &
       variable_t("ground", "rebounds_by_ground", "integer", "1", "rebounds on the ground"), &

@@ -53,7 +53,8 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: t1 = 0, t2 = 0, t3 = 0        !! unit tangent [-]
       real(wp), dimension(lanes) :: side = 0, pull = 0            !! of the descent; gravity along tangent, over g [-]
       real(wp), dimension(lanes) :: v1_in = 0, v2_in = 0, v3_in = 0, speed_in = 0  !! as in approach_t [-]
-      real(wp), dimension(lanes) :: lab_unit = 0, lab_density = 1, fastest = 0  !! of its part, as in compare_scales
+      real(wp), dimension(lanes) :: lab_unit = 0, lab_density = 1 !! of its part, as in compare_scales
+      real(wp), dimension(lanes) :: fastest = 0                   !! as in impact_table_t
       real(wp), dimension(lanes) :: key1 = 0, key2 = 0, key3 = 0, over1 = 1, over2 = 1  !! as in bin_keys
       real(wp), dimension(lanes) :: fast = 0                      !! as in table_contact_t: 1 or 0
       real(wp), dimension(lanes) :: next = 0                      !! as in outcome_t
@@ -294,7 +295,6 @@ contains
          b%part(k) = part
          b%lab_unit(k) = table%speed(part)
          b%lab_density(k) = table%density
-         b%fastest(k) = table%fastest(part)
          b%hold(k) = table%hold
       end do
    end subroutine find_parts
@@ -317,7 +317,6 @@ contains
          b%key2(k) = key2
          b%over2(k) = over2
          b%key3(k) = key3
-         b%fast(k) = exceeds_table(b%fastest(k), b%speed_in(k), key, rolling)
       end do
    end subroutine find_keys
 
@@ -372,6 +371,7 @@ contains
          k = contact(m)
          b%record_at(k) = c_loc(table%record(1, b%record(k)))
          b%map_at(k) = c_loc(table%map(1, b%bin(k)))
+         b%fastest(k) = table%fastest(b%bin(k))
       end do
    end subroutine choose_records
 
@@ -389,6 +389,7 @@ contains
       do k = 1, padded(l%n)
          rolling = b%touches(k)
          copies = b%copies(k)
+         b%fast(k) = exceeds_table(b%fastest(k), b%key3(k), copies)
          ratio = b%speed_in(k)/b%r(k, speed_in)
          scale = speed_scale(ratio, rolling, b%v1_in(k), b%map(k, high + 1))
          unit = merge(scale, b%speed_in(k), rolling > 0)

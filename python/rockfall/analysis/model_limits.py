@@ -403,8 +403,13 @@ def extrapolations(values: Variables) -> Iterator[Extrapolation]:
         if fraction:
             part = part_of_rebounds(round(fraction * rebounds), rebounds)
             key, numbers = _outside_ratios(values) if what == "range" else (OUTSIDE[what], {})
+            is_warning = fraction > MAX_OUTSIDE
+            if what == "speed" and table_grounds(values):
+                key = _outside_speeds(values)
+                # one fast hit, as after a fall, decides what a boulder does
+                is_warning |= fraction * rebounds > MAX_OUTSIDE * np.size(values["speed_max"])
             text = say(key, part=part, **numbers)
-            yield Extrapolation(fraction, text, fraction > MAX_OUTSIDE)
+            yield Extrapolation(fraction, text, is_warning)
     is_fast = faster_than_observed(values)
     if (fast := int(is_fast.sum())) > MAX_FAST * is_fast.size:
         part = part_of_boulders(fast, is_fast.size)
@@ -425,6 +430,14 @@ def _outside_ratios(values: Variables) -> tuple[str, dict[str, Any]]:
         return "model.outside_tables", {}
     ratios = open_table(shipped_tables()[tables[0]]).size
     return "model.outside_table", {"name": tables[0], "low": ratios[0], "high": ratios[-1]}
+
+
+def _outside_speeds(values: Variables) -> str:
+    """Message on rebounds outside the speeds of the tables, and impact sets, that made them."""
+    by_sets = any(
+        ground.rebounds and ground.model == IMPACT_SETS for ground in rebounds_by_ground(values)
+    )
+    return "model.outside_speed_both" if by_sets else "model.outside_thrown"
 
 
 def faster_than_observed(values: Variables) -> np.ndarray:
