@@ -126,9 +126,6 @@ HOSTILE = {
         r"case.nml: &release: source 1 \(600060.000, 5000001.000\) lies outside the terrain .*"),
     "release on nodata": (with_hole(),
         r"case.nml: &release: source 1 \(600060.000, 4999980.000\) lies on nodata of the DEM.*"),
-    "source cell on nodata": (
-        several(CELLS, with_hole(), raster("cells.tif", np.ones_like(zones()))),
-        r"case.nml: &release: source \d+ \(.*\) lies .*"),
     "covariance indefinite": (change("-0.000681", "-0.681", "sets.nml"),
         r"sets.nml: line \d+: &impact_set .*(definite|eigenvalue).*"),
     "covariance with a negative variance": (change("0.000894", "-0.000894", "sets.nml"),

@@ -161,6 +161,136 @@ def test_what_is_not_known_is_left_out_and_said(capsys):
         assert line in said and line in Path("case.nml").read_text()
 
 
+def shifted(shapes):
+    """Shapes in the neighbouring zone of UTM."""
+    pyproj = pytest.importorskip("pyproj", reason="the vector extra is not installed")
+    way = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:25833", always_xy=True)
+    return [*shapely.transform(np.array(shapes), lambda xy: np.column_stack(way.transform(*xy.T)))]
+
+
+def test_remarks_appear_once_and_name_the_files_that_were_given(tmp_path, capsys, monkeypatch):
+    Path("maps").mkdir()
+    make_layer("maps/cliff.gpkg", shifted([CLIFF, BOX(W + 1, N - 60, W + 2, N - 30)]), "EPSG:25833")
+    make_layer("soil.shp", shifted(HALVES), "EPSG:25833", mean_radius=[0.3, 0.1])
+    Path("work").mkdir()
+    monkeypatch.chdir("work")
+    layers = [Path("../maps/cliff.gpkg"), tmp_path / "soil.shp"]
+    assert main(["new", "../dem.tif", *map(str, layers), "-o", "../out/case.nml"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == len(set(lines)) and not [line for line in lines if ".rockfall" in line]
+    places = [line.removeprefix("rockfall: warning: ") for line in lines]
+    for layer in layers:
+        (line,) = [place for place in places if "reprojected from EPSG:25833" in place and (
+            f"{layer}:" in place or f"{layer}, layer" in place
+        )]  # fmt: skip
+        assert line.count("/") == str(layer).count("/") + line.count("../out/case.nml") * 2
+    assert len([place for place in places if "1 of 2" in place]) == 1, places
+
+
+POINTS = [shapely.Point(W + 150, N - 42), shapely.Point(W + 190, N - 42)]
+SOURCE_LAYERS = {  # file name, shapes, attributes: the number of sources
+    "relAlr.shp": ([CLIFF], {"thickness": [1.0]}, 120),  # as AvaFrame names them
+    "REL_2.gpkg": ([CLIFF], {}, 120),
+    "start.geojson": ([shapely.MultiPoint(POINTS)], {}, 2),
+    "quelle.fgb": ([shapely.MultiPoint(POINTS[:1]), shapely.MultiPoint(POINTS[1:])], {}, 2),
+    "Abbruchstellen.shp": ([shapely.MultiPolygon([CLIFF])], {}, 120),
+    "Départ.gpkg": ([CLIFF], {}, 120),
+    "zone_innesco.gpkg": ([CLIFF], {}, 120),
+    "a.gpkg": ([CLIFF], {"volume_mean": [2.0]}, 120),
+    "b.gpkg": (POINTS, {"frequency": [0.1, 0.2]}, 2),
+    "c.gpkg": ([shapely.force_3d(CLIFF, 5.0)], {"drop_height": [2.0]}, 120),
+    "d.shp": (POINTS, {"Volume": [0.5, 1.0]}, 2),
+}
+
+
+@pytest.mark.parametrize("name", SOURCE_LAYERS)
+def test_layers_of_sources_are_taken_for_sources(name):
+    shapes, columns, sources = SOURCE_LAYERS[name]
+    make_layer(name, shapes, **columns)
+    assert new(name, "-o", "case.nml") == 0
+    case = read_case("case.nml")
+    assert not case.release["steep_cells"] and read_scene(case).x.size == sources
+
+
+def test_a_hatch_with_a_hole_is_a_layer_of_sources():
+    ezdxf = pytest.importorskip("ezdxf", reason="the cad extra is not installed")
+    drawing = ezdxf.new("R2010")
+    hatch = drawing.modelspace().add_hatch(dxfattribs={"layer": "Fels"})
+    hatch.paths.add_polyline_path(list(CLIFF.exterior.coords)[:-1], flags=1)
+    hole = BOX(W + 120, N - 50, W + 160, N - 40)
+    hatch.paths.add_polyline_path(list(hole.exterior.coords)[:-1], flags=16)
+    drawing.saveas("plan.dxf")
+    assert new("plan.dxf", "-o", "case.nml") == 0
+    assert read_scene(read_case("case.nml")).x.size == 120 - 16
+
+
+UNUSABLE = {
+    "cliff.gpkg": ([across(50)], {}, "is named as sources, which must be all points or all"),
+    "fels.gpkg": ([CLIFF, *POINTS], {}, "is named as sources, which must be all points or all"),
+    "relX.gpkg": ([CLIFF, across(50)], {}, "is named as sources, which must be all points or all"),
+    "plots.gpkg": ([CLIFF], {"a": [1]}, "its use is not known, and no sources are given: name it"),
+    "places.shp": (POINTS, {"a": [1, 2]}, "its use is not known, and no sources are given: name"),
+    "nets.gpkg": (
+        [across(150), across(200)], {"height": [4.0, None], "capacity": [500.0, 500.0]},
+        "feature 2: height is empty: all features must have a number",
+    ),
+    "netze.shp": (
+        [across(150), across(200)], {"Height": ["4", "3"], "capacity": [500.0, 500.0]},
+        "feature 1: Height = '4' is no number: all features must have a number",
+    ),
+    "mur.gpkg": (
+        [across(150), across(200)], {"height": ["4,5", None], "class": [3, 3]},
+        "feature 1: height = '4,5' is no number: all features must have a number",
+    ),
+    "e.gpkg": (
+        [across(150), across(200)], {"height": [4.0, 4.0], "capacity": [500.0, None]},
+        "feature 2: a barrier needs a number for capacity [kJ] or class",
+    ),
+    "f.gpkg": (
+        [across(150), across(200)], {"height": [4.0, 4.0], "class": ["3", "EN 5"]},
+        "feature 1: a barrier needs a number for capacity [kJ] or class",
+    ),
+    "g.gpkg": ([across(150)], {"capacity": [500.0]}, "lines with capacity are barriers: they need"),
+    "dam.gpkg": (
+        [across(150), across(200)], {"height": [None, 2.0]},
+        "feature 1: height is empty: all features must have a number",
+    ),
+    "logs.gpkg": (
+        [across(150), across(200)], {"diameter": [40.0, None]},
+        "feature 2: diameter is empty: all features must have a number",
+    ),
+    "trees.gpkg": (TREES, {"dbh": [None, 30.0]}, "feature 1: dbh is empty: all features must"),
+    "baum.gpkg": (TREES, {"dbh": ["30", "40 cm"]}, "feature 1: dbh = '30' is no number: all"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", UNUSABLE)
+def test_a_layer_that_would_be_taken_for_something_else_is_refused(name, capsys):
+    shapes, columns, said = UNUSABLE[name]
+    make_layer(name, shapes, **columns)
+    assert new(name, "-o", "case.nml") == 2
+    line = capsys.readouterr().err
+    assert line.startswith(f"rockfall: {name}: {said}") and line.count("\n") == 1
+    assert not Path("case.nml").exists()
+
+
+def test_barriers_may_have_capacity_or_class_each():
+    columns = {"height": [4.0, 3.0], "capacity": [500.0, None], "class": [None, 3.0]}
+    make_layer("nets.gpkg", [across(150), across(200)], **columns)
+    assert new("nets.gpkg", "-o", "case.nml") == 0
+    assert len(read_scene(read_case("case.nml")).case.barrier) == 2
+
+
+def test_steep_cells_by_a_file_with_other_layers_are_said(capsys):
+    make_layer("site.gpkg", [CLIFF], layer="plots", a=[1])
+    make_layer("site.gpkg", [across(300)], layer="road", a=[1])
+    assert new("site.gpkg", "-o", "case.nml") == 0
+    assert (
+        "site.gpkg: no layer is known as sources, so steep cells release: rename one of plots to "
+        "source if it was meant" in capsys.readouterr().err
+    )
+
+
 def test_names_stay_in_their_comments_and_quotes():
     name = "it's\n&case boulders = 7 /"
     make_layer("site.gpkg", [CLIFF], layer="other", a=[1])

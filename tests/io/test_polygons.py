@@ -89,7 +89,7 @@ def test_sources_and_zones_of_every_kind_of_layer_share_borders(tmp_path, name):
         block(grid, (2, 7), (12, 9)),
     ]
     make_layer(layer, shapes, zone=[1, 2, 3])
-    cells, columns = numbered_polygons(layer, grid, [])
+    cells, _, columns = numbered_polygons(layer, grid, [])
     cells = np.append(0, columns["zone"])[cells]  # a FlatGeobuf has an order of its own
     assert np.bincount(cells.ravel())[1:].tolist() == [25, 25, 20]
     remarks = []

@@ -202,7 +202,8 @@ def test_a_cell_belongs_to_the_polygon_over_its_centre(path):
     cells = burn_polygons(path, utm_grid(), "zone")
     assert cells.dtype == "int32"
     assert cells.tolist() == [row, row, row, low]
-    numbers, columns = numbered_polygons(path, utm_grid(), [])
+    numbers, owner, columns = numbered_polygons(path, utm_grid(), [])
+    assert owner.tolist() == [0, 1, 2, 3]
     assert numbers.dtype == "uint8" and columns["zone"].tolist() == [4, 9, -2]
     assert np.array_equal(np.array([NO_ID, 4, 9, -2])[numbers], cells)
 

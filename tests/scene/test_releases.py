@@ -116,7 +116,7 @@ def test_polygons_that_release_nothing_are_named(case, has_frequency):
     make_layer("cliffs.gpkg", [narrow, away, covered, *CLIFFS], **about)
     scene = read_scene(total(at(case, "cliffs.gpkg"), 50))
     texts = [text for _, text in input_warnings(scene)]
-    said = "3 of 5 polygons (narrow; away; 3) release nothing, having no source cell: "
+    said = "3 of 5 polygons or parts (narrow; away; 3) have no source cell and release nothing: "
     assert sum(text.startswith(said) for text in texts) == 1, texts
     lost = "polygons without a source cell have 80.0 % of all frequency"
     assert sum(text.startswith(lost) for text in texts) == has_frequency

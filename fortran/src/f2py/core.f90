@@ -781,19 +781,23 @@ contains
       ratio = surface_ratios(dem, source_x - dem%x0, source_y - dem%y0)
    end subroutine area_ratios
 
-   !> Return whether boulders can start from points, in map coordinates [m].
+   !> Return whether boulders can start from points, in map coordinates [m]; also of a scene that is not built.
    subroutine known_at(handle, x, y, is_known, n)
       integer(c_int), intent(in) :: n
       integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: x(n), y(n)
       integer(c_int), intent(out) :: is_known(n)             !! 1 or 0
       type(scene_handle_t), pointer :: opened
+      type(terrain_t) :: dem
       integer :: k
 
       opened => scene_of(handle)
-      associate (dem => opened%dem)
-         is_known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
-      end associate
+      if (allocated(opened%arrays)) then
+         dem = opened%terrain_given()
+      else
+         dem = opened%dem
+      end if
+      is_known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
    end subroutine known_at
 
    !> Return whether a line of points [m] is on the outer side of one edge of a raster.

@@ -14,15 +14,18 @@ from rockfall.draft.groups import New, new_text
 from rockfall.draft.recognise import (
     OBJECTS,
     SEVERAL,
+    SOURCES,
     STANDS,
     TREES,
     ZONES,
     Layer,
     kind_of,
+    may_be_sources,
     read_layers,
 )
 from rockfall.draft.zones import zones_of
 from rockfall.errors import RockfallError
+from rockfall.io.files import relative_name
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.raster import read_dem
 from rockfall.scene.plausible import implausible
@@ -50,19 +53,24 @@ def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> 
             raise RockfallError(f"{path}: already exists; not overwritten")
     z, grid = read_dem(dem)
     new = New(dem, out, grid)
-    for file in files:
-        for layer in read_layers(file, grid, new.remarks):
-            _take(new, layer)
+    doubtful = [
+        layer for file in files for layer in read_layers(file, grid) if not _take(new, layer)
+    ]
+    if doubtful and SOURCES not in new.used:
+        _check_steep(new, doubtful)
     with atomic_folder(out.parent, [dem, *files], last=out.name) as place:
         if ZONES in new.used:
             new.zones = zones_of(new.used[ZONES][0], grid, z, out.stem, place)
-        _write(new, place)
+            new.remarks += new.used[ZONES][0].remarks if new.zones.copy else []
+        _write(new, place, files)
     return new
 
 
-def _take(new: New, layer: Layer) -> None:
-    """Record the use of a layer; only one is allowed for zones, sources and trees."""
+def _take(new: New, layer: Layer) -> bool:
+    """Record the use of a layer; only one is allowed for zones, sources and trees. Returns False
+    for a layer without a use that may be meant for sources."""
     kind, why = kind_of(layer)
+    doubtful = may_be_sources(layer, kind)
     if kind in new.used and kind not in SEVERAL:
         kind, why = "", f"{kind} are already those of {new.used[kind][0]}"
     if {kind, *new.used} >= {TREES, STANDS}:
@@ -72,9 +80,42 @@ def _take(new: New, layer: Layer) -> None:
     if kind and kind != OBJECTS:
         new.used.setdefault(kind, []).append(layer)
     new.notes.append(f"{layer}: {kind or 'left out'} ({why})")
+    return not doubtful
 
 
-def _write(new: New, place: Path) -> None:
+def _check_steep(new: New, doubtful: list[Layer]) -> None:
+    """Refuse steep cells as sources where a layer of sources was given that is not taken for one;
+    a remark where a file has layers of other uses, too."""
+    for layer in doubtful:
+        if layer.is_called(SOURCES):
+            raise RockfallError(
+                f"{layer}: is named as sources, which must be all points or all polygons"
+            )
+    for layer in doubtful:
+        if layer.alone:
+            raise RockfallError(
+                f"{layer}: its use is not known, and no sources are given: name it source, or "
+                "leave it out to release from steep cells"
+            )
+    names = ", ".join(layer.name for layer in doubtful)
+    new.remarks.append(
+        f"{doubtful[0].path}: no layer is known as sources, so steep cells release: rename one of "
+        f"{names} to source if it was meant"
+    )
+
+
+def _of_user(text: str, new: New, place: Path, files: Iterable[Path]) -> str:
+    """Text with the names that the user gave in place of those in the temporary folder."""
+    names = {place / relative_name(file.resolve(), place): file for file in (new.dem, *files)}
+    if new.zones:
+        names |= dict.fromkeys([new.zones.copy] if new.zones.copy else [], new.used[ZONES][0].path)
+    names |= {place / new.out.name: new.out, place: new.out.parent}
+    for path, name in names.items():
+        text = text.replace(str(path), str(name))
+    return text
+
+
+def _write(new: New, place: Path, files: Iterable[Path]) -> None:
     """Write the case to a folder, and read everything that it names. Its text depends on the
     sources found, so it is written twice."""
     path = place / new.out.name
@@ -83,12 +124,14 @@ def _write(new: New, place: Path) -> None:
         scene = read_scene(read_case(path), memory=machine_memory())
     except RockfallError as error:
         if new.zones and str(new.zones.table) in str(error):
-            raise RockfallError(f"{error} (made of {new.used[ZONES][0]})") from error
-        raise
+            text = f"{error} (made of {new.used[ZONES][0]})"
+            raise RockfallError(_of_user(text, new, place, files)) from error
+        raise RockfallError(_of_user(str(error), new, place, files), error.code) from error
     new.sources, new.threshold = scene.x.size, threshold(scene.case, scene.grid)
     new.boulders = max(TOTAL, new.sources)
     if scene.features is not None and scene.features.law is not None:
         new.volumes = int(np.count_nonzero(scene.features.law[scene.features.number - 1]))
-    new.remarks += [remark for remark in implausible(scene) if remark not in new.remarks]
+    lines = [_of_user(line, new, place, files) for line in implausible(scene)]
+    new.remarks += [line for line in dict.fromkeys(lines) if line not in new.remarks]
     path.write_text(new_text(new, new.out.parent), encoding="utf-8")
     read_case(path)

@@ -6,15 +6,18 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
-from rockfall.io.layers import EXTENSIONS, layer_names, read_features
+from rockfall.io.layers import EXTENSIONS, layer_names, plain, read_features
 from rockfall.io.zone_table import RADII
 from rockfall.scene.forest.attributes import matching
+from rockfall.scene.source_attributes import VALUES
 
 ZONES, SOURCES, LINES = "zones", "sources", "lines"
 BARRIERS, DAMS, TREES, OBJECTS = "barriers", "dams", "trees", "objects"
@@ -23,8 +26,9 @@ SEVERAL = {LINES: "line", BARRIERS: "barrier", DAMS: "dam"}  # groups that may o
 OF_ZONES = (*RADII, "ground")  # attributes, of which zones have at least one
 SYMBOLS = {"mean_radius": "r_m"}  # common field symbols for them
 WORDS = {  # prefixes of names: English, German, French, Italian
-    SOURCES: ("source", "cliff", "release", "scarp", "quelle", "fels", "wand", "ausbruch", "anriss",
-              "falaise", "depart", "parete", "distacco", "sorgent"),
+    SOURCES: ("source", "cliff", "release", "scarp", "start", "quelle", "fels", "wand", "ausbruch",
+              "abbruch", "anriss", "liefer", "falaise", "depart", "départ", "parete", "distacco",
+              "innesco", "sorgent"),
     BARRIERS: ("barrier", "net", "fence", "wall", "netz", "zaun", "mauer", "filet", "mur", "rete",
                "muro"),
     DAMS: ("dam", "embankment", "bund", "digue", "merlon", "vallo", "rilevato"),
@@ -32,6 +36,8 @@ WORDS = {  # prefixes of names: English, German, French, Italian
     OBJECTS: ("object", "house", "building", "objekt", "haus", "geb", "maison", "batiment",
               "edific", "casa"),
 }  # fmt: skip
+AVAFRAME = re.compile(r"rel(?!ief)", re.IGNORECASE)  # begins the names of its release areas
+OF_SOURCES = {"volume", "volume_class", "frequency", *VALUES} - {"density"}  # attributes
 NAMES = ("name", "bezeichnun", "nom", "nome", "label")  # attributes with the name of a line
 SHORT = 10  # maximum length of attribute names in a shapefile
 
@@ -46,6 +52,7 @@ class Layer:
     shapes: np.ndarray
     own_names: dict[str, str]
     columns: dict[str, np.ndarray]
+    remarks: list[str]  # of reading it
 
     def __str__(self) -> str:
         return str(self.path) if self.alone else f"{self.path}, layer {self.name}"
@@ -63,29 +70,45 @@ class Layer:
         names = (key, key[:SHORT], SYMBOLS.get(key))
         return next((name for name in names if name in self.columns), None)
 
-    def has(self, key: str) -> bool:
-        """Return True if each feature has a number for a key."""
+    def values(self, key: str) -> list[Any]:
+        """Values of a key, None where empty; empty if no attribute gives it."""
         name = self.attribute(key)
-        if name is None or self.columns[name].dtype.kind not in "iuf":
+        return [] if name is None else [*map(plain, self.columns[name])]
+
+    def has(self, key: str) -> bool:
+        """Return True if features have numbers for a key. Some without one, or with a text, are
+        refused: the layer would be taken for something else."""
+        values = self.values(key)
+        if all(value is None for value in values):
             return False
-        return not np.isnan(self.columns[name].astype(float)).any()
+        for k, value in enumerate(values, start=1):
+            if not isinstance(value, int | float):
+                flaw = "is empty" if value is None else f"= {value!r} is no number"
+                raise RockfallError(
+                    f"{self}: feature {k}: {self.own_names[str(self.attribute(key))]} {flaw}: all "
+                    "features must have a number"
+                )
+        return True
 
     def is_called(self, kind: str) -> bool:
         """Return True if a word in its name, or in its file's, indicates this kind."""
+        if kind == SOURCES and AVAFRAME.match(self.path.stem):
+            return True
         words = re.split(r"[\W\d_]+", f"{self.name} {self.path.stem}".lower())
         return any(word.startswith(WORDS[kind]) for word in words)
 
 
-def read_layers(path: Path, grid: Grid, remarks: list[str]) -> Iterator[Layer]:
+def read_layers(path: Path, grid: Grid) -> Iterator[Layer]:
     """All layers of a file, on the terrain."""
     if path.suffix.lower() not in EXTENSIONS:
         raise RockfallError(f"{path}: is no layer: must end in {', '.join(sorted(EXTENSIONS))}")
     names = layer_names(path)
     for name in names:
+        remarks: list[str] = []
         shapes, columns = read_features(path, grid, remarks, name)
         own = {column.lower(): column for column in columns}
         lower = {name.lower(): values for name, values in columns.items()}
-        yield Layer(path, name, len(names) == 1, shapes, own, lower)
+        yield Layer(path, name, len(names) == 1, shapes, own, lower, remarks)
 
 
 def kind_of(layer: Layer) -> tuple[str, str]:
@@ -100,8 +123,8 @@ def kind_of(layer: Layer) -> tuple[str, str]:
         return TREES, "points with dbh"
     if layer.is_called(TREES):
         return "", "trees need an attribute dbh [cm]"
-    if layer.is_called(SOURCES):
-        return SOURCES, "points, by their name"
+    if why := _why_sources(layer):
+        return SOURCES, f"points{why}"
     return _other(layer, "points with dbh are trees, those named source or cliff are sources")
 
 
@@ -111,18 +134,40 @@ def _polygons(layer: Layer) -> tuple[str, str]:
         return ZONES, f"polygons with {', '.join(given)}"
     if matching("stems", layer.columns):
         return STANDS, f"polygons with {', '.join(matching('stems', layer.columns))}"
-    if layer.is_called(SOURCES):
-        return SOURCES, "polygons, by their name"
+    if why := _why_sources(layer):
+        return SOURCES, f"polygons{why}"
     return _other(
         layer, f"polygons with {', '.join(OF_ZONES)} are zones, those named source or cliff sources"
     )
 
 
+def may_be_sources(layer: Layer, kind: str) -> bool:
+    """Return True for a layer of no known use that may be meant for sources."""
+    if layer.is_called(SOURCES):
+        return kind in ("", LINES)
+    return not kind and not layer.is_called(TREES)
+
+
+def _why_sources(layer: Layer) -> str:
+    """Reason why points or polygons are sources; "" if they are not."""
+    given = [name for name in layer.columns if name in OF_SOURCES]
+    return ", by their name" if layer.is_called(SOURCES) else f" with {given[0]}" if given else ""
+
+
 def _lines(layer: Layer) -> tuple[str, str]:
-    if layer.has("diameter"):
-        return BARRIERS, "lines with diameter [cm]: lying logs"
-    strong = layer.has("capacity") or layer.has("class")
-    if strong and layer.has("height"):
+    if not any(isinstance(value, str) for value in layer.values("diameter")):
+        if layer.has("diameter"):
+            return BARRIERS, "lines with diameter [cm]: lying logs"
+    strengths = [layer.values(key) for key in ("capacity", "class")]
+    capacities = any(value is not None for value in strengths[0])
+    if capacities or (any(strengths) and layer.values("height")):
+        if not layer.has("height"):
+            raise RockfallError(f"{layer}: lines with capacity are barriers: they need height [m]")
+        for k, given in enumerate(zip_longest(*strengths), start=1):
+            if not any(isinstance(value, int | float) for value in given):
+                raise RockfallError(
+                    f"{layer}: feature {k}: a barrier needs a number for capacity [kJ] or class"
+                )
         return BARRIERS, "lines with height, and capacity or class"
     if layer.is_called(DAMS):
         if layer.has("height"):

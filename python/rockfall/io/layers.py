@@ -35,7 +35,7 @@ from rockfall.io.drawing import (
 from rockfall.io.files import check_text_file, start_of
 from rockfall.io.gdal_files import plain_file
 from rockfall.io.grid import NO_ID, Grid
-from rockfall.io.polygons import held_cells
+from rockfall.io.polygons import HALF, SLIVER, empty_polygons, held_cells, note_outside, on_terrain
 from rockfall.language import remark
 from rockfall.system import has_locks
 
@@ -75,13 +75,24 @@ def burn_polygons(
     or its own of `numbers`; the last one where they overlap. Everything else is as in
     `_on_terrain`."""
     remarks, read = [] if remarks is None else remarks, [field] if numbers is None else []
+    need("polygons need", "vector", "pyogrio", "shapely")
+    import shapely
+
     polygons = _on_terrain(path, read, _POLYGONS, "polygons", grid, remarks, layer, key)
     if numbers is None:
         numbers = _integers(str(path), field, polygons.values[field])
-    cells = _burnt(polygons, grid, numbers, NO_ID)
-    if twice := np.count_nonzero(cells != _burnt(polygons, grid, numbers, NO_ID, -1)):
+    cells, owner, parts = _numbered(polygons, grid)
+    ids = np.append(np.int32(NO_ID), numbers.astype(np.int32))[owner]
+    first, _, _ = _numbered(polygons, grid, -1)
+    differ = cells != first
+    if twice := np.count_nonzero(ids[cells[differ]] != ids[first[differ]]):
         remarks.append(remark(path, "input.polygons_overlap", field=field, n=int(twice)))
-    return cells
+    empty = empty_polygons(cells, len(parts)) & (shapely.area(on_terrain(parts, grid)) > 0)
+    if empty.any():
+        count = {"part": int(empty.sum()), "n": empty.size}
+        remarks.append(remark(path, "input.polygons_empty", **count))
+    note_outside(str(path), polygons.shapes, grid, HALF, remarks)
+    return ids[cells]
 
 
 def read_attributes(
@@ -109,28 +120,33 @@ def layer_names(path: str | Path) -> list[str]:
 
 def numbered_polygons(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Number, from 1, of the polygon that holds the centre of each cell (0: none), the last one
-    where they overlap; and the attributes of all polygons. Everything else is as in
-    `_on_terrain`."""
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Number, from 1, of the part of a polygon that holds the centre of each cell (0: none), the
+    last one where they overlap; the feature, from 1, of each part, after a 0; and the attributes of
+    all features. Everything else is as in `_on_terrain`."""
     polygons = _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)
-    size = len(polygons.shapes)
-    kind = np.uint8 if size < 2**8 else np.int32
-    return _burnt(polygons, grid, np.arange(1, size + 1, dtype=kind), 0), polygons.values
+    note_outside(str(path), polygons.shapes, grid, SLIVER, remarks)
+    cells, owner, _ = _numbered(polygons, grid)
+    return cells, owner, polygons.values
 
 
-def _burnt(
-    polygons: _Features, grid: Grid, numbers: np.ndarray, outside: int, order: int = 1
-) -> np.ndarray:
-    """Number of the last polygon (the first, for order -1) that holds each cell."""
-    pairs = zip(polygons.shapes[::order], numbers[::order].tolist(), strict=True)
-    cells = held_cells(pairs, grid, np.full(grid.shape, outside, numbers.dtype))
-    if (cells == outside).all():
+def _numbered(
+    polygons: _Features, grid: Grid, order: int = 1
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Number of the last part of a polygon (the first, for order -1) that holds each cell, the
+    feature of each part, and the parts."""
+    import shapely
+
+    parts, owner = shapely.get_parts(polygons.shapes, return_index=True)
+    numbers = np.arange(1, parts.size + 1)
+    cells = np.zeros(grid.shape, np.uint8 if parts.size < 2**8 else np.int32)
+    held_cells(zip(parts[::order], numbers[::order].tolist(), strict=True), grid, cells)
+    if not cells.any():
         raise RockfallError(
             f"{polygons.path}: no polygon holds the centre of a cell: {extent(*polygons.bounds)}; "
             f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
         )
-    return cells
+    return cells, np.append(0, owner + 1), parts
 
 
 def read_features(

@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.grid import Grid
+from rockfall.io.grid import Grid, row_blocks
+from rockfall.language import remark
 
 SLIVER = 0.01  # of the smaller polygon: smaller overlaps are inaccuracies of drawing
+HALF = 0.5  # of the area of a zone or stand: their maps often reach beyond a DEM
 #: [m] east and north by which borders count as moved: far below surveys, far above rounding, and
 #: in a direction that no border is drawn in.
 ASIDE = (1e-6, 1.618034e-6)
@@ -54,6 +56,27 @@ def on_terrain(shapes: np.ndarray, grid: Grid) -> np.ndarray:
     import shapely
 
     return shapely.intersection(shapes, shapely.box(grid.west, grid.south, grid.east, grid.north))
+
+
+def note_outside(
+    path: str, shapes: np.ndarray, grid: Grid, least: float, remarks: list[str]
+) -> None:
+    """Remark on polygons with more than a fraction `least` of their area outside the terrain."""
+    import shapely
+
+    area = shapely.area(shapes)
+    outside = area - shapely.area(on_terrain(shapes, grid))
+    if n := int(np.count_nonzero(outside > least * area)):
+        numbers = {"part": n, "n": area.size, "percent": float(100 * outside.sum() / area.sum())}
+        remarks.append(remark(path, "input.polygons_outside", **numbers))
+
+
+def empty_polygons(cells: np.ndarray, size: int) -> np.ndarray:
+    """Mark the polygons, of `size`, that hold no cell, given their number in each (from 1)."""
+    held = np.zeros(size + 1, bool)
+    for rows in row_blocks(cells.shape):
+        held[cells[rows]] = True
+    return ~held[1:]
 
 
 def points_inside(

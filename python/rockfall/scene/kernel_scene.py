@@ -124,3 +124,9 @@ def area_ratios(rasters: Rasters, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Surface over plan area (Horn 1981) of the cells at places [m]."""
     with terrain_of(rasters) as terrain:
         return _core.area_ratios(terrain, x, y)
+
+
+def can_start(rasters: Rasters, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Mark places [m] where boulders can start: between four cells with an elevation."""
+    with terrain_of(rasters) as terrain:
+        return _core.known_at(terrain, x, y).astype(bool)

@@ -5,8 +5,8 @@ boulders."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from rockfall.io.tables import read_columns
 from rockfall.io.unused_attributes import note_marks, note_unused
 from rockfall.language import remark
 from rockfall.quantities import first_of, percent
-from rockfall.scene.kernel_scene import area_ratios, terrain_of
+from rockfall.scene.kernel_scene import area_ratios, can_start, terrain_of
 from rockfall.scene.layers import Inputs
 from rockfall.scene.parts import ExtremeCount, Rasters, SourceBoulders, Sources
 from rockfall.scene.source_attributes import Table, read_attributes
@@ -67,42 +67,73 @@ def read_sources(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Source
 def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources:
     """Find the centres of source cells."""
     case, grid, release = inputs.case, inputs.grid, inputs.case.release
-    centres, area, lowest = [], [], ExtremeCount()
-    polygons, table = _polygons(inputs)
-    features: list[np.ndarray] = []
+    centres, area, lowest, unknown = [], [], ExtremeCount(), Unknown()
+    polygons = _polygons(inputs)
+    numbers: list[np.ndarray] = []
     for band, box in bands:
-        parts = _cells(inputs, band, box, polygons, lowest)
+        parts = _cells(inputs, band, box, polygons.cells if polygons else None, lowest, unknown)
         blocks = {rows.start: np.argwhere(block > 0) for rows, block in parts}
         cells = [blocks[start] + (start, 0) for start in sorted(blocks)]
         row, column = np.concatenate(cells).T
         centres.append((grid.x[column], grid.y[row]))
-        features += [] if polygons is None else [polygons[row, column].astype("i4")]
+        numbers += [polygons.cells[row, column]] if polygons else []
         if release["by_area"] and row.size:
             area.append(area_ratios(band, *centres[-1]))
     x, y = (np.concatenate(axis) for axis in zip(*centres, strict=True))
+    path = case.path(release.get("polygons") or release.get("cells") or "")
+    if unknown.part == unknown.n > 0:
+        raise RockfallError(
+            f"{path}: none of its {unknown.n:,} source cells has an elevation: fill the DEM with "
+            "rockfall dem --fill, or move them"
+        )
     if not x.size and release["steep_cells"]:
         raise RockfallError(
             f"{case.name}: &release steep_cells: no cell is as steep as "
             f"{threshold(case, grid):.1f} degrees"
         )
     if not x.size:
-        path = case.path(release.get("polygons") or release["cells"])
         raise RockfallError(f"{path}: no source cells: must have cells above zero")
+    if unknown.part:
+        inputs.remarks.append(remark(path, "input.sources_unknown", **vars(unknown)))
     sources = Sources(x, y, np.concatenate(area) if area else None, source_values=lowest)
-    return _with_attributes(inputs, sources, table, np.concatenate(features)) if table else sources
+    if not polygons:
+        return sources
+    part = np.concatenate(numbers)
+    feature = polygons.owner[part].astype("i4")
+    return _with_attributes(inputs, sources, polygons.table, feature, polygons.owner, part)
 
 
-def _polygons(inputs: Inputs) -> tuple[np.ndarray | None, Table | None]:
-    """Polygon number of each cell, from 1, and the attributes of polygons; None without a layer."""
+@dataclass
+class Unknown:
+    """Cells that are sources by a raster or polygons, and those of them where no boulder can
+    start: without an elevation, or without enough around them."""
+
+    part: int = 0
+    n: int = 0
+
+
+class Polygons(NamedTuple):
+    """Parts of polygons of sources: the number of that in each cell (0: none), the feature of each
+    (both from 1), and the attributes of features."""
+
+    cells: np.ndarray
+    owner: np.ndarray
+    table: Table
+
+
+def _polygons(inputs: Inputs) -> Polygons | None:
+    """Polygons of sources; None without a layer."""
     case, release = inputs.case, inputs.case.release
     if "polygons" not in release:
-        return None, None
+        return None
     path = case.path(release["polygons"])
     layer = release.get("polygons_layer")
-    cells, columns = numbered_polygons(path, inputs.grid, inputs.remarks, layer, "polygons_layer")
+    cells, owner, columns = numbered_polygons(
+        path, inputs.grid, inputs.remarks, layer, "polygons_layer"
+    )
     inputs.note_layer("polygons", path, layer)
-    size = max([int(cells.max()), *map(len, columns.values())])
-    return cells, Table(str(path), columns, size, lambda k: f"{path}: feature {k + 1}")
+    table = Table(str(path), columns, int(owner.max()), lambda k: f"{path}: feature {k + 1}")
+    return Polygons(cells, owner, table)
 
 
 def _find_points(inputs: Inputs) -> Sources:
@@ -126,15 +157,22 @@ def _find_points(inputs: Inputs) -> Sources:
 
 
 def _with_attributes(
-    inputs: Inputs, sources: Sources, table: Table, feature: np.ndarray
+    inputs: Inputs,
+    sources: Sources,
+    table: Table,
+    feature: np.ndarray,
+    owner: np.ndarray | None = None,
+    part: np.ndarray | None = None,
 ) -> Sources:
-    """Sources with the release attributes of features; those of each source are given."""
+    """Sources with the release attributes of features; those of each source are given, for cells
+    also the part of a polygon, and the feature of each part."""
     features, frequency = read_attributes(inputs.case, table, feature)
     note_unused(inputs.remarks, table.path, table.columns, table.asked)
     note_marks(inputs.remarks, table.path, table.columns, table.asked)
     _note_unequal(inputs, table, frequency)
     given = ~np.isnan(frequency)
-    _note_lost(inputs, table, features.names, frequency, feature)
+    if owner is not None and part is not None:
+        _note_lost(inputs, table, features.names, frequency, owner, part)
     if not given.any():
         return replace(sources, features=features)
     if "boulders" in inputs.case.case:
@@ -159,18 +197,31 @@ def _note_unequal(inputs: Inputs, table: Table, frequency: np.ndarray) -> None:
 
 
 def _note_lost(
-    inputs: Inputs, table: Table, names: list[str], frequency: np.ndarray, feature: np.ndarray
+    inputs: Inputs,
+    table: Table,
+    names: list[str],
+    frequency: np.ndarray,
+    owner: np.ndarray,
+    part: np.ndarray,
 ) -> None:
-    """Note features without a source: polygons that are narrower than a cell, lie outside the
+    """Note parts of polygons without a source: those that are narrower than a cell, lie outside the
     known terrain or under later ones, or are not steep. Whatever comes from them is left out."""
-    lost = np.bincount(feature, minlength=table.size + 1)[1:] == 0
-    if not lost.any():
+    is_lost = np.bincount(part, minlength=owner.size) == 0
+    is_lost[0] = False
+    if not is_lost.any():
         return
-    named = first_of([names[k] for k in np.flatnonzero(lost)], MAX_NAMED)
-    numbers = {"part": int(lost.sum()), "n": lost.size}
+    parts = np.bincount(owner, minlength=table.size + 1)
+    lost = np.bincount(owner[is_lost], minlength=table.size + 1)
+    labels = [
+        names[k - 1] + (f" ({lost[k]}/{parts[k]})" if lost[k] < parts[k] else "")
+        for k in np.flatnonzero(lost).tolist()
+    ]
+    numbers = {"part": int(is_lost.sum()), "n": owner.size - 1}
+    named = first_of(labels, MAX_NAMED)
     inputs.remarks.append(remark(table.path, "input.features_lost", **numbers, names=named))
-    if not np.isnan(frequency).any() and (all_ := frequency.sum()) > 0:
-        fraction = percent(frequency[lost].sum() / all_)
+    without = (lost == parts)[1:]
+    if without.any() and not np.isnan(frequency).any() and (all_ := frequency.sum()) > 0:
+        fraction = percent(frequency[without].sum() / all_)
         inputs.remarks.append(remark(table.path, "input.frequency_lost", fraction=fraction))
 
 
@@ -234,17 +285,25 @@ def _check(
 
 
 def _cells(
-    inputs: Inputs, band: Rasters, box: Box, polygons: np.ndarray | None, lowest: ExtremeCount
+    inputs: Inputs,
+    band: Rasters,
+    box: Box,
+    polygons: np.ndarray | None,
+    lowest: ExtremeCount,
+    unknown: Unknown,
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """Blocks of rows of a box, positive in source cells; records the values of these."""
+    """Blocks of rows of a box, positive in source cells; records the values of these, and counts
+    those where no boulder can start."""
     release, parts = inputs.case.release, list(row_blocks(box.shape))
     if polygons is not None:
-        blocks = ((rows, (polygons[rows] > 0) & ~np.isnan(band.z[rows])) for rows in parts)
+        blocks = ((rows, polygons[rows]) for rows in parts)
     elif "cells" in release:
         blocks = _noted(inputs.blocks("cells", "source cells", np.int32, box), lowest)
     else:
         blocks = ((rows, np.ones((rows.stop - rows.start, box.shape[1]), bool)) for rows in parts)
     blocks = ((slice(box.row + rows.start, box.row + rows.stop), block) for rows, block in blocks)
+    if (polygons is not None or "cells" in release) and band.z.size:
+        blocks = ((rows, _on_known(inputs, band, rows, block, unknown)) for rows, block in blocks)
     if not release["steep_cells"]:
         yield from blocks
         return
@@ -253,6 +312,19 @@ def _cells(
             cells = np.asfortranarray((block > 0).T, np.int16)
             _core.steep_cells(terrain, threshold(inputs.case, inputs.grid), rows.start + 1, cells)
             yield rows, cells.T
+
+
+def _on_known(
+    inputs: Inputs, band: Rasters, rows: slice, block: np.ndarray, unknown: Unknown
+) -> np.ndarray:
+    """Source cells of a block in which boulders can start; counts the others."""
+    row, column = np.nonzero(block > 0)
+    places = inputs.grid.x[column], inputs.grid.y[rows][row]
+    is_start = can_start(band, *places) if row.size else np.ones(0, bool)
+    unknown.n, unknown.part = unknown.n + row.size, unknown.part + int(np.count_nonzero(~is_start))
+    kept = np.zeros(block.shape, bool)
+    kept[row[is_start], column[is_start]] = True
+    return kept
 
 
 def _noted(

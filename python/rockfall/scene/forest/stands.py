@@ -18,7 +18,14 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.layers import read_polygons
-from rockfall.io.polygons import disjoint, on_terrain, points_inside, touched_cells
+from rockfall.io.polygons import (
+    HALF,
+    disjoint,
+    note_outside,
+    on_terrain,
+    points_inside,
+    touched_cells,
+)
 from rockfall.language import remark
 from rockfall.scene.forest.attributes import NAMES, Attributes
 from rockfall.scene.forest.species import Species
@@ -121,15 +128,13 @@ def _areas(inputs: Inputs, path: Path, shapes: np.ndarray) -> np.ndarray:
     """Polygons without overlaps, on the terrain."""
     import shapely
 
+    note_outside(str(path), shapes, inputs.grid, HALF, inputs.remarks)
     shapes, shared = disjoint(shapes, str(path))
     if shared > 0:
         inputs.remarks.append(remark(path, "input.stands_overlap", area=float(shared)))
     parts = on_terrain(shapes, inputs.grid)
-    if out := np.count_nonzero(shapely.area(parts) == 0):
-        if out == parts.size:
-            raise RockfallError(f"{path}: no stand lies on the terrain")
-        numbers = {"part": int(out), "n": parts.size}
-        inputs.remarks.append(remark(path, "input.stands_outside", **numbers))
+    if not shapely.area(parts).any():
+        raise RockfallError(f"{path}: no stand lies on the terrain")
     return parts
 
 

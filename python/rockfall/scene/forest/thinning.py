@@ -15,6 +15,7 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.layers import read_polygons
 from rockfall.io.polygons import points_inside
+from rockfall.language import remark
 from rockfall.scene.forest.attributes import Attributes
 from rockfall.scene.forest.trees import Planted
 from rockfall.scene.layers import Inputs
@@ -74,10 +75,13 @@ def _cleared(inputs: Inputs, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     attributes = Attributes(str(path), columns)
     attributes.note_unused(inputs.remarks, ("density_factor", "name"))
     given = attributes.numbers("density_factor", np.ones(shapes.size, bool))
-    remaining, has_layer = np.zeros(shapes.size) if given is None else given, False
+    remaining, stems = np.zeros(shapes.size) if given is None else given, np.zeros(shapes.size, int)
     for k, inside in points_inside(shapes, x, y):
         factors[inside] = np.minimum(factors[inside], remaining[k])
-        has_layer = has_layer or inside.size > 0
-    if not has_layer:
+        stems[k] = inside.size
+    if not stems.any():
         raise RockfallError(f"{path}: no stem stands in a polygon of the clearings")
+    if empty := int(np.count_nonzero(stems == 0)):
+        numbers = {"part": empty, "n": stems.size}
+        inputs.remarks.append(remark(path, "input.clearings_empty", **numbers))
     return factors
