@@ -290,7 +290,7 @@ def test_ascii_numbers_are_doubles_and_lines_may_wrap():
     assert (grid.west, grid.north, grid.cell) == (600000.0, 4999980.0, 5.0)
 
 
-def test_ascii_nodata_is_compared_in_double_precision():
+def test_ascii_nodata_is_the_number_of_its_header():
     head = "xllcenter 0\nyllcenter 0\ncellsize 5\nNODATA_value -9999.9\n"
     z, grid = read_dem(make_ascii("dem.asc", "1 2 3 4 -9999.9 -9999", head))
     np.testing.assert_array_equal(z, [[1, 2, 3], [4, np.nan, -9999]])
@@ -706,7 +706,7 @@ def test_a_mask_that_is_another_format_is_not_opened():
 def test_formats_that_any_bytes_would_be_are_not_read():
     Path("dem.bil").write_bytes(b"0123456789abcdef")
     Path("dem.hdr").write_text("nrows 2\nncols 2\nnbits 32\npixeltype float\n")
-    with pytest.raises(RockfallError, match=r"^dem\.bil: cannot be read as a raster"):
+    with pytest.raises(RockfallError, match=r"^dem\.bil: is an EHdr grid, no raster that is read"):
         read_dem("dem.bil")
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import warnings
+from codecs import BOM_UTF8
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -26,6 +28,8 @@ _KEYS = (
     "nodata_value",
 )  # fmt: skip
 _CHUNK = 4_000_000  # bytes of text in memory at a time
+_HUGE = 1e30  # no elevation or size; nodata of the kind -3.4e38 is printed with 6 to 17 digits
+_OVERFLOW = re.compile(r"[-+]?1\.79769\d*e\+?308", re.IGNORECASE)
 _MAX_TOKEN = 4096  # bytes; no number is longer
 
 
@@ -51,7 +55,7 @@ class AsciiCells:
             first, stop = max(rows.start, box.row), min(rows.stop, box.stop_row)
             if first < stop:
                 block = block[first - rows.start : stop - rows.start, box.columns]
-                yield slice(first, stop), block, block != nodata
+                yield slice(first, stop), block, ~_is_nodata(block, nodata)
 
     def _whole_rows(self) -> Iterator[tuple[slice, np.ndarray]]:
         """Blocks of complete rows from the north: (rows, float64 of shape (n, nx)).
@@ -78,9 +82,18 @@ class AsciiCells:
             )
 
 
+def _is_nodata(block: np.ndarray, nodata: float) -> np.ndarray:
+    """Mark nodata values, also where header and numbers are rounded to single precision in other
+    ways."""
+    if abs(nodata) > _HUGE:
+        return block > _HUGE if nodata > 0 else block < -_HUGE
+    with np.errstate(over="ignore"):
+        return block.astype(np.float32) == np.float32(nodata)
+
+
 def is_ascii(start: bytes) -> bool:
     """Return True if the first bytes are those of an ESRI ASCII grid."""
-    tokens = start.split(maxsplit=1)
+    tokens = start.removeprefix(BOM_UTF8).split(maxsplit=1)
     return bool(tokens) and tokens[0].lower().decode("latin-1") in _KEYS
 
 
@@ -89,6 +102,8 @@ def open_ascii(path: str) -> AsciiCells:
     values: dict[str, float] = {}
     start, line = 0, 1
     with open(path, "rb") as file:
+        if file.read(len(BOM_UTF8)) != BOM_UTF8:
+            file.seek(0)
         while tokens := _header_line(file.readline(_MAX_TOKEN)):
             where, key = f"{path}: line {line}", tokens[0].lower()
             if len(tokens) != 2:
@@ -119,6 +134,8 @@ def _value(where: str, key: str, text: str) -> float:
         if not (text.isascii() and text.isdigit() and 0 < value < 2**31):
             raise RockfallError(f"{where}: must be an integer > 0")
     elif key == "nodata_value":
+        if _OVERFLOW.fullmatch(text):  # the largest double, rounded up
+            return math.copysign(math.inf, -1 if text.startswith("-") else 1)
         if math.isnan(value) and text.lower() != "nan":
             raise RockfallError(f"{where}: must be a number or nan")
     elif not abs(value) <= MAX_REAL:

@@ -23,6 +23,10 @@ from rockfall.io.tables import plain_decimal
 
 #: Rasters without text in their headers, where GDAL would read invalid numbers as zero.
 BINARY = ("GTiff", "HFA", "GSBG", "GS7BG")
+#: The same of SRTM tiles, which are known by their names, such as N46E007.hgt.
+TILE = ("SRTMHGT",)
+SURFER = (b"DSBB", b"DSRB")
+_TILE_NAME = re.compile(r"[NS]\d\d[EW]\d{3}(\.SRTM\w*)?\.hgt", re.IGNORECASE)
 IMAGINE = b"EHFA_HEADER_TAG"
 _MASKS = (".msk", ".ovr")
 _NODATA = 42113  # a tag
@@ -53,6 +57,15 @@ def plain_file(path: str | Path) -> str:
         if is_mask and not start_of(companion).startswith(TIFF):
             raise RockfallError(f"{companion}: must be a GeoTIFF")
     return name
+
+
+def is_tile(path: str | Path) -> bool:
+    """Return True for the name of an SRTM tile.
+
+    >>> is_tile("dem/N46E007.hgt"), is_tile("dem/alps.hgt")
+    (True, False)
+    """
+    return _TILE_NAME.fullmatch(Path(path).name) is not None
 
 
 def check_imagine(path: str) -> None:

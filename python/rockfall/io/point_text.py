@@ -18,6 +18,7 @@ from rockfall.io.files import start_of
 from rockfall.io.gdal_files import plain_file
 from rockfall.io.length_units import Stated, refuse_units, unit_in_words
 from rockfall.io.projection_file import projection_heights
+from rockfall.io.tables import SEPARATOR_LINE
 from rockfall.limits import MAX_REAL
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ class _Layout(NamedTuple):
     columns: tuple[int, int, int]  # of x, y and z
     total: int  # columns
     head: int  # lines
+    named: bool = True
 
 
 def is_point_text(path: str | Path) -> bool:
@@ -114,7 +116,7 @@ def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: b
     if surplus.any():
         line = int(table.index[surplus][0]) + 1 + layout.head
         raise RockfallError(_longer(path, line, layout))
-    if layout.head:
+    if layout.named:
         return
     cure = "name the columns in a first line, such as x y z"
     x, y, z = (table[column].to_numpy() for column in layout.columns)
@@ -122,9 +124,10 @@ def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: b
         raise RockfallError(f"{path}: the first column counts the rows: {cure}")
     odd = ~((z >= HEIGHTS[0]) & (z <= HEIGHTS[1])) & ~np.isin(z, MISSING) & (abs(z) <= MAX_REAL)
     for row in np.flatnonzero(odd)[:1].tolist():
+        line = int(table.index[row]) + 1 + layout.head
         raise RockfallError(
-            f"{path}: line {table.index[row] + 1}: the third column, {z[row]:.10g}, is no height "
-            f"of land [m]: {cure}"
+            f"{path}: line {line}: the third column, {z[row]:.10g}, is no height of land [m]: "
+            f"{cure}"
         )
 
 
@@ -139,7 +142,9 @@ def _cells(line: str) -> tuple[list[str], str]:
 
 
 def _layout(path: str | Path) -> _Layout:
-    line = first_line(start_of(path))
+    line, head = first_line(start_of(path)), 0
+    if SEPARATOR_LINE.fullmatch(line):
+        line, head = first_line(start_of(path).split(b"\n", 1)[1]), 1
     cells, separator = _cells(line)
     unit = unit_in_words(line)
     refuse_units(path, [*projection_heights(path), *([Stated(unit, "line 1")] if unit else [])])
@@ -148,7 +153,7 @@ def _layout(path: str | Path) -> _Layout:
     if all(map(_NUMBER.fullmatch, filter(None, cells))):
         if len(cells) < 3:
             raise RockfallError(f"{path}: line 1: {len(cells)} columns: x, y and z are needed")
-        return _Layout(separator, (0, 1, 2), len(cells), 0)
+        return _Layout(separator, (0, 1, 2), len(cells), head, False)
     if len(cells) > 1 and cells[0] in ("#", "//"):
         del cells[0]
     names = [name.lower().lstrip("#/").strip() for name in cells]
@@ -156,4 +161,4 @@ def _layout(path: str | Path) -> _Layout:
         if names.count(axis) != 1:
             raise RockfallError(f"{path}: line 1: must have one column {axis}, or be numbers")
     x, y, z = map(names.index, "xyz")
-    return _Layout(separator, (x, y, z), len(names), 1)
+    return _Layout(separator, (x, y, z), len(names), head + 1)

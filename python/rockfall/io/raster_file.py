@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from codecs import BOM_UTF8
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -19,13 +20,17 @@ from rockfall.io.arrays import elevation_dtype
 from rockfall.io.ascii_grid import AsciiCells, is_ascii, open_ascii
 from rockfall.io.crs import crs_argument, in_plan
 from rockfall.io.files import NETCDF, TIFF, start_of
+from rockfall.io.foreign_files import check_foreign
 from rockfall.io.gdal_files import (
     BINARY,
     IMAGINE,
+    SURFER,
+    TILE,
     check_imagine,
     check_nodata,
     check_vrt,
     companions,
+    is_tile,
     plain_file,
 )
 from rockfall.io.grid import Box, Grid, Transform, flaw_of, row_blocks
@@ -263,7 +268,15 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
         raise RockfallError(f"{path}: {file} is not a netCDF file")
     if is_ascii(start):
         cells = open_ascii(file)
-        if not companions(Path(file)):
+        beside = companions(Path(file))
+        if beside and start.startswith(BOM_UTF8):  # which GDAL takes for another format
+            beside = [other for other in beside if other.suffix.lower() in (".prj", ".xml")]
+            if beside:
+                raise RockfallError(
+                    f"{path}: begins with a byte-order mark, so that {beside[0].name} cannot be "
+                    "read: save it as UTF-8 without one"
+                )
+        if not beside:
             return _raster(path, AsciiSource(file, cells), cells)
         source = _dataset(path, name, ("AAIGrid",), stack)
         return _raster(path, source, cells, source.crs or projection_crs(file))
@@ -272,7 +285,10 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
     if start.startswith(IMAGINE):
         check_imagine(file)
     check_vrt(file, start)
-    source = _dataset(path, name, BINARY, stack)
+    drivers = (*BINARY, *TILE) if is_tile(file) else BINARY
+    if not (is_tile(file) or start.startswith((*TIFF, IMAGINE, *SURFER))):
+        check_foreign(file, start)
+    source = _dataset(path, name, drivers, stack)
     return _raster(path, source, GdalCells(source))
 
 

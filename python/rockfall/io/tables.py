@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MAX_COLUMNS = 1000
+#: First line by which a spreadsheet is told the separator of a CSV.
+SEPARATOR_LINE = re.compile(r'"?sep=([,;\t|])"?', re.IGNORECASE)
 # Texts that a spreadsheet would run as formulas, or that look like escaped ones: some programs skip
 # blanks and invisible marks, and accept full-width East Asian signs.
 _FORMULA = re.compile(r"['\s\x00-\x1f\u200b\ufeff]*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r]")
@@ -34,7 +36,11 @@ def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
         with open(path, encoding="utf-8-sig", newline="") as file:
             first = file.readline()
             separator = ";" if first.count(";") > first.count(",") else ","
-            file.seek(0)
+            if named := SEPARATOR_LINE.fullmatch(first.strip("\r\n")):
+                separator, line = named[1], 2
+            else:
+                file.seek(0)
+            first_row = line
             reader = csv.reader(file, delimiter=separator, skipinitialspace=True, strict=True)
             for row in reader:
                 if len(row) > MAX_COLUMNS:
@@ -42,7 +48,7 @@ def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
                 cells = [_as_it_was(cell.strip()) for cell in row]
                 if any(cells):
                     yield line, cells
-                line = reader.line_num + 1
+                line = first_row + reader.line_num
     except OSError as error:
         raise RockfallError(f"{path}: {reason(error, path).lower()}") from error
     except UnicodeDecodeError as error:

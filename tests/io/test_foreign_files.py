@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files as other programs write them: read with their right values, or refused as what they are."""
+
+import gzip
+import io
+import shlex
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.io import MemoryFile
+
+from made import PLACE, UTM, hill, make_ascii, make_layer, refused
+from rockfall.draft.dem import dem_of_points
+from rockfall.errors import RockfallError
+from rockfall.io.raster import read_dem
+from rockfall.io.raster_file import open_raster
+from rockfall.io.tables import read_columns
+
+pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+
+
+@pytest.fixture(autouse=True)
+def in_tmp_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+HEAD = "xllcorner 600000\nyllcorner 4999990\ncellsize 5\n"
+
+
+@pytest.mark.parametrize(
+    ("nodata", "number"),
+    [
+        ("-9999", "-9999.0"),
+        ("-9999.9", "-9999.900390625"),
+        ("-9999.9", "-9999.9004"),
+        ("-9999.900390625", "-9999.9"),
+        ("-99999.99", "-99999.992188"),
+        ("-3.4028234663852886e+38", "-3.40282347e+38"),
+        ("-3.4028234663852886e+38", "-3.402823e+38"),
+        ("-3.40282e+38", "-3.4028234663852886e+38"),
+        ("-3.4028235e+38", "-340282346638528859811704183484516925440"),
+        ("1.70141e+38", "1.701410009187828e+38"),
+        ("1.70141183460469e+038", "1.7014118e38"),
+        ("-1.797693134862316e+308", "-1.7976931348623157e+308"),
+    ],
+)
+def test_nodata_may_be_rounded_to_single_precision(nodata, number):
+    z, _ = read_dem(make_ascii("dem.asc", f"1 2 {number} 4 5 6", f"{HEAD}NODATA_value {nodata}\n"))
+    np.testing.assert_array_equal(z, [[1, 2, np.nan], [4, 5, 6]])
+
+
+@pytest.mark.parametrize(("nodata", "number"), [("-9999", "-9999.01"), ("0", "1e-7"), ("9", "9.5")])
+def test_other_numbers_are_not_nodata(nodata, number):
+    z, _ = read_dem(make_ascii("dem.asc", f"1 2 {number} 4 5 6", f"{HEAD}NODATA_value {nodata}\n"))
+    assert z[0, 2] == float(number)
+
+
+def marked(name):
+    """An ESRI ASCII grid that begins with a byte-order mark."""
+    path = Path(make_ascii(name, "1 2 3 4 5 6", HEAD))
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    return path
+
+
+def test_a_byte_order_mark_is_skipped():
+    marked("dem.asc")
+    Path("dem.csv").write_text("of the same name, and no matter")
+    z, grid = read_dem("dem.asc")
+    np.testing.assert_array_equal(z, [[1, 2, 3], [4, 5, 6]])
+    assert (grid.west, grid.north, grid.cell) == (600000.0, 5000000.0, 5.0)
+    Path("dem.prj").write_text(rasterio.crs.CRS.from_epsg(32632).to_wkt())
+    with refused(
+        "dem.asc: begins with a byte-order mark, so that dem.prj cannot be read: save it as UTF-8 "
+        "without one"
+    ):
+        read_dem("dem.asc")
+
+
+def zipped():
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("dem.asc", "ncols 2")
+    return file.getvalue()
+
+
+DEM = "rockfall dem {name} -o {stem}_dem.tif"
+FOREIGN = {
+    "a.asc": ("ncols 2\n".encode("utf-16"), "text in UTF-16", "save it as UTF-8"),
+    "b.asc": (b"\xfe\xff\0n", "text in UTF-16", "save it as UTF-8"),
+    "c.asc": (b"x;y;z\n1;2;3\n", "points in rows", f"make a DEM of them: {DEM}"),
+    "d.asc": (b"600000.5;5000000.5;812\n", "points in rows", f"make a DEM of them: {DEM}"),
+    "e.tif": (b"600000 5000000 812\n", "points in rows", f"make a DEM of them: {DEM}"),
+    "f.grd": (b"DSAA\r\n2 2\n", "a Surfer text grid", "make a GeoTIFF of it: rio convert"),
+    "g.sgrd": (b"NAME\t= a\n", "a SAGA grid", "make a GeoTIFF of it: rio convert g.sdat g_sdat"),
+    "h.hgt": (b"\x01\x02" * 9, "an SRTM tile without the name of its place", "name it such as"),
+    "i.asc": (b"north: 5000000\nsouth: 1\n", "a GRASS text grid", "make a GeoTIFF of it: rio"),
+    "j.tif": (zipped(), "a ZIP archive", "unpack it"),
+    "k.asc": (gzip.compress(b"ncols 2"), "compressed (gzip)", "unpack it"),
+    "l.tif": (b"<!DOCTYPE html>\n<html>", "a web page", "the download failed"),
+    "m.tif": (b"\x89PNG\r\n\x1a\n", "a picture (PNG)", "a GeoTIFF with elevations is needed"),
+    "n.tif": (b"\xff\xd8\xff\xe0", "a picture (JPEG)", "a GeoTIFF with elevations is needed"),
+    "o.asc": (b"LASF\0\0", "a point cloud", "rockfall dem makes a DEM of it"),
+    "p.tif": (b'{"type": "FeatureCollection"', "JSON", "a raster is needed"),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_other_files_are_refused_as_what_they_are(name):
+    content, what, cure = FOREIGN[name]
+    Path(name).write_bytes(content)
+    with pytest.raises(RockfallError) as caught:
+        read_dem(name)
+    cure = cure.format(name=name, stem=Path(name).stem)
+    said = str(caught.value)
+    assert said.startswith(f"{name}: is {what}, no raster that is read; {cure}")
+    assert len(said.split(": ", 1)[1].split()) <= 25
+
+
+def test_layers_are_named():
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    make_layer("a.gpkg", [shapely.Point(1, 2)])
+    with refused(
+        "a.gpkg: is a GeoPackage, no raster that is read; make a GeoTIFF of it: "
+        "rio convert a.gpkg a_gpkg.tif"
+    ):
+        read_dem("a.gpkg")
+
+
+def converted(driver, name, z):
+    """A raster in a format of GDAL."""
+    about = {"width": z.shape[1], "height": z.shape[0], "count": 1, "dtype": "f4"}
+    with MemoryFile() as memory:
+        with memory.open(driver="GTiff", transform=PLACE, crs=UTM, nodata=-9999, **about) as file:
+            file.write(z, 1)
+        with memory.open() as file:
+            rasterio.shutil.copy(file, name, driver=driver)
+    for companion in Path().glob("*.aux.xml"):  # what only GDAL writes
+        companion.unlink()
+
+
+@pytest.mark.parametrize(
+    ("driver", "name"),
+    [("SAGA", "a.sdat"), ("GSAG", "a.grd"), ("EHdr", "a.bil"), ("ENVI", "a.img"), ("RST", "a.rst")],
+)
+def test_the_command_that_converts_is_right(driver, name):
+    z = hill(6, 5).astype("f4")
+    converted(driver, name, z)
+    with pytest.raises(RockfallError) as caught:
+        read_dem(name)
+    rio, *words = shlex.split(str(caught.value).split("of it: ")[1])
+    assert rio == "rio"
+    code = "import sys; from rasterio.rio.main import main_group; main_group()"
+    subprocess.run([sys.executable, "-c", code, *words], check=True, capture_output=True)
+    found, grid = read_dem(words[-1])
+    np.testing.assert_allclose(found, z, rtol=1e-6)
+    assert (grid.west, grid.north, grid.cell) == (PLACE.c, PLACE.f, PLACE.a)
+
+
+@pytest.mark.parametrize("driver", ["GSBG", "GS7BG"])
+def test_surfer_binary_grids_are_read(driver):
+    z = hill(6, 5).astype("f4")
+    z[2, 3] = -9999
+    converted(driver, "a.grd", z)
+    found, grid = read_dem("a.grd")
+    z[2, 3] = np.nan
+    np.testing.assert_allclose(found, z, rtol=1e-6)
+    assert (grid.west, grid.north, grid.cell) == (PLACE.c, PLACE.f, PLACE.a)
+
+
+def test_an_srtm_tile_is_read_and_is_in_degrees():
+    z = np.arange(1201 * 1201, dtype=">i2").reshape(1201, 1201) % 4000
+    z[7, 9] = -32768
+    Path("N46E007.hgt").write_bytes(z.astype(">i2").tobytes())
+    with open_raster("N46E007.hgt") as raster:
+        blocks = [np.where(valid, values, -1) for _, values, valid in raster.blocks()]
+        np.testing.assert_array_equal(np.concatenate(blocks), np.where(z == -32768, -1, z))
+        assert raster.grid.x[0] == pytest.approx(7.0) and raster.grid.y[0] == pytest.approx(47.0)
+    with pytest.raises(RockfallError, match="cells are in degrees .* rio warp N46E007.hgt"):
+        read_dem("N46E007.hgt")
+
+
+# ---- CSV that begins with its separator
+
+
+@pytest.mark.parametrize("head", ["sep=;", "SEP=;", '"sep=;"', "\ufeffsep=;"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_the_separator_of_a_spreadsheet_is_no_header(head, end):
+    rows = [head, "zone;a,b", "1;2", "", "3;4"]
+    Path("a.csv").write_text(end.join(rows), encoding="utf-8", newline="")
+    where, columns = read_columns("a.csv", ["zone"])
+    assert where == ["a.csv: line 3", "a.csv: line 5"]
+    assert columns["zone"].tolist() == ["1", "3"] and columns["a,b"].tolist() == ["2", "4"]
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t", "|"])
+def test_any_separator_may_be_named(mark):
+    Path("a.csv").write_text(f"sep={mark}\nx{mark}y\n1{mark}2\n")
+    assert read_columns("a.csv", ["x", "y"])[1]["y"].tolist() == ["2"]
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.xyz"])
+def test_points_may_begin_with_their_separator(name):
+    rows = [f"{600000 + i};{5000000 - j};{800 + i + j}" for j in range(3) for i in range(4)]
+    Path(name).write_text("\n".join(["sep=;", "x;y;z", *rows]))
+    dem, _ = dem_of_points(name)
+    np.testing.assert_array_equal(dem.z, 800 + np.add.outer(np.arange(3), np.arange(4)))
