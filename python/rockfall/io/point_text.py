@@ -144,7 +144,7 @@ def _cells(line: str) -> tuple[list[str], str]:
 def _layout(path: str | Path) -> _Layout:
     line, head = first_line(start_of(path)), 0
     if SEPARATOR_LINE.fullmatch(line):
-        line, head = first_line(start_of(path).split(b"\n", 1)[1]), 1
+        line, head = first_line(start_of(path).partition(b"\n")[2]), 1
     cells, separator = _cells(line)
     unit = unit_in_words(line)
     refuse_units(path, [*projection_heights(path), *([Stated(unit, "line 1")] if unit else [])])
