@@ -7,7 +7,9 @@ import pytest
 
 import rockfall
 from made import refused
+from rockfall.cli import main
 from rockfall.result.contents import Contents
+from rockfall.result.dataset import write_result
 from rockfall.result.motion import EXACT, motion_of, sampled
 from rockfall.result.trajectories import POINTS, curves
 from rockfall.result.trajectory_layers import flight_features
@@ -127,12 +129,16 @@ def test_no_point_is_higher_than_its_leg_allows(moved):
     assert (z.min(axis=1) >= ends.min(axis=0) - 1e-6).all()
 
 
-def test_trajectories_without_kinds_of_legs_are_flights(moved):
-    """As older versions wrote them; and a line says so."""
-    result = moved[1].drop_vars("trajectory_leg")
-    with pytest.warns(UserWarning, match="older version: legs on the ground are taken for flights"):
+def test_trajectories_without_kinds_of_legs_are_flights(moved, tmp_path, capsys):
+    """As older versions wrote them; and a line says so, once."""
+    result, line = moved[1].drop_vars("trajectory_leg"), "legs on the ground are taken for flights"
+    with pytest.warns(UserWarning, match=line):
         motion = motion_of(result)
     assert {*motion.gravity} == {G}
+    write_result(result, tmp_path / "old.nc")
+    section = ["--line", "150,380", "150,80", "-o", str(tmp_path / "section.csv")]
+    assert main(["section", str(tmp_path / "old.nc"), *section]) == 0
+    assert capsys.readouterr().err.count(line) == 1
 
 
 @pytest.mark.parametrize("moved", ["matrix", "table", "trees"], indirect=True, scope="module")

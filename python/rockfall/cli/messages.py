@@ -27,10 +27,11 @@ def warn(text: str) -> None:
 
 @contextmanager
 def warnings_told() -> Iterator[None]:
-    """Print the warnings of products within the block, and none of libraries."""
+    """Print the warnings of products within the block, each once, and none of libraries."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")  # from libraries
-        warnings.filterwarnings("always", module=r"rockfall\.(products|result\.export)")
+        ours = r"rockfall\.(products|result\.export|result\.motion)"
+        warnings.filterwarnings("always", module=ours)
         yield
-    for warning in caught:
-        warn(str(warning.message))
+    for text in dict.fromkeys(str(warning.message) for warning in caught):
+        warn(text)

@@ -86,7 +86,7 @@ def motion_of(result: Held, number: int | None = None, gravity: float | None = N
     if "trajectory_leg" in result:
         leg = result["trajectory_leg"].values[vertex]
     else:
-        warnings.warn(NO_LEGS, stacklevel=2)
+        warnings.warn(NO_LEGS, stacklevel=1)
         leg = np.full(vertex.size, LEG["flight"])
     g = case_of(result).flight["gravity"] if gravity is None else gravity
     return _between(columns, boulder[vertex], vertex, leg, g)
