@@ -362,7 +362,7 @@ def _group_text(name: str, values: Mapping[str, Any], indent: str) -> str:
     for key, value in sorted(values.items()):
         line = f"{indent}{key} = "
         blank = " " * len(line)
-        literals = [*map(_literal, value if isinstance(value, list) else [value])]
+        literals = [*map(namelist_value, value if isinstance(value, list) else [value])]
         for literal in literals[:-1]:
             line += f"{literal}, "
             if len(line) >= WIDTH:
@@ -372,7 +372,7 @@ def _group_text(name: str, values: Mapping[str, Any], indent: str) -> str:
     return "\n".join([*lines, "/", ""])
 
 
-def _literal(value: Any) -> str:
+def namelist_value(value: Any) -> str:
     """A value in namelist format."""
     if isinstance(value, bool):
         return ".true." if value else ".false."

@@ -10,6 +10,7 @@ import pytest
 import rockfall
 import scenes
 from made import refused
+from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.quantities import number
 
@@ -58,6 +59,8 @@ def test_the_page_has_the_numbers_of_the_comparison(results, tmp_path):
     assert rows["cost"] == ["-", "120,000"]
     assert rows["nets and walls"] == ["-", "net: 4 m, EAD 3"]
     assert page.count("<img ") == 1 and "With net: what passes" in page
+    population = "boulders of the case: volume = &#39;fixed&#39;, volume_mean = 0.8."
+    assert population in page and "another population" not in page
 
 
 @pytest.mark.filterwarnings("ignore:.*figures have no relief")
@@ -84,6 +87,17 @@ def test_what_cannot_be_is_one_line(results, tmp_path):
         rockfall.report_variants(results, path, costs={"dam": 1.0})
     with refused("yearly = -1: must be >= 0 boulders a year"):
         rockfall.report_variants(results, path, yearly=-1.0)
+    scenario = [{"name": "one", "frequency": 0.5}]
+    for change in [{"bare": scenario}, {"with net": scenario}, dict.fromkeys(results, scenario)]:
+        others = {
+            name: one.assign_attrs(case=case_of(one).replace(scenario=change.get(name, [])).text())
+            for name, one in results.items()
+        }
+        with refused(
+            "yearly = 0.5: the case has &scenario, whose boulders are not those of &boulder: "
+            "`rockfall hazard` gives their frequencies"
+        ):
+            rockfall.report_variants(others, path, yearly=0.5)
     with refused("cost of bare = nan: must be >= 0"):
         rockfall.report_variants(results, path, costs={"bare": np.nan})
     assert not path.exists()
@@ -98,3 +112,22 @@ def test_the_command_writes_the_page(results, tmp_path, monkeypatch, capsys):
     assert "<th" in (tmp_path / "page.html").read_text()
     assert main([*words[:-2], "--costs", "net"]) == 2
     assert "--costs net: must be NAME=AMOUNT" in capsys.readouterr().err
+
+
+def test_a_page_with_scenarios_calls_frequencies_of_hazard_another_population(results, tmp_path):
+    scenario = [{"name": "one", "frequency": 0.5}]
+    others = {
+        name: one.assign_attrs(case=case_of(one).replace(scenario=scenario).text())
+        for name, one in results.items()
+    }
+    page = rockfall.report_variants(others, tmp_path / "a.html").read_text()
+    assert "are of the boulders of its scenarios, another population: do not compare" in page
+
+
+@pytest.mark.parametrize("words", [["--yearly", "2"], ["--costs", "net=5"]])
+def test_what_only_a_page_shows_needs_one(results, tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(tmp_path)
+    for name, result in results.items():
+        rockfall.write_result(result, name.replace("with ", "") + ".nc")
+    assert main(["compare", "bare.nc", "net.nc", *words]) == 2
+    assert f"{words[0]} requires --report" in capsys.readouterr().err

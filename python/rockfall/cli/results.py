@@ -14,6 +14,7 @@ from rockfall.analysis.hazard.files import DRAWINGS, export_hazard, is_hazard
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
 from rockfall.analysis.variants import compare_variants, difference_maps, write_variants
+from rockfall.case import case_of
 from rockfall.case_files import files_behind
 from rockfall.cli.given import given_options
 from rockfall.cli.messages import DONE, warnings_told
@@ -31,7 +32,7 @@ from rockfall.result.samples import kept_note
 from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_details import print_groups, print_profile
 from rockfall.text.line_tables import print_lines
-from rockfall.text.variants import variants_text
+from rockfall.text.variants import population_notes, variants_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -128,6 +129,10 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
     if len({*names}) < len(names):
         raise RockfallError("compare: variants need different file names")
     variants = dict(zip(names, results.values(), strict=True))
+    if not arguments.report:
+        for option in "yearly", "costs":
+            if getattr(arguments, option):
+                raise RockfallError(f"--{option} requires --report")
     table = compare_variants(variants)
     inputs = [
         *arguments.files,
@@ -143,7 +148,9 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
         check_output(arguments.report, inputs)
         with warnings_told():
             report_variants(variants, arguments.report, costs=costs, **named)
-    print(variants_text(table, kept_note(next(iter(variants.values())))))
+    first = next(iter(variants.values()))
+    notes = [*population_notes(case_of(first)), *filter(None, [kept_note(first)])]
+    print(variants_text(table, "\n".join(notes)))
     return DONE
 
 

@@ -16,7 +16,7 @@ from rockfall.analysis.variants import (
     on_same_cells,
     write_variants,
 )
-from rockfall.case import Case, read_case
+from rockfall.case import Case, case_of, read_case
 from rockfall.case_files import input_files
 from rockfall.case_variants import variants
 from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
@@ -25,7 +25,7 @@ from rockfall.cli.messages import DONE, warn, warnings_told
 from rockfall.cli.results import IMPRINT
 from rockfall.errors import RockfallError
 from rockfall.html_report.page import check_page_needs
-from rockfall.html_report.variants_page import Given
+from rockfall.html_report.variants_page import check_yearly
 from rockfall.interrupts import interrupts
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.language import catalogue
@@ -34,7 +34,7 @@ from rockfall.result.dataset import write_result
 from rockfall.result.samples import kept_note
 from rockfall.simulation.lock import locked
 from rockfall.simulation.simulate import Interrupted
-from rockfall.text.variants import variants_text
+from rockfall.text.variants import population_notes, variants_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,7 +49,9 @@ def variants_command(arguments: argparse.Namespace) -> int:
     if pages:
         catalogue(arguments.language)  # refuses unknown languages before a file is read
         check_page_needs(pages[0])
-        Given(arguments.yearly).check({})
+        check_yearly(arguments.yearly, [case])
+    elif arguments.yearly:
+        raise RockfallError("--yearly requires --report or --pdf")
     with locked(folder.resolve(), warn):
         checkpoints = study_checkpoints(arguments, folder.resolve(), names, "a variant")
         memory = memory_of(arguments)
@@ -68,7 +70,8 @@ def variants_command(arguments: argparse.Namespace) -> int:
             checkpoint.remove()
     if not arguments.quiet:
         first = next(iter(results.values()))
-        print(variants_text(compare_variants(results), kept_note(first)))
+        notes = [*population_notes(case_of(first)), *filter(None, [kept_note(first)])]
+        print(variants_text(compare_variants(results), "\n".join(notes)))
         print(*paths, sep="\n")
     return DONE
 

@@ -238,7 +238,9 @@ def report(
         kept=[sheet.kept] if sheet and sheet.kept else [],
         factors=list(factor_lines(sheet.factors)) if sheet else [],
         hazard=endangered[1:],
-        hazard_warnings=[] if hazard is None else list(hazard_warnings(hazard)),
+        hazard_warnings=[]
+        if hazard is None
+        else [say("hazard.two_populations"), *hazard_warnings(hazard)],
         hazard_figures=_pictures([] if hazard is None else hazard_figures(hazard, terrain)),
         grounds=[
             *([ground_table(result)] if "rebounds_by_ground" in result else ()),

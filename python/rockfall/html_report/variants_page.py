@@ -28,7 +28,7 @@ from rockfall.language import Number, Text, localised, say, speaking
 from rockfall.plots.difference_figures import difference_figure
 from rockfall.quantities import QUANTITIES
 from rockfall.result.samples import kept_note, simulated
-from rockfall.text.variants import signed, value_text
+from rockfall.text.variants import population_notes, signed, value_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,13 +55,23 @@ class Given(NamedTuple):
 
     def check(self, results: Mapping[str, xr.Dataset]) -> None:
         """Refuse what cannot be."""
-        if not 0 <= self.yearly < math.inf:
-            raise RockfallError(f"yearly = {self.yearly:g}: must be >= 0 boulders a year")
+        check_yearly(self.yearly, map(case_of, results.values()))
         for name, cost in self.costs.items():
             if name not in results:
                 raise RockfallError(f"cost of {name}: the variants are {', '.join(results)}")
             if not 0 <= cost < math.inf:
                 raise RockfallError(f"cost of {name} = {cost:g}: must be >= 0")
+
+
+def check_yearly(yearly: float, cases: Iterable[Case]) -> None:
+    """Refuse a number of boulders a year that cannot be, or is that of other boulders."""
+    if not 0 <= yearly < math.inf:
+        raise RockfallError(f"yearly = {yearly:g}: must be >= 0 boulders a year")
+    if yearly and any(case.scenario for case in cases):
+        raise RockfallError(
+            f"yearly = {yearly:g}: the case has &scenario, whose boulders are not those of "
+            "&boulder: `rockfall hazard` gives their frequencies"
+        )
 
 
 def write_variants_page(
@@ -113,6 +123,7 @@ def _page(
         notes=[
             say("variants.note"),
             say("variants.same_boulders", n=simulated(first)),
+            *population_notes(case_of(first)),
             *filter(None, [kept_note(first)]),
         ],
         measures=[_measures(results, given)],

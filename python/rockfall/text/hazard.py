@@ -32,6 +32,7 @@ def hazard_summary(hazard: xr.Dataset) -> str:
     scenarios = count(hazard.sizes["scenario"], "scenario")
     lines = [f"{hazard.attrs['title'] or 'rockfall'}: {scenarios}"]
     lines.append(table(scenario_rows(hazard)))
+    lines.append(f"  {say('hazard.population')}")
     lines.append(table(class_rows(hazard)))
     if "object" in hazard.dims:
         lines.append(table(object_rows(hazard)))

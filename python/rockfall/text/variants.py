@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.variants import UNDECIDED
+from rockfall.case import Case, keys_of, namelist_value
+from rockfall.language import Text, say
 from rockfall.quantities import QUANTITIES, Quantity, number, with_unit
 from rockfall.text.table import table as aligned
 
@@ -14,6 +16,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 STATISTICS = {"mean": "mean", "q95": "95 %"}
+OF_VOLUMES = (  # keys of &boulder, without the list of volumes, which may be long
+    "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volume_exponent",
+)  # fmt: skip
 NOTE = (
     "Below a number: its difference from the first variant, with the 95 % interval of the Monte "
     "Carlo error; ? if that contains 0, or too few boulders pass to have one. Speeds, highest "
@@ -26,6 +31,17 @@ def variants_text(table: pd.DataFrame, note: str = "") -> str:
     """A table for each line, with a column for each variant; `note` is on the boulders."""
     blocks = [aligned(rows_of(of_line)) for _, of_line in table.groupby("line", sort=False)]
     return "\n\n".join([*blocks, NOTE, *([note] if note else [])])
+
+
+def population_notes(case: Case) -> Iterator[Text]:
+    """The boulders that numbers of the case are of, and others that its hazard has."""
+    given = {key: case.boulder[key] for key in keys_of("boulder") if key in case.boulder}
+    volumes = [
+        f"{key} = {namelist_value(value)}" for key, value in given.items() if key in OF_VOLUMES
+    ]
+    yield say("variants.population", boulders=", ".join(volumes))
+    if case.scenario:
+        yield say("variants.other_population")
 
 
 def rows_of(of_line: pd.DataFrame) -> Iterator[list[str]]:
