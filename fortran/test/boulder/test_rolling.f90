@@ -7,7 +7,7 @@ program test_rolling
    use rockfall_boulder, only: inertia_factor
    use rockfall_terrain, only: terrain_t, terrain, locate, height
    use rockfall_flight, only: landing_t
-   use rockfall_rolling, only: roll_t, find_roll, find_slide, speed_within, cut_roll
+   use rockfall_rolling, only: roll_t, find_roll, find_slide, speed_within, cut_roll, ground_points
    use check_m, only: check, check_close, finish
    implicit none
    integer, parameter :: n = 12
@@ -22,6 +22,7 @@ program test_rolling
    call test_edge()
    call test_cut()
    call test_slide()
+   call test_ground_points()
    call finish()
 
 contains
@@ -189,4 +190,51 @@ contains
       call check("beyond the edge nothing is known", .not. roll%landing%contact)
       call check_close("a slide goes no farther", roll%landing%y + 1, 1.0_wp, near)
    end subroutine test_slide
+
+   !> Chords between the points of a slide follow the ground to 1 % of the radius; on a plane, patch borders suffice.
+   subroutine test_ground_points()
+      integer, parameter :: samples = 50
+      type(roll_t) :: roll
+      type(landing_t) :: there
+      real(wp), allocatable :: time(:), place(:, :), at(:), on(:, :)
+      real(wp) :: t(3), chord(3), off_ground
+      logical :: off, bumps
+      integer :: angle, k, j
+
+      do angle = 0, 359, 15
+         do k = 0, 1
+            bumps = k == 1
+            call set_plane(10.0_wp, 5.0_wp)
+            if (bumps) z = z + reshape([(0.3_wp*sin(7.0_wp*j), j=1, n*n)], [n, n])
+            t = [0.9_wp*cos(angle*degree), 0.9_wp*sin(angle*degree), 0.0_wp]
+            call find_slide(dem, gravity, contact_at(9.3_wp, 13.1_wp), t, 6.0_wp, 10.0_wp, 2.0_wp, roll, off)
+            call ground_points(dem, roll%path, roll%landing%time, radius, time, place)
+            associate (path => roll%path, end => roll%landing)
+               at = [0.0_wp, time, end%time]
+               on = reshape([path%x, path%y, path%z, place, end%x, end%y, end%z], [3, size(at)])
+               call check("times rise", all(at(2:) > at(:size(at) - 1)))
+               off_ground = 0
+               do j = 0, (size(at) - 1)*samples - 1
+                  associate (i => j/samples + 1, part => real(modulo(j, samples), wp)/samples)
+                     chord = on(:, i) + part*(on(:, i + 1) - on(:, i))
+                     call check_close("the path is straight and steady in plan", chord(1), &
+                                      path%x + path%v(1)*(at(i) + part*(at(i + 1) - at(i))), near)
+                  end associate
+                  there = contact_at(chord(1), chord(2))
+                  off_ground = max(off_ground, abs(chord(3) - there%z))
+               end do
+               call check("chords follow the ground", off_ground <= 0.01_wp*radius + near)
+               call check("no more points than needed", bumps .or. size(time) == crossed(path%x, end%x) &
+                          + crossed(path%y, end%y))
+            end associate
+         end do
+      end do
+   end subroutine test_ground_points
+
+   !> Number of patch borders between two coordinates [m].
+   pure integer function crossed(a, b)
+      real(wp), intent(in) :: a, b
+
+      crossed = abs(floor(b/cell) - floor(a/cell))
+   end function crossed
 end program test_rolling
