@@ -87,7 +87,7 @@ def burn_polygons(
     differ = cells != first
     if twice := np.count_nonzero(ids[cells[differ]] != ids[first[differ]]):
         remarks.append(remark(path, "input.polygons_overlap", field=field, n=int(twice)))
-    empty = empty_polygons(cells, len(parts)) & (shapely.area(on_terrain(parts, grid)) > 0)
+    empty = empty_polygons(cells, parts, grid) & (shapely.area(on_terrain(parts, grid)) > 0)
     if empty.any():
         count = {"part": int(empty.sum()), "n": empty.size}
         remarks.append(remark(path, "input.polygons_empty", **count))

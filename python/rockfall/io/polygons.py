@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.grid import Grid, row_blocks
+from rockfall.io.grid import Grid
 from rockfall.language import remark
 
 SLIVER = 0.01  # of the smaller polygon: smaller overlaps are inaccuracies of drawing
+SPARSE = 8  # cells between those looked at first
 HALF = 0.5  # of the area of a zone or stand: their maps often reach beyond a DEM
 #: [m] east and north by which borders count as moved: far below surveys, far above rounding, and
 #: in a direction that no border is drawn in.
@@ -71,11 +72,17 @@ def note_outside(
         remarks.append(remark(path, "input.polygons_outside", **numbers))
 
 
-def empty_polygons(cells: np.ndarray, size: int) -> np.ndarray:
-    """Mark the polygons, of `size`, that hold no cell, given their number in each (from 1)."""
-    held = np.zeros(size + 1, bool)
-    for rows in row_blocks(cells.shape):
-        held[cells[rows]] = True
+def empty_polygons(cells: np.ndarray, shapes: np.ndarray, grid: Grid) -> np.ndarray:
+    """Mark polygons that hold no cell, given their number (from 1) in each. Most are found in a few
+    cells, the others within their bounds."""
+    import shapely
+
+    held = np.zeros(len(shapes) + 1, bool)
+    held[cells[::SPARSE, ::SPARSE]] = True
+    for k in np.flatnonzero(~held[1:]):
+        west, south, east, north = shapely.bounds(shapes[k])
+        row, column = grid.cells(np.array([west, east]), np.array([north, south]))
+        held[k + 1] = (cells[row[0] : row[1] + 1, column[0] : column[1] + 1] == k + 1).any()
     return ~held[1:]
 
 
