@@ -7,6 +7,8 @@ import pytest
 
 import rockfall
 from made import refused
+from rockfall.analysis.model_limits import model_warnings
+from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import write_result
@@ -131,10 +133,11 @@ def test_no_point_is_higher_than_its_leg_allows(moved):
 
 def test_trajectories_without_kinds_of_legs_are_flights(moved, tmp_path, capsys):
     """As older versions wrote them; and a line says so, once."""
-    result, line = moved[1].drop_vars("trajectory_leg"), "legs on the ground are taken for flights"
+    result, line = moved[1].drop_vars("trajectory_leg"), "slides and waits are drawn as flights"
     with pytest.warns(UserWarning, match=line):
         motion = motion_of(result)
     assert {*motion.gravity} == {G}
+    assert any(line in str(text) for text in model_warnings(result, case_of(result)))
     write_result(result, tmp_path / "old.nc")
     section = ["--line", "150,380", "150,80", "-o", str(tmp_path / "section.csv")]
     assert main(["section", str(tmp_path / "old.nc"), *section]) == 0

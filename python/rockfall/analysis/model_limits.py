@@ -86,6 +86,8 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     yield from log_remarks(case)
     yield from breakage_remarks(values, case)
     yield from roll_remarks(values, case)
+    if "trajectory_boulder" in values and "trajectory_leg" not in values:
+        yield Remark(say("model.no_legs"), True, is_counted=False)
     yield from (
         Remark(extrapolation.text, extrapolation.is_warning)
         for extrapolation in extrapolations(values)

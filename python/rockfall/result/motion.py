@@ -17,6 +17,7 @@ import numpy as np
 
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
+from rockfall.language import say
 from rockfall.result.variables import LEG
 
 if TYPE_CHECKING:
@@ -27,9 +28,6 @@ PARALLEL = 1e-9  # sine of the angle between directions that are the same
 TOLERANCE = 0.05  # [m]
 _Kept = TypeVar("_Kept")
 _NAMES = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
-NO_LEGS = (
-    "trajectories of an older version: legs on the ground are taken for flights, run the case again"
-)
 
 
 class Motion(NamedTuple):
@@ -86,7 +84,7 @@ def motion_of(result: Held, number: int | None = None, gravity: float | None = N
     if "trajectory_leg" in result:
         leg = result["trajectory_leg"].values[vertex]
     else:
-        warnings.warn(NO_LEGS, stacklevel=1)
+        warnings.warn(str(say("model.no_legs")), stacklevel=1)
         leg = np.full(vertex.size, LEG["flight"])
     g = case_of(result).flight["gravity"] if gravity is None else gravity
     return _between(columns, boulder[vertex], vertex, leg, g)
