@@ -149,12 +149,13 @@ def test_a_boulder_that_starts_at_an_object_has_met_it(tmp_path):
     assert (found.line_x.values[0][first] == 120.0).all()
 
 
-def test_an_object_may_not_be_wider_than_a_kilometre(tmp_path):
-    line = [{"name": "o", **ROAD, "object_width": 1001.0}]
-    with refused("case: &line object_width = 1001.0: must be 0 to 1000 [m]"):
+def test_an_object_may_not_be_wider_than_a_hundred_metres(tmp_path):
+    line = [{"name": "o", **ROAD, "object_width": 101.0}]
+    with refused("case: &line object_width = 101.0: must be 0 to 100 [m]"):
         make_case(tmp_path, line=line)
-    with refused("case: &hazard object_width = -1.0: must be 0 to 1000 [m]"):
-        make_case(tmp_path, hazard={"object_width": -1.0})
+    for width in -1.0, 100.5, 1000.0:
+        with refused(f"case: &hazard object_width = {width}: must be 0 to 100 [m]"):
+            make_case(tmp_path, hazard={"object_width": width})
 
 
 # ---- objects of a hazard

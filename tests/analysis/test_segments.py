@@ -363,9 +363,9 @@ def test_frames_are_roads_too(tmp_path):
         hazard(case, make_frame([ROAD], CRS, width=[-1.0]))
 
 
-@pytest.mark.parametrize("length", [0.0, -5.0, np.nan, np.inf])
+@pytest.mark.parametrize("length", [0.0, -5.0, np.nan, np.inf, 0.01, 0.999])
 def test_a_length_must_be_one(tmp_path, length):
-    with refused(f"--segment-length {length:g}: must be > 0 m"):
+    with refused(f"--segment-length {length:g}: must be at least 1 m"):
         hazard(make_case(tmp_path), make_roads(tmp_path, ROAD), length=length)
 
 
@@ -375,9 +375,11 @@ def test_what_cannot_be_is_refused(tmp_path):
         hazard(case, None)
     with refused("--segments-layer requires --segments"):
         hazard(case, None, length=None, segments_layer="roads")
-    with refused(f"--segment-length 0.001: makes more than 10,000 segments of a line of {road}, "
-                 "180 m long"):  # fmt: skip
-        hazard(case, road, length=0.001)
+    hairpins = [(10.0 + 380.0 * (k % 2), 10.0 + 5.0 * k) for k in range(56)]
+    long = make_layer(tmp_path / "long.gpkg", [shapely.LineString(hairpins)], CRS)
+    with refused(f"{long}: makes 20,902 segments: must be at most 20,000, give a longer "
+                 "--segment-length"):  # fmt: skip
+        hazard(case, long, length=1.0)
     far = make_layer(tmp_path / "far.gpkg", [shapely.LineString([(900, 0), (990, 0)])], CRS)
     with refused(f"{far}: no segment lies on the terrain"):
         hazard(case, far)

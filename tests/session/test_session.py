@@ -393,7 +393,7 @@ def test_pieces_of_a_run_are_short_where_boulders_are_slow(case, monkeypatch, ma
         numbers = first + step * np.arange(size)
         times.append(np.where(numbers <= 2048, 0.0005, 0.002).sum())
         clock[0] += times[-1]
-        return np.empty(0), np.empty((2, 0))
+        return size, np.empty(0), np.empty((2, 0))
 
     class Clocks:
         perf_counter = staticmethod(lambda: clock[0])

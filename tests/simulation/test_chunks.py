@@ -18,6 +18,8 @@ import rockfall
 from made import make_raster
 from rockfall.errors import RockfallError
 from rockfall.scene.read import read_scene
+from rockfall.simulation import simulate
+from rockfall.simulation.run_state import Run
 from rockfall.simulation.simulate import run_scene
 from same import same
 from scenes import grid, make_case, rough, sets
@@ -53,6 +55,27 @@ def test_any_chunk_and_part_starts_at_its_own_sources(tmp_path, sampling, chunk)
     xr.testing.assert_identical(found.drop_attrs(), whole.drop_attrs())
     parts = [run(case, chunk=chunk, shard=(k, 4)) for k in range(1, 5)]
     xr.testing.assert_identical(rockfall.merge(parts).drop_attrs(), whole.drop_attrs())
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("maps", [["passages", "energy_max"], ["passages", "hits"]])
+def test_a_call_whose_time_is_over_starts_no_more_boulders(tmp_path, monkeypatch, maps, threads):
+    """In lanes and one by one: a call takes a batch for each thread, and the results are those of
+    one call."""
+    case = case_in(tmp_path, boulders=40).replace(output={"maps": maps})
+    whole, sizes = run(case, chunk=10**6), []
+    advance = Run.advance
+
+    def count(*arguments, **how):
+        done, *left = advance(*arguments, **how)
+        sizes.append(done)
+        return done, *left
+
+    monkeypatch.setattr(simulate, "MAX_SECONDS", 0.0)
+    monkeypatch.setattr(Run, "advance", count)
+    found = run(case, chunk=10**6, threads=threads)
+    assert sum(sizes) == 40 * X.size and 1 <= max(sizes) <= 16 * threads
+    xr.testing.assert_identical(found.drop_attrs(), whole.drop_attrs())
 
 
 def test_the_last_source_is_refused_before_the_first_boulder_flies(tmp_path, monkeypatch):

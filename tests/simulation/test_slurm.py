@@ -100,6 +100,19 @@ def test_times_are_those_of_sbatch(time, few_boulders, tmp_path, capsys):
         assert f"#SBATCH --time={time}\n" in (tmp_path / "jobs" / name).read_text()
 
 
+@pytest.mark.parametrize(("shards", "warns"), [(1_000, False), (1_001, True), (10_000, True)])
+def test_arrays_beyond_what_slurm_usually_takes_are_reported(
+    shards, warns, few_boulders, tmp_path, capsys
+):
+    words = ["slurm", str(few_boulders), str(tmp_path / "jobs"), "--shards", str(shards)]
+    few_boulders.write_text(few_boulders.read_text().replace("boulders = 50", "boulders = 10000"))
+    assert main(words) == 0
+    told = f"rockfall: warning: --shards {shards}: Slurm usually takes arrays of 1,000 jobs; "
+    told += "`scontrol show config` lists MaxArraySize, which must be larger than --shards\n"
+    assert capsys.readouterr().err == (told if warns else "")
+    assert f"#SBATCH --array=1-{shards}\n" in (tmp_path / "jobs/run.sh").read_text()
+
+
 def test_batch_runs_prepared_cases_only(few_boulders, tmp_path, batch, capsys):
     words = ["slurm", str(few_boulders), str(tmp_path / "jobs"), "--shards=2", "--program=batch"]
     assert main(words) == 2

@@ -3,11 +3,12 @@
 !> be created, ends the process.
 module rockfall_threads
    use, intrinsic :: iso_c_binding, only: c_int, c_int64_t
+   use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
    implicit none
    private
-   public :: team_size, check_team, release_team
+   public :: team_size, check_team, release_team, deadline_in, take_batch
 
    integer, parameter :: max_threads = 1024  !! far above the cores of any machine: a larger number is a mistake
    integer(c_int64_t), parameter :: kilobyte = 1024
@@ -66,6 +67,39 @@ contains
                    //"or a smaller OMP_STACKSIZE")
       end if
    end subroutine check_team
+
+   !> Time in this many seconds [ticks of system_clock].
+   integer(i8) function deadline_in(seconds) result(deadline)
+      real(wp), intent(in) :: seconds
+      integer(i8) :: now, rate
+
+      call system_clock(now, rate)
+      deadline = now + int(min(seconds*rate, 0.4_wp*huge(now)), i8)
+   end function deadline_in
+
+   !> Take the next indices `from` to `to`, at most `batch` up to n, from the counter that all threads share. There are
+   !> none (from > to) after the last, and after the deadline, if others were taken before.
+   subroutine take_batch(next, n, batch, deadline, from, to)
+      integer, intent(inout) :: next       !! next index
+      integer, intent(in) :: n, batch
+      integer(i8), intent(in) :: deadline  !! [ticks]
+      integer, intent(out) :: from, to
+      integer(i8) :: now
+
+      call system_clock(now)
+      from = 1
+      to = 0
+      if (now >= deadline) then
+         !$omp atomic read
+         from = next
+         if (from > 1) return
+      end if
+      !$omp atomic capture
+      from = next
+      next = next + batch
+      !$omp end atomic
+      to = min(from + batch - 1, n)
+   end subroutine take_batch
 
    !> End the idle threads of the calling thread's team; the next run starts new ones. A process forked while they
    !> are idle would wait for them forever.

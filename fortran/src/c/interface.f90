@@ -90,10 +90,12 @@ contains
       character(kind=c_char), intent(out) :: message(max_message)
       type(run_handle_t), pointer :: opened
       type(error_t), allocatable :: error
+      integer(c_int64_t) :: done
 
       opened => run_at(handle)
       associate (run => opened%run)
-         call opened%advance(opened%scene%scene, run%before + run%done + 1, 1_c_int64_t, n, error)
+         call opened%advance(opened%scene%scene, run%before + run%done + 1, 1_c_int64_t, n, huge(1.0_c_double), done, &
+                             error)
       end associate
       call return_error(error, code, message)
    end function c_advance

@@ -267,11 +267,13 @@ contains
    end function run_of
 
    !> Run n boulders, every `step`-th from the first on, on a scene, which may be a window of that of the run; `left` is
-   !> the number of boulders that left it and must be rerun.
-   subroutine advance(run, handle, first, step, n, left, code, message)
+   !> the number of boulders that left it and must be rerun. After `seconds` no more boulders start: `done` are.
+   subroutine advance(run, handle, first, step, n, seconds, done, left, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run, handle
       integer(c_int64_t), intent(in) :: first, step, n
+      real(c_double), intent(in) :: seconds
+      integer(c_int64_t), intent(out) :: done
       integer(c_int), intent(out) :: left
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
@@ -281,7 +283,7 @@ contains
 
       scene => scene_of(handle)
       opened => run_of(run)
-      call opened%advance(scene%scene, first, step, n, error)
+      call opened%advance(scene%scene, first, step, n, seconds, done, error)
       left = 0
       if (.not. allocated(error)) left = size(opened%run%left)
       call give_error(error, code, message)

@@ -220,7 +220,7 @@ module rockfall_case_keys
       key_t("line", "file", "text", 1, "absent", "", "", "in place of x and y: lines, one or more", file="layer"), &
       key_t("line", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
       key_t("line", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
-      key_t("line", "object_width", "real", 1, "absent", "0 to 1000", "m", &
+      key_t("line", "object_width", "real", 1, "absent", "0 to 100", "m", &
             "makes it an object along the line: met when a boulder touches it with its side"), &
       key_t("barrier", "name", "text", 1, "absent", "", "", "of a net or wall, which is an evaluation line too"), &
       key_t("barrier", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
@@ -309,7 +309,7 @@ module rockfall_case_keys
             "hazard of each class of intensity, from the weakest, by return period, from the shortest"), &
       key_t("hazard", "frequency_factor", "real", 2, "1.0, 1.0", "0 to 1000", "", &
             "lowest and highest factor on all frequencies, for their limits: what is not known of them"), &
-      key_t("hazard", "object_width", "real", 1, "10.0", "0 to 1000", "m", &
+      key_t("hazard", "object_width", "real", 1, "10.0", "0 to 100", "m", &
             "of an object in the middle of each cell, for maps of hits; 0: a point"), &
       key_t("hazard", "minimum_area", "real", 1, "0.0", ">= 0", "m2", &
             "of a zone: a smaller patch takes the class of the largest beside it"), &

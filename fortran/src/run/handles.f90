@@ -3,7 +3,7 @@
 !> built once; runs of it advance in chunks and list their arrays. What callers may ask for is checked here.
 module rockfall_handles
    use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
-   use rockfall_kinds, only: sp, i4, i8
+   use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: terrain_t, terrain, set_window
@@ -205,20 +205,24 @@ contains
       call continue_run(scene%case, scene%scene, other%run, this%run, error)
    end subroutine begin_continued
 
-   !> Run n boulders of a run, every `step`-th from the first on, on a scene, which may be a window of the run's.
-   subroutine advance(this, scene, first, step, n, error)
+   !> Run n boulders of a run, every `step`-th from the first on, on a scene, which may be a window of the run's. After
+   !> `seconds` no more boulders start, but at least one is done.
+   subroutine advance(this, scene, first, step, n, seconds, done, error)
       class(run_handle_t), intent(inout) :: this
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step, n
+      real(wp), intent(in) :: seconds
+      integer(i8), intent(out) :: done
       type(error_t), allocatable, intent(out) :: error
 
       associate (last => this%run%before + this%run%boulders)
          if (n < 0 .or. first <= this%run%before .or. first + (n - 1)*step > last) then
+            done = 0
             call fail(error, "the run does not have so many boulders left")
             return
          end if
       end associate
-      call advance_run(this%run, scene, first, step, n, error)
+      call advance_run(this%run, scene, first, step, n, seconds, done, error)
    end subroutine advance
 
    !> Array k of a run, or of its part, from 1; null past the last. k = 1 lists them again.

@@ -24,8 +24,8 @@ module rockfall_run_loop
    private
    public :: run_observer_t, run_case, scan_terrain, save_rest
 
-   integer(i8), parameter :: first_chunk = 1024   !! boulders in the first call
-   real(wp), parameter :: chunk_seconds = 1.0_wp  !! target duration of a call: at its end threads wait for each other
+   integer(i8), parameter :: first_chunk = 16     !! boulders in the first call
+   real(wp), parameter :: chunk_seconds = 1.0_wp  !! duration of a call: at its end threads wait for each other
 
    !> Minimum time between saves of a run, as a multiple of the duration of the last save.
    real(wp), parameter :: save_rest = 20.0_wp
@@ -122,7 +122,7 @@ contains
       type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: cpu_start, cpu
-      integer(i8) :: chunk, clock_start, clock_end, rate
+      integer(i8) :: chunk, done, clock_start, clock_end, rate
 
       chunk = first_chunk
       do while (run%done < run%boulders)
@@ -131,7 +131,7 @@ contains
          chunk = min(chunk, run%boulders - run%done)
          call system_clock(clock_start, rate)
          call cpu_time(cpu_start)
-         call advance(run, scene, run%before + run%done + 1, 1_i8, chunk, error)
+         call advance(run, scene, run%before + run%done + 1, 1_i8, chunk, chunk_seconds, done, error)
          if (.not. allocated(error) .and. size(run%left) > 0) &
             call fail(error, "internal error: a boulder left the reachable area", our_fault)
          call name_case(case, error)
@@ -140,7 +140,7 @@ contains
          call cpu_time(cpu)
          run%wall = run%wall + real(clock_end - clock_start, wp)/rate
          run%cpu = run%cpu + cpu - cpu_start
-         chunk = max(1_i8, int(chunk*min(4.0_wp, chunk_seconds*rate/max(1_i8, clock_end - clock_start)), i8))
+         chunk = max(1_i8, int(done*min(4.0_wp, chunk_seconds*rate/max(1_i8, clock_end - clock_start)), i8))
       end do
    end subroutine run_all
 

@@ -326,10 +326,12 @@ contains
    !> Run n boulders of the run, every `step`-th from the first on, on a scene, which may be a window of that of the
    !> run: boulders that leave it are not counted, and must be rerun. With a step above 1, which maps of sources do not
    !> allow, `done` does not change.
-   subroutine advance(run, scene, first, step, n, error)
+   subroutine advance(run, scene, first, step, chunk, seconds, n, error)
       type(run_t), intent(inout), target :: run
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: first, step, n
+      integer(i8), intent(in) :: first, step, chunk
+      real(wp), intent(in) :: seconds   !! after which no more boulders start
+      integer(i8), intent(out) :: n     !! boulders done, at least one
       type(error_t), allocatable, intent(out) :: error
       type(boulder_result_t), allocatable :: results(:)
       type(crossings_t), allocatable :: crossings(:)
@@ -338,13 +340,15 @@ contains
       integer(i8) :: k, last
       integer :: status, thread, threads
 
-      allocate (results(n), crossings(n), row(n), stat=status)
+      n = 0
+      allocate (results(chunk), crossings(chunk), row(chunk), stat=status)
       if (status /= 0) then
-         call fail(error, integer_text(n)//" boulders of a chunk do not fit in memory")
+         call fail(error, integer_text(chunk)//" boulders of a chunk do not fit in memory")
          return
       end if
-      maps = views_of_threads(run%maps, run%threads, n)
-      call run_boulders(scene, first, step, run%threads, results, crossings, maps, run%histogram, run%by_ground)
+      maps = views_of_threads(run%maps, run%threads, chunk)
+      call run_boulders(scene, first, step, run%threads, results, crossings, maps, run%histogram, run%by_ground, &
+                        seconds, n)
       if (size(maps) > 1) call take_own_tallies(run%maps)
       if (lacks_slots(maps(1))) then
          call fail(error, "&output maps: boulders reach more than "//integer_text(size(run%maps%bin_counts, 2)) &
@@ -372,11 +376,11 @@ contains
          end do
          !$omp end parallel do
       end if
-      run%left = pack([(first + (k - 1)*step, k=1, n)], results%status == left_window)
+      run%left = pack([(first + (k - 1)*step, k=1, n)], results(:n)%status == left_window)
       if (allocated(run%left_at)) deallocate (run%left_at)
       allocate (run%left_at(size(run%left), 2))
-      run%left_at(:, 1) = pack(results%stop(1), results%status == left_window) + scene%dem%x0
-      run%left_at(:, 2) = pack(results%stop(2), results%status == left_window) + scene%dem%y0
+      run%left_at(:, 1) = pack(results(:n)%stop(1), results(:n)%status == left_window) + scene%dem%x0
+      run%left_at(:, 2) = pack(results(:n)%stop(2), results(:n)%status == left_window) + scene%dem%y0
       if (step == 1) run%done = max(run%done, first + n - 1 - run%before)
    end subroutine advance
 

@@ -4,8 +4,8 @@
 module rockfall_ensemble
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_thread_num
-   use rockfall_kinds, only: i8
-   use rockfall_threads, only: team_size
+   use rockfall_kinds, only: wp, i8
+   use rockfall_threads, only: team_size, deadline_in, take_batch
    use rockfall_flight, only: span_t
    use rockfall_scene_type, only: scene_t, goes_in_lanes, has_obstacles, one_by_one, narrow_lanes, wide_lanes, &
                                   masked_lanes
@@ -29,6 +29,7 @@ module rockfall_ensemble
    public :: run_boulders, trace_boulder, recorded_boulders
 
    integer, parameter :: batch = 16        !! boulders assigned to a thread at a time
+   real(wp), parameter :: quick_batch = 0.02_wp  !! maximum time of a batch [s]; slower boulders go singly
    !> Largest source that one thread runs alone: `max_alone` boulders in small calls; in larger ones a size that leaves
    !> each thread about `turns_per_thread` such sources.
    integer, parameter :: max_alone = 256, turns_per_thread = 8
@@ -52,8 +53,9 @@ contains
 
    !> Run boulders `first`, `first + step` and so on, as many as there are results; add to maps and histogram counts.
    !> Boulders that left the window of the terrain (see status) are not counted. Each thread adds to maps of its own, or
-   !> all to the same.
-   subroutine run_boulders(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground)
+   !> all to the same. After `seconds` no more boulders start: only the first `done` are, at least one.
+   subroutine run_boulders(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground, &
+                           seconds, done)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step                 !! step: 1 if maps count sources
       integer, intent(in) :: threads                         !! as for team_size
@@ -62,7 +64,10 @@ contains
       type(maps_t), intent(in) :: maps(:)                    !! one, or one for each thread
       integer(i8), intent(inout) :: histogram_counts(:, :)   !! (bins, quantities)
       integer(i8), intent(inout) :: by_ground(:)             !! rebounds, if the scene has several grounds
+      real(wp), intent(in), optional :: seconds              !! without effect if maps count sources
+      integer(i8), intent(out), optional :: done
 
+      integer(i8) :: deadline
       type(maps_t) :: maps_of_thread(size(maps))
       logical :: are_shared
       integer :: next
@@ -71,18 +76,23 @@ contains
       are_shared = team_size(threads) > size(maps)
       if (are_shared) call init_locks(maps_of_thread(1), scene%dem%ny)
       next = 1
+      deadline = huge(deadline)
+      if (present(seconds)) deadline = deadline_in(seconds)
       !$omp parallel default(none) num_threads(team_size(threads)) &
-      !$omp& shared(scene, first, step, threads, results, crossings, maps_of_thread, histogram_counts, by_ground, next)
+      !$omp& shared(scene, first, step, threads, results, crossings, maps_of_thread, histogram_counts, by_ground) &
+      !$omp& shared(next) firstprivate(deadline)
       call run_thread(scene, first, step, threads, results, crossings, &
                       maps_of_thread(min(omp_get_thread_num() + 1, size(maps_of_thread))), histogram_counts, &
-                      by_ground, next)
+                      by_ground, next, deadline)
       !$omp end parallel
+      if (present(done)) done = merge(size(results), min(next - 1, size(results)), counts_sources(maps(1)))
       if (are_shared) call free_locks(maps_of_thread(1))
    end subroutine run_boulders
 
    !> Run one thread's part of the boulders. A separate procedure, so that its work space is default-initialised, which
    !> private copies are not.
-   subroutine run_thread(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground, next)
+   subroutine run_thread(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground, next, &
+                         deadline)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step
       integer, intent(in) :: threads
@@ -91,19 +101,20 @@ contains
       type(maps_t), intent(in) :: maps
       integer(i8), intent(inout) :: histogram_counts(:, :), by_ground(:)
       integer, intent(inout) :: next
+      integer(i8), intent(in) :: deadline
       type(worker_t) :: worker
-      integer :: k, lanes
+      integer :: lanes
 
       lanes = one_by_one
       if (goes_in_lanes(scene) .and. .not. (counts_sources(maps) .or. needs_hits(maps))) lanes = scene%lanes
       lanes = min(lanes, supported_lanes())
       if (allocated(scene%grounds)) allocate (worker%totals%by_ground(size(scene%grounds)), source=0_i8)
       if (lanes == masked_lanes) then
-         call run_in_masked_lanes(scene, first, step, results, crossings, maps, next, worker%totals)
+         call run_in_masked_lanes(scene, first, step, results, crossings, maps, next, deadline, worker%totals)
       else if (lanes == wide_lanes) then
-         call run_in_wide_lanes(scene, first, step, results, crossings, maps, next, worker%totals)
+         call run_in_wide_lanes(scene, first, step, results, crossings, maps, next, deadline, worker%totals)
       else if (lanes == narrow_lanes) then
-         call run_in_lanes(scene, first, step, results, crossings, maps, next, worker%totals)
+         call run_in_lanes(scene, first, step, results, crossings, maps, next, deadline, worker%totals)
       else
          allocate (worker%spans(merge(scene%dem%nx + scene%dem%ny, 0, needs_heights(maps) .or. has_obstacles(scene))))
          call choose_tracer(scene, needs_visits(maps), worker%trace)
@@ -112,11 +123,7 @@ contains
          if (counts_sources(maps)) then
             call run_by_source(scene, first, threads, results, crossings, maps, worker)
          else
-            !$omp do schedule(dynamic, batch)
-            do k = 1, size(results)
-               call run_boulder(scene, first + (k - 1)*step, results(k), crossings(k), maps, worker)
-            end do
-            !$omp end do
+            call run_one_by_one(scene, first, step, results, crossings, maps, next, deadline, worker)
          end if
       end if
       !$omp critical
@@ -124,6 +131,29 @@ contains
       if (allocated(scene%grounds)) by_ground = by_ground + worker%totals%by_ground
       !$omp end critical
    end subroutine run_thread
+
+   !> Run one thread's part of the boulders, in batches from the shared counter `next`; slow boulders go singly.
+   subroutine run_one_by_one(scene, first, step, results, crossings, maps, next, deadline, worker)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first, step, deadline
+      type(boulder_result_t), intent(inout) :: results(:)
+      type(crossings_t), intent(inout) :: crossings(:)
+      type(maps_t), intent(in) :: maps
+      integer, intent(inout) :: next
+      type(worker_t), intent(inout) :: worker
+      integer(i8) :: quick
+      integer :: k, from, to
+
+      quick = deadline_in(0.0_wp)  ! of the first boulder nothing is known
+      do
+         call take_batch(next, size(results), merge(batch, 1, deadline_in(0.0_wp) < quick), deadline, from, to)
+         if (from > to) return
+         quick = deadline_in(quick_batch)
+         do k = from, to
+            call run_boulder(scene, first + (k - 1)*step, results(k), crossings(k), maps, worker)
+         end do
+      end do
+   end subroutine run_one_by_one
 
    !> Trace a boulder and add it to the tallies.
    subroutine run_boulder(scene, number, result, crossings, maps, worker)

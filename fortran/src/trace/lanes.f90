@@ -9,6 +9,7 @@ module rockfall_lanes
    use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_double, c_float
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
+   use rockfall_threads, only: take_batch
    use rockfall_random, only: for_impact, last_counter, words_per_block, turn_word, uniform, side_of
    use rockfall_terrain, only: terrain_t, patch_t, slope_at, steepness_of, nearest_node, is_within, horn, is_pit
    use rockfall_boulder, only: inertia_factor
@@ -136,13 +137,14 @@ module rockfall_lanes
 contains
 
    !> Run one thread's part of the boulders, in batches from the shared counter `next`.
-   subroutine run_in_lanes(scene, first, step, results, crossings, maps, next, totals)
+   subroutine run_in_lanes(scene, first, step, results, crossings, maps, next, deadline, totals)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step              !! number of the first boulder, from one to the next
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossings_t), intent(inout) :: crossings(:)  !! of each boulder
       type(maps_t), intent(in) :: maps                    !! none counts sources
       integer, intent(inout) :: next                      !! index of the next boulder
+      integer(i8), intent(in) :: deadline                 !! after which no more boulders start [ticks]
       type(totals_t), intent(inout) :: totals
       type(pool_t) :: pool
       type(boulder_result_t), allocatable :: active(:)    !! results so far, of each lane
@@ -168,7 +170,7 @@ contains
       end do
       if (has_tables(scene)) allocate (by_table)
       do
-         call refill(scene, first, step, results, next, pool, active, scratch, flights)
+         call refill(scene, first, step, results, next, deadline, pool, active, scratch, flights)
          if (flights%n == 0) exit
          call fly_to_landings(scene%dem, scene%gravity, pool%w, flights, landings, scratch)
          if (has_obstacles(scene)) then
@@ -246,11 +248,12 @@ contains
    end function has_tables
 
    !> Fill the free lanes with the next boulders.
-   subroutine refill(scene, first, step, results, next, pool, active, scratch, flights)
+   subroutine refill(scene, first, step, results, next, deadline, pool, active, scratch, flights)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step
       type(boulder_result_t), intent(inout) :: results(:)
       integer, intent(inout) :: next
+      integer(i8), intent(in) :: deadline
       type(pool_t), intent(inout) :: pool
       type(boulder_result_t), intent(inout) :: active(lanes)
       type(scratch_t), intent(inout) :: scratch(:)
@@ -260,11 +263,7 @@ contains
 
       do while (pool%n_free > 0)
          if (pool%from > pool%to) then
-            !$omp atomic capture
-            pool%from = next
-            next = next + batch
-            !$omp end atomic
-            pool%to = min(pool%from + batch - 1, size(results))
+            call take_batch(next, size(results), batch, deadline, pool%from, pool%to)
             if (pool%from > pool%to) return
          end if
          lane = pool%free(pool%n_free)

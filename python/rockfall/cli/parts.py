@@ -6,14 +6,14 @@ from __future__ import annotations
 import argparse
 
 from rockfall.cli.given import given_case
-from rockfall.cli.messages import DONE, say
+from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import EXISTS, check_result_path, overwriting
 from rockfall.result.dataset import write_result
 from rockfall.scene.prepare import prepare
 from rockfall.simulation.finished import FINISHED, is_finished
 from rockfall.simulation.merge import Joined
-from rockfall.simulation.slurm import write_jobs
+from rockfall.simulation.slurm import USUAL_SHARDS, write_jobs
 from rockfall.text.summary import summary
 
 
@@ -45,4 +45,9 @@ def prepare_command(arguments: argparse.Namespace) -> int:
 def slurm_command(arguments: argparse.Namespace) -> int:
     how = {key: getattr(arguments, key) for key in ("program", "threads", "time", "variant")}
     print(*write_jobs(arguments.case, arguments.folder, arguments.shards, **how), sep="\n")
+    if arguments.shards > USUAL_SHARDS:
+        warn(
+            f"--shards {arguments.shards}: Slurm usually takes arrays of {USUAL_SHARDS:,} jobs; "
+            "`scontrol show config` lists MaxArraySize, which must be larger than --shards"
+        )
     return DONE

@@ -74,7 +74,7 @@ class Batches:
         before = [clock() for clock in clocks]
         scene.kernel.keep_within(tally.box)
         first = tally.before + piece.start + 1
-        left, _ = tally.run.advance(scene, first, len(piece), piece.step)
+        _, left, _ = tally.run.advance(scene, first, len(piece), piece.step)
         if left.size:
             raise RockfallError(
                 f"internal error: boulder {left[0]} left the reachable area", code=OUR_FAULT

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
@@ -33,14 +35,22 @@ class Run(RunArrays):
         return self.successor
 
     def advance(
-        self, scene: Scene, first: int, size: int, step: int = 1
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self,
+        scene: Scene,
+        first: int,
+        size: int,
+        step: int = 1,
+        seconds: float = sys.float_info.max,
+    ) -> tuple[int, np.ndarray, np.ndarray]:
         """Run boulders, every `step`-th from number `first` (from 1) on, on a scene, which may be a
-        window. Returns the numbers of the boulders that left it, which are not tallied, and the
+        window. After some seconds no more of them start. Returns the number of the boulders done,
+        at least one, and of those that left the window, which are not tallied, the numbers and the
         places where they left it (2, n)."""
-        left, code, message = _core.advance(self.handle, scene.kernel.handle, first, step, size)
+        done, left, code, message = _core.advance(
+            self.handle, scene.kernel.handle, first, step, size, seconds
+        )
         self.changed()
         scene.kernel.check(code, message)
         if not left:
-            return np.empty(0, "i8"), np.empty((2, 0))
-        return self.array("left").copy(), self.array("left_at").copy()
+            return done, np.empty(0, "i8"), np.empty((2, 0))
+        return done, self.array("left").copy(), self.array("left_at").copy()

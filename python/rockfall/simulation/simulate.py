@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 before_fork(_core.end_team)
 
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
-FIRST_CHUNK = 64  # boulders
+MAX_SECONDS = 1.0  # after which a call starts no more boulders, where they are slower than before
+FIRST_CHUNK = 16  # boulders
 STATUS = fields("count").index("status")  # row of the kernel's integers
 STOP = [fields("boulder").index(name) for name in ("stop_x", "stop_y")]  # rows of its reals
 LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be repeated in a larger window
@@ -202,13 +203,14 @@ def run_chunks(
 
 def _run_range(tally: Tally, first: int, size: int) -> int:
     """Simulate boulders from number `first` on, and store them: `size` of them, or those whose
-    sources lie in one window of the terrain. Returns their number."""
+    sources lie in one window of the terrain, or those for which there is time. Returns their
+    number."""
     scene = tally.scene
     assert isinstance(scene, Scene)
     windows, grid = scene.windows, scene.grid
     scene, size = scene.around(first, size)
     scene.kernel.keep_within(tally.box)
-    left, stop = tally.run.advance(scene, first, size)
+    size, left, stop = tally.run.advance(scene, first, size, seconds=MAX_SECONDS)
     del scene  # frees the window before another is read
     if left.size:
         if windows is None:

@@ -17,6 +17,8 @@ from rockfall.errors import RockfallError
 from rockfall.io.output_files import atomic_folder, check_outputs
 
 MAX_SHARDS = 10_000
+#: Jobs of an array that Slurm takes unless configured otherwise: MaxArraySize - 1.
+USUAL_SHARDS = 1_000
 ROCKFALL = shlex.join([sys.executable, "-m", "rockfall"])
 #: Formats of `sbatch --time`: minutes, M:S, H:M:S, D-H, D-H:M, D-H:M:S.
 TIME = r"[0-9]{1,9}(:[0-9]{1,9}){0,2}|[0-9]{1,9}-[0-9]{1,9}(:[0-9]{1,9}){0,2}"

@@ -35,7 +35,8 @@ FRAME = "segments"  # name of a GeoDataFrame
 TOUCHING = 1e-3  # [m] between the end of a line and the start of the next of the same road
 SLIVER = 1e-6  # area of what rounding leaves between strips, of the square of their width
 UNEQUAL = 2.0  # ratio of lengths above which classes do not compare
-MAX_SEGMENTS = 10_000
+MIN_LENGTH = 1.0  # of segments [m]
+MAX_SEGMENTS = 20_000  # a boulder is tested against those near each of its flights
 
 
 @dataclass
@@ -98,13 +99,13 @@ class _Piece(NamedTuple):
 
 
 def check_roads(roads: Roads) -> None:
-    """Refuse lengths of segments that are not above 0, and options without a layer."""
+    """Refuse lengths of segments below 1 m, and options without a layer."""
     length = roads.length
     if roads.given is None and (roads.layer is not None or length is not None):
         name = KEY if length is None else "--segment-length"
         raise RockfallError(f"{name} requires --segments")
-    if length is not None and not 0 < length < math.inf:
-        raise RockfallError(f"--segment-length {length:g}: must be > 0 m")
+    if length is not None and not MIN_LENGTH <= length < math.inf:
+        raise RockfallError(f"--segment-length {length:g}: must be at least {MIN_LENGTH:g} m")
 
 
 def roads_of(roads: Roads, scene: Scene, remarks: list[str]) -> Segments:
@@ -133,6 +134,12 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
     remarks += layer.unit_remarks()
     if length is None:
         remarks += _unequal(stretches, layer.path)
+    number = sum(edges_along(stretch.axis.length, length).size - 1 for stretch in stretches)
+    if number > MAX_SEGMENTS:
+        raise RockfallError(
+            f"{layer.path}: makes {number:,} segments: must be at most {MAX_SEGMENTS:,}, give a "
+            "longer --segment-length"
+        )
     roads = _roads(stretches, file.label)
     pieces = [piece for stretch in stretches for piece in _pieces(stretch, length, layer.path)]
     pieces = _on_terrain(pieces, scene, layer.path, remarks)
@@ -235,13 +242,7 @@ def _pieces(stretch: _Stretch, step: float | None, path: str) -> Iterator[_Piece
     """Segments of a line."""
     from shapely.ops import substring
 
-    length = stretch.axis.length
-    if step is not None and length / step > MAX_SEGMENTS:
-        raise RockfallError(
-            f"--segment-length {step:g}: makes more than {MAX_SEGMENTS:,} segments of a line of "
-            f"{path}, {length:,.0f} m long"
-        )
-    edges = edges_along(length, step)
+    edges = edges_along(stretch.axis.length, step)
     axes = [substring(stretch.axis, *ends) for ends in itertools.pairwise(edges)]
     grounds = strips_along(stretch.axis, axes, stretch.width) if stretch.width else axes
     chainage = stretch.chainage + edges
