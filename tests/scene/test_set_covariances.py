@@ -170,3 +170,32 @@ def test_units_change_no_decision(name, unit):
         covariance_root(REFUSED[name][0] * other * other[:, None])
     for c in SINGULAR.values():
         covariance_root(c * other * other[:, None])
+
+
+@pytest.mark.parametrize(
+    "noise, said",
+    [
+        ([1e-4, 2e-5, 0, 0, 0, 0], "noise: entry (2, 1) = 0.00002 needs a variance (2, 2) above 0"),
+        ([1e-4, 1.01e-4, 1e-4, 0, 0, 0], "noise is indefinite: entry (2, 1) makes a correlation"),
+        ([0, 0, 1e-4, 0, 0, -1e-9], "noise: variance (3, 3) = -1e-9, must be >= 0"),
+        ([1e-4, -7e-5, 1e-4, -7e-5, -7e-5, 1e-4], "noise is indefinite: the smallest eigenvalue"),
+        ([1e-4, 1e-4, 1e-4, 0, 0, 0], ""),
+        ([1e-4, 2e-4, 4e-4, -1e-4, -2e-4, 1e-4], ""),
+        ([0, 0, 0, 0, 0, 0], ""),
+    ],
+)
+def test_noise_must_be_a_covariance_too(noise, said, tmp_path):
+    c = of_rank(2, 60)
+    path = a_file(tmp_path, c)
+    values = ", ".join(map(str, noise))
+    path.write_text(path.read_text().replace("\n/", f"\n  noise = {values}\n/"))
+    if said:
+        with pytest.raises(RockfallError) as caught:
+            read_sets(path)
+        assert said in str(caught.value) and "sets.nml: line " in str(caught.value)
+        return
+    full = np.zeros((3, 3))
+    full[np.tril_indices(3)] = noise
+    full += np.tril(full, -1).T
+    total = c + np.kron(full, np.eye(3))
+    np.testing.assert_allclose(read_sets(path)[0].covariance[3], total, rtol=1e-9, atol=1e-16)

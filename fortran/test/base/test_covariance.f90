@@ -243,8 +243,7 @@ contains
       c(7, 7) = 1.0e-16_wp
       c(8, 7) = 9.0e-9_wp
       c(7, 8) = 9.0e-9_wp
-      call refuses("a covariance without variance", c, "entry (8, 7) = 9e-9 needs a variance (8, 8) above 0", &
-                   "entry (7, 8) = 9e-9 needs a variance (8, 8) above 0")
+      call refuses("a covariance without variance", c, "entry (8, 7) = 9e-9 needs a variance (8, 8) above 0")
       c(8, 8) = 1.0e-6_wp
       call refuses("more than the variances allow", c, "entry (8, 7) makes a correlation of 900")
       c = 0
@@ -291,20 +290,17 @@ contains
       end do
    end function three
 
-   subroutine refuses(name, c, said, or_said)
+   subroutine refuses(name, c, said)
       character(len=*), intent(in) :: name, said
       real(wp), intent(in) :: c(n, n)
-      character(len=*), intent(in), optional :: or_said
       real(wp), dimension(n, n) :: root, drawn
       type(error_t), allocatable :: error
-      logical :: is_named
 
       call covariance_root("noise", c, root, drawn, error)
       call check(name//" is refused", allocated(error))
       if (.not. allocated(error)) return
-      is_named = index(error%message, "noise") == 1 .and. index(error%message, said) > 0
-      if (present(or_said)) is_named = is_named .or. index(error%message, or_said) > 0
-      call check(name//": '"//error%message//"' names it", is_named)
+      call check(name//": '"//error%message//"' names it", &
+                 index(error%message, "noise") == 1 .and. index(error%message, said) > 0)
       call check(name//" is bad input", error%code == bad_input)
    end subroutine refuses
 end program test_covariance
