@@ -3,14 +3,20 @@
 are those on the ground."""
 
 import math
+import shlex
 
 import numpy as np
 import pyproj
 import pytest
+from affine import Affine
 from rasterio.crs import CRS
 
+from made import hill, make_layer, make_raster
+from rockfall.errors import RockfallError
 from rockfall.io.crs import crs_name, grid_mapping, length_scale, same_crs, vertical_datum
 from rockfall.io.grid import Grid
+from rockfall.io.layers import read_points
+from rockfall.io.raster import aligned_blocks, read_dem
 
 WKT = "crs_wkt", "spatial_ref"
 
@@ -122,6 +128,41 @@ def test_well_known_text_of_any_dialect_is_the_number(code, form):
     """Dialects have other names of datums, and other orders of axes."""
     text = pyproj.CRS.from_epsg(code).to_wkt(form)
     assert same_crs(CRS.from_epsg(code), CRS.from_user_input(text))
+
+
+@pytest.mark.parametrize("name", ["blocks.gpkg", "blocks.shp", "blocks.fgb"])
+@pytest.mark.parametrize("system", [GK_WEST + SHIFT, GK_WEST, "EPSG:31254", "EPSG:31254+5778"])
+@pytest.mark.parametrize("dem", ["EPSG:31254", GK_WEST + SHIFT.replace("577", "578")])
+def test_a_layer_in_another_spelling_is_not_moved(name, system, dem, tmp_path):
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    x, y = np.array([80000.25, 80001.5]), np.array([230000.0, 230000.125])
+    make_layer(tmp_path / name, shapely.points(x, y).tolist(), crs=system)
+    grid, remarks = Grid(79000.0, 231000.0, 5.0, 400, 400, CRS.from_user_input(dem)), []
+    points = read_points(tmp_path / name, grid, remarks)
+    np.testing.assert_array_equal(np.sort(points.x), x)  # FlatGeobuf sorts them
+    np.testing.assert_array_equal(np.sort(points.y), y)
+    assert remarks == []
+
+
+def test_a_raster_in_another_spelling_is_aligned(tmp_path):
+    place = Affine(5.0, 0.0, 79000.0, 0.0, -5.0, 231000.0)
+    make_raster(tmp_path / "radii.tif", hill(), place, GK_WEST + SHIFT)
+    for system in ("EPSG:31254", "EPSG:31254+5778", GK_WEST):
+        make_raster(tmp_path / "dem.tif", hill(), place, system)
+        _, grid = read_dem(tmp_path / "dem.tif")
+        ((_, block),) = aligned_blocks(tmp_path / "radii.tif", grid, "mean radii", np.float32)
+        np.testing.assert_array_equal(block, hill())
+
+
+def test_the_cure_of_a_layer_without_a_system_names_one_that_can_be_read(tmp_path):
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    path = tmp_path / "blocks.gpkg"
+    make_layer(path, shapely.points([80000.0], [230000.0]).tolist(), crs=None)
+    system = CRS.from_user_input(GK_WEST.replace("k=1", "k=0.999") + SHIFT)
+    with pytest.raises(RockfallError) as caught:
+        read_points(path, Grid(79000.0, 231000.0, 5.0, 400, 400, system), [])
+    words = shlex.split(str(caught.value).split("DEM: ")[1])
+    assert words[:2] == ["ogr2ogr", "-a_srs"] and same_crs(CRS.from_user_input(words[2]), system)
 
 
 def test_a_system_without_a_name_is_called_by_its_projection():

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rockfall.io.grid import Grid
 
 NO_DATUM = "not stated"
-_NAMELESS = re.compile(r"unknown|unnamed|not.specified", re.IGNORECASE)
+_NAMELESS = re.compile(r"(d_)?(unknown|unnamed|undefined|not.specified)", re.IGNORECASE)
 _NEAR = 1e-3  # difference of equal coordinates [m]
 
 
@@ -206,7 +206,7 @@ def check_metres(
         _check_kind(path, system)
         plan, heights = _units(system)
         if heights is not None:
-            stated = [Stated(heights, f"CRS {crs_name(grid.crs)}"), *stated]
+            stated = [Stated(heights, "CRS"), *stated]
     stated = [*stated]
     if pair := contradiction(stated):
         units = " and in ".join(f"{unit.name} ({where})" for unit, where in pair)

@@ -7,6 +7,7 @@ GDAL ignores the key of the unit unless that of the system is its own too, and l
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 from rockfall.errors import RockfallError
@@ -62,6 +63,7 @@ def check_plan(path: str, keys: Sequence[Key]) -> None:
         )
 
 
+@cache
 def _axis_unit(code: int, directions: tuple[str, ...]) -> Unit | None:
     """Unit of the first axis of a system in one of some directions."""
     import pyproj

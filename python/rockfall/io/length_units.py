@@ -32,6 +32,7 @@ class Stated(NamedTuple):
 
 
 METRE = Unit("metre", 1.0)
+_METRE_CODE = 9001
 _METRES = {"", "m", "metre", "metres", "meter", "meters"}
 #: Units, as words for a sentence, and as symbols that are units only in brackets or after "in".
 _WORDS = (
@@ -95,6 +96,8 @@ def unit_in_words(text: str) -> Unit | None:
 
 def unit_of_code(code: int) -> Unit | None:
     """Linear unit of an EPSG code, None if there is none."""
+    if code == _METRE_CODE:
+        return METRE
     from pyproj.database import get_units_map
 
     for unit in get_units_map(auth_name="EPSG", category="linear").values():
