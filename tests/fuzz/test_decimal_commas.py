@@ -7,7 +7,9 @@ import pytest
 
 import rockfall
 from programs import refused_in_one_line, refuses
+from rockfall.scene.plausible import implausible
 from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
 from slope_case import CASE, write_slope
 
 RELEASE = "x = 600060.0, y = 4999980.0"
@@ -82,6 +84,19 @@ def test_lists_without_blanks_stay_lists(tmp_path, monkeypatch):
     assert case.line[0]["y"] == [4999930.0, 4999940.0, 4999930.0]
     assert case.boulder["volumes"] == [1.0, 2.0, 3.0]
     assert case.hazard["thresholds"] == [30.0, 300.0]
+
+
+@pytest.mark.parametrize(
+    ("far", "off"), [(600120.0, ""), (600500.0, ""), (601000.0, "0.88"), (650120.0, "50")]
+)
+def test_a_vertex_off_the_terrain_is_remarked(far, off, tmp_path, monkeypatch):
+    """The terrain is 120 m wide; a line may go on for three times its longer side, 150 m."""
+    monkeypatch.chdir(tmp_path)
+    write_slope()
+    Path("case.nml").write_text(CASE.replace("600120.0", str(far)))
+    found = implausible(read_scene(rockfall.read_case("case.nml")))
+    said = f"case.nml: &line name = 'L': vertex 2 lies {off} km off the terrain: is it meant so?"
+    assert [line for line in found if "&line" in line] == ([said] if off else [])
 
 
 def test_a_vertex_far_off_the_terrain_is_refused(batch, tmp_path, monkeypatch, capsys):

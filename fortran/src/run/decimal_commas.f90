@@ -58,14 +58,14 @@ contains
    pure function point_rule(entry, k) result(rule)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: k
-      character(len=:), allocatable :: rule, whole, rest, point
+      character(len=:), allocatable :: rule, whole, rest
 
       whole = number_text(entry, k)
       rest = number_text(entry, k + 1)
-      point = "."
-      if (index(rest, ".") > 0) point = ""  ! the comma is one of thousands
-      rule = whole//","//rest//" is two numbers: write "//whole//point//rest &
-             //", or blanks after the commas of a list"
+      rule = whole//"."//rest
+      if (index(rest, ".") > 0) rule = whole//rest  ! the comma is one of thousands
+      if (len(rest) == 3 .and. verify(rest, digits) == 0) rule = rule//" or "//whole//rest  ! it may be
+      rule = whole//","//rest//" is two numbers: write "//rule//", or blanks after the commas of a list"
    end function point_rule
 
    !> Return whether number `k` is an integer, and the next one, behind a bare comma, has no sign.

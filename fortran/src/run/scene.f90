@@ -315,26 +315,30 @@ contains
                             case%lines%height > 0)
    end subroutine set_lines
 
-   !> Refuse lines with a vertex that no line over the terrain can have: a decimal comma, or another system.
+   !> Refuse lines that run from the terrain to where none can: a decimal comma, or a vertex in another system. Lines
+   !> that are all off the terrain are warned of.
    pure subroutine check_lines(case, grid, error)
       type(case_t), intent(in) :: case
       type(grid_t), intent(in) :: grid
       type(error_t), allocatable, intent(out) :: error
+      logical, allocatable :: is_far(:)
+      character(len=:), allocatable :: group
       real(wp) :: half(2), far
-      integer :: k, i
+      integer :: k
 
       half = 0.5_wp*grid%cell*[grid%nx, grid%ny]
       far = max(far_away, far_sizes*maxval(half))
       do k = 1, size(case%lines)
-         associate (x => case%lines(k)%x, y => case%lines(k)%y)
-            do i = 1, size(x)
-               if (max(abs(x(i) - grid%west - half(1)), abs(y(i) - grid%north + half(2))) <= far) cycle
-               call fail(error, case%file//": &"//merge("barrier", "line   ", case%lines(k)%height > 0))
-               error%message = trim(error%message)//" name = '"//case%lines(k)%name//"': vertex "//integer_text(i) &
-                               //" is more than "//integer_text(int(0.001_wp*far))//" km from the terrain; decimals " &
-                               //"need a point, coordinates the system of the terrain"
-               return
-            end do
+         associate (line => case%lines(k))
+            is_far = max(abs(line%x - grid%west - half(1)), abs(line%y - grid%north + half(2))) > far
+            if (all(is_far) .or. .not. any(is_far)) cycle
+            group = "line"
+            if (line%height > 0) group = "barrier"
+            call fail(error, case%file//": &"//group//" name = '"//line%name//"': vertex " &
+                      //integer_text(findloc(is_far, .true., dim=1))//" is more than " &
+                      //integer_text(int(0.001_wp*far))//" km from the terrain; decimals need a point, coordinates " &
+                      //"the system of the terrain")
+            return
          end associate
       end do
    end subroutine check_lines

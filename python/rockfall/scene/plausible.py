@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TypeAlias
 
+import numpy as np
+
 from rockfall.case import Case
 from rockfall.io.input_warnings import InputWarning
 from rockfall.language import Text, say
@@ -19,6 +21,8 @@ from rockfall.scene.rules.boulders import boulder_rules
 from rockfall.scene.rules.protection import protection_rules
 from rockfall.scene.rules.terrain import dem_rules
 from rockfall.scene.scene import Scene
+
+FAR_SIDES = 3.0  # longer sides of the terrain: roads and valleys go on beyond it, but not so far
 
 Rules: TypeAlias = Callable[[Scene], Iterator[InputWarning]]
 
@@ -54,10 +58,21 @@ def warn_of(scene: Scene) -> None:
 
 
 def _lines(scene: Scene) -> Iterator[InputWarning]:
-    barriers = {barrier["name"] for barrier in scene.case.barrier}
-    for name in scene.lines_outside():
-        group = "barrier" if name in barriers else "line"
-        yield InputWarning(f"&{group} name = '{name}'", say("input.line_outside"))
+    """Lines off the terrain, and those of which a vertex is; the kernel refuses one farther off."""
+    barriers, outside = {barrier["name"] for barrier in scene.case.barrier}, scene.lines_outside()
+    grid = scene.grid
+    far = FAR_SIDES * grid.cell * max(grid.shape)
+    for line in scene.case.lines:
+        name = line["name"]
+        where = f"&{'barrier' if name in barriers else 'line'} name = '{name}'"
+        if name in outside:
+            yield InputWarning(where, say("input.line_outside"))
+            continue
+        x, y = np.array(line["x"]), np.array(line["y"])
+        apart = np.hypot(x - x.clip(grid.west, grid.east), y - y.clip(grid.south, grid.north))
+        if (farthest := apart.max()) > far:
+            values = {"vertex": int(apart.argmax()) + 1, "apart": float(farthest) / 1000}
+            yield InputWarning(where, say("input.vertex_far", **values))
 
 
 def _read(scene: Scene) -> Iterator[InputWarning]:
