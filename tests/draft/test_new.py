@@ -246,7 +246,7 @@ UNUSABLE = {
         [across(150), across(200)], {"height": [4.0, 4.0], "capacity": [500.0, None]},
         "feature 2: a barrier needs a number for capacity [kJ] or class",
     ),
-    "f.gpkg": (
+    "filet.gpkg": (
         [across(150), across(200)], {"height": [4.0, 4.0], "class": ["3", "EN 5"]},
         "feature 1: a barrier needs a number for capacity [kJ] or class",
     ),
@@ -258,6 +258,10 @@ UNUSABLE = {
     "logs.gpkg": (
         [across(150), across(200)], {"diameter": [40.0, None]},
         "feature 2: diameter is empty: all features must have a number",
+    ),
+    "start.gpkg": (
+        [*POINTS, shapely.Point(W + 5000, N - 42)], {},
+        "1 of 3 points lie outside the DEM or without an elevation, such as 605000, 4999958: move",
     ),
     "trees.gpkg": (TREES, {"dbh": [None, 30.0]}, "feature 1: dbh is empty: all features must"),
     "baum.gpkg": (TREES, {"dbh": ["30", "40 cm"]}, "feature 1: dbh = '30' is no number: all"),
@@ -272,6 +276,12 @@ def test_a_layer_that_would_be_taken_for_something_else_is_refused(name, capsys)
     line = capsys.readouterr().err
     assert line.startswith(f"rockfall: {name}: {said}") and line.count("\n") == 1
     assert not Path("case.nml").exists()
+
+
+def test_a_road_with_a_class_in_words_stays_a_line():
+    make_layer("road.gpkg", [across(150)], **{"class": ["A"], "height": [3.0]})
+    assert new("road.gpkg", "-o", "case.nml") == 0
+    assert not read_case("case.nml").barrier
 
 
 def test_barriers_may_have_capacity_or_class_each():

@@ -185,3 +185,20 @@ def test_clearings_without_a_stem_are_counted(tmp_path):
     }  # fmt: skip
     texts = texts_of(scene_of(tmp_path, terrain(), forest=forest))
     assert "no stem is in 2 of 3 clearings: are they in the right place?" in texts
+
+
+@pytest.mark.parametrize(
+    ("second", "cells"),
+    [
+        (shapely.box(150, 300, 250, 400), 200),  # half of each
+        (shapely.box(120, 320, 160, 360), 64),  # within
+        (shapely.box(200, 300, 250, 400), 0),  # at a border
+        (shapely.box(199.9, 300, 250, 400), 0),  # a sliver without a centre
+        (shapely.box(210, 300, 250, 400), 0),
+    ],
+)
+def test_overlaps_of_sources_with_attributes_are_counted(tmp_path, second, cells):
+    make_layer(tmp_path / "cliff.gpkg", [CLIFF, second], volume_mean=[1.0, 2.0])
+    texts = [text for text in texts_of(scene_of(tmp_path, terrain())) if "overlap" in text]
+    said = f"polygons overlap in {cells} cells: attributes of the later polygon count there"
+    assert texts == [said] * (cells > 0)

@@ -30,6 +30,7 @@ from rockfall.io.output_files import atomic_folder
 from rockfall.io.raster import read_dem
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.sources import threshold
 from rockfall.simulation.memory import machine_memory
 
@@ -115,6 +116,17 @@ def _of_user(text: str, new: New, place: Path, files: Iterable[Path]) -> str:
     return text
 
 
+def _check_known(new: New, scene: Scene) -> None:
+    """Refuse points of sources from which no boulder can start."""
+    lost = np.flatnonzero(~scene.known_at(scene.x, scene.y))
+    for k in lost[:1].tolist():
+        raise RockfallError(
+            f"{new.used[SOURCES][0]}: {lost.size:,} of {scene.x.size:,} points lie outside the DEM "
+            f"or without an elevation, such as {scene.x[k]:.10g}, {scene.y[k]:.10g}: move them, or "
+            "fill the DEM"
+        )
+
+
 def _write(new: New, place: Path, files: Iterable[Path]) -> None:
     """Write the case to a folder, and read everything that it names. Its text depends on the
     sources found, so it is written twice."""
@@ -127,6 +139,8 @@ def _write(new: New, place: Path, files: Iterable[Path]) -> None:
             text = f"{error} (made of {new.used[ZONES][0]})"
             raise RockfallError(_of_user(text, new, place, files)) from error
         raise RockfallError(_of_user(str(error), new, place, files), error.code) from error
+    if scene.windows is None:
+        _check_known(new, scene)
     new.sources, new.threshold = scene.x.size, threshold(scene.case, scene.grid)
     new.boulders = max(TOTAL, new.sources)
     if scene.features is not None and scene.features.law is not None:

@@ -160,7 +160,8 @@ def _lines(layer: Layer) -> tuple[str, str]:
             return BARRIERS, "lines with diameter [cm]: lying logs"
     strengths = [layer.values(key) for key in ("capacity", "class")]
     capacities = any(value is not None for value in strengths[0])
-    if capacities or (any(strengths) and layer.values("height")):
+    classes = layer.is_called(BARRIERS) or any(isinstance(k, int | float) for k in strengths[1])
+    if capacities or (classes and any(strengths) and layer.values("height")):
         if not layer.has("height"):
             raise RockfallError(f"{layer}: lines with capacity are barriers: they need height [m]")
         for k, given in enumerate(zip_longest(*strengths), start=1):

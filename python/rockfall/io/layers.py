@@ -35,7 +35,15 @@ from rockfall.io.drawing import (
 from rockfall.io.files import check_text_file, start_of
 from rockfall.io.gdal_files import plain_file
 from rockfall.io.grid import NO_ID, Grid
-from rockfall.io.polygons import HALF, SLIVER, empty_polygons, held_cells, note_outside, on_terrain
+from rockfall.io.polygons import (
+    HALF,
+    SLIVER,
+    any_overlap,
+    empty_polygons,
+    held_cells,
+    note_outside,
+    on_terrain,
+)
 from rockfall.language import remark
 from rockfall.system import has_locks
 
@@ -126,7 +134,11 @@ def numbered_polygons(
     all features. Everything else is as in `_on_terrain`."""
     polygons = _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)
     note_outside(str(path), polygons.shapes, grid, SLIVER, remarks)
-    cells, owner, _ = _numbered(polygons, grid)
+    cells, owner, parts = _numbered(polygons, grid)
+    if polygons.values and any_overlap(parts):
+        first, _, _ = _numbered(polygons, grid, -1)
+        if n := np.count_nonzero(owner[cells] != owner[first]):
+            remarks.append(remark(path, "input.sources_overlap", n=int(n)))
     return cells, owner, polygons.values
 
 

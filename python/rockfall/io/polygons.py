@@ -52,6 +52,15 @@ def disjoint(shapes: np.ndarray, where: str) -> tuple[np.ndarray, float]:
     return shapes, shared
 
 
+def any_overlap(shapes: np.ndarray) -> bool:
+    """Return True if polygons share area, or may: none of those that are apart or only touch."""
+    import shapely
+
+    one, other = shapely.STRtree(shapes).query(shapes, predicate="intersects")
+    pairs = shapes[one[one < other]], shapes[other[one < other]]
+    return bool(np.any(~shapely.touches(*pairs)))
+
+
 def on_terrain(shapes: np.ndarray, grid: Grid) -> np.ndarray:
     """Parts of polygons on the terrain; empty outside it."""
     import shapely
