@@ -29,8 +29,9 @@ from rockfall.io.tables import Row, check_columns, read_table
 from rockfall.limits import MAX_NAME
 
 IMPACT_SETS = "impact_sets"  # model of a ground outside the table of grounds
+BLOCK_TABLE = "impact_table"  # model of a table of impacts of blocks on their own ground
 RATIO_TABLE = "ratio_table"  # model of a table of impacts by R_b/R_m
-TABLES = "impact_table", RATIO_TABLE  # models of tables of impacts
+TABLES = BLOCK_TABLE, RATIO_TABLE  # models of tables of impacts
 ABSORBS = "absorbs"  # model of a ground without rebound
 MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum number per scene
 WORDS = ("name", "id", "model", "meaning", "source")  # text columns

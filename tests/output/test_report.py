@@ -224,7 +224,8 @@ def test_each_caution_has_its_number_in_the_order_of_a_decision(result):
         "131 of 1,000 rebounds (13.1 %) had R_b/R_m outside 0.5 to 5.5",
         "Terrain, ground, sources and volumes are taken as given",
         "The impact set is the user's own",
-        "no trees", "no nets or walls", "no dams", "A boulder is a sphere",
+        "no trees", "no nets or walls", "no dams",
+        "Boulders are spheres", "do not slide", "do not break", "do not meet each other",
         "Maxima grow",
         "Return levels: 2 of 4 are given",
         "7 of 10 reached cells (70.0 %) saw fewer than 30 boulders",
@@ -857,7 +858,7 @@ def test_figures_of_the_laboratory_are_an_appendix_of_runs_by_impact_sets(result
     front, appendix = report(result).split('<section id="appendix">')
     assert "Tangential and normal restitution" in appendix and "Incidence angles" in appendix
     assert "Incidence angles" not in front
-    monkeypatch.setattr("rockfall.html_report.page.stochastic_fraction", lambda *_: 0.0)
+    monkeypatch.setattr("rockfall.html_report.page.sets_of", lambda *_: [])
     page = report(result)
     assert 'id="appendix"' not in page and "Incidence angles" not in page
 

@@ -143,9 +143,11 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
     elif any(key.startswith("uniform") for key in surface):
         sizes = np.ravel(surface.get("uniform_mean_radius", surface.get("uniform_rg", [])))
         heads = list(RADII.values())[slice(0, 1) if sizes.size == 1 else slice(1, 4)]
-        values = [number(size) for size in sizes]
-        row = say("inputs.everywhere"), *values
-        yield Table(say("inputs.grounds_and_radii_of_their_rocks"), ("", *heads), [row])
+        cells = dict(zip(heads, map(number, sizes), strict=True))
+        if ground := surface.get("ground"):  # whose rocks have no size where none is given
+            cells = {word("ground"): ground} | (cells if sizes.any() else {})
+        row = say("inputs.everywhere"), *cells.values()
+        yield Table(say("inputs.grounds_and_radii_of_their_rocks"), ("", *cells), [row])
 
 
 def _polygon_zones(zones: dict[int, Zone]) -> Table:
@@ -162,15 +164,18 @@ def _polygon_zones(zones: dict[int, Zone]) -> Table:
 def _zones(columns: list[str], cells: list[dict[str, str]]) -> Table:
     shown = [name for name in (*NAMES, "zone", *RADII, "ground") if name in columns]
     heads = [RADII.get(name) or word(name) for name in shown]
-    rows = [tuple(_size(row.get(name, ""), name) for name in shown) for row in cells]
+    rows = [tuple(_size(row, name) for name in shown) for row in cells]
     return Table(say("inputs.grounds_and_radii_of_their_rocks"), heads, rows)
 
 
-def _size(text: str, name: str) -> str:
+def _size(row: dict[str, str], name: str) -> str:
+    """Cell of a zone; "-" for rocks of radius 0 on a named ground, which needs none."""
+    text = row.get(name, "").strip()
     if name not in RADII:
         return text
-    is_full = text.strip().lower() in ("inf", "infinity")
-    return word("absorbs") if is_full else Number(text)
+    if text.lower() in ("inf", "infinity"):
+        return word("absorbs")
+    return Number("-" if row.get("ground") and not text.strip("0.+") else text)
 
 
 def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
@@ -185,15 +190,18 @@ def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
         return None
     if scene.rasters.zone is None or scene.windows or not 1 < len(scene.rasters.sizes) <= MATERIALS:
         return None
-    return _drawn(scene, _zone_labels(case), reached(result, terrain), terrain, result["crs"].attrs)
+    labels = _zone_labels(case, scene.rasters.sizes)
+    return _drawn(scene, labels, reached(result, terrain), terrain, result["crs"].attrs)
 
 
-def _zone_labels(case: Case) -> list[str]:
-    """Labels of the rows of the zone table: name or number, and ground."""
+def _zone_labels(case: Case, sizes: np.ndarray) -> list[str]:
+    """Labels of the rows of the zone table: name or number, ground, and radii of rocks but those of
+    a named ground without any."""
     return [
         f"{zone.name or say('inputs.zone', number=number)}"
         f"{f' ({zone.ground})' if zone.ground else ''}"
-        for number, zone in case_zones(case).items()
+        f"{'' if zone.ground and not radii.any() else f'; {_radius(radii)}'}"
+        for (number, zone), radii in zip(case_zones(case).items(), sizes, strict=True)
     ]
 
 
@@ -209,10 +217,7 @@ def _drawn(
     zone, grid = cropped(scene.rasters.zone, scene.grid, False, extent, np.maximum)
     there = [k for k in range(1, len(scene.rasters.sizes) + 1) if (zone == k).any()]
     colours = colormaps["Set3"](np.arange(MATERIALS))
-    key = [
-        Patch(color=colours[k - 1], label=f"{names[k - 1]}; {_radius(scene.rasters.sizes[k - 1])}")
-        for k in there
-    ]
+    key = [Patch(color=colours[k - 1], label=names[k - 1]) for k in there]
     sheet = new_sheet(extent, terrain, key)
     norm = BoundaryNorm(np.arange(0.5, MATERIALS + 1), MATERIALS)
     shown = np.where(zone > 0, zone, np.nan).astype(float)

@@ -66,7 +66,7 @@ from rockfall.html_report.tables import (
     stand_tables,
 )
 from rockfall.html_report.terrain_view import terrain_view
-from rockfall.html_report.validity import cautions, warnings
+from rockfall.html_report.validity import cautions, sets_of, warnings
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import check_output
 from rockfall.language import say, speaking
@@ -76,7 +76,6 @@ from rockfall.plots.history_figure import history_figure
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.result.flat_maps import flat_maps
-from rockfall.result.grounds import stochastic_fraction
 from rockfall.result.samples import has_rows, simulated
 from rockfall.text.design import factor_lines
 from rockfall.text.hazard import hazard_warnings
@@ -182,7 +181,7 @@ def report(
     shown = [figure for figure in drawn if figure.name not in zoomed]
     shown = [*([] if section is None else [section_entry(section)]), *shown]
     laboratory = [figure for figure in shown if figure.name in LABORATORY]
-    if not stochastic_fraction(result):
+    if not sets_of(result):
         laboratory = []  # the reference is not what rebounds followed
     grounds = ground_figure(result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))

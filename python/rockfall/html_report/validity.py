@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import case_of
+from rockfall.grounds import BLOCK_TABLE, TABLES
 from rockfall.language import say, say_count
 from rockfall.quantities import percent
-from rockfall.result.grounds import sets_followed
+from rockfall.result.grounds import rebounds_by_ground, sets_followed
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ended, gone
 
@@ -30,14 +32,20 @@ SHIPPED = {  # impact sets: docs/validation/lab.md
 }
 OWN = "validity.the_impact_set_is_the_users"
 AS_GIVEN = "validity.terrain_ground_sources_and_volumes_are"
+NOT_DRAWN = "validity.not_drawn"  # of an ensemble
 ABSENT = {  # by the group of the case that would add it
     "forest": "validity.the_case_has_no_trees",
     "barrier": "validity.the_case_has_no_nets_or",
     "dam": "validity.the_case_has_no_dams",
 }
-BOULDER = "validity.a_boulder_is_a_sphere_that"
 FOREST = "validity.stems_are_vertical_and_as_thick"
+FOREST_AND_LOGS = "validity.stems_and_logs"
 BARRIER = "validity.a_barrier_takes_as_much_at"
+BREAKS = {  # by &breakage at
+    "none": "validity.whole",
+    "release": "validity.whole_after_release",
+    "impact": "validity.whole_at_release",
+}
 
 
 def warnings(result: xr.Dataset) -> list[str]:
@@ -64,9 +72,10 @@ def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
             for remark in model_remarks(result, case_of(result))
             if not remark.is_warning
         ),
-        say(AS_GIVEN),
+        say(NOT_DRAWN if is_ensemble(result) else AS_GIVEN),
         *dict.fromkeys(say(SHIPPED.get(name, OWN)) for name in sets_of(result)),
         *_left_out(case_of(result)),
+        *_boulder(result, case_of(result)),
         *_extremes(rows, levels),
         *_of_cells(result),
     ]
@@ -112,9 +121,28 @@ def _ended(result: xr.Dataset) -> Iterator[str]:
 def _left_out(case: Case) -> Iterator[str]:
     """Processes that the model of this case omits or simplifies."""
     yield from (say(key) for group, key in ABSENT.items() if not has(case, group))
-    yield from [say(FOREST)] if has(case, "forest") else []
+    if has(case, "forest"):
+        has_logs = any("diameter" in barrier for barrier in case.barrier)
+        yield say(FOREST_AND_LOGS if has_logs else FOREST)
     yield from [say(BARRIER)] if has(case, "barrier") else []
-    yield say(BOULDER)
+
+
+def _boulder(result: xr.Dataset, case: Case) -> Iterator[str]:
+    """Shape, sliding and breaking of the boulders of this run."""
+    followed = {ground.model for ground in rebounds_by_ground(result) if ground.rebounds}
+    if case.boulder["volume"] == "source":
+        yield say("validity.shapes_of_sources")
+    elif BLOCK_TABLE not in followed:
+        yield say("validity.spheres")
+    if BLOCK_TABLE in followed:
+        yield say("validity.blocks_of_tables")
+    if not followed.intersection(TABLES):
+        yield say("validity.no_sliding")
+    elif followed.difference(TABLES):
+        yield say("validity.slide_by_tables")
+    if key := BREAKS.get(case.breakage["at"]):
+        yield say(key)
+    yield say("validity.alone")
 
 
 def has(case: Case, group: str) -> bool:

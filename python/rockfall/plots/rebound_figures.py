@@ -10,7 +10,7 @@ import numpy as np
 from rockfall.language import say
 from rockfall.plots.style import INK, WIDE, draw_bars, new_figure, styled
 from rockfall.quantities import REBOUND, with_unit
-from rockfall.result.grounds import classical_grounds
+from rockfall.result.grounds import classical_grounds, table_grounds
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,7 +28,7 @@ PAPER = {
 def beside_paper(result: xr.Dataset) -> bool:
     """Return True if the rebounds are comparable with values of the paper, which are by impact
     sets."""
-    return not classical_grounds(result)
+    return not (classical_grounds(result) or table_grounds(result))
 
 
 @styled
