@@ -56,7 +56,7 @@ class Site:
     def run(
         self, sets: Sets, *, seed: int = 1,
         talus: Talus | None = None, reading: str = "diameter", turning: str = "past_aspect",
-        threads: int = 0, methods: str = "AB",
+        threads: int = 0, methods: str = "AB", ratio: str = "nearest",
     ) -> dict[str, xr.Dataset]:  # fmt: skip
         """Results by method, on the terrain of the case or on a slope of the same recipe."""
         import rasterio
@@ -73,7 +73,7 @@ class Site:
                 results[method] = run(
                     self._cases[method].replace(
                         case={"seed": seed, "threads": threads},
-                        impact={"sets": str(path), "turning": turning},
+                        impact={"sets": str(path), "turning": turning, "ratio": ratio},
                         surface={"rg_reading": reading},
                     ),
                     **terrain,
