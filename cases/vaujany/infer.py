@@ -52,9 +52,9 @@ RISING = 0, 3, 4, 6  # a1, a4, a5, a7 change with R_b/R_m
 MEANS, CHANGES, SCATTER, RHO, GROWTH = (
     slice(0, 9), slice(9, 13), slice(13, 22), slice(22, 25), slice(25, 26),
 )  # fmt: skip
-#: Standard deviations of the first neighbourhood, and of the prior of the ensemble.
-STEP = np.concatenate(([0.02] * 6 + [0.05] * 3, [0.02] * 4, [0.12] * 9, [0.12] * 3, [0.05]))
-PRIOR = 3 * STEP
+#: Standard deviations of the first neighbourhood, in which boulders pass, and of the prior.
+STEP = np.concatenate(([0.008] * 6 + [0.03] * 3, [0.008] * 4, [0.08] * 9, [0.08] * 3, [0.03]))
+PRIOR = np.concatenate(([0.05] * 6 + [0.15] * 3, [0.05] * 4, [0.3] * 9, [0.3] * 3, [0.15]))
 FREE = len(STEP)
 AROUND, RIDGE, SHRINK, DAMPING = 96, 4.0, 0.8, (0.1, 0.5, 2.0, 8.0)
 SLOPES, FIT_BOULDERS, JUDGED_SLOPES, JUDGED_BOULDERS, JUDGED_SEED = 12, 300, 24, 4000, 1000
@@ -188,7 +188,7 @@ def numbers(form: Form, name: str, on: list[Talus], boulders: int) -> dict[str, 
             row |= at_lines(method, result, observed)
         if not observed:
             for line in "EL1", "EL2":
-                b, a = (row[f"{method}_{line}_speed_mean"] for method in "BA")
+                b, a = (row.get(f"{method}_{line}_speed_mean", np.nan) for method in "BA")
                 row[f"b_less_a_{line}"] = b - a
         rows.append(row)
     mean = pd.DataFrame(rows).mean().to_dict()
@@ -200,17 +200,20 @@ def numbers(form: Form, name: str, on: list[Talus], boulders: int) -> dict[str, 
 
 
 def at_lines(method: str, result, in_hundreds: bool) -> dict[str, float]:
+    """Numbers at the lines by a method; none of a line that fewer than `AT_ONCE` boulders pass."""
     found = {}
     for line in "EL1", "EL2":
         at = result.sel(line=line)
         passed = at["line_speed"].notnull().values
         found[f"{method}_{line}_passing"] = float(passed.mean())
+        if passed.sum() < AT_ONCE:
+            continue
         for quantity, (variable, scale) in QUANTITIES.items():
             values = at[variable].values[passed] * scale
-            largest = values.max() if values.size else np.nan
+            largest = values.max()
             if in_hundreds:
-                whole = values[: values.size // AT_ONCE * AT_ONCE].reshape(-1, AT_ONCE)
-                largest = whole.max(axis=1).mean() if whole.size else np.nan
+                hundreds = values[: values.size // AT_ONCE * AT_ONCE].reshape(-1, AT_ONCE)
+                largest = hundreds.max(axis=1).mean()
             kinds = {"mean": values.mean(), "std": values.std(ddof=1), "max": largest}
             found |= {f"{method}_{line}_{quantity}_{kind}": float(v) for kind, v in kinds.items()}
         rotation = at["line_energy_rotational"].values[passed]
@@ -300,7 +303,7 @@ class Search:
 
 def residuals_at(point: np.ndarray, name: str, wanted: list[Item], on: list[Talus]) -> np.ndarray:
     found = numbers(Form(point), name, on, FIT_BOULDERS)
-    return np.array([item.residual(found[item.name]) for item in wanted])
+    return np.array([item.residual(found.get(item.name, np.nan)) for item in wanted])
 
 
 def judged(point: np.ndarray, name: str, pool: ProcessPoolExecutor) -> pd.DataFrame:
