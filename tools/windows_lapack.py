@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reference LAPACK for Windows: what the laboratory and tests call, compiled from Debian's source package.
+"""Reference LAPACK for Windows: what we call of it, compiled from Debian's source package.
 
 usage: windows_lapack.py FOLDER   FOLDER/liblapack.a and FOLDER/lapack.pc
 """

@@ -172,9 +172,8 @@ def slopes(seed: int, count: int) -> list[Talus]:
     return [Talus(seed + k, relief=relief[k], angle=angle[k]) for k in range(count)]
 
 
-def numbers(form: Form, name: str, on: list[Talus], boulders: int) -> dict[str, float]:
-    """All numbers of a set: means over slopes, and what follows from the matrices."""
-    sets = form.sets(name)
+def numbers(sets: Sets, name: str, on: list[Talus], boulders: int) -> dict[str, float]:
+    """All numbers of sets: means over slopes, and what follows from the matrices."""
     observed = name == "vaujany-observed"
     site = Site(HERE, boulders, trajectories=0)
     how = (
@@ -302,13 +301,13 @@ class Search:
 
 
 def residuals_at(point: np.ndarray, name: str, wanted: list[Item], on: list[Talus]) -> np.ndarray:
-    found = numbers(Form(point), name, on, FIT_BOULDERS)
+    found = numbers(Form(point).sets(name), name, on, FIT_BOULDERS)
     return np.array([item.residual(found.get(item.name, np.nan)) for item in wanted])
 
 
 def judged(point: np.ndarray, name: str, pool: ProcessPoolExecutor) -> pd.DataFrame:
     """Numbers on each of the slopes that no fit used."""
-    function = partial(numbers, Form(point), name, boulders=JUDGED_BOULDERS)
+    function = partial(numbers, Form(point).sets(name), name, boulders=JUDGED_BOULDERS)
     return pd.DataFrame(
         list(pool.map(function, [[one] for one in slopes(JUDGED_SEED, JUDGED_SLOPES)]))
     )
@@ -359,7 +358,9 @@ class Inference:
         ]
         for item in wanted:
             bound = {0: "", 1: " at least", -1: " at most"}[item.side]
-            reached = f"{mean[item.name]:.4g} +- {error[item.name]:.2g}"
+            reached = f"{mean[item.name]:.4g}"
+            if error[item.name] > 1e-9:  # what follows from the matrices alone has none
+                reached += f" +- {error[item.name]:.2g}"
             missed = "" if abs(off[item.name]) <= 1 else " NOT MET"
             lines.append(
                 f"  {item.name}:{bound} {item.value:.4g} +- {item.tolerance:.2g}, {reached}{missed}"

@@ -304,6 +304,18 @@ def test_shipped_sets_are_said_to_err_on_the_unsafe_side(tmp_path, grounds, said
     assert all(one.is_warning for one in found)
 
 
+def test_the_set_of_observed_boulders_has_a_remark_of_its_own(tmp_path):
+    case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": "vaujany-observed"})
+    (found,) = set_remarks(values(), case)
+    assert "fitted to 100 boulders" in found.text and "unsafe" not in found.text
+    grounds = {
+        "ground": ["vaujany-observed", "rocky-slope"], "ground_model": ["impact_sets"] * 2,
+        "rebounds_by_ground": [250, 750],
+    }  # fmt: skip
+    slope, observed = set_remarks(values() | grounds, case)
+    assert slope.text.startswith("750 of 1,000") and observed.text.startswith("250 of 1,000")
+
+
 def test_nothing_is_said_of_sets_without_rebounds(tmp_path):
     case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": "rocky-slope"})
     assert not [*set_remarks(values(rebounds=0), case)]

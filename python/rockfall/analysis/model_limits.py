@@ -54,6 +54,7 @@ MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no desig
 #: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
 #: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
 SPEED_PER_DEGREE = 0.8
+OBSERVED = "vaujany-observed"  # shipped set fitted to observed boulders
 OUTSIDE = {  # messages, by the count of a result
     "range": "model.outside_range",
     "speed": "model.outside_speed",
@@ -142,15 +143,18 @@ def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
 
 
 def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remark on the field validation of the shipped impact sets, whose errors are all on the unsafe
-    side (docs/validation); none without rebounds by them."""
+    """Remarks on the field validation of the shipped impact sets (docs/validation); none without
+    rebounds by them."""
     names = sorted(set(sets_followed(values, case.impact["sets"])) & set(shipped_sets()))
     total = _total(values, "rebounds")
     if not (names and total):
         return
-    grounds = [ground for ground in rebounds_by_ground(values) if ground.name in names]
-    part = _part_of_all(grounds, values) if grounds else part_of_rebounds(total, total)
-    yield Remark(say("model.sets", followed=part, names=", ".join(names)), True)
+    observed = {name for name in names if name.startswith(OBSERVED)}
+    for key, own in ("sets", {*names} - observed), ("observed_set", observed):
+        grounds = [ground for ground in rebounds_by_ground(values) if ground.name in own]
+        if own and (grounds or len(own) == len(names)):
+            part = _part_of_all(grounds, values) if grounds else part_of_rebounds(total, total)
+            yield Remark(say(f"model.{key}", followed=part, names=", ".join(sorted(own))), True)
 
 
 def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
