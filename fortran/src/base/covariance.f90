@@ -144,8 +144,7 @@ contains
                call fail(error, name//": variance "//place_of([j, j])//" = "//real_text(c(j, j), 3)//", must be >= 0")
             else if (abs(c(i, j)) > 0 .and. .not. c(j, j) > 0) then
                call fail(error, name//": entry "//place_of([max(i, j), min(i, j)])//" = "//real_text(c(i, j), 3) &
-                         //" needs a variance " &
-                         //place_of([j, j])//" above 0")
+                         //" needs a variance "//place_of([j, j])//" above 0")
             end if
             if (allocated(error)) return
          end do
