@@ -118,8 +118,8 @@ def netcdf(z, crs=None, **attributes):
     return "dem.nc"
 
 
-def companion(z, name, text):
-    path = tiff(z)
+def companion(z, name, text, crs=UTM):
+    path = tiff(z, crs)
     with open(name, "w") as file:
         file.write(text)
     return path
@@ -351,6 +351,13 @@ def test_units_that_contradict_each_other_are_refused(way):
 
 
 OTHERS = {
+    "no CRS, a prj with Zunits": (
+        lambda z: companion(z, "dem.prj", OLD + "FEET\n", None),
+        r"elevations are in foot \(dem.prj\)",
+    ),
+    "a unit of the user": (
+        lambda z: keyed(z, PLAN_KEYS | {4099: 32767}), "unit 32767 .GeoKey 4099",
+    ),
     "depths by the CRS": (lambda z: tiff(z, f"{UTM}+5831"), "has depths"),
     "depths in netCDF": (lambda z: netcdf(z, units="m", positive="down"), "has depths"),
     "unknown unit": (lambda z: tiff(z, unit="rod"), "elevations are in rod"),
@@ -404,7 +411,7 @@ def key_records(laspy, keys, text=b""):
     return records + ([laspy.VLR("LASF_Projection", 34737, "texts", text)] if text else [])
 
 
-def laser(unit, version="1.2", keys=None, text=b"", systems=(), extended=(), area=None):
+def laser(unit, version="1.2", keys=None, text=b"", systems=(), extended=(), area=None, other=None):
     laspy = pytest.importorskip("laspy", reason="the points extra is not installed")
     header = laspy.LasHeader(point_format=6 if version == "1.4" else 1, version=version)
     header.scales, header.offsets = [0.001] * 3, [6e5, 5e6, 0]
@@ -413,6 +420,8 @@ def laser(unit, version="1.2", keys=None, text=b"", systems=(), extended=(), are
     for system in systems:
         content = pyproj.CRS.from_user_input(system).to_wkt("WKT1_GDAL").encode() + b"\0"
         header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "wkt", content))
+    if other:
+        header.vlrs.append(laspy.VLR("liblas", 2112, "wkt", wkt(other, "WKT1_GDAL").encode()))
     if area:
         header.vlrs.append(laspy.VLR("LASF_Spec", 3, "text", area))
     las = laspy.LasData(header)
@@ -460,6 +469,10 @@ CLOUDS = {
     "1.4: WKT and keys of another plan": (
         lambda: laser(1.0, "1.4", {1024: 1, 3072: 25833}, systems=[UTM]), "correct one",
     ),
+    "1.2: a unit of the user": (
+        lambda: laser(SURVEY, keys=PLAN_KEYS | {4099: 32767}), "z is in unit 32767",
+    ),
+    "1.2: libLAS": (lambda: laser(SURVEY, other=US_FT), "survey foot .its libLAS record"),
     "1.2: words": (lambda: laser(FEET, keys=PLAN_KEYS, area=b"Heights in feet"), "its text area"),
 }  # fmt: skip
 

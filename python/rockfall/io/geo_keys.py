@@ -6,6 +6,7 @@ GDAL ignores the key of the unit unless that of the system is its own too, and l
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
@@ -42,8 +43,8 @@ def stated_heights(keys: Sequence[Key], texts: str) -> list[Stated]:
             unit = _axis_unit(key.value, ("up", "down"))
         elif key.id == _CITATION and key.location == TEXTS:
             unit = unit_in_words(texts[key.value : key.value + key.length])
-        elif key.id == _UNIT and not key.location:
-            unit = unit_of_code(key.value)
+        elif key.id == _UNIT and key.value and not key.location:
+            unit = unit_of_code(key.value) or Unit(f"unit {key.value}", math.nan)
         if unit:
             stated.append(Stated(unit, f"GeoKey {key.id}"))
     return stated

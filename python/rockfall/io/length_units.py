@@ -137,7 +137,5 @@ def refuse_units(path: str | Path, stated: Iterable[Stated]) -> None:
     """Refuse heights of points in a unit other than the metre."""
     for unit, where in stated:
         if not unit.is_metre:
-            raise RockfallError(
-                f"{path}: z is in {unit.name} ({where}), metres are needed: multiply it by "
-                f"{unit.factor:.10g}"
-            )
+            cure = "" if math.isnan(unit.factor) else f": multiply it by {unit.factor:.10g}"
+            raise RockfallError(f"{path}: z is in {unit.name} ({where}), metres are needed{cure}")

@@ -23,6 +23,7 @@ from rockfall.io.gdal_files import plain_file
 from rockfall.io.geo_keys import DIRECTORY, TEXTS, check_plan, keys_of, stated_heights
 from rockfall.io.length_units import Stated, refuse_units, unit_in_words
 from rockfall.io.point_text import TEXT, is_point_text, text_chunks
+from rockfall.io.projection_file import vertical_units
 from rockfall.limits import MAX_ELEVATION, MAX_REAL
 
 if TYPE_CHECKING:
@@ -207,6 +208,9 @@ def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any])
         if (record.user_id, record.record_id) == ("LASF_Spec", _DESCRIPTION):
             unit = unit_in_words(record.record_data_bytes().decode("latin-1"))
             stated += [Stated(unit, "its text area")] if unit else []
+        elif record.user_id == "liblas":  # its WKT, before LAS had one
+            text = record.record_data_bytes().decode("latin-1")
+            stated += [Stated(unit, "its libLAS record") for unit in vertical_units(text)]
     refuse_units(path, stated)
 
 

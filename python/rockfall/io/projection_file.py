@@ -57,8 +57,12 @@ def projection_heights(path: str | Path) -> list[Stated]:
         return []
     text = _text(file)
     units = [_unit_of_heights(word) for word in _HEIGHTS.findall(text)]
-    units += [_vertical_unit(text[match.start() :]) for match in _VERTICAL.finditer(text)]
-    return [Stated(unit, file.name) for unit in units if unit]
+    return [Stated(unit, file.name) for unit in (*units, *vertical_units(text)) if unit]
+
+
+def vertical_units(text: str) -> list[Unit]:
+    """Units of the vertical systems in well-known texts, one after the other."""
+    return [_vertical_unit(text[match.start() :]) for match in _VERTICAL.finditer(text)]
 
 
 def _unit_of_heights(word: str) -> Unit | None:
@@ -71,7 +75,7 @@ def _unit_of_heights(word: str) -> Unit | None:
         return unit_of(word)
 
 
-def _vertical_unit(text: str) -> Unit | None:
+def _vertical_unit(text: str) -> Unit:
     """Unit of the vertical system with which a text begins."""
     import pyproj
 

@@ -44,7 +44,7 @@ def stated_units(raster: RasterFile) -> list[Stated]:
         keys = keys_of(tiff_numbers(file, DIRECTORY))
         check_plan(raster.path, keys)
         stated += stated_heights(keys, tiff_text(file, TEXTS))
-    if source.driver == "AAIGrid":
+    if source.driver == "AAIGrid" or source.crs is None:
         stated += projection_heights(file)
     return stated + _in_metadata(Path(file))
 
