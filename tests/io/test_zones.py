@@ -14,10 +14,18 @@ import numpy as np
 import pytest
 
 from made import make_layer, refused
+from rockfall.analysis.hazard.object_layers import File
+from rockfall.analysis.hazard.objects import read_objects
 from rockfall.errors import RockfallError
 from rockfall.io import grid as grid_module
 from rockfall.io.grid import NO_ID, Grid, row_blocks
-from rockfall.io.layers import burn_polygons, numbered_polygons, read_attributes
+from rockfall.io.layers import (
+    burn_polygons,
+    numbered_polygons,
+    read_attributes,
+    read_features,
+    read_points,
+)
 from rockfall.io.zone_table import index_blocks, read_zone_table
 
 
@@ -303,6 +311,28 @@ def test_geojson_says_only_where_polygons_lie(old, new, said):
         RockfallError, match=rf"^a\.geojson: not a vector layer that can be read \({said}"
     ):
         burn_polygons(path, utm_grid(), "zone")
+
+
+def test_multipoints_are_points_but_no_object():
+    """Exports of one point each are often multipoints; several points are one object nowhere."""
+    import shapely
+
+    places = [(600005, 4999990), (600015, 4999990), (600025, 4999990)]
+    single, double = shapely.MultiPoint(places[:1]), shapely.MultiPoint(places[1:])
+    make_layer("points.gpkg", [single, double], crs=None, name=["a", "b"])
+    shapes, _ = read_features("points.gpkg", GRID, [])
+    assert [shape.geom_type for shape in shapes] == ["Point", "MultiPoint"]
+    x, _, columns, feature = read_points("points.gpkg", GRID, [])
+    assert x.tolist() == [600005, 600015, 600025] and feature.tolist() == [1, 2, 2]
+    assert columns["name"].tolist() == ["a", "b", "b"]
+    make_layer("house.gpkg", [single], crs=None)
+    thresholds = np.array([30e3, 300e3])
+    objects = read_objects([File("house.gpkg", None, "house")], GRID, thresholds, [])
+    assert objects.places.tolist() == [[600005, 4999990]]
+    with refused("points.gpkg: feature 2: is several points: split it, so that each is an object"):
+        read_objects([File("points.gpkg", None, "points")], GRID, thresholds, [])
+    Path("one.geojson").write_text('{"type": "MultiPoint", "coordinates": [[1, 39], [2, 39]]}')
+    assert read_points("one.geojson", Grid(0.0, 40.0, 10.0, nx=6, ny=4), []).x.tolist() == [1, 2]
 
 
 def test_geojson_of_one_feature_or_shape():

@@ -56,8 +56,8 @@ def any_overlap(shapes: np.ndarray) -> bool:
     """Return True if polygons share area, or may: none of those that are apart or only touch."""
     import shapely
 
-    one, other = shapely.STRtree(shapes).query(shapes, predicate="intersects")
-    pairs = shapes[one[one < other]], shapes[other[one < other]]
+    earlier, later = shapely.STRtree(shapes).query(shapes, predicate="intersects")
+    pairs = (shapes[k[earlier < later]] for k in (earlier, later))
     return bool(np.any(~shapely.touches(*pairs)))
 
 
