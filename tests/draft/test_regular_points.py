@@ -175,7 +175,7 @@ SLIPPED = {
     ),
     "decimal commas": ("", "{x},5 {y},5 {z},5", "line 1: decimal commas: numbers need a point"),
     "decimal commas in cells": ("", "{x},5;{y},5;{z},5", "line 1: decimal commas: numbers need"),
-    "north first": ("", "{y} {x} {z}", "x 4999965, y 600020 lies outside EPSG:32632, but within"),
+    "north first": ("", "{y} {x} {z}", "x 4999980, y 600000 look exchanged: name the columns"),
     "north named x": ("y x z", "{x} {y} {z}", "x 4999965, y 600020 lies outside EPSG:32632"),
 }
 
@@ -193,6 +193,36 @@ def test_columns_that_slip_are_refused(what, tmp_path, monkeypatch, capsys):
     refuses(["dem", "a.xyz", "-o", "dem.tif", "--crs", "EPSG:32632"], f"a.xyz: {said}.*", capsys)
 
 
+def test_north_before_east_without_names_is_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write(Path("a.xyz"), np.array(ROWS)[:, [1, 0, 2]])
+    words = (
+        "a.xyz: x 4999980, y 600000 look exchanged: name the columns in a first line, such as .*"
+    )
+    refuses(["dem", "a.xyz", "-o", "dem.tif"], words, capsys)
+
+
+def test_rounded_places_are_refused_and_degrees_are_remarked(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    points = nodes()
+    rows = [f"{x:g} {y:g} {z:g}\n" for x, y, z in points.tolist()]
+    Path("a.xyz").write_text("".join(["x y z\n", *rows]))
+    words = "a.xyz: 600 points at 48 places: are x and y rounded[?]"
+    refuses(["dem", "a.xyz", "-o", "dem.tif"], words, capsys)
+    points[:, :2] = (7, 46) + (points[:, :2] - (W, N)) / 1e5
+    write(Path("b.xyz"), points)
+    assert main(["dem", "b.xyz", "-o", "dem.tif"]) == 0
+    assert "look like degrees: metres are needed" in capsys.readouterr().err
+
+
+def test_a_grid_in_a_txt_is_a_raster(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    head = "ncols 3\nnrows 2\nxllcorner 600000\nyllcorner 4999990\ncellsize 5\n"
+    Path("dem.txt").write_text(f"{head}1 2 3\n4 5 6\n")
+    assert main(["dem", "dem.txt", "-o", "dem.tif", "--crs", "EPSG:32632"]) == 0
+    np.testing.assert_array_equal(read_dem("dem.tif")[0], [[1, 2, 3], [4, 5, 6]])
+
+
 @pytest.mark.parametrize(
     ("head", "form"),
     [
@@ -201,6 +231,8 @@ def test_columns_that_slip_are_refused(what, tmp_path, monkeypatch, capsys):
         ("// x y z", "{x} {y} {z}"),
         ("x;y;z", "{x};{y};{z};"),
         ("", "{x} {y} {z} 255 0"),
+        ('"x" "y" "z"', "{x} {y} {z}"),
+        ("X [m];Y [m];Z [m]", "{x};{y};{z}"),
         ("Z,Y,X", "{z},{y},{x}"),
     ],
 )

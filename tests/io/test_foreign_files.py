@@ -105,6 +105,8 @@ FOREIGN = {
     "m.tif": (b"\x89PNG\r\n\x1a\n", "a picture (PNG)", "a GeoTIFF with elevations is needed"),
     "n.tif": (b"\xff\xd8\xff\xe0", "a picture (JPEG)", "a GeoTIFF with elevations is needed"),
     "o.asc": (b"LASF\0\0", "a point cloud", "rockfall dem makes a DEM of it"),
+    "q.asc": (b"ncols: 3\nnrows: 2\n", "an ESRI ASCII grid with another header", "its first line"),
+    "r.asc": (b"# made\nncols 3\n", "an ESRI ASCII grid with another header", "its first line"),
     "p.tif": (b'{"type": "FeatureCollection"', "JSON", "a raster is needed"),
 }
 

@@ -21,6 +21,7 @@ from rockfall.draft.dem import (
 )
 from rockfall.draft.new_case import new_case
 from rockfall.errors import RockfallError
+from rockfall.io.ascii_grid import is_ascii_grid
 from rockfall.io.point_clouds import is_cloud
 
 OF_POINTS = ("cell", "power", "neighbours", "within", "crs", "classes", "thin")
@@ -56,7 +57,7 @@ def _source(arguments: argparse.Namespace, remarks: list[str]) -> Dem:
     """Read a raster, or the points of files, and print their properties."""
     given = given_options(arguments, OF_POINTS)
     path, *others = arguments.input
-    if not is_cloud(path) and path.suffix.lower() not in (".csv", ".txt"):
+    if not (is_cloud(path) or path.suffix.lower() in (".csv", ".txt")) or is_ascii_grid(path):
         crs = given.pop("crs", None)
         for key in given:
             raise RockfallError(f"--{key}: is for points (.csv, .las ...), {path} is a raster")

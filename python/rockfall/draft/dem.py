@@ -24,7 +24,7 @@ from rockfall.io.point_text import HEIGHTS, MISSING
 from rockfall.io.raster import read_dem, write_geotiff
 from rockfall.io.raster_file import open_raster, raster_files
 from rockfall.io.tables import read_table
-from rockfall.language import remark
+from rockfall.language import Number, remark
 from rockfall.limits import MAX_ELEVATION, MAX_REAL
 from rockfall.scene.layers import Inputs, file_checksum
 from rockfall.scene.lines import read_lines
@@ -38,6 +38,7 @@ from rockfall.version import __version__
 MAX_LEFT_OUT = 1_000_000  # points of which the leave-one-out error is taken, at most about
 FAR = 3.0  # point spacings beyond which elevations are unknown
 NICE = (1.0, 2.0, 5.0, 10.0)  # leading digits of cell sides
+STEEPEST = 10.0  # rise over extent of points in metres, at most
 NODATA = -9999.0
 SURFACE = {"uniform_mean_radius": 1.0}  # for cases that are read only for their dams
 
@@ -125,6 +126,11 @@ def dem_of_points(
     grid = replace(grid, crs=system)
     check_metres(grid, str(path))
     check_area(grid, str(path), remarks)
+    if system is None and _may_be_degrees(low, high):
+        ends = {"west": low[0], "east": high[0], "south": low[1], "north": high[1]}
+        remarks.append(remark(path, "input.degrees", cell=Number(f"{cell:.3g}"), **ends))
+    if nodes is None:
+        _check_places(path, points)
     if z is None or within is not None:
         made = interpolated(points, grid, weights)
         z = made if z is None else np.where(np.isnan(z), made, z)
@@ -146,6 +152,22 @@ def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarr
     value, n = float(points[missing][0, 2]), int(missing.sum())
     remarks.append(remark(path, "input.points_missing", n=n, value=value))
     return points[~missing]
+
+
+def _may_be_degrees(low: np.ndarray, high: np.ndarray) -> bool:
+    """Return True for points on the full circle that rise more than they are apart."""
+    apart, rise = (high - low)[:2].max(), high[2] - low[2]
+    is_round = (abs(low[:2]) <= (360, 90)).all() and (abs(high[:2]) <= (360, 90)).all()
+    return bool(is_round and apart < rise / STEEPEST)
+
+
+def _check_places(path: str | Path, points: np.ndarray) -> None:
+    """Refuse points most of which lie in plan where others do."""
+    places = len(np.unique(points[:, 0] + 1j * points[:, 1]))
+    if places < len(points) / 2 and len(np.unique(points[:, 2])) > places:
+        raise RockfallError(
+            f"{path}: {len(points):,} points at {places:,} places: are x and y rounded?"
+        )
 
 
 def _covering(low: np.ndarray, high: np.ndarray, cell: float) -> Grid:

@@ -14,11 +14,13 @@ import warnings
 from codecs import BOM_UTF8
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.io.files import start_of
 from rockfall.io.grid import Box, Transform
 from rockfall.io.tables import plain_decimal
 from rockfall.limits import MAX_REAL
@@ -95,6 +97,11 @@ def is_ascii(start: bytes) -> bool:
     """Return True if the first bytes are those of an ESRI ASCII grid."""
     tokens = start.removeprefix(BOM_UTF8).split(maxsplit=1)
     return bool(tokens) and tokens[0].lower().decode("latin-1") in _KEYS
+
+
+def is_ascii_grid(path: str | Path) -> bool:
+    """Return True for an existing ESRI ASCII grid, whatever its name."""
+    return os.path.isfile(path) and is_ascii(start_of(path))
 
 
 def open_ascii(path: str) -> AsciiCells:

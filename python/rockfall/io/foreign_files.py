@@ -80,6 +80,8 @@ def _kind(file: Path, start: bytes) -> tuple[str, str]:
         made = file.with_name(f"{file.stem}_dem.tif")
         command = shlex.join(["rockfall", "dem", str(file), "-o", str(made)])
         return "points in rows", f"make a DEM of them: {command}"
+    if re.search(rb"^\W*n(cols|rows)\b", start, re.IGNORECASE | re.MULTILINE):
+        return "an ESRI ASCII grid with another header", "its first line must be: ncols NUMBER"
     if suffix == ".hgt":
         return "an SRTM tile without the name of its place", "name it such as N46E007.hgt"
     return "", ""

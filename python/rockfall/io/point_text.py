@@ -29,10 +29,13 @@ TEXT = ".xyz"
 MAYBE_TEXT = (".asc", ".txt", ".dat", ".xyz")
 CHUNK = 1_000_000  # points
 HEIGHTS = (-500.0, 9000.0)  # [m]: all land lies between
+#: No national system has places with x above the first and y between the others [m]: y before x.
+NORTHING, LOCAL, EASTING = 2e6, 1e5, 1e6
 #: Elevations that mark missing ones.
 MISSING = (-9999.0, -99999.0, -32767.0, -32768.0)
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_IN_METRES = re.compile(r"[ _]?[\[(]m[\])]$")
 _LONGER = re.compile(r"Expected \d+ fields in line (\d+), saw")
 _COMMA_NUMBER = re.compile(r"[-+]?\d+,\d+")
 
@@ -122,6 +125,8 @@ def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: b
     x, y, z = (table[column].to_numpy() for column in layout.columns)
     if first and layout.total > 3 and len(x) > 2 and (np.diff(x) == 1).all() and x[0] in (0, 1):
         raise RockfallError(f"{path}: the first column counts the rows: {cure}")
+    if first and len(x) and min(x) > NORTHING and LOCAL < max(y) < EASTING:
+        raise RockfallError(f"{path}: x {x[0]:.0f}, y {y[0]:.0f} look exchanged: {cure}")
     odd = ~((z >= HEIGHTS[0]) & (z <= HEIGHTS[1])) & ~np.isin(z, MISSING) & (abs(z) <= MAX_REAL)
     for row in np.flatnonzero(odd)[:1].tolist():
         line = int(table.index[row]) + 1 + layout.head
@@ -156,7 +161,7 @@ def _layout(path: str | Path) -> _Layout:
         return _Layout(separator, (0, 1, 2), len(cells), head, False)
     if len(cells) > 1 and cells[0] in ("#", "//"):
         del cells[0]
-    names = [name.lower().lstrip("#/").strip() for name in cells]
+    names = [_IN_METRES.sub("", name.lower().lstrip("#/").strip(' "')) for name in cells]
     for axis in "xyz":
         if names.count(axis) != 1:
             raise RockfallError(f"{path}: line 1: must have one column {axis}, or be numbers")
