@@ -45,20 +45,21 @@ FORMATS = """
 
 | what | formats |
 | --- | --- |
-| rasters | GeoTIFF, ESRI ASCII, netCDF-4, Erdas Imagine, Surfer binary grids |
+| rasters | GeoTIFF, ESRI ASCII, netCDF-4, Erdas Imagine, Surfer binary grids, SRTM tiles |
 | polygons, points | GeoPackage, GeoJSON, shapefile, FlatGeobuf |
 
-The content of a file tells its format, not its name. Others are refused, those among them whose
-headers are text that GDAL reads loosely (EHdr, SAGA, ENVI): make a GeoTIFF of them with
-`rio convert` or `gdal_translate`, as of a VRT; of classic netCDF make netCDF-4 with `nccopy`. One
-band, square cells, north up or south up.
+The content of a file tells its format, not its name (but of SRTM tiles, such as `N46E007.hgt`).
+Others are refused, those among them whose headers are text that GDAL reads loosely (EHdr, SAGA,
+ENVI, Surfer text): make a GeoTIFF of them with `rio convert` or `gdal_translate`, as of a VRT; of
+classic netCDF make netCDF-4 with `nccopy`. One band, square cells, north up or south up.
 
 - **Units** are metres. A unit that is missing is taken as metre; any other is refused: of the axes
   of a coordinate reference system and of its heights, of the band, of netCDF variables and their
   coordinates.
 - **ESRI ASCII**: lines of one key and one value, then the numbers. `xllcorner` with `yllcorner`, or
   `xllcenter` with `yllcenter`; `cellsize`, or `dx` with `dy`; -9999 is nodata unless
-  `NODATA_value` says otherwise (`nan` too). No digit may be grouped, no comma be a decimal point.
+  `NODATA_value` says otherwise (`nan` too), also where numbers are rounded to single precision. No
+  digit may be grouped, no comma be a decimal point.
 - **netCDF**: `file.nc`, or `file.nc:variable` where it has several; on `y`, `x` with evenly spaced
   coordinates. `_FillValue`, `missing_value` (one or several), `valid_min`, `valid_max`,
   `valid_range` tell which stored numbers are data; `_Unsigned`, `scale_factor` and `add_offset`

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rasterio
+import rasterio.shutil
 from rasterio.io import MemoryFile
 
 from made import PLACE, UTM, hill, make_ascii, make_layer, refused
