@@ -130,6 +130,7 @@ def test_a_point_without_a_width_has_the_upper_end_of_its_intensity(case):
 def test_every_assumption_is_printed(case):
     found = hazard(case, [HOUSE], persons=[3.0], name=["school"])
     said = hazard_summary(found)
+    assert "frequencies are of the boulders of these scenarios, not of those of &boulder" in said
     for text in found.attrs["risk_assumptions"].splitlines():
         assert f"  assumption: {text}" in said
     assert "assumption: default lethality = 1: school" in said
