@@ -86,15 +86,17 @@ def test_the_tangential_share_is_counted_from_its_limit():
 
 
 def test_turns_are_between_the_flights_of_one_boulder():
-    headings = np.radians([0, 10, -20, 90, 90, 135])
-    boulder = np.array([1, 1, 1, 2, 2, 2])
+    """And not at the points between the start and the end of a leg on the ground."""
+    headings = np.radians([0, 10, 10, -20, 90, 90, 135])
+    boulder, leg = np.array([1, 1, 1, 1, 2, 2, 2]), np.array([1, 2, 2, 1, 1, 1, 1])
     path = {
         "trajectory_velocity_x": ("vertex", 3 * np.cos(headings)),
         "trajectory_velocity_y": ("vertex", 3 * np.sin(headings)),
         "trajectory_boulder": ("vertex", boulder),
+        "trajectory_leg": ("vertex", leg),
     }
     np.testing.assert_allclose(_turns(xr.Dataset(path)), [10, 30, 0, 45], atol=1e-9)
-    path["trajectory_velocity_x"][1][4] = path["trajectory_velocity_y"][1][4] = 0  # at rest
+    path["trajectory_velocity_x"][1][5] = path["trajectory_velocity_y"][1][5] = 0  # at rest
     np.testing.assert_allclose(_turns(xr.Dataset(path)), [10, 30], atol=1e-9)
 
 
