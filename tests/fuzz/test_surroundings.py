@@ -62,6 +62,38 @@ def test_no_room_for_threads_is_one_line_and_nothing_is_written(
     assert sorted(os.listdir()) == before
 
 
+NO_MEMORY = (
+    r"(.*: )?(not enough memory for this case.*|threads = 16: their stacks .* do not fit in "
+)
+NO_MEMORY += r"memory.*|cannot be written: .*|.* do not fit in memory.*)"
+LIMITS = [
+    *(("rockfall-batch", "v", size) for size in (90, 150, 200, 215, 240, 270, 330, 500, 800, 1000)),
+    *(("rockfall", "v", size) for size in (400, 500, 800, 1300)),
+    ("rockfall-batch", "d", 100), ("rockfall-batch", "d", 200), ("rockfall", "d", 300),
+]  # fmt: skip
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limits are those of Linux")
+@pytest.mark.parametrize(("program", "kind", "size"), LIMITS)
+def test_sixteen_threads_in_little_memory_run_or_say_so(programs, program, kind, size):
+    """Batch systems limit the address space; the C library reserves 64 MB of it for a thread."""
+    command = [*programs[program], "--quiet", "--threads", "16"]
+    done = ran(command, f"ulimit -{kind} {size * 1000};", {"OPENBLAS_NUM_THREADS": "1"})
+    said, output = done.stderr.decode(), programs[program][-1]
+    assert done.returncode in (0, 2), said
+    assert os.path.exists(output) == (done.returncode == 0)
+    if done.returncode:
+        assert re.fullmatch(f"rockfall(-batch)?: {NO_MEMORY}\n", said), said
+    else:
+        assert said == ""
+
+
+def test_a_generous_limit_is_enough(programs):
+    """16 threads need a stack each, 128 MB in all, and no arenas."""
+    done = ran([*programs["rockfall-batch"], "--threads", "16"], "ulimit -v 400000;")
+    assert done.returncode == 0, done.stderr.decode()
+
+
 SMALLEST = "ulimit -s 500;", {"OMP_STACKSIZE": "500k", "OMP_NUM_THREADS": "2"}
 
 

@@ -3,12 +3,16 @@
 #define _GNU_SOURCE
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #if defined(_WIN32)
 #include <windows.h>
 #else
 #include <pthread.h>
 #include <sys/mman.h>
+#endif
+#if defined(__GLIBC__)
+#include <malloc.h>
 #endif
 #if defined(__linux__)
 #include <sys/resource.h>
@@ -45,6 +49,32 @@ int64_t rockfall_stack(void)
 #endif
 }
 
+/* Take memory for all threads from one arena if the address space or the data of the process is limited (ulimit -v,
+   -d): else the C library reserves 64 MB or more of it for each thread. Returns whether there is a limit. */
+int rockfall_spare_arenas(void)
+{
+#if defined(__GLIBC__)
+    struct rlimit space, data;
+
+    if (getrlimit(RLIMIT_AS, &space) == 0 && getrlimit(RLIMIT_DATA, &data) == 0 &&
+        (space.rlim_cur != RLIM_INFINITY || data.rlim_cur != RLIM_INFINITY))
+        return mallopt(M_ARENA_MAX, 1);
+#endif
+    return 0;
+}
+
+/* Replaces a procedure of libgfortran, called where an allocation without `stat` fails: one line, and the exit status
+   of a case that is too large. */
+void _gfortran_os_error_at(const char *place, const char *format, ...)
+{
+    static const char line[] = "rockfall: not enough memory for this case: use fewer threads, or raise ulimit -v\n";
+
+    (void)place, (void)format;
+    fflush(stdout);
+    fputs(line, stderr);
+    _Exit(2);
+}
+
 /* Check whether the process can map this many more bytes; none are kept. */
 int rockfall_fits(int64_t bytes)
 {
@@ -53,7 +83,7 @@ int rockfall_fits(int64_t bytes)
 
     return at != NULL && VirtualFree(at, 0, MEM_RELEASE);
 #else
-    void *at = mmap(NULL, (size_t)bytes, PROT_NONE, MAP_PRIVATE | MAP_ANON | MAP_NORESERVE, -1, 0);
+    void *at = mmap(NULL, (size_t)bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANON | MAP_NORESERVE, -1, 0);
 
     return at != MAP_FAILED && munmap(at, (size_t)bytes) == 0;
 #endif

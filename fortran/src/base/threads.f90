@@ -12,12 +12,17 @@ module rockfall_threads
 
    integer, parameter :: max_threads = 1024  !! far above the cores of any machine: a larger number is a mistake
    integer(c_int64_t), parameter :: kilobyte = 1024
+   integer(c_int64_t), parameter :: headroom = 16000*kilobyte   !! [bytes] of everything else
+   integer(c_int64_t), parameter :: work_space = 1000*kilobyte  !! [bytes] of a thread, beside its stack
    integer(c_int64_t), parameter :: min_stack = 500*kilobyte  !! [bytes] "ulimit -s 512" is enough
 
    interface  ! room.c
       integer(c_int64_t) function c_stack() bind(c, name="rockfall_stack")
          import :: c_int64_t
       end function c_stack
+      integer(c_int) function spare_arenas() bind(c, name="rockfall_spare_arenas")
+         import :: c_int
+      end function spare_arenas
       integer(c_int) function c_fits(bytes) bind(c, name="rockfall_fits")
          import :: c_int, c_int64_t
          integer(c_int64_t), value :: bytes
@@ -41,6 +46,7 @@ contains
       integer, intent(in) :: threads                  !! as for team_size
       type(error_t), allocatable, intent(out) :: error
       integer(c_int64_t) :: stack, stacks
+      logical :: is_limited
 
       if (threads < 0 .or. threads > max_threads) then
          call fail(error, "threads = "//integer_text(threads)//": must be 0 (all cores) to "//integer_text(max_threads))
@@ -50,21 +56,28 @@ contains
                    //integer_text(max_threads))
          return
       end if
+      is_limited = spare_arenas() /= 0
       stack = stack_of_this()
-      stacks = 0
+      stacks = headroom
       if (team_size(threads) > 1 .and. stack >= min_stack) then
          !$omp parallel default(none) num_threads(2) reduction(min: stack)
          stack = stack_of_this()
          !$omp end parallel
-         stacks = stack*(team_size(threads) - 2)
+         stacks = headroom + stack*(team_size(threads) - 2) + work_space*team_size(threads)
       end if
       if (stack < min_stack) then
          call fail(error, "a thread has a stack of "//integer_text(stack/kilobyte)//" kB: must be at least " &
                    //integer_text(min_stack/kilobyte)//" kB (ulimit -s, OMP_STACKSIZE)")
+      else if (.not. can_map(headroom)) then
+         call fail(error, "not enough memory for this case (ulimit -v)")
       else if (.not. can_map(stacks)) then
          call fail(error, "threads = "//integer_text(team_size(threads))//": their stacks of " &
                    //integer_text(stack/kilobyte)//" kB do not fit in memory (ulimit -v): use fewer threads " &
                    //"or a smaller OMP_STACKSIZE")
+      else if (is_limited) then  ! start all threads, before other things take the memory for their stacks
+         !$omp parallel default(none) num_threads(team_size(threads)) reduction(min: stack)
+         stack = stack_of_this()
+         !$omp end parallel
       end if
    end subroutine check_team
 
@@ -122,7 +135,6 @@ contains
    logical function can_map(bytes)
       integer(c_int64_t), intent(in) :: bytes
 
-      can_map = bytes == 0
-      if (.not. can_map) can_map = c_fits(bytes) /= 0
+      can_map = c_fits(bytes) /= 0
    end function can_map
 end module rockfall_threads

@@ -366,8 +366,9 @@ contains
       end do
       if (allocated(scene%lines)) then
          threads = min(team_size(run%threads), size(scene%lines))
-         !$omp parallel do default(none) num_threads(threads) shared(run, scene, results, crossings, row, n, threads) &
-         !$omp& private(k, last)
+         ! with the whole team, since threads that a smaller one leaves out end, and start again for the next chunk
+         !$omp parallel do default(none) num_threads(team_size(run%threads)) &
+         !$omp& shared(run, scene, results, crossings, row, n, threads) private(k, last)
          do thread = 1, threads
             do k = 1, n, rows_at_once
                last = min(n, k + rows_at_once - 1)
