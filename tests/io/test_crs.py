@@ -23,7 +23,7 @@ WKT = "crs_wkt", "spatial_ref"
 
 # EPSG codes, and systems without a number
 DESCRIBED = [
-    32733, 2154, 31254, 3035, 5070, 3395, 3031, 32661, 31370, 3388, 3408, 3410, 27701,
+    32733, 2154, 31254, 3035, 5070, 3395, 3031, 32661, 31370, 3388, 3408, 3410,
     "+proj=utm +zone=32 +ellps=bessel +towgs84=577,90,464,5,1.5,5.3,2.4",
     "+proj=lcc +lat_1=46 +lat_0=46 +lon_0=7 +k_0=1 +x_0=600000 +y_0=200000 +ellps=GRS80",
     "+proj=laea +lat_0=46 +lon_0=7 +R=6371000", "+proj=sinu +lon_0=9", "+proj=merc +lat_ts=40",

@@ -208,6 +208,8 @@ def run_offered(command):
     for one in command.split(" && "):
         words = shlex.split(one)
         assert words[0] == "rio"
+        if words[1] == "edit-info" and rasterio.__version__ < "1.4.4":
+            pytest.skip("edit-info of this rasterio fails with click 8.3, whatever its options")
         done = CliRunner().invoke(main_group, words[1:])
         assert done.exit_code == 0, (one, done.output, done.exception)
     return words[-3] if words[1] == "edit-info" else words[-1]
