@@ -28,7 +28,7 @@ LINES = [
     {"name": name, "x": [0.0, 300.0], "y": [y, y]}
     for name, y in (
         ("Hauptstrasse Oberdorf–Unterdorf", 350.0),
-        ("Donaudampfschifffahrtsgesellschaftsanlegestelle", 320.0),
+        ("road_segment_km_12_300_to_14_900_upper_lane_of_the_north", 320.0),
     )
 ]
 NET = {"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 3.0, "capacity": 500.0}
