@@ -184,13 +184,13 @@ def _laser_crs(path: str | Path) -> CRS | None:
                 )
         _check_heights(path, own, records)
     if crs is not None:
-        found, other = (CRS.from_wkt(system.to_wkt()) for system in (crs, by_keys))
-        if not same_crs(found, other):
+        by_text, by_key = (CRS.from_wkt(system.to_wkt()) for system in (crs, by_keys))
+        if not same_crs(by_text, by_key):
             raise RockfallError(
-                f"{path}: its WKT names {crs_name(found)}, its GeoKeys {crs_name(other)}: "
+                f"{path}: its WKT names {crs_name(by_text)}, its GeoKeys {crs_name(by_key)}: "
                 "correct one"
             )
-        return found
+        return by_text
     if own:
         raise RockfallError(f"{path}: names a CRS that cannot be read")
     return None

@@ -58,4 +58,4 @@ def _in_metadata(file: Path) -> list[Stated]:
             with open(companion, "rb") as content:
                 text = content.read(_MAX_METADATA).decode("utf-8", "replace")
             stated += [Stated(unit_of(word), companion.name) for word in _METADATA.findall(text)]
-    return [one for one in stated if one.unit.name]
+    return [item for item in stated if item.unit.name]
