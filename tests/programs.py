@@ -59,7 +59,7 @@ def run_program(*words, cwd, limit=None, env=None):
     """Run it in a folder; `limit` is the longest file that it may write [bytes]."""
     first = limited("RLIMIT_FSIZE", limit) if limit else None
     return subprocess.run(
-        [find_program(), *map(str, words)], cwd=cwd, capture_output=True, text=True, timeout=120,
+        [find_program(), *map(str, words)], cwd=cwd, capture_output=True, text=True, timeout=600,
         preexec_fn=first, env={**os.environ, **(env or {})},
     )  # fmt: skip
 

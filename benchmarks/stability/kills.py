@@ -33,7 +33,7 @@ from rockfall import cli
 SHIM = Path(__file__).with_name("crash.c")
 CRASHED, INTERRUPTED = 137, 130  # exit status
 #: Steps within which a process crashes (a save has four), and handlers of Ctrl-C that it sets.
-STEPS = {"rockfall": range(1, 31), "rockfall-batch": range(1, 13)}
+STEPS = {"rockfall": range(1, 35), "rockfall-batch": range(1, 18)}
 HANDLERS = {"rockfall": range(1, 5), "rockfall-batch": range(1, 2)}
 PROGRESS = 50  # crashes from a line to the next
 PRELOAD = ["__main__", "rockfall.simulation.checkpoint", "rockfall.text.summary"]

@@ -31,7 +31,7 @@ from slope_case import CASE, slope, zones
 def command(*arguments, prefix=(), **options):
     """Run the program as a user does; the rest is as in subprocess.run."""
     program = [*prefix, sys.executable, "-m", "rockfall", *map(str, arguments)]
-    return subprocess.run(program, capture_output=True, text=True, timeout=60, **options)
+    return subprocess.run(program, capture_output=True, text=True, timeout=600, **options)
 
 
 def files(folder):
@@ -220,7 +220,7 @@ def test_output_that_nobody_takes(place):
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "rockfall", "check", "case.nml"],
-            stdout=full, stderr=subprocess.PIPE, text=True, cwd=place, timeout=60,
+            stdout=full, stderr=subprocess.PIPE, text=True, cwd=place, timeout=600,
         )  # fmt: skip
     assert done.returncode == 2
     assert done.stderr == "rockfall: output: No space left on device\n"
@@ -349,7 +349,7 @@ def test_ctrl_c_keeps_the_boulders_done(place):
     )  # fmt: skip
     wait_until_running(child)
     child.send_signal(signal.SIGINT)
-    out, err = child.communicate(timeout=60)
+    out, err = child.communicate(timeout=600)
     assert child.returncode == 130 and out == ""
     said = re.fullmatch(
         rf"(?:{PROGRESS})*"

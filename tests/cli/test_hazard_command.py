@@ -454,7 +454,7 @@ def test_ctrl_c_keeps_what_is_done_and_writes_nothing_else(hazard_case):
     )  # fmt: skip
     wait_until_running(child)
     child.send_signal(signal.SIGINT)
-    out, said = child.communicate(timeout=60)
+    out, said = child.communicate(timeout=600)
     assert (child.returncode, out) == (130, "")
     assert re.fullmatch(
         rf"(?:{PROGRESS})*"

@@ -37,7 +37,7 @@ def ran(command, prefix="", env=None, **options):
         pytest.skip("needs a POSIX shell")
     line = ["sh", "-c", f'{prefix} exec "$@"', "sh", *command]
     env = {**os.environ, **(env or {})}
-    return subprocess.run(line, capture_output=True, timeout=120, env=env, **options)
+    return subprocess.run(line, capture_output=True, timeout=600, env=env, **options)
 
 
 @pytest.mark.parametrize("program", ["rockfall", "rockfall-batch"])
@@ -189,7 +189,7 @@ queue = context.Queue()
 child = context.Process(target=fly, args=(queue,))
 child.start()
 try:
-    assert queue.get(timeout=60).equals(before)
+    assert queue.get(timeout=600).equals(before)
 finally:
     child.kill()
 assert fly().equals(before)

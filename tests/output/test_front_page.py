@@ -145,7 +145,7 @@ def test_a_browser_prints_the_signature_on_page_1_of_a4(pages, tmp_path, languag
 
 def printed(words, folder):
     done = subprocess.run(
-        words, cwd=folder, check=True, capture_output=True, text=True, timeout=120
+        words, cwd=folder, check=True, capture_output=True, text=True, timeout=600
     )
     return done.stdout
 

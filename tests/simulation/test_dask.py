@@ -97,7 +97,7 @@ def test_processes_of_this_machine_take_nothing_from_strangers(few_boulders):
     with cluster._client("local:1") as client:
         address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")
-        assert client.submit(sum, (1, 2)).result(timeout=60) == 3
+        assert client.submit(sum, (1, 2)).result(timeout=600) == 3
         (worker,) = client.scheduler_info()["workers"]
         strange = distributed.Security.temporary()
         for place in (address, worker):

@@ -65,7 +65,8 @@ contains
          call fail(error, name//": cannot be renamed; is it open in another program? The new file is "//part)
       else
          done = remove_file(part)
-         call fail(error, name//": cannot be written: "//trim(nf90_strerror(file%status))//" (disk or memory may be full)")
+         call fail(error, name//": cannot be written: "//trim(nf90_strerror(file%status)) &
+                   //" (disk or memory may be full)")
       end if
    end subroutine write_part
 
