@@ -24,7 +24,9 @@ def make_case(folder, **groups):
     groups = {"release": RELEASE, "case": {"boulders": 100}, "output": ALL} | groups
     groups = {"boulder": {"volume": "normal", "volume_mean": 2.0, "volume_std": 2.0}} | groups
     hazard = {"object_width": WIDTH, "thresholds": [0.0, 100.0]} | groups.pop("hazard", {})
-    return scenes.make_case(folder, *scenes.sets(2.0), **groups).replace(hazard=hazard)
+    late = {"hazard": hazard} if groups["output"].get("maps") or "scenario" in groups else {}
+    late |= {"scenario": groups.pop("scenario", [])}
+    return scenes.make_case(folder, *scenes.sets(2.0), **groups).replace(**late)
 
 
 def run(case, **how):
@@ -167,7 +169,7 @@ def hazard(case, objects):
 
 def test_objects_of_a_layer_have_the_width_of_their_attribute(tmp_path):
     """A point without one is as wide as the objects of the maps."""
-    case = make_case(tmp_path, output={}).replace(scenario=[{"name": "one", "frequency": 0.5}])
+    case = make_case(tmp_path, output={}, scenario=[{"name": "one", "frequency": 0.5}])
     shapes = [shapely.Point(122.5, 342.5)] * 3 + [shapely.LineString([(90, 300), (210, 300)])] * 2
     widths = [np.nan, 0.0, WIDTH, np.nan, 8.0]
     layer = make_layer(tmp_path / "objects.gpkg", shapes, "EPSG:32632", width=widths)
@@ -180,7 +182,7 @@ def test_objects_of_a_layer_have_the_width_of_their_attribute(tmp_path):
 
 @pytest.mark.parametrize("width", [-1.0, 1001.0])
 def test_widths_that_cannot_be_are_refused(tmp_path, width):
-    case = make_case(tmp_path, output={}).replace(scenario=[{"name": "one", "frequency": 0.5}])
+    case = make_case(tmp_path, output={}, scenario=[{"name": "one", "frequency": 0.5}])
     shapes = [shapely.Point(150.0, 250.0)]
     layer = make_layer(tmp_path / "objects.gpkg", shapes, "EPSG:32632", width=[width])
     with refused(f"{layer}: feature 1: width = {width}: must be 0 to 1000"):
@@ -190,11 +192,11 @@ def test_widths_that_cannot_be_are_refused(tmp_path, width):
 def test_a_point_is_found_where_boulders_reach_part_of_the_terrain(tmp_path):
     """Its cell is one of the terrain, not of the area that boulders can reach."""
     low = {"x": [150.0], "y": [152.5], "drop_height": 5.0}
-    case = make_case(tmp_path, release=low, output={})
     scenarios = [{"name": "small", "frequency": 0.5}, {"name": "large", "frequency": 0.1}]
     scenarios[1]["volume_mean"] = 20.0  # their maps would cover different cells
     shapes = [shapely.Point(152.5, 142.5)] * 2
     layer = make_layer(tmp_path / "o.gpkg", shapes, "EPSG:32632", width=[np.nan, WIDTH])
-    found = hazard(case.replace(scenario=scenarios), layer)
+    case = make_case(tmp_path, release=low, output={}, scenario=scenarios)
+    found = hazard(case, layer)
     usual, disc = found.object_passages.values.T.tolist()
     assert usual == disc and min(usual) > 0

@@ -105,7 +105,7 @@ def test_the_smallest_stack_is_enough(programs, program):
 
 @pytest.mark.parametrize("changes", [
     {},
-    {"output": {"maps": None, "rebounds": False, "trajectories": 0}},
+    {"output": {"maps": None, "min_passages": None, "rebounds": False, "trajectories": 0}},
     {"surface": {"ground": "talus"}, "impact": {"form": "table"}},
 ], ids=["everything", "little", "table"])  # fmt: skip
 def test_the_smallest_stack_is_enough_for_every_kind_of_scene(batch, tmp_path, changes):

@@ -306,7 +306,6 @@ MISTAKES = {
         "as this move on: was it meant in km/h?"),
     "rest_angle in radians": (put("impact", rest_angle=0.66), "rest_angle = 0.66 degrees: so flat "
         "that hardly any boulder rests: was it meant in radians, 38 degrees?"),
-    "objects in cm": (hazard(object_width=250.0), "object_width = 250 m: more than 100 m: was it"),
     "minimum_area in ha": (hazard(minimum_area=0.02),
         "minimum_area = 0.02 m2: smaller than a cell of 25 m2: was it meant in hectares?"),
     "cliff_length in km": (scenario(frequency=0.1, frequency_per="m", cliff_length=0.8),

@@ -289,7 +289,7 @@ def test_warnings_are_those_of_what_changed(case):
     assert first[0].filename == __file__
     with warnings.catch_warnings(record=True) as more:
         warnings.simplefilter("always")
-        session.change(line=[{"name": "far", "x": [0.0, 9.0], "y": [0.0, 0.0]}])
+        session.change(line=[{"name": "far", "x": [590000.0, 590009.0], "y": [5e6, 5e6]}])
     assert ["'far'" in str(one.message) for one in more] == [True]
     assert more[0].filename == __file__ and len(session.warnings) == 2
     session.change(boulder={"density": 2700.0}, line=[])

@@ -30,8 +30,12 @@ _NEAR = 1e-3  # difference of equal coordinates [m]
 
 def crs_name(crs: CRS) -> str:
     """Short name: EPSG:25832, the title of a system without a number, or its projection."""
-    code = crs.to_epsg()
-    return f"EPSG:{code}" if code else _title(_pyproj(crs))
+    return _short_name(_pyproj(crs))
+
+
+def _short_name(system: pyproj.CRS) -> str:
+    code = system.to_epsg()
+    return f"EPSG:{code}" if code else _title(system)
 
 
 def _title(system: pyproj.CRS) -> str:
@@ -251,7 +255,7 @@ def _check_kind(path: str, system: pyproj.CRS) -> None:
     """Refuse systems without plan coordinates, and depths."""
     if system.is_geocentric:
         raise RockfallError(
-            f"{path}: coordinates are geocentric ({_title(system)}), from the centre of the Earth: "
+            f"{path}: coordinates are geocentric ({_short_name(system)}), from the centre of the Earth: "
             "a projected CRS in metres is needed"
         )
     if system.is_vertical and not system.is_compound:

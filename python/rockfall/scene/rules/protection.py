@@ -20,7 +20,6 @@ DAM = 30.0  # [m] rockfall dams are up to about 25 m high
 FLAT = 15.0  # [degree] no dam face is flatter; a height-to-width ratio is a small number
 LOG = 120.0  # [cm] thicker logs are not felled across a slope
 CREST = 20.0  # [m] of crest_width
-OBJECT = 100.0  # [m] of object_width
 CLIFF = 10.0  # [m] of cliff_length
 APART = 1000.0  # ratio of one frequency to the next smaller
 SHIFT = 100.0  # [m] of source_shift
@@ -77,9 +76,6 @@ def _hazard(scene: Scene) -> Iterator[InputWarning]:
         yield InputWarning("&hazard thresholds", say("input.threshold", largest=largest))
     if (shortest := min(hazard["return_periods"])) < PERIOD:
         yield InputWarning("&hazard return_periods", say("input.return_period", shortest=shortest))
-    if (width := hazard["object_width"]) > OBJECT:
-        text = say("input.far", most=OBJECT)
-        yield InputWarning(f"&hazard object_width = {width:g} m", text)
     area, cell = hazard["minimum_area"], scene.grid.cell
     if 0 < area < cell * cell:
         text = say("input.minimum_area", cell=cell * cell)
