@@ -255,8 +255,8 @@ def _check_kind(path: str, system: pyproj.CRS) -> None:
     """Refuse systems without plan coordinates, and depths."""
     if system.is_geocentric:
         raise RockfallError(
-            f"{path}: coordinates are geocentric ({_short_name(system)}), from the centre of the Earth: "
-            "a projected CRS in metres is needed"
+            f"{path}: coordinates are geocentric ({_short_name(system)}), from the centre of the "
+            "Earth: a projected CRS in metres is needed"
         )
     if system.is_vertical and not system.is_compound:
         raise RockfallError(
