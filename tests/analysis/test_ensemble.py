@@ -531,7 +531,6 @@ HOSTILE = {
     "dem_error = -1.0": r"&ensemble dem_error = -1.0: must be 0 to 20 \[m\]",
     "dem_error = 1.0": r"&ensemble dem_correlation is missing: needed for dem_error",
     "dem_error = 1.0, dem_correlation = 1e4": r"&ensemble dem_correlation = 10000: .* 150 m.*",
-    "source_shift = 1e9": r"&ensemble source_shift = 1e\+09: none of 1000 shifts .*",
     "source_shift = 1.0, runs = 7": r"&ensemble runs = 7: must be 8 to 65536",
     "runs = 8": r"&ensemble: nothing is uncertain: give .*",
 }
@@ -563,6 +562,14 @@ def place(tmp_path, monkeypatch):
 def test_bad_input_is_one_line_and_nothing_is_written(place, capfd, text):
     place(text)
     refuses(["ensemble", "case.nml"], f"case.nml: {HOSTILE[text]}", capfd)
+
+
+def test_shifts_off_the_terrain_are_questioned_and_refused(place, capfd):
+    place("source_shift = 1e9")
+    assert main(["ensemble", "case.nml"]) == 2
+    question, refusal = capfd.readouterr().err.splitlines()
+    assert question.endswith("more than 100 m: was it meant in cm?")
+    assert refusal.startswith("rockfall: case.nml: &ensemble source_shift = 1e+09: none of 1000 ")
 
 
 @pytest.mark.parametrize(

@@ -185,7 +185,7 @@ def test_widths_that_cannot_be_are_refused(tmp_path, width):
     case = make_case(tmp_path, output={}, scenario=[{"name": "one", "frequency": 0.5}])
     shapes = [shapely.Point(150.0, 250.0)]
     layer = make_layer(tmp_path / "objects.gpkg", shapes, "EPSG:32632", width=[width])
-    with refused(f"{layer}: feature 1: width = {width}: must be 0 to 1000"):
+    with refused(f"{layer}: feature 1: width = {width}: must be 0 to 100"):
         hazard(case, layer)
 
 

@@ -121,7 +121,7 @@ def test_frames_are_layers_too(tmp_path, layers):
     assert found.object_layer.values.tolist() == ["objects[0]", "objects[0]", "objects[1]"]
     assert (found.object_passages.values == of_files.object_passages.values).all()
     frames[1]["width"] = -1.0
-    with refused("objects[1] = (GeoDataFrame): feature 1: width = -1.0: must be 0 to 1000"):
+    with refused("objects[1] = (GeoDataFrame): feature 1: width = -1.0: must be 0 to 100"):
         hazard(tmp_path, frames)
     with refused("a GeoDataFrame: is given twice as a layer of objects"):
         hazard(tmp_path, [frames[0], frames[0]])
@@ -159,7 +159,7 @@ def test_attributes_that_are_not_used_are_listed(tmp_path, given, listed):
 
 
 @pytest.mark.parametrize("given, question", [
-    ({"width": 250.0}, "width = 250, as in 1 of 1 features: was it meant in cm?"),
+    ({"width": 90.0}, "width = 90, as in 1 of 1 features: was it meant in cm?"),
     ({"aadt": 292_000.0}, "aadt = 292000, as in 1 of 1 features: vehicles a day: were they meant"),
     ({"speed": 22.0}, "speed = 22, as in 1 of 1 features: was it meant in m/s?"),
     ({"vehicle_length": 540.0}, "vehicle_length = 540, as in 1 of 1 features: was it meant in cm?"),

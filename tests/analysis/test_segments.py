@@ -359,7 +359,7 @@ def test_frames_are_roads_too(tmp_path):
     of_frame = hazard(case, make_frame([ROAD], CRS, width=[WIDTH]))
     of_file = hazard(case, make_roads(tmp_path, ROAD))
     assert (of_frame.segment_passages.values == of_file.segment_passages.values).all()
-    with refused("segments = (GeoDataFrame): feature 1: width = -1.0: must be 0 to 1000"):
+    with refused("segments = (GeoDataFrame): feature 1: width = -1.0: must be 0 to 100"):
         hazard(case, make_frame([ROAD], CRS, width=[-1.0]))
 
 

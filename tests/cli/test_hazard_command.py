@@ -231,7 +231,7 @@ def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case):
 
 def test_an_object_beyond_the_elevations_is_said(hazard_case, capsys):
     """And one of several layers can be named; a point on the edge is in the last cell."""
-    beyond = shapely.LineString([(599000, 4999905), (600020, 4999910)])
+    beyond = shapely.LineString([(599800, 4999905), (600020, 4999910)])
     bounds = rasterio.open("dem.tif").bounds
     corner = shapely.Point(bounds.right, bounds.bottom)
     make_layer(

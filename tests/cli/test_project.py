@@ -118,7 +118,7 @@ def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, blank_figures, roc
     assert f"{100 * fraction:#.4g} % ({100 * low:#.4g} to {100 * high:#.4g} %)" in lines
     page = Path("case.html").read_text()
     assert f"L 214: {row['n']:,.0f} boulders cross it" in page
-    assert f"({100 * low:#.3g} to {100 * high:#.3g})" in page
+    assert f"({100 * low:#.3g}–{100 * high:#.3g})" in page
     assert re.search(r"speed at L 214 +8 ", sought)
     assert str(Path("case_back/posterior.csv")) in sought
     sizes = re.search(r"from each of (\d+) sources:\s+(?:\d+ +){4}(\d+)\n", converged)

@@ -279,14 +279,6 @@ def lowest(z, cell, gravity, start, velocity, time):
     return np.nanmin(np.concatenate([above.min(axis=1), bottom]))
 
 
-def rolls(way, gravity):
-    """Which legs of a trajectory are rolls: they end without a rebound, and are straight at their
-    mean speed, where a flight falls by g t**2/2 from its tangent."""
-    time = np.diff(way["time"])
-    sag = np.abs(np.diff(way["z"]) - way["velocity_z"][:-1] * time)
-    return (way["ratio"][1:] == 0) & (sag < 0.25 * gravity * time**2)
-
-
 def size_of(scene, way):
     """The size of the numbers that make the heights of a way, for what rounding may do."""
     z = scene.z[~np.isnan(scene.z)].astype("f8")
@@ -307,7 +299,7 @@ def test_never_below_the_ground(folder, scene):
         places = np.stack([way[axis] for axis in "xyz"], axis=1)
         velocities = np.stack([way[f"velocity_{axis}"] for axis in "xyz"], axis=1)
         allowed = ROUNDING * size_of(scene, way)
-        rolled = rolls(way, gravity)
+        rolled = way["leg"][:-1] != variables.LEG["flight"]
         for k, time in enumerate(np.diff(way["time"])):
             if rolled[k]:
                 continue
@@ -342,7 +334,7 @@ def test_no_rebound_and_no_flight_gains_energy(folder, scene):
         assert (way["in_t"][hit] >= 0).all() and (way["in_n"][hit] <= 0).all()
         assert (way["out_n"][hit] >= 0).all() and (way["out_n"][hit & (way["in_n"] < 0)] > 0).all()
         kept = way["out_t"][hit] ** 2 + way["out_n"][hit] ** 2
-        rolled = rolls(way, gravity)
+        rolled = way["leg"][:-1] != variables.LEG["flight"]
         flies, rolling = ~np.append(rolled, False), np.append(False, rolled)
         assert flown[hit & flies] == pytest.approx(kept[flies[hit]], rel=1e-12)
         fallen = -np.diff(way["z"])
@@ -512,7 +504,11 @@ def in_files(scene, folder):
 #: Maps of all the terrain: how far boulders may come is rounded up, another way at another scale.
 #: Thresholds [kJ] so low that they stay within their range however they are scaled.
 THRESHOLDS = [0.003, 0.03]
-WHOLE = {"output": {"map_extent": "terrain"}, "hazard": {"thresholds": THRESHOLDS}}
+WIDTH = 5.0
+WHOLE = {
+    "output": {"map_extent": "terrain"},
+    "hazard": {"thresholds": THRESHOLDS, "object_width": WIDTH},
+}
 
 
 @looks(15)
@@ -539,7 +535,7 @@ def test_a_larger_scene_has_the_same_boulders_larger(folder, scene, factor):
         values = {key: times(value, f**power) for key, value in scene.groups[group].items()
                   if key.startswith(lengths) and value is not None}  # fmt: skip
         changes[group] = changes.get(group, {}) | values
-    changes["hazard"] = {"thresholds": times(THRESHOLDS, f**5), "object_width": 10.0 * f}
+    changes["hazard"] = {"thresholds": times(THRESHOLDS, f**5), "object_width": WIDTH * f}
     larger = replace(
         scene, z=times(scene.z, f), cell=scene.cell * f,
         line=[one | {"x": times(one["x"], f), "y": times(one["y"], f)} for one in scene.line],
@@ -561,7 +557,7 @@ def speeds_times(scene, factor, gravity):
         "flight": {"gravity": groups["flight"]["gravity"] * gravity},
         "impact": {"stop_speed": groups["impact"]["stop_speed"] * factor},
         "release": {"velocity": times(groups["release"]["velocity"], factor)},
-        "hazard": {"thresholds": times(THRESHOLDS, factor**2)},
+        "hazard": {"thresholds": times(THRESHOLDS, factor**2), "object_width": WIDTH},
     }
 
 

@@ -213,7 +213,7 @@ MARKED = [
     ("stands", "strip", "dbh_std", [3.0, 2.0, 99.9]),
     ("barriers", "line", "capacity", [500.0, 1000.0, 9999.0]),
     ("barriers", "line", "height", [3.0, 4.0, 99.9]),
-    ("lines", "line", "object_width", [3.0, 4.0, 999.0]),
+    ("lines", "line", "object_width", [3.0, 4.0, 99.9]),
     ("zones", "everywhere", "mean_radius", [0.2, 0.3, 127.0]),
 ]
 ONES = {

@@ -17,7 +17,8 @@ BOULDERS = 60
 
 def make_case(folder, maps, **groups):
     groups["output"] = {"maps": maps} | groups.get("output", {})
-    groups["hazard"] = {"thresholds": THRESHOLDS} | groups.get("hazard", {})
+    if "energy_exceeded" in maps:
+        groups["hazard"] = {"thresholds": THRESHOLDS} | groups.get("hazard", {})
     release = {"x": [120.0, 180.0], "y": [380.0, 385.0]} | groups.pop("release", {})
     case = {"boulders": BOULDERS // 2} | groups.pop("case", {})
     boulder = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.3}

@@ -19,7 +19,7 @@ Columns = dict[str, np.ndarray]
 NAMED = "lethality_curve"  # a text, although it begins like numbers
 FRACTIONS = ("vulnerability", "exposure", "presence", "lethality")  # and names that begin so
 RANGES = {  # of the others: lowest and highest value
-    "width": (0.0, 1000.0),  # as in a case [m]
+    "width": (0.0, 100.0),  # as in a case [m]
     "speed": (1.0, 500.0),  # [km/h]
     "vehicle_length": (0.0, 1000.0),  # [m]
 }
