@@ -235,14 +235,16 @@ def trees(*dbh):
     return change
 
 
+ACROSS = {"x": [EAST + 10.0, EAST + 290.0], "y": [NORTH - 200.0] * 2}
+NET = {"name": "net", **ACROSS, "height": 5.0, "class": 3}
+
+
 def barrier(**keys):
-    across = {"x": [EAST + 10.0, EAST + 290.0], "y": [NORTH - 200.0] * 2}
-    return put_several("barrier", {"name": "net", **across, "height": 5.0, "class": 3} | keys)
+    return put_several("barrier", NET | keys)
 
 
 def dam(**keys):
-    across = {"x": [EAST + 10.0, EAST + 290.0], "y": [NORTH - 200.0] * 2}
-    return put_several("dam", across | keys)
+    return put_several("dam", ACROSS | keys)
 
 
 def put_several(group, *members):
@@ -355,6 +357,22 @@ MISTAKES = {
     "net in dm": (barrier(height=50.0), "height = 50 m: nets are up to 10 m high; was it meant i"),
     "capacity in J": (barrier(capacity=50_000.0, **{"class": None}),
         "capacity = 50,000 kJ: the strongest nets take 10,000 kJ; was it meant in J?"),
+    "capacity in MJ": (barrier(capacity=1.5, **{"class": None}),
+        "name = 'net': capacity = 1.5 kJ: the weakest nets take 100 kJ; was it meant in MJ?"),
+    "barrier given twice": (put_several("barrier", NET, NET | {"name": "net 2"}),
+        "name = 'net 2': lies where 'net' lies: boulders meet both, and fewer pass"),
+    "barrier given twice, in the other direction": (
+        put_several("barrier", NET, NET | {"name": "net 2", "x": NET["x"][::-1], "class": 5}),
+        "name = 'net 2': lies where 'net' lies"),
+    "scenario given twice": (
+        put_several("scenario", *({"name": name, "frequency": 0.1} for name in ("a", "b"))),
+        "name = 'b': has the boulders and the frequency of 'a': they count twice"),
+    "lognormal in percent": (put("boulder", volume="lognormal", volume_mean=0.8, volume_std=20.0),
+        "&boulder volume_std = 20 m3: 25 times volume_mean, .* was it meant in percent?"),
+    "stems in another unit": (forest(30.0, stem_height=0.25),
+        "&forest stem_height = 0.25 m: boulders bounce over stems as low as this"),
+    "thresholds in MJ": (hazard(thresholds=[0.03, 0.3]),
+        "&hazard thresholds: the highest threshold is 0.3 kJ, .* was it meant in MJ?"),
     "coarse dam": (dam(height=30.0, slope=60.0),
         "&dam 1, height = 30, slope = 60: its face is 1. m wide, 2.. cells of 5 m: on fewer than"),
     "high dam": (dam(height=99.0, slope=60.0), "dams against rockfall are up to 30 m high: was i"),
@@ -520,6 +538,23 @@ def test_rocks_of_all_sizes_that_slopes_have(site):
 def test_a_local_system_in_metres(site):
     site.dem(site.z, crs=CRS.from_wkt('LOCAL_CS["quarry",UNIT["metre",1]]'))
     site.uniform()
+    assert lines(site) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        barrier(capacity=5.0, **{"class": None}),
+        put_several("barrier", NET, NET | {"name": "on a wall", "height": 2.0}),
+        put_several("barrier", NET, NET | {"name": "below", "y": [NORTH - 201.0] * 2}),
+        hazard(thresholds=[0.1, 5.0]),
+        put_several("scenario", {"name": "a", "frequency": 0.1}, {"name": "b", "frequency": 0.2}),
+        put("boulder", volume="lognormal", volume_mean=0.8, volume_std=4.0),
+        forest(30.0, stem_height=2.0),
+    ],
+)
+def test_what_is_unusual_but_may_be_meant(site, change):
+    change(site)
     assert lines(site) == []
 
 

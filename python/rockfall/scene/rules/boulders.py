@@ -33,6 +33,7 @@ EXPONENT = 1.0  # surveys have 0.4 to 0.9, their densities 1.4 to 1.9
 STOP = 5.0  # [m/s] of stop_speed: such a boulder moves on
 FLATTEST, STEEPEST = 2.0, 90.0  # [degree] of rest_angle; 2 rad are 115 degrees
 SPREAD = 2.0  # standard deviation over mean beyond which a percentage was probably given
+WIDEST = 5.0  # standard deviation over mean; above it a normal distribution is refused
 RADIUS = 3.0  # [m] mean radius of the rocks on a slope
 DBH = (4.0, 150.0)  # [cm] mean diameters of stands
 SAPLING = 1.5  # [cm] thinner stems are not surveyed; in metres no stem is thicker
@@ -41,6 +42,7 @@ THICK = 250.0  # [cm] thicker stems are of sequoias
 BASAL = 150.0  # [m2/ha] no forest of Europe has a larger basal area
 CLEAR = 100.0  # [m] of clear_of_sources
 TALL = 60.0  # [m] of stem_height
+LOW = 2.0  # [m] of stem_height: as low as boulders bounce; thickets are higher
 DENSE = 20_000.0  # stems per hectare: thickets
 ORDERED = 0.9  # fraction of places: in published zone tables half are not in the usual order
 SMOOTH_REST = 27.0  # [degree] ground without rocks may hold no boulder above (theory, chapter 8)
@@ -202,12 +204,16 @@ def _stops(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
-    """Normal distributions whose mean changes when they are truncated at zero; of features, the one
-    with the largest relative spread."""
+    """Normal distributions whose mean changes when they are truncated at zero, and lognormal ones
+    as wide as normal ones may not be; of features, the one with the largest relative spread."""
     widest_of: dict[str, tuple[float, str, float, float]] = {}
     for group, where, keys in _distributions(scene):
         mean, std = keys.get("volume_mean"), keys.get("volume_std")
-        if keys.get("volume") == "normal" and mean and std:
+        law = keys.get("volume")
+        if law == "lognormal" and mean and std and std > WIDEST * mean:
+            text = say("input.wide_lognormal", ratio=std / mean)
+            yield InputWarning(f"{where} volume_std = {std:g} m3", text)
+        if law == "normal" and mean and std:
             widest = std / mean, where, mean, std
             widest_of[group] = max(widest_of.get(group, widest), widest)
     for ratio, where, mean, std in widest_of.values():
@@ -315,3 +321,5 @@ def _forest(scene: Scene) -> Iterator[InputWarning]:
     for key, most in ("clear_of_sources", CLEAR), ("stem_height", TALL):
         if (value := scene.case.forest.get(key, 0.0)) > most:
             yield InputWarning(f"&forest {key} = {value:g} m", say("input.far", most=most))
+    if (height := scene.case.forest.get("stem_height", LOW)) < LOW:
+        yield InputWarning(f"&forest stem_height = {height:g} m", say("input.low_stems"))

@@ -5,8 +5,9 @@ keys."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 from rockfall.io.input_warnings import InputWarning
 from rockfall.language import say
@@ -16,6 +17,7 @@ from rockfall.terrain.dams import FINE, DamShape, finer
 
 NET = 15.0  # [m] nets are up to 10 m high, walls hardly higher
 CAPACITY = 20_000.0  # [kJ] twice the capacity of the strongest tested nets
+WEAK = 5.0  # [kJ] of a capacity, or the highest threshold: a stone has more; nets in MJ have less
 DAM = 30.0  # [m] rockfall dams are up to about 25 m high
 FLAT = 15.0  # [degree] no dam face is flatter; a height-to-width ratio is a small number
 LOG = 120.0  # [cm] thicker logs are not felled across a slope
@@ -45,9 +47,34 @@ def _barriers(scene: Scene) -> Iterator[InputWarning]:
             yield InputWarning(where, say("input.net_height", height=barrier["height"]))
         if barrier.get("capacity", 0.0) > CAPACITY:
             yield InputWarning(where, say("input.net_capacity", capacity=barrier["capacity"]))
+        if barrier.get("capacity", WEAK) < WEAK:
+            yield InputWarning(where, say("input.weak_net", capacity=barrier["capacity"]))
         if barrier.get("diameter", 0.0) > LOG:
             text = say("input.log_diameter", diameter=barrier["diameter"])
             yield InputWarning(where, text)
+    for first, other in _twins(scene.case.barrier, _place):
+        yield InputWarning(f"&barrier name = '{other}'", say("input.barrier_again", name=first))
+
+
+def _twins(
+    members: Sequence[Mapping[str, Any]], key: Callable[[Mapping[str, Any]], Hashable]
+) -> Iterator[tuple[str, str]]:
+    """Names of members with one key: of the first of them, and of each that repeats it."""
+    first: dict[Hashable, str] = {}
+    for member in members:
+        name = first.setdefault(key(member), member["name"])
+        if name != member["name"]:
+            yield name, member["name"]
+
+
+def _place(barrier: Mapping[str, Any]) -> Hashable:
+    """Vertices in either direction, and height: a net may stand on the line of a lower wall."""
+    vertices = tuple(zip(barrier["x"], barrier["y"], strict=True))
+    return min(vertices, vertices[::-1]), barrier.get("height")
+
+
+def _boulders(scenario: Mapping[str, Any]) -> Hashable:
+    return tuple(sorted((key, repr(value)) for key, value in scenario.items() if key != "name"))
 
 
 def dam_rules(dams: Iterable[DamShape], cell: float) -> Iterator[InputWarning]:
@@ -74,6 +101,8 @@ def _hazard(scene: Scene) -> Iterator[InputWarning]:
     hazard = scene.case.hazard
     if (largest := max(hazard["thresholds"])) > THRESHOLD:
         yield InputWarning("&hazard thresholds", say("input.threshold", largest=largest))
+    if largest < WEAK:
+        yield InputWarning("&hazard thresholds", say("input.low_threshold", largest=largest))
     if (shortest := min(hazard["return_periods"])) < PERIOD:
         yield InputWarning("&hazard return_periods", say("input.return_period", shortest=shortest))
     area, cell = hazard["minimum_area"], scene.grid.cell
@@ -93,6 +122,9 @@ def _scenarios(scene: Scene) -> Iterator[InputWarning]:
                 f"frequency_per = '{scenario['frequency_per']}'",
                 say(other, frequency=frequency),
             )
+    for first, again in _twins(scene.case.scenario, _boulders):
+        where = f"&scenario name = '{again}'"
+        yield InputWarning(where, say("input.scenario_again", name=first))
 
 
 def _unequal(scene: Scene) -> Iterator[InputWarning]:
