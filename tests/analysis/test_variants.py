@@ -18,7 +18,7 @@ from rockfall.analysis.variants import (
 )
 from rockfall.cli import main
 from rockfall.quantities import number
-from rockfall.text.variants import rows_of, value_text, variants_text
+from rockfall.text.variants import comparison_notes, rows_of, value_text, variants_text
 from scenes import case_in, grid, place, rough
 
 Z = rough()
@@ -176,6 +176,18 @@ def test_the_command(variants, tmp_path, capsys):
     assert table.read_text() == (folder / "differences.csv").read_text()
     with rasterio.open(folder / "net_passing.tif") as file:
         assert file.read(1).min() < 0
+
+
+def test_a_line_in_two_places_is_told(variants, tmp_path):
+    """The same boulders, counted farther up: the difference is not that of a protection."""
+    case = bare(tmp_path)
+    (line,) = case.line
+    higher = run(case.replace(line=[line | {"y": [y + 60.0 for y in line["y"]]}]))
+    assert not [note for note in comparison_notes(variants) if "elsewhere" in note]
+    told = list(comparison_notes(variants | {"higher": higher}))
+    assert told[1:] == [
+        f"{line['name']} lies elsewhere in higher than in bare: its difference is of two places."
+    ]
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from rockfall.analysis.hazard.files import DRAWINGS, export_hazard, is_hazard
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
 from rockfall.analysis.variants import compare_variants, difference_maps, write_variants
-from rockfall.case import case_of
 from rockfall.case_files import files_behind
 from rockfall.cli.given import given_options
 from rockfall.cli.messages import DONE, warnings_told
@@ -28,11 +27,10 @@ from rockfall.products import Added, export_with, figures, report, report_varian
 from rockfall.result.dataset import read_result
 from rockfall.result.export import Chosen, export
 from rockfall.result.same_case import common_lines
-from rockfall.result.samples import kept_note
 from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_details import print_groups, print_profile
 from rockfall.text.line_tables import print_lines
-from rockfall.text.variants import population_notes, variants_text
+from rockfall.text.variants import comparison_notes, variants_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -148,9 +146,7 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
         check_output(arguments.report, inputs)
         with warnings_told():
             report_variants(variants, arguments.report, costs=costs, **named)
-    first = next(iter(variants.values()))
-    notes = [*population_notes(case_of(first)), *filter(None, [kept_note(first)])]
-    print(variants_text(table, "\n".join(notes)))
+    print(variants_text(table, "\n".join(comparison_notes(variants))))
     return DONE
 
 

@@ -16,7 +16,7 @@ from rockfall.analysis.variants import (
     on_same_cells,
     write_variants,
 )
-from rockfall.case import Case, case_of, read_case
+from rockfall.case import Case, read_case
 from rockfall.case_files import input_files
 from rockfall.case_variants import variants
 from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
@@ -31,10 +31,9 @@ from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.language import catalogue
 from rockfall.products import report_variants
 from rockfall.result.dataset import write_result
-from rockfall.result.samples import kept_note
 from rockfall.simulation.lock import locked
 from rockfall.simulation.simulate import Interrupted
-from rockfall.text.variants import population_notes, variants_text
+from rockfall.text.variants import comparison_notes, variants_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,9 +68,7 @@ def variants_command(arguments: argparse.Namespace) -> int:
         for checkpoint in checkpoints:
             checkpoint.remove()
     if not arguments.quiet:
-        first = next(iter(results.values()))
-        notes = [*population_notes(case_of(first)), *filter(None, [kept_note(first)])]
-        print(variants_text(compare_variants(results), "\n".join(notes)))
+        print(variants_text(compare_variants(results), "\n".join(comparison_notes(results))))
         print(*paths, sep="\n")
     return DONE
 

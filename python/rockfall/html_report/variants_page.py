@@ -27,8 +27,8 @@ from rockfall.html_report.validity import warnings
 from rockfall.language import Number, Text, localised, say, speaking
 from rockfall.plots.difference_figures import difference_figure
 from rockfall.quantities import QUANTITIES
-from rockfall.result.samples import kept_note, simulated
-from rockfall.text.variants import population_notes, signed, value_text
+from rockfall.result.samples import simulated
+from rockfall.text.variants import comparison_notes, signed, value_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -123,8 +123,7 @@ def _page(
         notes=[
             say("variants.note"),
             say("variants.same_boulders", n=simulated(first)),
-            *population_notes(case_of(first)),
-            *filter(None, [kept_note(first)]),
+            *comparison_notes(results),
         ],
         measures=[_measures(results, given)],
         figures=[

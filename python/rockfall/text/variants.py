@@ -3,17 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from rockfall.analysis.lines.values import line_names
 from rockfall.analysis.variants import UNDECIDED
-from rockfall.case import Case, keys_of, namelist_value
+from rockfall.case import Case, case_of, keys_of, namelist_value
 from rockfall.language import Text, say
 from rockfall.quantities import QUANTITIES, Quantity, number, with_unit
+from rockfall.result.samples import kept_note
 from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 STATISTICS = {"mean": "mean", "q95": "95 %"}
 OF_VOLUMES = (  # keys of &boulder, without the list of volumes, which may be long
@@ -33,7 +38,24 @@ def variants_text(table: pd.DataFrame, note: str = "") -> str:
     return "\n\n".join([*blocks, NOTE, *([note] if note else [])])
 
 
-def population_notes(case: Case) -> Iterator[Text]:
+def comparison_notes(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
+    """Notes on the boulders that numbers of variants are of, and on lines of one name in two
+    places."""
+    first = next(iter(results.values()))
+    yield from _population_notes(case_of(first))
+    if note := kept_note(first):
+        yield note
+    places: dict[str, tuple[str, np.ndarray]] = {}
+    for name, result in results.items():
+        for k, line in enumerate(line_names(result)):
+            here = np.array([result[f"line_vertex_{axis}"].values for axis in "xy"])
+            here = here[:, result["line_vertex_line"].values == k]
+            before, place = places.setdefault(line, (name, here))
+            if not np.array_equal(here, place):
+                yield say("variants.moved_line", line=line, name=name, before=before)
+
+
+def _population_notes(case: Case) -> Iterator[Text]:
     """The boulders that numbers of the case are of, and others that its hazard has."""
     given = {key: case.boulder[key] for key in keys_of("boulder") if key in case.boulder}
     volumes = [
