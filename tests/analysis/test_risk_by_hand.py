@@ -2,6 +2,8 @@
 """Risk of objects: damage and deaths a year are what a hand calculation over the boulders of a run
 gives; limits enclose them; sums know that boulders are shared; nothing is silently left out."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -242,6 +244,30 @@ def test_layers_without_exposure_are_as_before(found):
     risk = found(HOUSE, vulnerability=[0.5], value=[3.0], kind=["building block"])
     assert not {name for name in risk.data_vars if "collective" in name or "damage" in name}
     assert "risk_assumptions" not in risk.attrs
+
+
+def test_capitals_make_no_other_kind(found):
+    small, large = (found(HOUSE, value=[8e5], kind=[kind]) for kind in ("building", " Building"))
+    assert small.object_damage.item() == large.object_damage.item() > 0
+
+
+@pytest.mark.parametrize(
+    ("objects", "columns", "line"),
+    [
+        ([HOUSE], {"value": [8e5], "kind": ["Haus"]}, "value has no effect: give vulnerability, a"),
+        ([HOUSE], {"value": [8e5], "vulnerability": [0.5]}, None),
+        ([HOUSE, HOUSE], {"value": [8e5, 8e5], "vulnerability": [0.5, 0.5]},
+         "o1 repeats o0 (in all 1 repeated): each is hit, and their risks add up"),
+        ([HOUSE, HOUSE], {"persons": [2.0, 3.0]}, None),  # flats
+    ],
+)  # fmt: skip
+def test_values_without_effect_and_objects_that_count_twice_are_told(found, objects, columns, line):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        found(*objects, **columns)
+    told = [str(warning.message) for warning in caught if "objects.gpkg" in str(warning.message)]
+    assert len(told) == (line is not None)
+    assert line is None or line in told[0]
 
 
 TRAFFIC = {"aadt": [100.0], "speed": [50.0], "persons_per_vehicle": [1.5]}

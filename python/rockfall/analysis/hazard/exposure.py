@@ -78,7 +78,7 @@ def read_exposure(
     """Exposure of the objects of a layer, empty if it does not say who or what is exposed. Of those
     `without_energy` only counts above the thresholds [J] are known."""
     kinds = layer.texts("kind")
-    buildings = layer.has("value") and "building" in kinds
+    buildings = layer.has("value") and any(map(_is_building, kinds))
     if not buildings and not any(layer.has(name) for name in ("persons", "aadt", "curve")):
         return Exposure()
     points = {*without_energy}
@@ -96,6 +96,10 @@ def read_exposure(
             f"of the upper end of its intensity (errs high): {_listed(names, exposed)}"
         )
     return Exposure(kinds, harms, [*notes, *ALWAYS])
+
+
+def _is_building(kind: str) -> bool:
+    return kind.casefold() == "building"
 
 
 def joined(parts: Sequence[tuple[Exposure, int]]) -> Exposure:
@@ -125,7 +129,7 @@ def _damage(
     for k, (kind, curve) in enumerate(zip(kinds, named, strict=True)):
         if curve is None and len(steps):
             curve = stepped(thresholds, steps[k])
-        elif curve is None and kind == "building":
+        elif curve is None and _is_building(kind):
             curve = BUILDING
         harms.append(None if curve is None else Harm(float(worth[k]), curve))
     unknown = [k for k, harm in enumerate(harms) if harm is None and worth[k] > 0]

@@ -8,7 +8,7 @@ width of their own. The others are taken to be as wide as the objects of the map
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,6 +24,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
 from rockfall.io.unused_attributes import note_marks, note_unused
+from rockfall.language import remark
 from rockfall.result.samples import check_all_rows
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
 
@@ -81,8 +82,26 @@ def read_objects(
         note_unused(remarks, file.path, layer.layer.columns, sorted(used))
         note_marks(remarks, file.path, layer.layer.columns, sorted(used))
         remarks += layer.layer.unit_remarks()
+        remarks += _doubts(objects, layer.layer)
         all_objects.append(objects)
     return _joined(all_objects)
+
+
+def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
+    """Remarks on values that no vulnerability multiplies, and on objects that are in the layer
+    twice: flats of a house may be, so only those with the same attributes, too."""
+    if layer.has("value") and objects.vulnerability is None and not objects.exposed:
+        yield remark(layer.path, "input.value_unused")
+    columns = [column for name, column in layer.columns.items() if name not in {"name", "fid"}]
+    first: dict[Hashable, str] = {}
+    again = [
+        (name, before)
+        for name, shape, *row in zip(objects.names, objects.shapes, *columns, strict=True)
+        if (before := first.setdefault((shape.wkb, *map(str, row)), name)) is not name
+    ]
+    if again:
+        (name, before), *_ = again
+        yield remark(layer.path, "input.object_again", n=len(again), name=name, before=before)
 
 
 class _Read(NamedTuple):
