@@ -288,6 +288,8 @@ MISTAKES = {
     "degrees": (in_degrees, "cells of 0.00006 between x 7.1 and 7.1036, .* look like degrees"),
     "3857": (web_mercator, r"EPSG:3857 draws lengths 2\.00 times as long as they are here"),
     "feet": (in_feet, "half of the terrain is steeper than 69 degrees: are its elevations in metr"),
+    "dm on a gentle slope": (lambda site: site.dem(8e3 + 0.1 * site.z + site.z.max()),
+        "the highest elevation is 9,... m: no land is so high; was it meant in another unit?"),
     "integers": (lambda site: site.dem(np.rint(site.z).astype("i2")), "steps, .* by up to 11 deg"),
     "mask of 1 and 255": (mask(1, 255), "cells = 'cells.tif': 255 in 4,760 cells, which makes"),
     "all cells": (mask(255, 255), "every cell of the terrain is a source: is 255 a nodata value"),

@@ -76,7 +76,9 @@ def made_trees(inputs: Inputs) -> tuple[Planted, Stands | None]:
 
 
 def _treeless(inputs: Inputs) -> RockfallError:
-    return RockfallError(f"{inputs.case.name}: &forest: no tree stands on the terrain")
+    return RockfallError(
+        f"{inputs.case.name}: &forest: no tree stands on the terrain, at these stems a hectare"
+    )
 
 
 def _columns(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[int, np.ndarray]]:

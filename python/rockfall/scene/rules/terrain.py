@@ -54,6 +54,9 @@ def _nodata(scene: Scene) -> Iterator[Text]:
         value, apart = sign * extreme.value, extreme.next - extreme.value
         is_usual = sign > 0 and value in USUAL and extreme.count < MOST * ground.n_known
         gap = USUAL_GAP if is_usual else GAP
+        if sign < 0 and extreme.value <= limit and apart <= gap:
+            yield say("input.too_high", highest=value)
+            continue
         if extreme.value <= limit or (extreme.count > 1 and gap < apart < math.inf):
             key = "input.elevation_everywhere" if math.isinf(apart) else key
             yield say(key, value=value, n=extreme.count, apart=apart)
