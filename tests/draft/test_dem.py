@@ -168,6 +168,21 @@ def test_dams_and_cuts_of_layers_in_the_order_given(tmp_path):
         assert file.nodata == -32768
 
 
+@pytest.mark.parametrize(
+    ("keys", "metres"),
+    [({"depth": [300.0]}, 300), ({"level": [3.0]}, 97), ({"depth": [3.0]}, None)],
+)
+def test_a_cut_in_another_unit_is_told(tmp_path, capsys, keys, metres):
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    make_raster(tmp_path / "dem.tif", np.full((40, 40), 100.0, "f4"))
+    make_layer(tmp_path / "cut.gpkg", [shapely.box(W + 20, N - 40, W + 40, N - 20)], **keys)
+    edits = ["-o", str(tmp_path / "out.tif"), "--cut", str(tmp_path / "cut.gpkg")]
+    assert main(["dem", str(tmp_path / "dem.tif"), *edits]) == 0
+    told = [line for line in capsys.readouterr().err.splitlines() if "lowers the terrain" in line]
+    assert len(told) == (metres is not None)
+    assert metres is None or f"by up to {metres} m: was depth meant in cm" in told[0]
+
+
 # ---- refusals
 
 POINTS = "x,y,z\n0,0,1\n10,5,2\n3,9,4\n"

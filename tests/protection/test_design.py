@@ -114,6 +114,14 @@ def test_the_free_border_is_half_a_metre_of_small_blocks():
     assert row["m_d"] == pytest.approx(265.2)
 
 
+@pytest.mark.parametrize(("volume", "is_far"), [(500.0, True), (0.001, True), (2.0, False)])
+def test_a_design_block_far_from_the_boulders_is_told(result, volume, is_far):
+    told = [text for text in rockfall.design(result, volume=volume).warnings if "block" in text]
+    assert len(told) == is_far
+    assert not is_far or told[0].startswith(f"the design block of {volume:g} m3 is far from the ")
+    assert not [text for text in rockfall.design(result).warnings if "design block" in text]
+
+
 def test_classes_are_those_of_the_kernel():
     energies = [100, 250, 500, 1000, 1500, 2000, 3000, 4500]
     assert [energy / 1000 for energy in EAD_ENERGY] == energies

@@ -35,6 +35,8 @@ from rockfall.terrain.regular_points import MAX_CELLS, Nodes, regular_nodes, res
 from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_pits
 from rockfall.version import __version__
 
+DEEP = 30.0  # [m] of a cut: ditches above dams are a few metres deep
+
 MAX_LEFT_OUT = 1_000_000  # points of which the leave-one-out error is taken, at most about
 FAR = 3.0  # point spacings beyond which elevations are unknown
 NICE = (1.0, 2.0, 5.0, 10.0)  # leading digits of cell sides
@@ -316,6 +318,8 @@ def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
         z = lowered(z, dem.grid, shape, depth, level)
     if np.array_equal(z, dem.z, equal_nan=True):
         raise RockfallError(f"{path}: lowers no cell of the terrain")
+    if (depth := float(np.nanmax(dem.z - z))) > DEEP:
+        remarks.append(remark(path, "input.deep_cut", depth=depth))
     return z
 
 

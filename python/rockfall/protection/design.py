@@ -20,7 +20,7 @@ from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.analysis.return_levels import LEVELS, tail
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
-from rockfall.language import word
+from rockfall.language import say, word
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.crossings import Crossings, crossings
 from rockfall.protection.demand import ENDS, demand, usable
@@ -42,6 +42,7 @@ DESIGN = ("v_d", "E_d", "h_d", "normal_h_d", "height_needed", "normal_height_nee
 _WITH_LIMITS = [name + end for name in DESIGN for end in ENDS]
 _LOADS = ["line", "n", "quantity", *with_limits("q95"), *with_limits("q99")]
 _LOADS += [name for N in LEVELS for name in with_limits(f"level_{N}")]
+FAR = 10.0  # ratio of the volume of a design block to that of boulders
 _DEMAND = ["n", "volume", "m_d", *_WITH_LIMITS, "f_min", *with_limits("ead_class"), "unconfirmed"]
 _CHECKS = [
     "line", "n", "height", "capacity", "height_needed", "height_holds", "height_certain", "E_d",
@@ -132,9 +133,16 @@ def design(
         checks=_table(barriers, _CHECKS),
         choices=_table(chosen, _CHOICES),
         along=parts,
-        warnings=tuple(model_warnings(result, case)),
+        warnings=(*model_warnings(result, case), *_block_remarks(result, volume)),
         kept=kept_note(result),
     )
+
+
+def _block_remarks(result: xr.Dataset, volume: float | None) -> Iterator[str]:
+    """Remark on a design block that is far from the boulders whose speeds it gets."""
+    low, high = float(result["volume"].min()), float(result["volume"].max())
+    if volume is not None and not low / FAR <= volume <= high * FAR:
+        yield say("design.far_block", volume=volume, low=low, high=high)
 
 
 def unconfirmed_of(result: xr.Dataset, case: Case, factors: Factors) -> str:
