@@ -58,6 +58,25 @@ def test_a_stand_that_covers_the_terrain_has_the_trees_of_rasters(tmp_path, spre
     assert mapped.stands[0].stems == mapped.trees.x.size
 
 
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        ({"stems": [500.0, 0.04]}, "stems = 0.04 in stand 2 is far below the other stands (such "),
+        ({"dbh_mean": [0.3, 30.0]}, "dbh_mean = 0.3 in stand 1 is far below the other stands"),
+        ({"conifers": [70.0, 0.7]}, "conifers = 0.7 in stand 2 is far below the other stands"),
+        ({"conifers": [70.0, 0.0]}, None),
+        ({"stems": [500.0, 0.0]}, None),
+        ({"dbh_mean": [30.0, 5.0]}, None),
+    ],
+)
+def test_a_stand_in_another_unit_than_the_others_is_told(tmp_path, columns, told):
+    west, east = shapely.box(10, 10, 140, 390), shapely.box(150, 10, 290, 390)
+    scene = stands_of(tmp_path, [west, east], **columns_of(2, **columns))
+    remarks = [line for line in scene.remarks if "another unit" in line]
+    assert len(remarks) == (told is not None)
+    assert told is None or told in remarks[0]
+
+
 @pytest.mark.parametrize("spread", ["random", "even"])
 def test_stems_are_as_many_as_the_area_says_in_cells_cut_by_an_edge_too(tmp_path, spread):
     """Three stands next to each other with slanting edges, over many seeds: expected numbers in all

@@ -11,6 +11,7 @@ polygon, stems are those of a raster with its values.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +36,7 @@ from rockfall.scene.layers import Inputs
 PART = re.compile(r"(?P<name>[^\d%]*[^\d%\s])\s*(?P<percent>\d+(\.\d+)?)?\s*%?")
 STAND = "stems", "dbh_mean", "dbh_std", "conifers", "species", "name"  # attributes of a stand
 WHOLE = 1.0  # [%] by which the species of a stand may miss 100 %
+SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # and above 0: in m2, m, of one
 
 
 class Mixture(NamedTuple):
@@ -119,9 +121,27 @@ def read_stands(inputs: Inputs, table: Species) -> Stands | None:
         if numbers is not None:
             values[key] = numbers
     names = [name or str(k) for k, name in enumerate(attributes.texts("name"), start=1)]
+    _note_units(inputs.remarks, path, {"stems": density} | values, with_trees, names)
     parts, order = _areas(inputs, path, shapes), np.argsort(density, kind="stable")
     ranks = touched_cells(parts[order], np.arange(1, order.size + 1), grid)
     return Stands(names, parts, density, values, mixtures, ranks, np.append(0.0, density[order]))
+
+
+def _note_units(
+    remarks: list[str],
+    path: Path,
+    values: Mapping[str, np.ndarray],
+    with_trees: np.ndarray,
+    names: Sequence[str],
+) -> None:
+    """Add a remark on each value that is likely in another unit in some stands; one in all of them
+    is found with the trees."""
+    for key, smallest in SMALLEST.items():
+        own = np.where(with_trees, values.get(key, 0.0), 0.0)
+        odd = np.flatnonzero((own > 0) & (own <= smallest))
+        if 0 < odd.size < np.count_nonzero(own > 0):
+            place = {"n": odd.size, "name": names[odd[0]]}
+            remarks.append(remark(path, "input.stand_unit", key=key, value=own[odd[0]], **place))
 
 
 def _areas(inputs: Inputs, path: Path, shapes: np.ndarray) -> np.ndarray:
