@@ -256,7 +256,7 @@ def heights(z, p, q):
     found = 0.0
     for di, dj, weight in ((0, 0, (1 - u) * (1 - w)), (1, 0, u * (1 - w)),
                            (0, 1, (1 - u) * w), (1, 1, u * w)):  # fmt: skip
-        found = found + np.where(weight == 0, 0.0, weight * south[j + dj, i + di])
+        found = found + np.where(weight < 1e-12, 0.0, weight * south[j + dj, i + di])
     return found
 
 
