@@ -6,8 +6,8 @@ module rockfall_case
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, first_repeated
    use rockfall_namelist, only: namelist_t, group_t
-   use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, refuse_list, &
-                              has_comma, key_location
+   use rockfall_values, only: has_key, value_count, text_of, get_text, get_integer, get_real, get_logical, refuse, &
+                              refuse_list, has_comma, key_location
    use rockfall_case_keys, only: read_keys, map_names, n_maps, text_length, max_name
    use rockfall_case_effects, only: check_effects
    use rockfall_boulder, only: volume_distribution_t, fixed_volume, uniform_volume, distributions
@@ -121,16 +121,6 @@ contains
    end function group_of
 
    ! From here on the kind and range of every value are checked; the rest are rules between keys.
-
-   pure function text_of(group, key) result(value)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: key
-      character(len=:), allocatable :: value  !! "" if absent
-      type(error_t), allocatable :: error
-
-      value = ""
-      call get_text(group, key, value, error)
-   end function text_of
 
    pure integer(i8) function integer_of(group, key) result(value)
       type(group_t), intent(in) :: group

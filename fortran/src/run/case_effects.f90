@@ -5,7 +5,7 @@ module rockfall_case_effects
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
-   use rockfall_values, only: has_key, get_text, get_real, get_logical, refuse
+   use rockfall_values, only: has_key, text_of, get_text, get_real, get_logical, refuse
    use rockfall_case_keys, only: key_table, n_keys, text_length, map_names
    implicit none
    private
@@ -221,14 +221,4 @@ contains
          has_maps = any(index(maps, word) > 0)
       end do
    end function has_maps
-
-   pure function text_of(group, key) result(value)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: key
-      character(len=:), allocatable :: value  !! "" if absent
-      type(error_t), allocatable :: error
-
-      value = ""
-      call get_text(group, key, value, error)
-   end function text_of
 end module rockfall_case_effects

@@ -3,7 +3,7 @@
 !>
 !> Only commas without blanks around them can be meant so. A list without blanks, `600,620,640`, is a list.
 module rockfall_decimal_commas
-   use rockfall_namelist, only: entry_t
+   use rockfall_namelist, only: entry_t, raw_value
    implicit none
    private
    public :: comma_number, misread_number, point_rule
@@ -23,7 +23,7 @@ contains
       fewest = huge(fewest)
       do k = 1, size(entry%value) - 1
          if (.not. has_decimals(entry, k)) cycle
-         digits_behind = len(number_text(entry, k + 1))
+         digits_behind = len(raw_value(entry, k + 1))
          if (digits_behind >= fewest) cycle
          found = k
          fewest = digits_behind
@@ -60,8 +60,8 @@ contains
       integer, intent(in) :: k
       character(len=:), allocatable :: rule, whole, rest
 
-      whole = number_text(entry, k)
-      rest = number_text(entry, k + 1)
+      whole = raw_value(entry, k)
+      rest = raw_value(entry, k + 1)
       rule = whole//"."//rest
       if (index(rest, ".") > 0) rule = whole//rest  ! the comma is one of thousands
       if (len(rest) == 3 .and. verify(rest, digits) == 0) rule = rule//" or "//whole//rest  ! it may be
@@ -76,8 +76,8 @@ contains
 
       has_decimals = .false.
       if (gap_before(entry, k + 1) /= joined) return
-      whole = number_text(entry, k)
-      rest = number_text(entry, k + 1)
+      whole = raw_value(entry, k)
+      rest = raw_value(entry, k + 1)
       has_decimals = verify(whole(verify(whole, "+-"):), digits) == 0 .and. scan(rest(:1), digits) == 1 &
                      .and. (scan(rest, ".") == 0 .or. scan(rest, ".") == 4)
    end function has_decimals
@@ -89,7 +89,7 @@ contains
       character(len=:), allocatable :: number
       integer :: length
 
-      number = number_text(entry, k)
+      number = raw_value(entry, k)
       length = verify(number//"x", digits//"+-") - 1
       is_thousands = gap(k) /= wrapped
       if (gap(k) == joined) then
@@ -99,14 +99,6 @@ contains
                                                   .and. verify(number, "0+-") == 1
       end if
    end function is_thousands
-
-   pure function number_text(entry, k)
-      type(entry_t), intent(in) :: entry
-      integer, intent(in) :: k
-      character(len=:), allocatable :: number_text
-
-      number_text = entry%text(entry%value(k)%first:entry%value(k)%last)
-   end function number_text
 
    !> What separates number `k` from the one before.
    pure integer function gap_before(entry, k) result(gap)

@@ -10,7 +10,7 @@ module rockfall_namelist
    use rockfall_text, only: check_text, after_mark, lower, integer_text, excerpt
    implicit none
    private
-   public :: namelist_t, group_t, entry_t, value_t, parse_namelist
+   public :: namelist_t, group_t, entry_t, value_t, parse_namelist, raw_value
 
    integer, parameter :: name_length = 63         !! maximum length of names of groups and keys
    integer, parameter :: max_value_length = 4096  !! [characters]
@@ -495,4 +495,13 @@ contains
          call move_alloc(from(i)%entry, to(i)%entry)
       end do
    end subroutine move_groups
+
+   !> Text of value `i` of an entry, as written, without quotes.
+   pure function raw_value(entry, i)
+      type(entry_t), intent(in) :: entry
+      integer, intent(in) :: i
+      character(len=:), allocatable :: raw_value
+
+      raw_value = entry%text(entry%value(i)%first:entry%value(i)%last)
+   end function raw_value
 end module rockfall_namelist

@@ -4,13 +4,13 @@ module rockfall_values
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_decimal, only: parse_real, parse_integer, decimal_ok, decimal_malformed
-   use rockfall_namelist, only: namelist_t, group_t, entry_t
+   use rockfall_namelist, only: namelist_t, group_t, entry_t, raw_value
    use rockfall_decimal_commas, only: comma_number, misread_number, point_rule
    use rockfall_text, only: lower, integer_text, excerpt
    implicit none
    private
-   public :: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, refuse_list, key_location, &
-             has_comma, check_names
+   public :: has_key, value_count, text_of, get_text, get_integer, get_real, get_logical, refuse, refuse_list, &
+             key_location, has_comma, check_names
 
    integer, parameter :: max_texts = 1000   !! maximum length of a list of texts
 
@@ -122,6 +122,17 @@ contains
       call fail(error, message//": "//rule)
    end subroutine refuse
 
+   !> Text of a key whose kind has been checked.
+   pure function text_of(group, key) result(value)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: key
+      character(len=:), allocatable :: value  !! "" if absent
+      type(error_t), allocatable :: error
+
+      value = ""
+      call get_text(group, key, value, error)
+   end function text_of
+
    !> As `refuse`, for numbers that together cannot be: the rule is that of their commas, if these can be decimal.
    pure subroutine refuse_list(group, key, rule, error)
       type(group_t), intent(in) :: group
@@ -190,14 +201,6 @@ contains
       quote = entry%text(entry%value(i)%first - 1:entry%value(i)%first - 1)
       written_value = quote//written_value//quote
    end function written_value
-
-   pure function raw_value(entry, i)
-      type(entry_t), intent(in) :: entry
-      integer, intent(in) :: i
-      character(len=:), allocatable :: raw_value
-
-      raw_value = entry%text(entry%value(i)%first:entry%value(i)%last)
-   end function raw_value
 
    !> Find the index of `key` (0: absent), and check that it has a single value.
    pure subroutine find_single(group, key, k, error)
