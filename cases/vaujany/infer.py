@@ -43,7 +43,7 @@ import pandas as pd
 from rockfall.lab.fit import ImpactSet
 from rockfall.lab.setfile import write_sets
 from rockfall.lab.sets import Sets, restitution
-from rockfall.lab.site import QUANTITIES, Site
+from rockfall.lab.site import QUANTITIES, TANGENTIAL, Site, tangential_above
 from rockfall.lab.talus import Talus
 
 HERE = Path(__file__).parent
@@ -225,7 +225,7 @@ def at_lines(method: str, result, in_hundreds: bool) -> dict[str, float]:
 def over_rebounds(result) -> dict[str, float]:
     return {
         "rt": histogram_median(result, "restitution_tangential"),
-        "tangential": 1 - histogram_below(result, "tangential_share", 0.75),
+        "tangential": tangential_above(result, TANGENTIAL),
         "below_50": histogram_below(result, "incidence_angle", 50.0),
         "redrawn": float(result["rebounds_redrawn"].sum() / result["rebounds"].sum()),
     }
