@@ -164,10 +164,110 @@ def test_attributes_that_are_not_used_are_listed(tmp_path, given, listed):
     ({"speed": 22.0}, "speed = 22, as in 1 of 1 features: was it meant in m/s?"),
     ({"vehicle_length": 540.0}, "vehicle_length = 540, as in 1 of 1 features: was it meant in cm?"),
     ({"persons_per_vehicle": 1280.0}, "persons in a vehicle: were they meant for a day?"),
-    ({"speed": 120.0, "aadt": 40_000.0, "width": 30.0}, None),
+    ({"aadt": 0.2}, "aadt = 0.2, as in 1 of 1 features: vehicles a day: were they meant for"),
+    ({"trips": 700.0}, "trips = 700, as in 1 of 1 features: passages of a person a day: were they"),
+    ({"speed": 120.0, "aadt": 40_000.0, "width": 30.0, "trips": 20.0}, None),
+    ({"aadt": 0.0}, None),
 ])  # fmt: skip
 def test_units_of_objects_are_questioned(tmp_path, given, question):
     columns = TRAFFIC | {name: [value] for name, value in given.items()}
     path = make_layer(tmp_path / "own.gpkg", [ROAD], crs="EPSG:32632", **columns)
     remarks = read_study(make_case(tmp_path), path, dem=Z, transform=GRID).remarks
     assert [question in line for line in remarks if line.endswith("?")] == [True] * bool(question)
+
+
+CURVE = "name,energy,vulnerability,source\nown,0,0,A.\nown,{half},0.5,A.\nown,{all},1,A.\n"
+IDLE = "attribute {} has no effect without {}: add it, or is its name misspelt?"
+
+
+@pytest.mark.parametrize("given, idle", [
+    ({"curve": ["own"]}, [("curve", "value")]),
+    ({"curve": ["misspelt"]}, [("curve", "value")]),
+    ({"exposure": [0.5]}, [("exposure", "value / vulnerability")]),
+    ({"value": [5.0], "curve": ["own"], "presence": [0.5]}, [("presence", "persons")]),
+    ({"aadt": [9e3], "speed": [50.0], "persons_per_vehicle": [2.0], "presence": [0.1]},
+     [("presence", "persons")]),
+    ({"persons": [2.0], "speed": [50.0], "trips": [2.0]}, [("speed", "aadt"), ("trips", "aadt")]),
+    ({"persons": [2.0], "persons_per_vehicle": [2.0]}, [("persons_per_vehicle", "aadt")]),
+    ({"persons": [2.0], "vehicle_length": [5.0]}, [("vehicle_length", "aadt")]),
+    ({"value": [5.0], "kind": ["building"], "lethality": [0.5]}, [("lethality", "persons / aadt")]),
+    ({"value": [5.0], "kind": ["building"], "lethality_curve": ["own"]},
+     [("lethality_curve", "persons / aadt")]),
+    ({"value": [5.0], "exposure": [0.5], "kind": ["building"]}, []),
+    ({"persons": [2.0], "presence": [0.5], "lethality": [0.1]}, []),
+])  # fmt: skip
+def test_attributes_without_effect_are_named(tmp_path, given, idle):
+    path = make_layer(tmp_path / "own.gpkg", [HOUSE], crs="EPSG:32632", **given)
+    table = tmp_path / "curves.csv"
+    table.write_text(CURVE.format(half=100, all=1000))
+    study = read_study(
+        make_case(tmp_path), path, dem=Z, transform=GRID, vulnerability=table
+    )  # fmt: skip
+    mine = [line for line in study.remarks if "has no effect" in line]
+    assert mine == [f"{path}: {IDLE.format(*names)}" for names in idle]
+    assert bool(study.objects.exposed) == any(key in given for key in ("value", "persons", "aadt"))
+
+
+@pytest.mark.parametrize("kind, half, all_, doubt", [
+    ("curve", 100, 1000, None),
+    ("curve", 1e5, 1e6, "is 0.1 at 20,000 kJ, twice the capacity of the strongest nets: are its"),
+    ("curve", 0.1, 1, "is 1 at 5 kJ, which a small stone has: are its energies in MJ?"),
+    ("lethality_curve", 1e5, 1e6, "is 0.1 at 20,000 kJ"),
+    ("lethality_curve", 0.1, 1, None),  # stones kill
+    ("", 100, 1000, "no object has a curve of this table"),
+])  # fmt: skip
+def test_units_of_curves_are_questioned(tmp_path, kind, half, all_, doubt):
+    given = {"value": [5.0], "persons": [2.0], "kind": ["building"]}
+    given |= {kind: ["own"]} if kind else {}
+    path = make_layer(tmp_path / "own.gpkg", [HOUSE], crs="EPSG:32632", **given)
+    table = tmp_path / "curves.csv"
+    table.write_text(CURVE.format(half=half, all=all_))
+    how = {"dem": Z, "transform": GRID, "vulnerability": table}
+    mine = [
+        one for one in read_study(make_case(tmp_path), path, **how).remarks if str(table) in one
+    ]
+    assert [doubt in line for line in mine] == [True] * bool(doubt)
+
+
+@pytest.mark.parametrize("shape, given, sources", [
+    (shapely.box(110, 370, 155, 382), {}, 1),
+    (shapely.box(110, 370, 190, 392), {}, 2),
+    (shapely.LineString([(0, 382), (300, 382)]), {"width": [4.1]}, 1),
+    (shapely.LineString([(0, 382), (300, 382)]), {"width": [6.1]}, 2),
+    (shapely.LineString([(0, 382), (300, 382)]), {"width": [3.9]}, 0),
+    (shapely.Point(123, 380), {"width": [6.1]}, 1),
+    (shapely.Point(123, 380), {}, 1),  # as wide as the objects of the maps
+    (shapely.Point(126, 380), {}, 0),
+    (HOUSE, {}, 0),
+    (shapely.Polygon(shapely.box(110, 370, 190, 392).exterior, [shapely.box(115, 375, 185, 390)
+                                                                .exterior]), {}, 0),
+])  # fmt: skip
+def test_sources_on_objects_are_counted(tmp_path, shape, given, sources):
+    path = make_layer(tmp_path / "own.gpkg", [shape, SHED], crs="EPSG:32632", name=["a", "b"],
+                      **{key: value * 2 for key, value in given.items()})  # fmt: skip
+    remarks = read_study(make_case(tmp_path), path, dem=Z, transform=GRID).remarks
+    mine = [line for line in remarks if "sources lie on" in line]
+    text = f"{path}: sources lie on a (sources: {sources}, objects: 1), whose frequencies then"
+    assert [line.startswith(text) for line in mine] == [True] * bool(sources)
+
+
+@pytest.mark.parametrize("scenario, words", [
+    ({"volume": "fixed", "volume_mean": 500.0}, "volume_mean = 500 m3: a boulder 10 m across"),
+    ({"volume_mean": 500.0}, "volume_mean = 500 m3: a boulder 10 m across"),
+    ({"density": 800.0}, "density = 800 kg/m3: rocks have"),
+    ({"volume": "lognormal", "volume_mean": 1.0, "volume_std": 20.0}, "volume_std = 20 m3: 20 tim"),
+    ({"volume": "pareto", "volume_min": 0.1, "volume_max": 9.0, "volume_exponent": 1.7},
+     "volume_exponent = 1.7: exponents of"),
+    ({"volume": "list", "volumes": [0.5, 500.0]}, "volumes = 500 m3: a boulder 10 m across"),
+])  # fmt: skip
+def test_a_boulder_of_a_scenario_is_doubted_once(tmp_path, scenario, words):
+    case = make_case(tmp_path)
+    case = case.replace(scenario=[{"name": "one", "frequency": 0.5}, {"name": "odd",
+                                  "frequency": 0.1, **scenario}])  # fmt: skip
+    study = read_study(case, dem=Z, transform=GRID)
+    place = f"{case.name}: &scenario name = 'odd' {words}"
+    assert [line for line in study.remarks if words.split(": ")[1] in line] == [
+        line for line in study.remarks if line.startswith(place)
+    ]
+    assert len([line for line in study.remarks if line.startswith(place)]) == 1
+    assert [f"{case.name}: {where}: {text}" for where, text in study.warnings] == study.remarks

@@ -312,6 +312,8 @@ MISTAKES = {
         "that hardly any boulder rests: was it meant in radians, 38 degrees?"),
     "minimum_area in ha": (hazard(minimum_area=0.02),
         "minimum_area = 0.02 m2: smaller than a cell of 25 m2: was it meant in hectares?"),
+    "cliff_length in cm": (scenario(frequency=1e-4, frequency_per="m", cliff_length=40_000.0),
+        "'blocks' cliff_length = 40000 m: the terrain measures 1,400 m all around: was it meant"),
     "cliff_length in km": (scenario(frequency=0.1, frequency_per="m", cliff_length=0.8),
         "'blocks' cliff_length = 0.8 m: shorter than a cliff: was it meant in km?"),
     "a frequency of another unit": (put_several("scenario", {"name": "a", "frequency": 2e-4},

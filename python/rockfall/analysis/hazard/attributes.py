@@ -13,6 +13,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.layers import attribute, plain
+from rockfall.language import remark
 
 Columns = dict[str, np.ndarray]
 
@@ -28,9 +29,22 @@ USUAL = {  # of sound layers: lowest and highest value, and what else may be mea
     "width": (0.0, 50.0, "was it meant in cm?"),  # [m]
     "speed": (25.0, 300.0, "was it meant in m/s?"),  # [km/h]
     "vehicle_length": (1.5, 420.0, "was it meant in cm?"),  # [m] bicycle, train
-    "aadt": (0.0, 1e5, "vehicles a day: were they meant for a year?"),
+    "aadt": (10.0, 1e5, "vehicles a day: were they meant for an hour, a year, or in thousands?"),
+    "trips": (0.0, 50.0, "passages of a person a day: were they meant for a year?"),
     "persons_per_vehicle": (0.5, 500.0, "persons in a vehicle: were they meant for a day?"),
     "persons": (0.0, 1e4, "persons in one object: were they meant for all?"),
+}
+
+NEEDED = {  # attributes without effect, unless the layer has one of these
+    "curve": ("value",),
+    "exposure": ("value", "vulnerability"),
+    "presence": ("persons",),
+    "lethality": ("persons", "aadt"),
+    NAMED: ("persons", "aadt"),
+    "speed": ("aadt",),
+    "vehicle_length": ("aadt",),
+    "persons_per_vehicle": ("aadt",),
+    "trips": ("aadt",),
 }
 
 
@@ -72,11 +86,21 @@ class Layer:
             if name not in self.asked or not self.has(name):
                 continue
             values = self.numbers(name, math.nan, missing=True)
-            odd = np.flatnonzero((values < low) | (values > high))
+            odd = np.flatnonzero(((values < low) & (values > 0)) | (values > high))
             if odd.size:
                 yield (
                     f"{self.path}: feature {odd[0] + 1}: {name} = {values[odd[0]]:g}, as in "
                     f"{odd.size} of {self.size} features: {question}"
+                )
+
+    def idle_remarks(self) -> Iterator[str]:
+        """One line for each attribute that was looked for, and has no effect without another."""
+        for name, needed in NEEDED.items():
+            if attribute(self.columns, name) is None or name not in self.asked:
+                continue
+            if not {column.rstrip("_0123456789") for column in self.columns} & {*needed}:
+                yield remark(
+                    self.path, "input.idle_attribute", name=name, needed=" / ".join(needed)
                 )
 
     def texts(self, name: str) -> list[str]:

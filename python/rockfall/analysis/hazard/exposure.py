@@ -6,13 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from rockfall.analysis.hazard.attributes import NAMED, Layer
-from rockfall.analysis.hazard.vulnerability import BUILDING, Curve, constant, stepped
+from rockfall.analysis.hazard.vulnerability import BUILDING, Curve, constant, doubt, stepped
 from rockfall.errors import RockfallError
+from rockfall.language import Text, remark, say
 
 QUANTITIES = ("damage", "individual_risk", "collective_risk")
 PRESENCE, LETHALITY, VEHICLE_LENGTH, TRIPS = 1.0, 1.0, 5.0, 2.0  # where the layer says nothing
@@ -79,7 +81,8 @@ def read_exposure(
     `without_energy` only counts above the thresholds [J] are known."""
     kinds = layer.texts("kind")
     buildings = layer.has("value") and any(map(_is_building, kinds))
-    if not buildings and not any(layer.has(name) for name in ("persons", "aadt", "curve")):
+    has_curve = layer.has("curve") and layer.has("value")
+    if not buildings and not has_curve and not any(map(layer.has, ("persons", "aadt"))):
         return Exposure()
     points = {*without_energy}
     damage, unknown = _damage(layer, kinds, thresholds, curves)
@@ -96,6 +99,23 @@ def read_exposure(
             f"of the upper end of its intensity (errs high): {_listed(names, exposed)}"
         )
     return Exposure(kinds, harms, [*notes, *ALWAYS])
+
+
+def curve_remarks(
+    path: str | Path, curves: Mapping[str, Curve], exposed: Exposure
+) -> Iterator[Text]:
+    """Remarks on the curves of a table: those in other units, or that no object names."""
+    used = [
+        (harm.curve, quantity == "damage")
+        for quantity in QUANTITIES
+        for harm in exposed.harms.get(quantity, [])
+        if harm and curves.get(harm.curve.name) is harm.curve and harm.curve != BUILDING
+    ]
+    if not used:
+        yield remark(path, "input.curves_unused")
+    for curve, is_property in used:
+        if question := doubt(curve, is_property):
+            yield say("input.remark", where=str(path), text=question)
 
 
 def _is_building(kind: str) -> bool:

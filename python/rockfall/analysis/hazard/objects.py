@@ -23,6 +23,7 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
+from rockfall.io.polygons import points_inside
 from rockfall.io.unused_attributes import note_marks, note_unused
 from rockfall.language import remark
 from rockfall.result.samples import check_all_rows
@@ -82,6 +83,7 @@ def read_objects(
         note_unused(remarks, file.path, layer.layer.columns, sorted(used))
         note_marks(remarks, file.path, layer.layer.columns, sorted(used))
         remarks += layer.layer.unit_remarks()
+        remarks += layer.layer.idle_remarks()
         remarks += _doubts(objects, layer.layer)
         all_objects.append(objects)
     return _joined(all_objects)
@@ -182,6 +184,18 @@ def beyond_remarks(objects: Objects, scene: Scene) -> list[str]:
         f"{', '.join(objects.paths)}: {', '.join(names[:MAX_NAMED])}{more}: beyond the elevations "
         "of the terrain no boulder meets them"
     ]
+
+
+def source_remarks(objects: Objects, scene: Scene) -> Iterator[str]:
+    """Remark on objects on which boulders start: on their shapes, or within half their width."""
+    width = np.full(len(objects), scene.case.hazard["object_width"])
+    width[objects.owner] = [line["object_width"] for line in objects.lines]
+    grounds = [shape.buffer(w / 2) for shape, w in zip(objects.shapes, width.tolist(), strict=True)]
+    inside = {k: on for k, on in points_inside(np.array(grounds), scene.x, scene.y) if on.size}
+    if inside:
+        n, name = np.unique(np.concatenate([*inside.values()])).size, objects.names[min(inside)]
+        place = ", ".join(objects.paths)
+        yield remark(place, "input.sources_on_object", n=n, name=name, objects=len(inside))
 
 
 def check_kept(case: Case, lines: int) -> None:

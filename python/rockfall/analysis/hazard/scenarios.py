@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.io.input_warnings import InputWarning
 from rockfall.language import remark, word
 from rockfall.scene.frequencies import stated_frequency
-from rockfall.scene.scene import Scene
+from rockfall.scene.plausible import input_warnings
+from rockfall.scene.scene import Findings, Scene
 from rockfall.scene.source_attributes import DENSITY
 
 VOLUMES = (
@@ -78,6 +81,21 @@ def scenario_remarks(scene: Scene) -> Iterator[str]:
                 )
             attrs = {"what": word(what), "part": np.count_nonzero(given), "n": given.size}
             yield remark(case.name, "input.scenario_and_layer", place=place, **attrs)
+
+
+def scenario_warnings(scene: Scene, scenarios: Sequence[Scenario]) -> list[InputWarning]:
+    """Likely mistakes in a case and in those of its scenarios, each once: those in the boulders of
+    a scenario under its name."""
+    doubts = list(input_warnings(scene))
+    for scenario in scenarios:
+        own = replace(scene, case=scenario.case, findings=Findings())
+        place = f"&scenario name = '{scenario.name}'"
+        own_texts = {text for where, text in doubts if where.startswith(place)}
+        for warning in input_warnings(own):
+            is_again = warning.where.startswith("&boulder") and warning.text in own_texts
+            if not is_again and warning not in doubts:
+                doubts.append(warning)
+    return doubts
 
 
 def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:

@@ -19,6 +19,7 @@ from rockfall.analysis.hazard.classes import (
     frequencies,
     intensities,
 )
+from rockfall.analysis.hazard.exposure import curve_remarks
 from rockfall.analysis.hazard.object_layers import files_of, frames_of, given_layers
 from rockfall.analysis.hazard.objects import (
     Objects,
@@ -29,9 +30,16 @@ from rockfall.analysis.hazard.objects import (
     object_energies,
     read_objects,
     risks,
+    source_remarks,
 )
 from rockfall.analysis.hazard.risk import Points, RunRisk, annual, diameters
-from rockfall.analysis.hazard.scenarios import Scenario, base_case, scenario_remarks, scenarios_of
+from rockfall.analysis.hazard.scenarios import (
+    Scenario,
+    base_case,
+    scenario_remarks,
+    scenario_warnings,
+    scenarios_of,
+)
 from rockfall.analysis.hazard.segment_hits import (
     Weighted,
     hit_counts,
@@ -51,9 +59,8 @@ from rockfall.result.dataset import read_result
 from rockfall.result.grounds import rebounds_by_ground, source_text
 from rockfall.result.samples import simulated
 from rockfall.scene.frames import frame_files, of_frames
-from rockfall.scene.plausible import implausible, input_warnings
 from rockfall.scene.read import read_scene
-from rockfall.scene.scene import Findings, Scene
+from rockfall.scene.scene import Scene
 from rockfall.simulation.maps import boulders_per_cluster
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import run_scene
@@ -141,6 +148,9 @@ def read_study(
             layers = files_of(sources, files)
             found_objects = read_objects(layers, scene.grid, levels, remarks, curves)
             remarks += beyond_remarks(found_objects, scene)
+            remarks += source_remarks(found_objects, scene)
+            if vulnerability is not None:
+                remarks += curve_remarks(vulnerability, curves, found_objects.exposed)
         found_objects.paths = [of_frames(path, files) for path in found_objects.paths]
         remarks = [of_frames(remark, files) for remark in remarks]
     segments = roads_of(roads, scene, remarks)
@@ -148,12 +158,8 @@ def read_study(
     scene = scene.replace(remarks=(*scene.remarks, *scenario_remarks(scene)))
     lines = [*found_objects.lines, *segments.lines]
     study = Study(case, scene, scenarios_of(scene, lines), found_objects, segments)
-    derived = (
-        replace(scene, case=scenario.case, findings=Findings()) for scenario in study.scenarios
-    )
-    for each in (scene, *derived):
-        remarks += implausible(each)
-        study.warnings += [text for text in input_warnings(each) if text not in study.warnings]
+    study.warnings = scenario_warnings(scene, study.scenarios)
+    remarks += [f"{scene.case.name}: {where}: {text}" for where, text in study.warnings]
     paths = [*found_objects.paths, *([segments.path] if len(segments) else [])]
     check_kept(scene.case, len(lines))
     check_room(paths, len(lines), scene.boulders)

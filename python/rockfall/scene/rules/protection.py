@@ -4,7 +4,6 @@ keys."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
@@ -134,10 +133,13 @@ def _unequal(scene: Scene) -> Iterator[InputWarning]:
     for scenario in scene.case.scenario:
         stated = stated_frequency(scenario, scene.case.boulder), scenario["name"]
         by_reference.setdefault(scenario["frequency_per"], []).append(stated)
-        length = scenario.get("cliff_length", math.inf)
+        around = 2 * scene.grid.cell * sum(scene.grid.shape)
+        length = scenario.get("cliff_length", around)
+        where = f"&scenario name = '{scenario['name']}' cliff_length = {length:g} m"
         if length < CLIFF:
-            where = f"&scenario name = '{scenario['name']}' cliff_length = {length:g} m"
             yield InputWarning(where, say("input.cliff_length"))
+        if length > around:
+            yield InputWarning(where, say("input.long_cliff", around=around))
     for stated_ones in by_reference.values():
         ordered = sorted(stated_ones)
         for (less, below), (more, above) in pairwise(ordered):
