@@ -6,8 +6,9 @@ import pytest
 import rasterio
 
 import rockfall
-from made import refused
+from made import make_raster, refused
 from rockfall.analysis.precision.intervals import Sources
+from rockfall.analysis.variant_runs import check_variant_scenes
 from rockfall.analysis.variants import (
     compare_variants,
     difference,
@@ -205,3 +206,23 @@ def test_other_boulders_are_refused(variants, tmp_path, changes, what):
         "boulders and seed"
     ):
         compare_variants({"bare": variants["bare"], "b": other})
+
+
+@pytest.mark.parametrize(("rows", "columns", "apart"), [
+    (slice(None), slice(0, 50), 50), (slice(None), slice(10, None), 50),
+    (slice(0, 70), slice(None), 50), (slice(0, 80), slice(0, 58), 10),
+    (slice(None), slice(None), None), (slice(None), slice(0, 59), None),  # by one cell
+])  # fmt: skip
+def test_a_variant_on_another_extent_is_told(tmp_path, rows, columns, apart):
+    """Boulders leave a smaller terrain earlier, which looks like protection."""
+    own, z = grid(Z), Z[:80, :60]
+    place_of = own.transform * rasterio.Affine.translation(columns.start or 0, rows.start or 0)
+    make_raster(tmp_path / "dem.tif", z, own.transform)
+    make_raster(tmp_path / "other.tif", z[rows, columns] + 0.5, place_of)
+    case = bare(tmp_path, terrain={"dem": "dem.tif"})
+    case = case.replace(
+        variant=[{"name": "today"}, {"name": "filled", "terrain_dem": "other.tif"}]
+    )  # fmt: skip
+    mine = [line for line in check_variant_scenes(case) if "its terrain ends" in line]
+    text = f"variant filled: its terrain ends up to {apart} m from that of today: boulders may leav"
+    assert [line.startswith(text) for line in mine] == [True] * bool(apart)

@@ -227,3 +227,37 @@ def test_points_may_begin_with_their_separator(name):
     Path(name).write_text("\n".join(["sep=;", "x;y;z", *rows]))
     dem, _ = dem_of_points(name)
     np.testing.assert_array_equal(dem.z, 800 + np.add.outer(np.arange(3), np.arange(4)))
+
+
+KML = '<?xml version="1.0"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document/></kml>'
+
+
+def zipped(*names):
+    store = io.BytesIO()
+    with zipfile.ZipFile(store, "w") as file:
+        for name in names:
+            file.writestr(name, "x")
+    return store.getvalue()
+
+
+@pytest.mark.parametrize(("name", "start", "message"), [
+    ("a.kml", KML, "is KML, no table in CSV: save it as a GeoPackage"),
+    ("a.kml", "\ufeff" + KML.partition("\n")[2], "is KML"),
+    ("a.kmz", zipped("doc.kml"), "is zipped KML, no table in CSV: save it as a GeoPackage"),
+    ("a.gpx", KML.replace("kml", "gpx"), "is GPX"),
+    ("a.gml", '<?xml version="1.0"?><wfs:FeatureCollection/>', "is XML"),
+    ("a.txt", '{"type": "FeatureCollection", "features": []}', "is GeoJSON, no table in CSV: name"),
+    ("a.csv", "<!DOCTYPE html><html>", "is a web page, no table in CSV: the download failed"),
+    ("a.xlsx", zipped("[Content_Types].xml"), "is a spreadsheet or an archive, no table in CSV: "),
+    ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1", "is a spreadsheet of Excel 97"),
+    ("a.csv", "x,y\n1,2\n".encode("utf-16"), "is text in UTF-16, no table in CSV: save it as"),
+    ("a.csv.gz", gzip.compress(b"x,y\n1,2\n"), "is compressed (gzip), no table in CSV: unpack it"),
+    ("a.db", b"SQLite format 3\x00", "is a GeoPackage, no table in CSV: name it .gpkg"),
+    ("a.dat", b"\x00\x00\x27\x0a", "is a shapefile, no table in CSV: name it .shp"),
+    ("a.pdf", b"%PDF-1.7", "is a PDF"),
+])  # fmt: skip
+def test_tables_that_are_none_are_named(name, start, message):
+    Path(name).write_bytes(start if isinstance(start, bytes) else start.encode())
+    with pytest.raises(RockfallError) as caught:
+        read_columns(name, ["x", "y"])
+    assert str(caught.value).startswith(f"{name}: {message}") and "\n" not in str(caught.value)

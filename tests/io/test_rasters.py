@@ -540,12 +540,30 @@ def test_zones_may_be_stored_as_whole_reals(dem, blocks):
     np.testing.assert_array_equal(got, np.where(np.isnan(ids), NO_ID, ids))
 
 
-@pytest.mark.parametrize("value", [2.5, np.inf, 3e9, -2147483648.0])
-def test_zones_that_are_no_integers(dem, value, blocks):
+def test_zones_that_are_no_integers(dem, blocks):
     ids = np.ones((60, 40))
-    ids[50, 2] = value
-    with refused(f"zones.tif: row 51, column 3: {value:g}: zones must be integers"):
+    ids[50, 2] = 2.5
+    with refused("zones.tif: row 51, column 3: 2.5: zones must be integers"):
         read_aligned(make_raster("zones.tif", ids), dem, "zones", np.int32)
+
+
+@pytest.mark.parametrize(("value", "kind"), [
+    (np.inf, "f8"), (3e9, "f8"), (-2147483648.0, "f8"), (3.4028234663852886e38, "f4"),
+    (-3.4028234663852886e38, "f4"), (1e20, "f4"), (1e30, "f8"), (-1.7976931348623157e308, "f8"),
+    (4294967295.0, "u4"), (-2147483648.0, "i4"), (1.70141e38, "f8"),
+])  # fmt: skip
+def test_undeclared_nodata_is_named_with_its_cure(dem, value, kind, blocks):
+    """The command printed declares it; the cells are then empty."""
+    ids = np.ones((60, 40), kind)
+    ids[50, 2] = value
+    path = make_raster("my zones.tif", ids)
+    with pytest.raises(RockfallError) as caught:
+        read_aligned(path, dem, "zones", np.int32)
+    start, _, command = str(caught.value).partition("declare it as nodata: ")
+    assert start == f"{path}: zones cannot be {value:g}: "
+    assert CliRunner().invoke(main_group, shlex.split(command)[1:]).exit_code == 0
+    got = read_aligned(path, dem, "zones", np.int32)
+    assert got[50, 2] == NO_ID and (got == 1).sum() == 2399
 
 
 def test_radii_may_be_infinite_or_absent(dem, blocks):

@@ -101,6 +101,19 @@ def test_too_coarse_is_refused_unless_allowed(tmp_path):
     )
 
 
+@pytest.mark.parametrize(("keys", "message"), [
+    ({"crest_width": 200.0}, "case: &dam crest_width = 200.0: must be 0 to 100 [m]"),
+    ({"crest_width": 101.0}, "case: &dam crest_width = 101.0: must be 0 to 100 [m]"),
+    ({"crest_width": 30.0}, "case: &dam crest_width = 30: the crest reaches into the slope above, "
+     "with a face of 0 m: make it narrower"),
+    ({"crest_width": 9.0, "slope": 70.0}, "case: &dam crest_width = 9: the crest reaches into the "
+     "slope above, with a face of 0.54 m: make it narrower"),
+])  # fmt: skip
+def test_crests_too_wide_are_refused_as_such(tmp_path, keys, message):
+    with refused(message):
+        read_scene(plane(tmp_path, 2.0).replace(dam=[DAM | keys]))
+
+
 def test_cells_of_the_size_that_is_named_give_no_warning(tmp_path):
     scene = read_scene(plane(tmp_path, 0.4).replace(dam=[DAM]))
     assert scene.dams[0].face_cells > FINE and implausible(scene) == []

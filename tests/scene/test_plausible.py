@@ -273,8 +273,8 @@ def log(diameter):
 
 
 def forest(dbh, uniform_stems=300.0, **keys):
-    stems = {"uniform_stems": uniform_stems, "uniform_dbh_mean": dbh, "uniform_dbh_std": 3.0}
-    return put("forest", uniform_conifers=80.0, **stems, **keys)
+    stems = {"uniform_stems": uniform_stems, "uniform_dbh_mean": dbh, "uniform_dbh_std": dbh / 5}
+    return put("forest", uniform_conifers=80.0, **stems | keys)
 
 
 def radii(radius):
@@ -329,7 +329,18 @@ MISTAKES = {
         "&forest clear_of_sources = 150 m: more than 100 m: was it meant in cm?"),
     "stem height in dm": (forest(30.0, stem_height=250.0),
         "&forest stem_height = 250 m: more than 60 m: was it meant in cm?"),
-    "basal area": (forest(90.0, uniform_stems=900.0), "a basal area of 5.. m2 a hectare, forests"),
+    "deviation of stems in m": (forest(28.0, uniform_dbh_std=0.12), "dbh_std: 0.12 cm at a mean of "
+        "28 cm .100 % of the stems.: was it meant in m, or as a fraction of the mean?"),
+    "deviation of stems as a fraction": (forest(28.0, uniform_dbh_std=0.3), "dbh_std: 0.3 cm at a"),
+    "deviation of thin stems as a fraction": (forest(9.0, uniform_dbh_std=0.4), "0.4 cm at a mean"),
+    "deviation of stems in percent": (forest(28.0, uniform_dbh_std=30.0), "dbh_std: 30 cm at a mean"
+        " of 28 cm .100 % of the stems.: was it meant in percent of the mean, or in mm?"),
+    "deviation of stems in mm": (forest(28.0, uniform_dbh_std=90.0), "dbh_std: 90 cm at a mean of"),
+    "deviation of stems in a raster": (lambda site: (make_raster(site.folder / "std.tif",
+        np.full((NY, NX), 0.35, "f4")), forest(28.0, uniform_dbh_std=None,
+        dbh_std="std.tif")(site)),
+        "&forest dbh_std: 0.35 cm at a mean of 28 cm"),
+    "basal area": (forest(90.0, uniform_stems=900.0), "a basal area of 60. m2 a hectare, forests"),
     "drop": (put("release", drop_height=300.0), "start 300 m above the ground: was it meant in c"),
     "speed": (put("release", velocity=[0.0, -80.0, 0.0]), "80 m/s, 288 km/h: was it meant in km/"),
     "volume": (put("boulder", volume_mean=8000.0), "8000 m3: a boulder 25 m across: was it meant"),

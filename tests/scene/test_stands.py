@@ -326,3 +326,20 @@ def test_a_log_with_a_fault(tmp_path, keys, said):
     log = {"name": "log", "x": [100.0, 200.0], "y": [300.0, 300.0]}
     with pytest.raises(RockfallError, match=said):
         case_of(tmp_path, {}, barrier=[log | keys])
+
+
+@pytest.mark.parametrize("std, told", [
+    ([12.0, 0.12], "0.12 cm at a mean of 30 cm"),
+    ([0.12, 0.15], "0.12 cm at a mean of 30 cm (100 % of the stems): was it meant in m"),
+    ([12.0, 40.0], "40 cm at a mean of 30 cm"),
+    ([12.0, 29.0], None),
+    ([0.0, 0.0], None),  # all of one diameter
+])  # fmt: skip
+def test_deviations_in_another_unit_are_told(tmp_path, std, told):
+    half = [shapely.box(0, 0, 150, 400), shapely.box(150, 0, 300, 400)]
+    scene = stands_of(tmp_path, half, **columns_of(2, dbh_std=std))
+    mine = [line for line in scene.remarks if line.startswith("&forest dbh_std")]
+    assert len(mine) == bool(told) and all(told in line for line in mine)
+    if told and std[0] == 12.0:  # the fraction of the stems that have it
+        stands = scene.trees.x > 150.0
+        assert f"({100 * stands.mean():.3g} % of the stems)" in mine[0]

@@ -244,7 +244,7 @@ module rockfall_case_keys
       key_t("dam", "y", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
       key_t("dam", "height", "real", 1, "absent", "0.001 to 100", "m", "of the crest above the terrain below it", &
             in_scene), &
-      key_t("dam", "crest_width", "real", 1, "0.0", ">= 0", "m", "of its flat top", in_scene), &
+      key_t("dam", "crest_width", "real", 1, "0.0", "0 to 100", "m", "of its flat top", in_scene), &
       key_t("dam", "slope", "real", 1, "45.0", "5 to 89", "degree", "of its faces", in_scene), &
       key_t("dam", "allow_coarse", "logical", 1, ".false.", "", "", &
             "take a dam whose face is narrower than two cells of the raster", in_scene), &

@@ -12,6 +12,7 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.case_variants import naming_variant, variants
 from rockfall.errors import RockfallError
+from rockfall.language import say
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -90,6 +91,7 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
         )
     remarks: list[str] = []
     first: tuple[str, dict[str, Any]] | None = None
+    ours: tuple[float, ...] = ()
     for name, variant in cases.items():
         with naming_variant(case, name):
             scene = read_scene(variant, **how)
@@ -102,6 +104,11 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
             )
         for line in implausible(scene):
             remarks.append(f"variant {name}: {line.removeprefix(f'{case.name}: ')}")
+        extent = scene.grid.west, scene.grid.south, scene.grid.east, scene.grid.north
+        ours = ours or extent
+        apart = max(abs(a - b) for a, b in zip(extent, ours, strict=True))
+        if apart > scene.grid.cell:
+            remarks.append(say("input.other_extent", name=name, apart=apart, first=first[0]))
     return remarks
 
 

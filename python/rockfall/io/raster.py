@@ -121,6 +121,7 @@ def aligned_blocks(
                     inside &= np.rint(block) == block
                 if (wrong := np.argwhere(valid & ~inside)).size:
                     row, column = wrong[0]
+                    _refuse_mark(raster, what, float(block[row, column]), np.iinfo(dtype).max)
                     raise RockfallError(
                         f"{raster.path}: row {rows.start + row + 1}, column {column + 1}: "
                         f"{block[row, column]:g}: {what} must be integers"
@@ -172,6 +173,17 @@ def write_geotiff(
         with plain.open() as file:
             copy(file, memory.name, **packed)
         part.write_bytes(memory.getbuffer())
+
+
+def _refuse_mark(raster: RasterFile, what: str, value: float, largest: int) -> None:
+    """Refuse a number out of the range of integers, which is nodata that a file does not declare;
+    suggest the command that does."""
+    if abs(value) <= largest:
+        return
+    cure = "declare it as nodata"
+    if Path(raster.path).suffix.lower() in (".tif", ".tiff"):
+        cure += f": rio edit-info --nodata {value!r} {quote(str(raster.path))}"
+    raise RockfallError(f"{raster.path}: {what} cannot be {value:g}: {cure}")
 
 
 def _check_unit(raster: RasterFile, what: str) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from rockfall import limits
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write, check_text_file, reason
+from rockfall.io.foreign_tables import check_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,6 +33,7 @@ def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
     semicolons. Texts escaped by `spreadsheet_text` are restored."""
     line = 1
     check_text_file(path)
+    check_table(path)
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             first = file.readline()

@@ -18,6 +18,7 @@ COARSE = 2.0  # cells across a face; on fewer, boulders meet a bump (benchmarks/
 FINE = 4.0  # cells from which the boulders that pass change little with the cell
 STATIONS = 400  # maximum number of profiles across a dam
 PROFILE = 241  # points of a profile across a dam
+WIDE = 2.0  # heights: so wide a crest is why the face above it is narrow
 NEAR = 0.05  # a crest ends this fraction of the height below its top
 
 
@@ -69,6 +70,11 @@ def with_dam(
     raised[rows, columns] = np.maximum(z[rows, columns], top)
     shape = _shape(z, raised, grid, dam, vertices)
     if shape.face_cells < COARSE and not dam["allow_coarse"]:
+        if dam["crest_width"] > WIDE * dam["height"]:
+            raise RockfallError(
+                f"{name}: &dam crest_width = {dam['crest_width']:g}: the crest reaches into the "
+                f"slope above, with a face of {shape.face:.2g} m: make it narrower"
+            )
         raise RockfallError(
             f"{name}: &dam height = {dam['height']:g}, slope = {dam['slope']:g}: its face is "
             f"{shape.face:.2g} m wide, {shape.face_cells:.2g} cells of {grid.cell:g} m, which "

@@ -18,6 +18,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
 from rockfall.io.grid import row_blocks
 from rockfall.language import remark
+from rockfall.quantities import percent
 from rockfall.scene.forest.attributes import LIMITS
 from rockfall.scene.forest.species import BROADLEAF, CONIFER, Species, read_species
 from rockfall.scene.forest.stands import Stands, read_stands
@@ -28,6 +29,7 @@ from rockfall.scene.layers import Inputs
 MAX_STEMS = 1e8  # stems in a forest
 THINNEST = 20.0  # stems per hectare: 22 m apart, single trees rather than a forest
 DECIMALS = 2  # decimals of a diameter [cm]
+NARROW, WIDE = 0.05, 1.0  # standard deviation over mean of diameters: stands have 0.2 to 0.7
 DENSER, REMAINS = 0, 1  # numbers of a stem that decide whether it stands: its stand, its thinning
 
 
@@ -125,10 +127,24 @@ def _diameters(
     )
     _check(inputs, "dbh_mean", mean)
     _check(inputs, "dbh_std", std)
+    _note_spread(inputs, mean, std)
     dbh, varied = mean.copy(), std > 0
     shape = (mean[varied] / std[varied]) ** 2
     dbh[varied] = gammaincinv(shape, u[varied]) / shape * mean[varied]
     return np.maximum(np.round(dbh, DECIMALS), 10.0**-DECIMALS)
+
+
+def _note_spread(inputs: Inputs, mean: np.ndarray, std: np.ndarray) -> None:
+    """Add a remark on standard deviations in another unit, or in percent of the mean."""
+    ratio = std / mean
+    for key, odd in (
+        ("input.dbh_narrow", (std > 0) & (ratio < NARROW)),
+        ("input.dbh_wide", ratio > WIDE),
+    ):
+        if odd.any():
+            k = int(np.argmax(odd))
+            values = {"std": float(std[k]), "mean": float(mean[k]), "part": percent(odd.mean())}
+            inputs.remarks.append(remark("&forest dbh_std", key, **values))
 
 
 def _factors(

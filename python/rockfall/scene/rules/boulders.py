@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.case import default_values
 from rockfall.grounds import ABSORBS, repose, usual_key
 from rockfall.io.input_warnings import InputWarning
-from rockfall.language import say
+from rockfall.language import Text, say
 from rockfall.quantities import percent
 from rockfall.scene.ground import falls_and_rises
 from rockfall.scene.rebound import sphere_radius
@@ -311,12 +311,14 @@ def _forest(scene: Scene) -> Iterator[InputWarning]:
             f"&forest trees = '{scene.case.forest['trees']}'",
             say("input.thin_stems", part=thin, n=diameters.size, thinnest=SAPLING),
         )
+    doubts = (line.values["text"].key for line in scene.remarks if isinstance(line, Text))
+    is_wide = "input.dbh_wide" in doubts
     basal = scene.trees.basal_area() / scene.trees.area()
     if density > DENSE:
         yield InputWarning("&forest", say("input.dense_stems", density=density))
-    elif thick := int(np.count_nonzero(diameters > THICK)):
+    elif not is_wide and (thick := int(np.count_nonzero(diameters > THICK))):
         yield InputWarning("&forest", say("input.thick_stems", part=thick, n=diameters.size))
-    elif basal > BASAL and dbh <= DBH[1]:
+    elif not is_wide and basal > BASAL and dbh <= DBH[1]:
         yield InputWarning("&forest", say("input.basal_area", area=basal, most=BASAL))
     for key, most in ("clear_of_sources", CLEAR), ("stem_height", TALL):
         if (value := scene.case.forest.get(key, 0.0)) > most:
