@@ -177,6 +177,10 @@ KINDS = {
         "",
         variables.MASS,
     ),
+    "Block shape, where boulders have several (impact_tables.md): dimension `boulder`": (
+        "",
+        variables.SHAPE,
+    ),
     "Trees, where the case has some: dimension `boulder`": ("", variables.TREE),
     "Breakage, where boulders may break (breakage.md): dimension `boulder`": (
         "",

@@ -109,7 +109,7 @@ def _units() -> dict[str, str]:
     """Of the variables of a result, as far as the tables have them."""
     tables = {
         "": (variables.BOULDER, variables.COUNT, variables.GROUND, variables.ENERGY,
-             variables.TREE, variables.FEATURE, variables.MASS, variables.BREAKAGE,
+             variables.TREE, variables.FEATURE, variables.SHAPE, variables.MASS, variables.BREAKAGE,
              variables.MAP),
         "line_": (variables.LINE, variables.FRAGMENT), "line_vertex_": (variables.LINE_VERTEX,),
         "barrier_": (variables.BARRIER,), "trajectory_": (variables.VERTEX,),

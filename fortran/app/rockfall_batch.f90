@@ -32,6 +32,7 @@ program rockfall_batch
    use rockfall_threads, only: check_team
    use rockfall_console, only: arguments_t, read_arguments, stem, one_line, decimal
    use rockfall_ground, only: ground_t
+   use rockfall_scene_type, only: n_grounds
    use rockfall_scene_file, only: inputs_t, read_scene
    use rockfall_part_file, only: write_part
    use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, name_checkpoint, remove_checkpoint
@@ -130,7 +131,8 @@ contains
       call warn_of_breakage(case, state)
       if (arguments%quiet) return
       call summary(case, state)
-      if (allocated(inputs%scene%grounds)) call ground_summary(inputs%scene%grounds, state%by_ground)
+      if (allocated(inputs%scene%grounds)) &
+         call ground_summary(inputs%scene%grounds(:n_grounds(inputs%scene)), state%by_ground)
       write (output_unit, "(3a)") output, ": `rockfall merge ... --output OUT.nc` makes the result of it"
    end subroutine run_to
 

@@ -4,6 +4,7 @@
 module lab_clump
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi, cube_root
+   use rockfall_block_shape, only: block_shapes, block_axes
    use lab_contact, only: cross
    use lab_rotation, only: rotation_matrix, rotate_free
    implicit none
@@ -14,9 +15,7 @@ module lab_clump
 
    !> Shapes of boulders: boxes with rounded edges, of the axis ratios of the laboratory of blocks.
    integer, parameter :: sphere_shape = 1
-   character(len=9), parameter :: shape_names(4) = [character(len=9) :: "sphere", "compact", "elongated", "platy"]
-   real(wp), parameter :: axes_of_shape(3, 2:4) = reshape([1.0_wp, 0.9_wp, 0.8_wp, 1.0_wp, 0.62_wp, 0.56_wp, &
-                                                           1.0_wp, 0.8_wp, 0.42_wp], [3, 3])
+   character(len=9), parameter :: shape_names(4) = [character(len=9) :: "sphere", block_shapes]
    real(wp), parameter :: edge_radius = 0.65_wp     !! of a box / half its shortest axis
    real(wp), parameter :: sphere_spacing = 0.8_wp   !! maximum, along a face / radius of the edge
    real(wp), parameter :: rock_spread = 0.9_wp      !! centres of the spheres of a rock from its centre / their radius
@@ -64,7 +63,7 @@ contains
       real(wp), allocatable :: x(:, :)
       integer :: pieces(3), i, j, k, n
 
-      half = 0.5_wp*axes_of_shape(:, kind)
+      half = 0.5_wp*block_axes(:, kind - 1)
       radius = edge_radius*minval(half)
       half = half - radius
       pieces = max(1, ceiling(2*half/(sphere_spacing*radius)))

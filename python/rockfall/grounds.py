@@ -7,7 +7,7 @@ from __future__ import annotations
 import importlib.resources
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -17,12 +17,14 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.impact_sets import find_set, shipped_sets
 from rockfall.impact_tables import (
+    BLOCK_SHAPES,
     ImpactTable,
     ensemble_names,
     find_table,
     open_table,
     open_tables,
     table_names,
+    tables_by_shape,
 )
 from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
@@ -242,6 +244,31 @@ def _ground_of(name: str, path: Path, table: ImpactTable) -> GroundRule:
 def block_radius(table: ImpactTable) -> float:
     """R_b [m] of the largest blocks of a table; NaN if size does not matter, or is R_b/R_m."""
     return float(_core.largest_block(table.size, table.speed2))
+
+
+def block_axes() -> dict[str, tuple[float, ...]]:
+    """Axes of the blocks of each shape, the longest 1."""
+    return dict(zip(BLOCK_SHAPES, map(tuple, _core.axes_of_shapes().T.tolist()), strict=True))
+
+
+def grounds_by_shape(
+    grounds: Sequence[GroundRule], shapes: Collection[str]
+) -> tuple[tuple[GroundRule, ...], list[list[int]]]:
+    """Grounds for boulders of some block shapes: the given ones with a table of one of these
+    shapes, then those that stand in for them by shape; and, for each of BLOCK_SHAPES, the number,
+    from 1, of the ground that serves on each given one."""
+    rules = [*grounds]
+    serving = [[*range(1, len(rules) + 1)] for _ in BLOCK_SHAPES]
+    for k, ground in enumerate(grounds):
+        files = tables_by_shape(ground.name, ground.file)
+        needed = [shape for shape in BLOCK_SHAPES if shape in shapes and shape in files]
+        for shape in needed:
+            if shape == needed[0]:
+                rules[k] = table_ground(ground.name, files[shape])
+            else:
+                rules.append(table_ground(ground.name, files[shape]))
+                serving[BLOCK_SHAPES.index(shape)][k] = len(rules)
+    return tuple(rules), serving
 
 
 def check_number(grounds: Iterable[GroundRule], where: str) -> None:

@@ -28,6 +28,7 @@ FIELDS = (
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
 )  # fmt: skip
 INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
+BLOCK_SHAPES = tuple(keys_of("boulder")["block_shape"].allowed.split(", "))  # numbered from 1
 ENSEMBLE = "-ensemble"  # suffix of the name of an ensemble
 KINDS = "flight", "roll"
 OF_PART = {  # a number for each part
@@ -145,24 +146,41 @@ def ensemble_names() -> list[str]:
 
 
 def _names() -> list[str]:
-    shapes = keys_of("boulder")["block_shape"].allowed
-    endings = tuple(f"-{shape}" for shape in shapes.split(", "))
+    endings = tuple(f"-{shape}" for shape in BLOCK_SHAPES)
     names = {
         name.rsplit("-", 1)[0] if name.endswith(endings) else name for name in shipped_tables()
     }
     return sorted(names)
 
 
+def possible_shapes(case: Case) -> list[str]:
+    """Block shapes with a share above zero of the boulders of a case."""
+    shapes = case.boulder["block_shape"]
+    shares = case.boulder.get("block_shape_share", [1.0] * len(shapes))
+    return [shape for shape, share in zip(shapes, shares, strict=True) if share > 0]
+
+
 def find_table(case: Case, name: str) -> Path | None:
-    """File of the table with a name: shipped, for the block shape of the case if there are several,
-    or next to the case; None if there is none."""
+    """File of the table with a name: shipped, for the first block shape of the case if there are
+    several, or next to the case; None if there is none."""
     shipped = shipped_tables()
-    for full_name in (name, f"{name}-{case.boulder['block_shape']}"):
+    for full_name in (name, f"{name}-{possible_shapes(case)[0]}"):
         if full_name in shipped:
             return shipped[full_name]
     if name.endswith(".nc") and os.path.isfile(case.path(name)):
         return case.path(name)
     return None
+
+
+def tables_by_shape(name: str, path: str | Path) -> dict[str, Path]:
+    """Files of the tables of a ground by block shape, given its name and the file of one of them;
+    {} if it has one table for all shapes."""
+    stem, _, shape = Path(path).stem.rpartition("-")
+    shipped = shipped_tables()
+    if shape not in BLOCK_SHAPES or name == f"{stem}-{shape}" or Path(path) not in shipped.values():
+        return {}
+    files = {shape: shipped.get(f"{stem}-{shape}") for shape in BLOCK_SHAPES}
+    return {shape: file for shape, file in files.items() if file is not None}
 
 
 def open_table(path: str | Path) -> ImpactTable:

@@ -49,7 +49,8 @@ EFFECTS = [
     ("breakage", "cone", 30.0, {}, "at = ", {"breakage": {"at": "impact"}}),
     ("impact", "ratio", "between", BY_TABLE, "form = 'matrix'", {"impact": {"form": "matrix"}}),
     ("impact", "turning", "to_aspect", BY_TABLE, "form = 'matrix'", {"impact": {"form": "matrix"}}),
-    ("boulder", "block_shape", "platy", {}, "a table of impacts", BY_TABLE),
+    ("boulder", "block_shape", ["platy"], {}, "a table of impacts", BY_TABLE),
+    ("boulder", "block_shape_share", [1.0], {}, "a table of impacts", BY_TABLE),
     ("surface", "zone_field", "z", {}, "zones", None),
     ("surface", "rg_reading", "radius", {}, "method = 'A'", {"surface": {
         "method": "A", "uniform_mean_radius": None, "uniform_rg": [0.1, 0.2, 0.3]}}),

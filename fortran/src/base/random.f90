@@ -11,7 +11,7 @@ module rockfall_random
    public :: for_release, for_impact, for_scramble, for_ground, for_forest, for_tree, for_breakage, purpose_bit
    public :: fragment_number, boulder_number
    public :: words_per_block
-   public :: volume_word, rebound_words, turn_word, obstacle_word, ratio_word, roughness_word
+   public :: volume_word, shape_word, rebound_words, turn_word, obstacle_word, ratio_word, roughness_word
    public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word
    public :: tree_class_word, tree_within_word, cone_word, around_word
 
@@ -25,6 +25,7 @@ module rockfall_random
 
    !> Index of the word used for each quantity within a draw. Changing them changes results.
    integer, parameter :: volume_word = 1        !! of for_release: volume
+   integer, parameter :: shape_word = 2         !! of for_release: shape of the block, among several
    integer, parameter :: rebound_words = 3      !! of for_impact: words 1 to 3 are the normals of V_t, V_n, W
    integer, parameter :: normal_restitution_word = 1      !! of for_impact, for a classical rebound: R_n,
    integer, parameter :: tangential_restitution_word = 2  !! R_t,

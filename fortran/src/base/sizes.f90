@@ -6,7 +6,7 @@ module rockfall_sizes
    public :: max_message, max_list, max_array_row
    public :: n_boulder_fields, n_boulder_counts, n_line_fields, n_vertex_fields, n_line_quantities
    public :: n_impact_sets, n_set_numbers, n_incidence_limits, n_lateral_classes, n_lateral_quantiles
-   public :: n_map_counts, n_map_sums, n_map_maxima, n_stacks, n_histograms, n_ead_classes
+   public :: n_map_counts, n_map_sums, n_map_maxima, n_stacks, n_histograms, n_ead_classes, n_block_shapes
 
    integer, parameter :: max_message = 1024   !! one-line error message; as ROCKFALL_MESSAGE in include/rockfall.h
    integer, parameter :: max_list = 512       !! row of a table, list of names
@@ -21,4 +21,5 @@ module rockfall_sizes
    ! Maps: layers of counts (with those of thresholds), sums and maxima that a plan names; stacks of layers.
    integer, parameter :: n_map_counts = 7, n_map_sums = 7, n_map_maxima = 5, n_stacks = 3
    integer, parameter :: n_histograms = 6, n_ead_classes = 8  !! quantities of rebounds; energy classes of EAD 340059
+   integer, parameter :: n_block_shapes = 3  !! of the laboratory
 end module rockfall_sizes

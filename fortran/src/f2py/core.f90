@@ -13,13 +13,14 @@ module rockfall_f2py
    use rockfall_sizes, only: max_message, max_list, max_array_row, n_boulder_fields, n_boulder_counts, n_line_fields, &
                              n_vertex_fields, n_line_quantities, n_impact_sets, n_set_numbers, n_incidence_limits, &
                              n_lateral_classes, n_lateral_quantiles, n_map_counts, n_map_sums, n_map_maxima, n_stacks, &
-                             n_histograms, n_ead_classes
+                             n_histograms, n_ead_classes, n_block_shapes
    use rockfall_text, only: joined, max_text
    use rockfall_decimal, only: parse_real, decimal_ok
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_terrain, only: terrain_t, is_known_at, max_elevation
    use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor, boulder_t, sphere_radius, kinetic_energy, &
                                distributions
+   use rockfall_block_shape, only: block_shapes, block_axes, shape_of_axes
    use rockfall_shape, only: shape_volume, shape_inertia, shapes, sphere
    use rockfall_surface, only: size_weights
    use rockfall_barrier, only: barrier_outcome, ead_energy
@@ -81,7 +82,7 @@ module rockfall_f2py
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
-   public :: stand_counts, stand_numbers, shape_numbers
+   public :: stand_counts, stand_numbers, shape_numbers, axes_of_shapes, shapes_of_axes
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, boulders_in_parts, fraction_limits
    public :: sample_edges, sample_units, line_quantities, places_along
    public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies, split_blocks
@@ -186,13 +187,13 @@ contains
    end subroutine open_run
 
    !> Open a run without a scene, to be joined from parts, or a part of one: from a valid case, with the number of
-   !> grounds (0: only impact sets), and sources from the features of a layer or not (1 or 0).
-   subroutine open_joined_run(text, boulders, window, grounds, features, part_last, group_part, run, code, message, &
-                              np, ng)
+   !> grounds (0: only impact sets), sources from the features of a layer, and boulders of several shapes (1 or 0).
+   subroutine open_joined_run(text, boulders, window, grounds, features, shapes, part_last, group_part, run, code, &
+                              message, np, ng)
       integer(c_int), intent(in) :: np, ng
       character(len=*), intent(in) :: text
       integer(c_int64_t), intent(in) :: boulders(3)  !! of the complete run, before the part, in it
-      integer(c_int), intent(in) :: window(4), grounds, features
+      integer(c_int), intent(in) :: window(4), grounds, features, shapes
       integer(c_int32_t), intent(in) :: part_last(np), group_part(ng)  !! as in layout_t
       integer(c_int64_t), intent(out) :: run
       integer(c_int), intent(out) :: code
@@ -201,7 +202,8 @@ contains
       type(error_t), allocatable :: error
 
       allocate (opened)
-      call opened%begin_joined(text, boulders, window, grounds, features /= 0, part_last, group_part, error)
+      call opened%begin_joined(text, boulders, window, grounds, features /= 0, shapes /= 0, part_last, &
+                               group_part, error)
       call return_run(opened, error, run, code, message)
    end subroutine open_joined_run
 
@@ -743,6 +745,25 @@ contains
       end do
    end subroutine shape_numbers
 
+   !> Axes of the blocks of each shape of the laboratory, over the longest [-].
+   subroutine axes_of_shapes(axes)
+      real(c_double), intent(out) :: axes(3, n_block_shapes)
+
+      axes = block_axes
+   end subroutine axes_of_shapes
+
+   !> Nearest block shape of boulders with these axes, in any unit, each shorter than the one before or as long.
+   subroutine shapes_of_axes(axes, shape, n)
+      integer(c_int), intent(in) :: n
+      real(c_double), intent(in) :: axes(3, n)
+      integer(c_int8_t), intent(out) :: shape(n)
+      integer :: k
+
+      do k = 1, n
+         shape(k) = int(shape_of_axes(axes(1, k), axes(2, k), axes(3, k)), c_int8_t)
+      end do
+   end subroutine shapes_of_axes
+
    !> Number of a cell: from 1 by rows from the north-west.
    pure integer(c_int64_t) function cell_number(nx, row, column)
       integer(c_int), intent(in) :: nx, row
@@ -1205,6 +1226,7 @@ contains
       case ("energy"); text = joined(energy_fields, " ")
       case ("feature"); text = joined(feature_fields, " ")
       case ("distribution"); text = joined(distributions, " ")
+      case ("block_shape"); text = joined(block_shapes, " ")
       case ("line_quantity"); text = joined(line_quantity, " ")
       case ("end_quantity"); text = joined(end_quantity, " ")
       case ("line_group"); text = joined(line_groups, " ")

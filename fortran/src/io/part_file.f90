@@ -16,7 +16,9 @@ module rockfall_part_file
                                    integers_of, real_of
    use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, statuses
    use rockfall_impact_table, only: largest_block
+   use rockfall_block_shape, only: block_shapes
    use rockfall_ground, only: ground_t
+   use rockfall_scene_type, only: n_grounds
    use rockfall_grounds, only: model_names
    use rockfall_case, only: case_t
    use rockfall_same_run, only: identity_t, difference
@@ -121,7 +123,10 @@ contains
          call record_status(file, nf90_put_att(file%id, nf90_global, "map_window", window_of(run)))
          if (inputs%feature_names /= "") &
             call record_status(file, nf90_put_att(file%id, nf90_global, "source_features", inputs%feature_names))
-         if (allocated(inputs%scene%grounds)) call describe_grounds(file, inputs%scene%grounds)
+         if (allocated(inputs%scene%shapes)) &
+            call record_status(file, nf90_put_att(file%id, nf90_global, "block_shapes", joined(block_shapes, " ")))
+         if (allocated(inputs%scene%grounds)) &
+            call describe_grounds(file, inputs%scene%grounds(:n_grounds(inputs%scene)))
       end associate
    end subroutine describe
 
@@ -222,10 +227,17 @@ contains
       else
          call transfer(file, definition, axes, bytes)
       end if
-      if (row%variable%name /= "status" .or. .not. file%writes .or. .not. is_ok(file)) return
-      call record_status(file, nf90_inq_varid(file%id, "status", id))
-      call record_status(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=1, size(statuses))]))
-      call record_status(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
+      if (.not. file%writes .or. .not. is_ok(file)) return
+      select case (row%variable%name)
+      case ("status")
+         call record_status(file, nf90_inq_varid(file%id, "status", id))
+         call record_status(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=1, size(statuses))]))
+         call record_status(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
+      case ("block_shape")
+         call record_status(file, nf90_inq_varid(file%id, "block_shape", id))
+         call record_status(file, nf90_put_att(file%id, id, "flag_values", [(k, k=1, size(block_shapes))]))
+         call record_status(file, nf90_put_att(file%id, id, "flag_meanings", joined(block_shapes, " ")))
+      end select
    end subroutine pass_array
 
    !> Size of the rows of all boulders [bytes]: every file of the run is larger.

@@ -14,6 +14,7 @@ module rockfall_scene_file
                                    integers_of
    use rockfall_system, only: end_reading
    use rockfall_terrain, only: max_elevation
+   use rockfall_sizes, only: n_block_shapes
    use rockfall_surface, only: method_a
    use rockfall_boulder, only: list_volume
    use rockfall_variables, only: layout => scene_layout
@@ -230,11 +231,16 @@ contains
          n = length_of(file, "ground")
          ground = [axis_t("ground", int(n, i8))]
          material = [axis_t("material", int(max(1, length_of(file, "material")), i8))]
-         if (n < 1 .or. n > max_grounds) call mark_damaged(file, "its number of grounds")
+         if (n < 1 .or. n > n_block_shapes*max_grounds) call mark_damaged(file, "its number of grounds")
          if (.not. is_ok(file)) return
          allocate (length(n), source=0)
          call transfer(file, definition_t("ground_length", nf90_int), ground, length)
          call take_texts(inputs, length)
+         if (kind_of(file, "shape_ground") /= 0 .and. is_ok(file)) then
+            call read_shape_grounds(inputs, n)
+            if (.not. is_ok(file)) return
+            n = size(arrays%shape_ground, 1)
+         end if
          if (kind_of(file, "material_ground") /= 0 .and. is_ok(file)) then
             call take(inputs, "material_ground", "i1", material)
             if (.not. is_ok(file)) return
@@ -250,6 +256,23 @@ contains
          end do
       end associate
    end subroutine read_grounds
+
+   !> Read the ground that serves each shape on each ground of the cells, which are the first of all `n`.
+   subroutine read_shape_grounds(inputs, n)
+      type(inputs_t), intent(inout) :: inputs
+      integer, intent(in) :: n
+      integer :: of_cells
+
+      associate (file => inputs%file, arrays => inputs%arrays)
+         of_cells = length_of(file, "base_ground")
+         if (of_cells < 1 .or. of_cells > min(n, max_grounds)) call mark_damaged(file, "shape_ground")
+         if (.not. is_ok(file)) return
+         call take(inputs, "shape_ground", "i4", [axis_t("base_ground", int(of_cells, i8)), &
+                                                  axis_t("block_shape", int(n_block_shapes, i8))])
+         if (.not. is_ok(file)) return
+         if (any(arrays%shape_ground < 1 .or. arrays%shape_ground > n)) call mark_damaged(file, "shape_ground")
+      end associate
+   end subroutine read_shape_grounds
 
    !> Read the texts of the grounds, concatenated in the file, with their names.
    subroutine take_texts(inputs, length)
@@ -367,6 +390,11 @@ contains
          if (case%by_area) call take(inputs, "area_ratio", "f8", source, positive=.true.)
          if (kind_of(file, "source_frequency") /= 0) &
             call take(inputs, "source_frequency", "f8", source, positive=.true.)
+         if (kind_of(file, "source_shape") /= 0) call take(inputs, "source_shape", "i1", source)
+         if (allocated(arrays%source_shape)) then
+            if (any(arrays%source_shape < 0 .or. arrays%source_shape > n_block_shapes)) &
+               call mark_damaged(file, "source_shape")
+         end if
          if (kind_of(file, "source_feature") /= 0) call read_features(inputs, source)
       end associate
    end subroutine read_sources

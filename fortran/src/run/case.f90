@@ -4,13 +4,14 @@
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
-   use rockfall_text, only: integer_text, first_repeated
+   use rockfall_text, only: integer_text, real_text, first_repeated
    use rockfall_namelist, only: namelist_t, group_t
    use rockfall_values, only: has_key, value_count, text_of, get_text, get_integer, get_real, get_logical, refuse, &
                               refuse_list, has_comma, key_location
    use rockfall_case_keys, only: read_keys, map_names, n_maps, text_length, max_name
    use rockfall_case_effects, only: check_effects
    use rockfall_boulder, only: volume_distribution_t, fixed_volume, uniform_volume, distributions
+   use rockfall_block_shape, only: block_shapes
    use rockfall_surface, only: method_a, method_b
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
    use rockfall_forest, only: tree_model_t
@@ -26,6 +27,7 @@ module rockfall_case
    integer(i8), parameter :: keeps_all = huge(1_i8)
    !> Maximum volume_std/volume_mean of a normal distribution: truncation at zero then raises the mean to 4.6 times.
    integer, parameter :: max_spread = 5
+   real(wp), parameter :: share_rounding = 0.002_wp  !! sums of shares with three decimals differ from 1 by less
 
    character(len=*), parameter :: line_groups(*) = [character(len=7) :: "line", "barrier"]  !! in this order in results
    !> A barrier has one of these.
@@ -59,6 +61,7 @@ module rockfall_case
       logical :: by_table = .false.         !! rebounds follow a table of impacts by default
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
+      real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! of each of block_shapes [-]
       logical :: by_source = .false.             !! sources specify their boulders; volumes are factors
       logical :: by_feature = .false.            !! the layer of the sources gives all volumes
       logical :: source_density = .false.        !! sources also give their density
@@ -98,6 +101,7 @@ contains
       call read_run(list, this, error)
       if (.not. allocated(error)) call read_surface(group_of(list, "surface"), this, error)
       if (.not. allocated(error)) call read_boulder(group_of(list, "boulder"), group_of(list, "release"), this, error)
+      if (.not. allocated(error)) call read_shapes(group_of(list, "boulder"), this, error)
       if (.not. allocated(error)) call read_release(group_of(list, "release"), this, error)
       if (.not. allocated(error)) call read_forest(group_of(list, "forest"), this, error)
       if (.not. allocated(error)) call read_lines(list, this, error)
@@ -325,6 +329,32 @@ contains
       end if
       if (this%by_source) call set_factors(group, this)
    end subroutine read_boulder
+
+   !> Read the shares of the block shapes.
+   pure subroutine read_shapes(group, this, error)
+      type(group_t), intent(in) :: group
+      type(case_t), intent(inout) :: this
+      type(error_t), allocatable, intent(out) :: error
+      character(len=len(block_shapes)), allocatable :: names(:)
+      real(wp), allocatable :: shares(:)
+      integer :: k, n
+
+      allocate (names(0))
+      call get_text(group, "block_shape", names, error)
+      if (allocated(error)) return
+      n = size(names)
+      shares = reals_of(group, "block_shape_share")
+      if (size(shares) == 0) shares = [(1.0_wp/n, k=1, n)]
+      if (first_repeated(names) > 0) then
+         call refuse(group, "block_shape", "must name each shape once", error)
+      else if (size(shares) /= n) then
+         call refuse_list(group, "block_shape_share", "must be "//integer_text(n)//", one for each block_shape", error)
+      else if (abs(sum(shares) - 1) > share_rounding) then
+         call refuse_list(group, "block_shape_share", "must sum to 1, and sums to "//real_text(sum(shares), 4), error)
+      else
+         this%shape_share = [(sum(shares, mask=names == block_shapes(k)), k=1, size(block_shapes))]
+      end if
+   end subroutine read_shapes
 
    !> Read boulders specified by sources: the volume distribution is that of factors.
    pure subroutine set_factors(group, this)

@@ -53,7 +53,7 @@ module rockfall_case_keys
                                                    "frequency_factor"]
    integer, parameter :: max_names = 1000  !! maximum number of barriers or dams that a variant names
 
-   type(key_t), parameter :: own_keys(*) = [ &
+   type(key_t), parameter :: site_keys(*) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
       key_t("case", "boulders", "integer", 1, "absent", "1 to 1e15", "", "released from each source"), &
@@ -118,8 +118,11 @@ module rockfall_case_keys
             "pareto: the number of boulders larger than V falls as V**-volume_exponent; 0.4 to 0.7 is usual"), &
       key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
       key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
-      key_t("boulder", "block_shape", "text", 1, "'compact'", "compact, elongated, platy", "", &
-            "of the blocks of a ground's table of impacts, where there is one for each shape", in_scene), &
+      key_t("boulder", "block_shape", "text", many, "'compact'", "compact, elongated, platy", "", &
+            "of boulders, by which a ground's table of impacts is chosen; several: each boulder has one of them", &
+            in_scene), &
+      key_t("boulder", "block_shape_share", "real", many, "absent", "0 to 1", "", &
+            "of each shape in block_shape, together 1; absent: equal shares", in_scene), &
       key_t("boulder", "d1", "text", 1, "absent", "", "", &
             "source: raster of one of the three sides of boulders [m]", in_scene, "raster"), &
       key_t("boulder", "d2", "text", 1, "absent", "", "", "of the second [m]", in_scene, "raster"), &
@@ -212,7 +215,9 @@ module rockfall_case_keys
       key_t("forest", "turn_frontal", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", &
             "how often a frontal hit turns by 0-22.5, 22.5-67.5, 67.5-76 degrees, in any unit"), &
       key_t("forest", "turn_lateral", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a lateral hit"), &
-      key_t("forest", "turn_scratch", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a scratch"), &
+      key_t("forest", "turn_scratch", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a scratch")]
+
+   type(key_t), parameter :: run_keys(*) = [ &
       key_t("flight", "gravity", "real", 1, "9.81", "> 0", "m/s2", "acceleration of gravity"), &
       key_t("line", "name", "text", 1, "absent", "", "", "of an evaluation line"), &
       key_t("line", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
@@ -323,6 +328,8 @@ module rockfall_case_keys
       key_t("variant", "dams", "text", max_names, "absent", "", "", &
             "names of those that it has; of a layer, its name or file's; absent: all"), &
       key_t("variant", "cost", "real", 1, "absent", ">= 0", "", "in any unit, for the report")]
+
+   type(key_t), parameter :: own_keys(*) = [site_keys, run_keys]
 
    !> Keys of &terrain to &forest, which are neighbours: a variant gives them as GROUP_KEY.
    integer, parameter :: first_varied = findloc(own_keys%group, "terrain", dim=1)

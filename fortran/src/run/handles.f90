@@ -175,12 +175,12 @@ contains
    end subroutine begin
 
    !> Open a run without a scene, as in open_joined_run, from the text of a valid case.
-   subroutine begin_joined(this, text, boulders, window, grounds, features, part_last, group_part, error)
+   subroutine begin_joined(this, text, boulders, window, grounds, features, shapes, part_last, group_part, error)
       class(run_handle_t), intent(inout) :: this
       character(len=*), intent(in) :: text
       integer(i8), intent(in) :: boulders(3)  !! of the complete run, before the part, in it
       integer, intent(in) :: window(4), grounds
-      logical, intent(in) :: features
+      logical, intent(in) :: features, shapes
       integer(i4), intent(in) :: part_last(:), group_part(:)  !! as in layout_t
       type(error_t), allocatable, intent(out) :: error
       type(layout_t) :: layout
@@ -190,8 +190,8 @@ contains
       layout%group_part = group_part
       call read_case(text, "", case, error)
       if (.not. allocated(error)) &
-         call open_joined_run(case, boulders(1), boulders(2), boulders(3), window, grounds, features, layout, &
-                              this%run, error)
+         call open_joined_run(case, boulders(1), boulders(2), boulders(3), window, grounds, features, shapes, &
+                              layout, this%run, error)
    end subroutine begin_joined
 
    !> Open a run of a scene that continues another, which then cannot continue itself.

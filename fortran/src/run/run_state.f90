@@ -6,7 +6,7 @@ module rockfall_run_state
    use rockfall_kinds, only: wp, i1, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
-   use rockfall_scene_type, only: scene_t
+   use rockfall_scene_type, only: scene_t, n_grounds
    use rockfall_outcome, only: boulder_result_t, left_window
    use rockfall_crossings, only: crossings_t
    use rockfall_maps, only: maps_t, lacks_slots
@@ -86,7 +86,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call set_dimensions(case, scene, before, boulders, window, run)
-      call allocate_rows(case, n_grounds(scene), allocated(scene%release%feature), run, error)
+      call allocate_rows(case, n_grounds(scene), allocated(scene%release%feature), allocated(scene%shapes), run, error)
       if (.not. allocated(error)) call allocate_tallies(run, error)
    end subroutine open_run
 
@@ -131,13 +131,14 @@ contains
    end function plan_of
 
    !> Open a run without a scene: one to be joined from parts, whose rows may arrive in any order, or a part.
-   subroutine open_joined_run(case, total, before, boulders, window, grounds, features, layout, run, error)
+   subroutine open_joined_run(case, total, before, boulders, window, grounds, features, shapes, layout, run, error)
       type(case_t), intent(in) :: case
       integer(i8), intent(in) :: total             !! boulders of the complete run
       integer(i8), intent(in) :: before, boulders  !! of the part: before it, and in it
       integer, intent(in) :: window(4)
       integer, intent(in) :: grounds   !! number of grounds; 0: only the impact sets
       logical, intent(in) :: features  !! sources come from the features of a layer
+      logical, intent(in) :: shapes    !! boulders have several shapes
       type(layout_t), intent(in) :: layout  !! layout of samples
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
@@ -153,7 +154,7 @@ contains
       call set_case(case, run)
       if (tells_sources(run%maps)) &
          run%maps%shared = contributing_t([integer(i8) ::], [integer(i4) ::], [integer(i4) ::])
-      call allocate_rows(case, grounds, features, run, error)
+      call allocate_rows(case, grounds, features, shapes, run, error)
       if (.not. allocated(error)) call allocate_tallies(run, error)
    end subroutine open_joined_run
 
@@ -169,7 +170,7 @@ contains
 
       call set_dimensions(case, scene, other%before, boulder_count(scene) - other%before, &
                           [other%maps%at, other%maps%nodes], run)
-      call allocate_rows(case, n_grounds(scene), allocated(scene%release%feature), run, error)
+      call allocate_rows(case, n_grounds(scene), allocated(scene%release%feature), allocated(scene%shapes), run, error)
       if (allocated(error)) return
       call copy_rows(run, 0_i8, other)
       run%count = other%count
@@ -196,6 +197,9 @@ contains
       if (allocated(run%number)) row = rows_of(run)
       if (row + n > size(run%status, kind=i8)) then
          call fail(error, "a run of "//integer_text(run%total)//" boulders has no more rows to be merged")
+         return
+      else if (size(run%reals, 2) /= size(part%reals, 2) .or. size(run%integers, 2) /= size(part%integers, 2)) then
+         call fail(error, "a part has other variables of boulders than the first")
          return
       end if
       if (allocated(run%number)) run%number(row + 1:row + n) = part%number(:n)
@@ -245,10 +249,10 @@ contains
    ! ---- memory -------------------------------------------------------------------------------
 
    !> Allocate the rows of boulders, with the columns that the case needs, and the sums.
-   subroutine allocate_rows(case, grounds, features, run, error)
+   subroutine allocate_rows(case, grounds, features, shapes, run, error)
       type(case_t), intent(in) :: case
       integer, intent(in) :: grounds
-      logical, intent(in) :: features
+      logical, intent(in) :: features, shapes
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: n
@@ -260,6 +264,7 @@ contains
                               .or. (real_groups == "breakage" .and. allocated(case%breakage)))
       run%integer_columns = pack([(k, k=1, size(row_integers))], integer_groups == "boulder" &
                                  .or. (integer_groups == "feature" .and. features) &
+                                 .or. (integer_groups == "shape" .and. shapes) &
                                  .or. (integer_groups == "tree" .and. case%forest) &
                                  .or. (integer_groups == "breakage" .and. allocated(case%breakage)))
       run%histograms_requested = case%rebounds
@@ -313,13 +318,6 @@ contains
 
       call fail(error, integer_text(run%total)//" boulders and the requested maps do not fit in memory")
    end subroutine report_memory
-
-   pure integer function n_grounds(scene)
-      type(scene_t), intent(in) :: scene
-
-      n_grounds = 0
-      if (allocated(scene%grounds)) n_grounds = size(scene%grounds)
-   end function n_grounds
 
    ! ---- boulders -----------------------------------------------------------------------------
 

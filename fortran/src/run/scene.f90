@@ -16,6 +16,7 @@ module rockfall_scene
    use rockfall_line_index, only: line_index, worth_indexing
    use rockfall_barrier, only: barrier_t
    use rockfall_boulder, only: release_t, mean_volume
+   use rockfall_block_shape, only: shape_mix
    use rockfall_ground, only: ground_t, rest_slope_of
    use rockfall_forest, only: build_forest
    use rockfall_scene_type, only: scene_t
@@ -56,6 +57,7 @@ module rockfall_scene
       real(wp), allocatable :: source_frequency(:)               !! in any unit; weights that distribute boulders_total
       real(wp), allocatable :: source_volume(:), source_inertia(:)  !! of their boulders, if given [m3], [-]
       real(wp), allocatable :: source_density(:)                 !! density of their boulders, if given [kg/m3]
+      integer(i1), allocatable :: source_shape(:)                !! block shape of their boulders; 0: the case's
       integer, allocatable :: source_feature(:)                  !! 1-based feature of a layer, if sources come from one
       integer, allocatable :: feature_distribution(:)            !! volume model (rockfall_boulder); 0: the case's
       real(wp), allocatable :: feature_value(:, :)               !! (feature_fields, features); NaN: the case's
@@ -68,6 +70,7 @@ module rockfall_scene
       integer, allocatable :: ground_length(:)                   !! if not only the case's impact sets apply,
       integer(i1), allocatable :: material_ground(:)             !! with the 1-based ground of each material, or
       integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; default: the first
+      integer, allocatable :: shape_ground(:, :)                 !! as in shape_mix_t, if tables differ by shape
    contains
       procedure :: set_array
    end type scene_arrays_t
@@ -103,6 +106,7 @@ contains
       call set_release(case, arrays, scene)
       call set_boulders(case, arrays, scene)
       call set_features(case, arrays, scene)
+      call set_shapes(case, arrays, scene)
       call set_lines(case, scene)
       call set_forest(case, arrays, scene)
       call check_number(case, scene, error)
@@ -120,12 +124,13 @@ contains
       integer(i8), intent(in) :: length(3)        !! of its dimensions, the first varies fastest; 1 beyond the last
       type(c_ptr), intent(in) :: at
       real(wp), pointer, contiguous :: reals(:), table(:, :)
-      integer(i4), pointer, contiguous :: integers(:)
+      integer(i4), pointer, contiguous :: integers(:), numbers(:, :)
       integer(i1), pointer, contiguous :: bytes(:)
 
       call c_f_pointer(at, reals, length(:1))
       call c_f_pointer(at, table, length(:2))
       call c_f_pointer(at, integers, length(:1))
+      call c_f_pointer(at, numbers, length(:2))
       call c_f_pointer(at, bytes, length(:1))
       select case (name)
       case ("elevation")
@@ -143,6 +148,7 @@ contains
       case ("source_volume"); arrays%source_volume = reals
       case ("source_inertia"); arrays%source_inertia = reals
       case ("source_density"); arrays%source_density = reals
+      case ("source_shape"); arrays%source_shape = bytes
       case ("source_feature"); arrays%source_feature = integers
       case ("feature_law"); arrays%feature_distribution = integers
       case ("feature_value"); arrays%feature_value = table
@@ -156,6 +162,7 @@ contains
       case ("ground_text"); arrays%ground_text = text_of(bytes)
       case ("ground_names"); arrays%ground_names = text_of(bytes)
       case ("material_ground"); arrays%material_ground = bytes
+      case ("shape_ground"); arrays%shape_ground = numbers
       case ("cell_ground"); call c_f_pointer(at, arrays%cell_ground, length(:2))
       end select
    end subroutine set_array
@@ -291,6 +298,18 @@ contains
       scene%of_source%density = case%volumes%density
       if (case%source_density) scene%of_source%density = arrays%source_density
    end subroutine set_boulders
+
+   !> Set the block shapes of boulders that have several.
+   pure subroutine set_shapes(case, arrays, scene)
+      type(case_t), intent(in) :: case
+      type(scene_arrays_t), intent(in) :: arrays
+      type(scene_t), intent(inout) :: scene
+
+      if (count(case%shape_share > 0) < 2 .and. .not. allocated(arrays%source_shape)) return
+      scene%shapes = shape_mix(case%shape_share)
+      if (allocated(arrays%source_shape)) scene%shapes%of_source = arrays%source_shape
+      if (allocated(arrays%shape_ground)) scene%shapes%ground = arrays%shape_ground
+   end subroutine set_shapes
 
    !> Set the evaluation lines, and the barriers among them.
    pure subroutine set_lines(case, scene)

@@ -3,6 +3,7 @@
 module rockfall_value_rules
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
    use rockfall_kinds, only: wp
+   use rockfall_sizes, only: n_block_shapes
    use rockfall_text, only: integer_text, real_text
    use rockfall_grid, only: grid_t
    use rockfall_variables, only: statuses
@@ -79,6 +80,9 @@ contains
       case ("status")
          range%lowest = 1
          range%highest = size(statuses)
+      case ("block_shape")
+         range%lowest = 1
+         range%highest = n_block_shapes
       case ("barrier_outcome"); range%highest = passed_over
       case ("start_x", "stop_x", "line_x", "start_y", "stop_y", "line_y")
          range%lowest = -huge(1.0_wp)

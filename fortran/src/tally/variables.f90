@@ -18,11 +18,12 @@ module rockfall_variables
    !> Variable of a result.
    type :: variable_t
       !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), feature (per
-      !> boulder, if sources come from a layer), mass (there, too, and if they give densities), tree (per boulder, if
-      !> there are trees), breakage (per boulder, if they may break), line (first crossing), fragment (at lines, if
-      !> boulders may break), line_vertex, barrier, map, histogram, vertex (of a trajectory), tally (per cell, in part
-      !> files), kept and sample (if not all rows are kept); or status, outcome and leg: values of the status of a
-      !> boulder, of the outcome at a barrier, and of the motion from a vertex to the next.
+      !> boulder, if sources come from a layer), shape (per boulder, if they have several), mass (if sources come from
+      !> a layer or give densities), tree (per boulder, if there are trees), breakage (per boulder, if they may break),
+      !> line (first crossing), fragment (at lines, if boulders may break), line_vertex, barrier, map, histogram, vertex
+      !> (of a trajectory), tally (per cell, in part files), kept and sample (if not all rows are kept); or status,
+      !> outcome and leg: values of the status of a boulder, of the outcome at a barrier, and of the motion from a
+      !> vertex to the next.
       character(len=11) :: group
       character(len=27) :: name       !! in files prefixed by line_, trajectory_, tally_, followed by _histogram
       character(len=7) :: kind        !! real, integer, word
@@ -94,6 +95,7 @@ module rockfall_variables
       variable_t("energy", "energy_left", "real", "J", "kinetic energy at the end"), &
       variable_t("feature", "source_feature", "integer", "1", "number of the feature that the source is of", &
                  "counts from 1", "i4"), &
+      variable_t("shape", "block_shape", "integer", "1", "shape of the block", stored="i4"), &
       variable_t("mass", "mass", "real", "kg", "mass of the boulder"), &
       variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each counts", "i4"), &
       variable_t("breakage", "fines_volume", "real", "m3", "volume that broke into pieces below min_volume"), &
@@ -278,7 +280,8 @@ module rockfall_variables
    character(len=11), parameter :: real_groups(*) = pack(variable_table%group, is_row_real)
    logical, parameter :: is_row_integer(*) = variable_table%kind == "integer" .and. variable_table%name /= "status" &
       .and. (variable_table%group == "boulder" .or. variable_table%group == "feature" &
-             .or. variable_table%group == "tree" .or. variable_table%group == "breakage")
+             .or. variable_table%group == "shape" .or. variable_table%group == "tree" &
+             .or. variable_table%group == "breakage")
    character(len=27), parameter :: row_integers(*) = pack(variable_table%name, is_row_integer)
    character(len=11), parameter :: integer_groups(*) = pack(variable_table%group, is_row_integer)
    character(len=27), parameter :: line_fields(n_line_fields) = pack(variable_table%name, &

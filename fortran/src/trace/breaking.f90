@@ -99,6 +99,7 @@ contains
          associate (result => piece%result)
             result%boulder = fragment_of(from%result%boulder, scratch%split%volume(k))
             result%source = from%result%source
+            result%block_shape = from%result%block_shape
             result%start = from%result%start
             result%impacts = from%result%impacts
             result%path_length = from%result%path_length

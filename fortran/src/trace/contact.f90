@@ -9,6 +9,7 @@ module rockfall_contact
    use rockfall_terrain, only: gradient, steepness_of, cell_of
    use rockfall_surface, only: rock_radius, ground_at
    use rockfall_boulder, only: inertia_factor
+   use rockfall_block_shape, only: ground_of_shape
    use rockfall_flight, only: flight_t, landing_t
    use rockfall_rolling, only: roll_t, touch_t, find_roll
    use rockfall_impact, only: find_nearest_set, interpolated_set, beyond_fit, rebound_t, rebound, twice_energy
@@ -52,7 +53,8 @@ contains
 
       word = impact_words(scene, number, result%impacts)
       cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
-      call find_ground(scene, number, result%impacts, cell, level, ground, radius, obstacle, u_ground, result%status)
+      call find_ground(scene, number, result%impacts, result%block_shape, cell, level, ground, radius, obstacle, &
+                       u_ground, result%status)
       if (result%status == absorbed) return
       ratio = result%boulder%radius/radius
       if (level >= with_all .and. ground > 0) then
@@ -142,10 +144,11 @@ contains
    end subroutine handle_table_contact
 
    !> Find the ground of a raster cell, its rocks and obstacles, and whether it absorbs the boulder.
-   pure subroutine find_ground(scene, number, impact, cell, level, ground, radius, obstacle, u_ground, status)
+   pure subroutine find_ground(scene, number, impact, shape, cell, level, ground, radius, obstacle, u_ground, status)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       integer, intent(in) :: impact
+      integer, intent(in) :: shape          !! of the boulder, as in boulder_result_t
       integer, intent(in) :: cell(2)        !! column, row from the north
       integer, value :: level               !! basic, ..., with_all
       integer, intent(out) :: ground        !! 0: the scene has only the case's impact sets
@@ -163,6 +166,7 @@ contains
          status = absorbed
       else if (level >= with_all .and. allocated(scene%grounds)) then
          ground = ground_at(scene%surface, cell)
+         if (allocated(scene%shapes)) ground = ground_of_shape(scene%shapes, ground, shape)
          obstacle = radius/scene%surface%size_to_radius
          if (absorbs(scene%grounds(ground)%classical, obstacle)) status = absorbed
          radius = max(radius, rockless_radius)

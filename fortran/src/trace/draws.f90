@@ -3,14 +3,15 @@
 !> its first rebound are a scrambled Sobol' point.
 module rockfall_draws
    use rockfall_kinds, only: wp, i8
-   use rockfall_random, only: random_words, uniform, for_impact, for_ground, words_per_block, obstacle_word, &
-                              boulder_number
+   use rockfall_random, only: random_words, uniform, for_release, for_impact, for_ground, words_per_block, &
+                              shape_word, obstacle_word, boulder_number
    use rockfall_sobol, only: sobol_word, scrambled, volume_dimension, obstacle_dimension
    use rockfall_boulder, only: boulder_t, volume_distribution_t, draw_boulder, source_of, first_of
+   use rockfall_block_shape, only: drawn_shape
    use rockfall_scene_type, only: scene_t
    implicit none
    private
-   public :: drawn_boulder, impact_words, ground_uniforms
+   public :: drawn_boulder, block_shape_of, impact_words, ground_uniforms
 
 contains
 
@@ -27,6 +28,21 @@ contains
          boulder = draw_boulder(volumes, scene%table, scene%key, number)
       end if
    end function drawn_boulder
+
+   !> Shape of a boulder: that of its source, or drawn; 0 if the scene has only one.
+   pure integer function block_shape_of(scene, source, number) result(shape)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: source
+      integer(i8), intent(in) :: number
+      integer(i8) :: word(words_per_block)
+
+      shape = 0
+      if (.not. allocated(scene%shapes)) return
+      if (allocated(scene%shapes%of_source)) shape = scene%shapes%of_source(source)
+      if (shape > 0) return
+      word = random_words(scene%key, for_release, number, 0_i8, 0_i8)
+      shape = drawn_shape(scene%shapes, uniform(word(shape_word)))
+   end function block_shape_of
 
    !> Random words of a rebound.
    pure function impact_words(scene, number, impact) result(word)

@@ -63,7 +63,7 @@ contains
       type(crossings_t), intent(inout) :: crossings(:)       !! of each boulder, if there are lines
       type(maps_t), intent(in) :: maps(:)                    !! one, or one for each thread
       integer(i8), intent(inout) :: histogram_counts(:, :)   !! (bins, quantities)
-      integer(i8), intent(inout) :: by_ground(:)             !! rebounds, if the scene has several grounds
+      integer(i8), intent(inout) :: by_ground(:)             !! rebounds on each ground, as in n_grounds
       real(wp), intent(in), optional :: seconds              !! without effect if maps count sources
       integer(i8), intent(out), optional :: done
 
@@ -128,9 +128,25 @@ contains
       end if
       !$omp critical
       if (scene%histograms_requested) histogram_counts = histogram_counts + worker%totals%histogram
-      if (allocated(scene%grounds)) by_ground = by_ground + worker%totals%by_ground
+      if (allocated(scene%grounds)) call add_by_ground(scene, worker%totals%by_ground, by_ground)
       !$omp end critical
    end subroutine run_thread
+
+   !> Add the rebounds on each ground to those on the grounds of the cells.
+   pure subroutine add_by_ground(scene, rebounds, by_ground)
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: rebounds(:)      !! on each of the scene's grounds
+      integer(i8), intent(inout) :: by_ground(:)
+      integer :: ground, k
+
+      by_ground = by_ground + rebounds(:size(by_ground))
+      if (size(by_ground) == size(rebounds)) return
+      do ground = 1, size(by_ground)
+         do k = size(by_ground) + 1, size(rebounds)
+            if (any(scene%shapes%ground(ground, :) == k)) by_ground(ground) = by_ground(ground) + rebounds(k)
+         end do
+      end do
+   end subroutine add_by_ground
 
    !> Run one thread's part of the boulders, in batches from the shared counter `next`; slow boulders go singly.
    subroutine run_one_by_one(scene, first, step, results, crossings, maps, next, deadline, worker)

@@ -487,8 +487,8 @@ contains
             result%impacts = result%impacts + 1
             c%impact(k) = result%impacts
             cell = [int(c%column(k)), int(c%row(k))]
-            call find_ground(scene, c%number(k), result%impacts, cell, with_all, c%ground(k), radius, obstacle, &
-                             u_ground, result%status)
+            call find_ground(scene, c%number(k), result%impacts, result%block_shape, cell, with_all, c%ground(k), &
+                             radius, obstacle, u_ground, result%status)
             c%ground(k) = max(1, c%ground(k))
             if (result%status == absorbed) cycle
             c%ratio(k) = result%boulder%radius/radius

@@ -38,6 +38,7 @@ module rockfall_outcome
       integer :: rebounds = 0, redrawn = 0, forced = 0
       integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds outside the fitted ranges
       integer :: source = 0                !! 1..
+      integer :: block_shape = 0           !! as in shape_mix_t; 0: the scene has only one
       real(wp) :: start(3) = 0.0_wp, stop(3) = 0.0_wp  !! local coordinates [m]
       integer :: stop_cell(2) = 0          !! column, row; only valid with a contact
       integer :: trees_hit = 0             !! repeated hits of a tree count

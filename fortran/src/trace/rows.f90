@@ -55,8 +55,8 @@ contains
       type(boulder_result_t), intent(in) :: outcome
       integer :: row(size(row_integers))
 
-      row = [outcome%impacts, outcome%source, feature_of(release, int(outcome%source, i8)), outcome%trees_hit, &
-             outcome%fragments, outcome%breakages, outcome%capped]
+      row = [outcome%impacts, outcome%source, feature_of(release, int(outcome%source, i8)), outcome%block_shape, &
+             outcome%trees_hit, outcome%fragments, outcome%breakages, outcome%capped]
    end function integer_row
 
    !> Values of `line_fields`; NaN if the boulder did not cross. Energies: Bourrier et al. 2009, eqs 1-3.

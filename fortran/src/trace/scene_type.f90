@@ -7,6 +7,7 @@ module rockfall_scene_type
    use rockfall_terrain, only: terrain_t
    use rockfall_surface, only: surface_t
    use rockfall_boulder, only: source_boulder_t, feature_t, volume_distribution_t, release_t, source_of, inertia_factor
+   use rockfall_block_shape, only: shape_mix_t
    use rockfall_impact, only: impact_set_t, impact_ratios
    use rockfall_ground, only: ground_t
    use rockfall_direction, only: lateral_t, past_aspect, by_lab
@@ -17,7 +18,7 @@ module rockfall_scene_type
    use rockfall_breakage, only: breakage_t
    implicit none
    private
-   public :: scene_t, goes_in_lanes, has_obstacles, needs_energies, inertia_of, is_slow
+   public :: scene_t, n_grounds, goes_in_lanes, has_obstacles, needs_energies, inertia_of, is_slow
    public :: one_by_one, narrow_lanes, wide_lanes, masked_lanes
 
    !> Execution modes: one boulder at a time; in lanes for any processor; in those for AVX2; for AVX-512.
@@ -35,7 +36,9 @@ module rockfall_scene_type
       logical :: ground_drawn = .false.    !! ground properties are random: additional words per impact
       integer :: turning = past_aspect     !! rule, as in turning_t
       type(lateral_t), allocatable :: lateral(:)  !! per ratio; only for by_lab
-      type(ground_t), allocatable :: grounds(:)   !! only if `sets` does not apply everywhere
+      type(ground_t), allocatable :: grounds(:)   !! only if `sets` does not apply everywhere; the first n_grounds
+                                               !! are of the cells, others stand in for them by shape
+      type(shape_mix_t), allocatable :: shapes    !! if boulders have several shapes
       type(volume_distribution_t) :: volumes
       type(source_boulder_t), allocatable :: of_source(:)  !! given by sources; `volumes` are then factors on these
       type(feature_t), allocatable :: features(:)          !! if a layer has release attributes
@@ -56,6 +59,16 @@ module rockfall_scene_type
    end type scene_t
 
 contains
+
+   !> Number of grounds of the cells; 0 if there are only impact sets.
+   pure integer function n_grounds(scene)
+      type(scene_t), intent(in) :: scene
+
+      n_grounds = 0
+      if (allocated(scene%grounds)) n_grounds = size(scene%grounds)
+      if (.not. allocated(scene%shapes)) return
+      if (allocated(scene%shapes%ground)) n_grounds = size(scene%shapes%ground, 1)
+   end function n_grounds
 
    !> Return whether boulders may run in lanes: no breakage, and no turning by the laboratory.
    pure logical function goes_in_lanes(scene)

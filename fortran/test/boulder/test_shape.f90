@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Volumes and moments of inertia of shapes, as textbooks have them.
+!> Volumes and moments of inertia of shapes, as textbooks have them; block shapes by share.
 program test_shape
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi
    use rockfall_boulder, only: inertia_factor, source_boulder_t, boulder_t, boulder_of
+   use rockfall_block_shape, only: shape_mix_t, shape_mix, drawn_shape, shape_of_axes, block_axes
    use rockfall_shape, only: shape_volume, shape_inertia, shapes
    use check_m, only: check, check_close, finish
    implicit none
@@ -13,6 +14,7 @@ program test_shape
    call test_volumes()
    call test_inertia()
    call test_of_source()
+   call test_mix()
    call finish()
 
 contains
@@ -56,4 +58,32 @@ contains
       call check_close("mass", boulder%mass, 2600*0.66_wp, near)
       call check_close("radius", 4*pi/3*boulder%radius**3, 0.66_wp, near)
    end subroutine test_of_source
+
+   !> Shares are parts of (0, 1), in the order of the shapes; one of 0 has none, even where a number is at its end.
+   subroutine test_mix()
+      real(wp), parameter :: smallest = 0.5_wp*2.0_wp**(-32)  !! uniform number
+      type(shape_mix_t) :: mix
+      integer :: k
+
+      mix = shape_mix([0.5_wp, 0.3_wp, 0.2_wp])
+      call check("first", all(drawn_shapes(mix, [smallest, 0.25_wp, 0.5_wp - 1.0e-9_wp]) == 1))
+      call check("second", all(drawn_shapes(mix, [0.5_wp, 0.8_wp - 1.0e-9_wp]) == 2))
+      call check("third", all(drawn_shapes(mix, [0.8_wp + 1.0e-9_wp, 1 - smallest]) == 3))
+      mix = shape_mix([0.0_wp, 0.333_wp, 0.333_wp])
+      call check("none of share 0", all(drawn_shapes(mix, [smallest, 0.49_wp, 0.51_wp, 1 - smallest]) == [2, 2, 3, 3]))
+      mix = shape_mix([0.1_wp, 0.2_wp, 0.0_wp])
+      call check("nor at the end", drawn_shape(mix, 1 - smallest) == 2)
+      do k = 1, size(block_axes, 2)
+         call check("blocks have their own shape", shape_of_axes(3*block_axes(1, k), 3*block_axes(2, k), &
+                                                                 3*block_axes(3, k)) == k)
+      end do
+   end subroutine test_mix
+
+   function drawn_shapes(mix, u) result(shapes)
+      type(shape_mix_t), intent(in) :: mix
+      real(wp), intent(in) :: u(:)
+      integer :: shapes(size(u)), k
+
+      shapes = [(drawn_shape(mix, u(k)), k=1, size(u))]
+   end function drawn_shapes
 end program test_shape

@@ -7,9 +7,10 @@ program test_contact
    use rockfall_terrain, only: terrain, locate, height
    use rockfall_flight, only: landing_t
    use rockfall_rolling, only: roll_t
-   use rockfall_scene_type, only: scene_t, is_slow
+   use rockfall_scene_type, only: scene_t, n_grounds, is_slow
    use rockfall_outcome, only: boulder_result_t, stopped, absorbed, impact_limit
    use rockfall_scratch, only: with_all
+   use rockfall_block_shape, only: shape_mix
    use rockfall_contact, only: find_ground, find_impact_set, close_impact, rest_or_roll
    use check_m, only: check, check_close, finish
    implicit none
@@ -43,20 +44,28 @@ contains
       zone(15:, :) = 3
       scene%surface%zone1 => zone
       status = 0
-      call find_ground(scene, 1_i8, 1, [3, 5], with_all, number, radius, obstacle, u, status)
+      call find_ground(scene, 1_i8, 1, 0, [3, 5], with_all, number, radius, obstacle, u, status)
       call check_close("rocks", radius, 0.2_wp, 1.0e-15_wp)
       call check("no ground of its own", number == 0 .and. status == 0)
-      call find_ground(scene, 1_i8, 1, [9, 5], with_all, number, radius, obstacle, u, status)
+      call find_ground(scene, 1_i8, 1, 0, [9, 5], with_all, number, radius, obstacle, u, status)
       call check("the river absorbs", status == absorbed)
       allocate (scene%grounds(2))
       ground(:, :10) = 1
       ground(:, 11:) = 2
       scene%surface%cell_ground => ground
       status = 0
-      call find_ground(scene, 1_i8, 1, [3, 12], with_all, number, radius, obstacle, u, status)
+      call find_ground(scene, 1_i8, 1, 0, [3, 12], with_all, number, radius, obstacle, u, status)
       call check("its ground", number == 2 .and. status == 0)
       call check_close("obstacles", obstacle, 0.2_wp/scene%surface%size_to_radius, 1.0e-15_wp)
-      call find_ground(scene, 1_i8, 1, [16, 5], with_all, number, radius, obstacle, u, status)
+      scene%shapes = shape_mix([0.5_wp, 0.5_wp, 0.0_wp])
+      call find_ground(scene, 1_i8, 1, 2, [3, 12], with_all, number, radius, obstacle, u, status)
+      call check("whose table serves all shapes", number == 2)
+      scene%shapes%ground = reshape([1, 2, 1, 1, 1, 2], [2, 3])
+      call find_ground(scene, 1_i8, 1, 2, [3, 12], with_all, number, radius, obstacle, u, status)
+      call check("or the ground that stands in for it by shape", number == 1 .and. status == 0)
+      call check("grounds of the cells", n_grounds(scene) == 2)
+      deallocate (scene%shapes)
+      call find_ground(scene, 1_i8, 1, 0, [16, 5], with_all, number, radius, obstacle, u, status)
       call check("ground without rocks has a radius", radius > 0 .and. radius < 1.0e-6_wp)
       deallocate (scene%grounds)
    end subroutine test_ground

@@ -57,10 +57,11 @@ def line_statistics(
     below 10 that of the mean is NaN, below 100 that of std, and limits of quantiles beyond the
     values of the sample are NaN. `withheld` names the numbers without an interval.
 
-    by = 'source' or 'volume' gives these rows for each group of boulders, named in a column of that
-    name, with the number released in `boulders`, to which `fraction` then refers; `classes` are the
-    edges between classes of volume [m3] (see `rockfall.analysis.lines.groups.groups`). Raises
-    RockfallError for another `by` or quantity, or edges that do not increase.
+    by = 'source', 'volume' or 'shape' gives these rows for each group of boulders, named in a
+    column of that name, with the number released in `boulders`, to which `fraction` then refers;
+    `classes` are the edges between classes of volume [m3] (see
+    `rockfall.analysis.lines.groups.groups`). Raises RockfallError for another `by` or quantity,
+    or edges that do not increase.
 
     energy_total is E_trans + E_rot, rotational_share is E_rot / E_total; position is the distance
     along the line, from its first vertex, at which a boulder crossed [m]: its std is the lateral

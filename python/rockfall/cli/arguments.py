@@ -318,7 +318,7 @@ def _add_results(commands: _Commands) -> None:
     _add_imprint(compare, "in the report")
     lines = result("lines", "print line statistics with intervals, and return levels")
     _option(lines, "-o --output TABLE.csv", Path, "write them, too")
-    _option(lines, "--by WHAT", str, "split them: source or volume")
+    _option(lines, "--by WHAT", str, "split them: source, volume or shape (of blocks)")
     text = "edges between classes of volume [m3], as 0.1,0.5,1; default: quarters of the boulders"
     _option(lines, "--classes V,V", str, text)
     text = "what passes where on this line; with -o TABLE.csv also the figure TABLE.png"

@@ -21,13 +21,14 @@ from rockfall.io.arrays import corner_of
 from rockfall.io.input_warnings import InputWarning
 from rockfall.io.tables import read_table
 from rockfall.io.zone_table import NAMES, Zone
-from rockfall.language import Number, say, say_count, translated, word
+from rockfall.language import Number, Text, say, say_count, translated, word
 from rockfall.plots.cartography.rasters import cropped, draw_image
 from rockfall.plots.cartography.sheet import crs_text, finish, new_sheet
 from rockfall.plots.extent import reached
 from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import number
+from rockfall.quantities import number, percent
+from rockfall.result.block_shapes import boulders_by_shape
 from rockfall.result.samples import has_rows, simulated
 from rockfall.scene.read import read_scene
 
@@ -74,6 +75,7 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
         (say("label.release"), _release(case, "source_feature" in result)),
         (say("label.boulders"), Number(f"{simulated(result):,}")),
         (say("inputs.volume_m"), volumes),
+        *_shapes(result),
         (say("inputs.density_kg_m"), _density(case, "source_feature" in result)),
         (say("label.rebounds"), followed_text(result, str(result.attrs["impact_set"]))),
     ]
@@ -103,6 +105,16 @@ def _density(case: Case, layer_says_more: bool) -> str:
         return say("inputs.of_each_source")
     density = number(case.boulder["density"], 4)
     return say("inputs.unless_layer", value=density) if layer_says_more else density
+
+
+def _shapes(result: xr.Dataset) -> Iterator[tuple[str, Text]]:
+    """Fractions of the block shapes, where boulders have several."""
+    if shapes := boulders_by_shape(result):
+        parts = [
+            say("inputs.part", fraction=percent(own.mean()), name=word(name))
+            for name, own in shapes.items()
+        ]
+        yield say("inputs.block_shape"), say("model.several", parts=parts)
 
 
 def _range(values: np.ndarray) -> str:

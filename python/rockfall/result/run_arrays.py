@@ -49,11 +49,11 @@ class RunArrays:
     @classmethod
     def joined(
         cls, case: str, boulders: tuple[int, int, int], box: Box, grounds: int, features: bool,
-        *layout: np.ndarray,
+        shapes: bool, *layout: np.ndarray,
     ) -> Self:  # fmt: skip
         """Create a run to be joined from parts, or a part. `boulders`: of the complete run, before
         the part, in it; `layout`: part_last and group_part of samples."""
-        extent = case.encode(), boulders, window(box), grounds, features
+        extent = case.encode(), boulders, window(box), grounds, features, shapes
         return cls(_core.open_joined_run(*extent, *layout), "merge")
 
     def merge(self, part: RunArrays) -> None:

@@ -96,6 +96,7 @@ def _groups() -> Iterator[_Group]:
     yield {name: ("ground",) for name in on_grounds}
     yield {"ground_block_radius": ("ground",)}
     yield {name: ("boulder",) for name in variables.ENERGY}
+    yield {name: ("boulder",) for name in variables.SHAPE}
     yield {name: ("boulder",) for name in variables.MASS}
     yield {name: ("boulder",) for name in variables.TREE}
     yield {name: ("boulder",) for name in variables.BREAKAGE}
@@ -124,11 +125,11 @@ def _check_variable(
         raise RockfallError(f"{path}: {name}: is not along {', '.join(dims)}")
     if variable.dtype.kind not in "iuf" and name not in TEXTS:
         raise RockfallError(f"{path}: {name}: holds no numbers")
-    if name == "status":
+    if name in variables.FLAGS:
         values = np.atleast_1d(variable.attrs.get("flag_values", []))
         words = str(variable.attrs.get("flag_meanings", "")).split()
         if not words or len(values) != len(words) or values.dtype.kind not in "iu":
-            raise RockfallError(f"{path}: status: does not say what its numbers mean")
+            raise RockfallError(f"{path}: {name}: does not say what its numbers mean")
 
 
 def check_values(data: xr.Dataset, path: str | Path) -> None:
@@ -158,7 +159,9 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
     )
     layout = (data[f"sample_{name}"].values.astype("i4") for name in ("part_last", "group_part"))
     boulders = requested, first - 1, last - first + 1
-    run = RunArrays.joined(case_of(data).text(), boulders, Box(0, 0, 0, 0), 0, False, *layout)
+    run = RunArrays.joined(
+        case_of(data).text(), boulders, Box(0, 0, 0, 0), 0, False, False, *layout
+    )
     sizes = (data.sizes[dim] for dim in ("boulder", "sample_entry", "sample_group_entry"))
     rows, *bins = map(int, sizes)
     run.begin_part(boulders[2], (rows, 0, 0, *bins), str(path))

@@ -18,6 +18,7 @@ COUNT = _TABLE["count"]  # over all boulders
 GROUND = _TABLE["ground"]  # the same, on each ground
 ENERGY = _TABLE["energy"]  # of each boulder, on request
 FEATURE = _TABLE["feature"]  # of each boulder, where its source comes from a layer
+SHAPE = _TABLE["shape"]  # of each boulder, where they have several block shapes
 MASS = _TABLE["mass"]  # of each boulder, there, and where sources give its density
 TREE = _TABLE["tree"]  # of each boulder, where there are trees
 BREAKAGE = _TABLE["breakage"]  # of each boulder, where they may break
@@ -32,6 +33,10 @@ KEPT = _TABLE["kept"]  # of the boulders whose rows a part keeps, where these ar
 SAMPLE = _TABLE["sample"]  # there, and in results: sample_bin, ...
 STATUS = {name: number for number, name in enumerate(_TABLE["status"], start=1)}
 OUTCOME = {name: number for number, name in enumerate(_TABLE["outcome"], start=1)}
+BLOCK_SHAPE = {
+    name: number for number, name in enumerate(_core.fields("block_shape").decode().split(), 1)
+}
+FLAGS = {"status": STATUS, "block_shape": BLOCK_SHAPE}
 LEG = {name: number for number, name in enumerate(_TABLE["leg"], start=1)}  # 0: the end
 
 EXCEEDED = ("energy_exceeded", "hits_energy_exceeded")  # maps with a layer for each threshold

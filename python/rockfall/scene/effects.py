@@ -4,7 +4,7 @@ alone says so."""
 
 from __future__ import annotations
 
-from rockfall.case import default_values
+from rockfall.case import given_groups, namelist_value
 from rockfall.errors import RockfallError
 from rockfall.grounds import IMPACT_SETS, TABLES
 from rockfall.scene.rules.boulders import largest_volumes
@@ -15,17 +15,20 @@ def check_effects(scene: Scene) -> None:
     """Refuse keys of rebounds that no ground of a scene uses, and fragments larger than every
     boulder."""
     case = scene.case
+    given = given_groups(case)
     models = {ground.model for ground in scene.grounds} or {IMPACT_SETS}
     for group, key, is_used, with_ in (
         ("impact", "ratio", IMPACT_SETS in models, "impact sets"),
         ("impact", "turning", not models <= {*TABLES}, "impact sets or classical models"),
         ("boulder", "block_shape", not models.isdisjoint(TABLES), "a table of impacts"),
+        ("boulder", "block_shape_share", not models.isdisjoint(TABLES), "a table of impacts"),
     ):
-        value = getattr(case, group)[key]
-        if not is_used and value != default_values()[group][key]:
+        value = given.get(group, {}).get(key)
+        if not is_used and value is not None:
+            values = map(namelist_value, value if isinstance(value, list) else [value])
             raise RockfallError(
-                f"{case.name}: &{group} {key} = '{value}': is only valid with {with_}, and no "
-                "ground has that"
+                f"{case.name}: &{group} {key} = {', '.join(values)}: is only valid with {with_}, "
+                "and no ground has that"
             )
     least = case.breakage["min_volume"]
     if case.breakage["at"] != "none" and least >= max(largest_volumes(scene)):

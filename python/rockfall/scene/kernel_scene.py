@@ -20,7 +20,7 @@ from rockfall.scene.parts import Rasters
 #: Of the arrays of a scene that are not float64; "": of more than one, or of texts.
 KINDS = {
     "cell_size": "f4", "source_feature": "i4", "feature_law": "i4", "ground_length": "i4",
-    "material_ground": "i1", "cell_ground": "i1",
+    "source_shape": "i1", "shape_ground": "i4", "material_ground": "i1", "cell_ground": "i1",
     **dict.fromkeys(("elevation", "zone", "impact_sets", "impact_sets_file"), ""),
     "ground_text": "", "ground_names": "",
 }  # fmt: skip

@@ -81,6 +81,7 @@ class Features(NamedTuple):
     number: np.ndarray  # int32: feature of each source, from 1
     law: np.ndarray | None = None  # int32: distribution, from 1; 0: case's; None: not given
     value: np.ndarray | None = None  # (features, 9): `source_attributes.VALUES`, or NaN
+    shape: np.ndarray | None = None  # int8: block shape, from 1; 0: case's; None: not given
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from rockfall.io.layers import EXTENSIONS
 from rockfall.io.raster import dem_header, packing_note, read_dem
 from rockfall.io.raster_file import raster_file
 from rockfall.io.zone_table import RADII
+from rockfall.language import remark
 from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import Digest
 from rockfall.scene.effects import check_effects
@@ -33,7 +34,7 @@ from rockfall.scene.lines import read_lines
 from rockfall.scene.parts import Rasters
 from rockfall.scene.reach import Survey
 from rockfall.scene.scene import Scene
-from rockfall.scene.sources import read_sources
+from rockfall.scene.sources import has_idle_shapes, read_sources
 from rockfall.scene.stages import FRESH, Stages
 from rockfall.scene.surface import cell_bytes, read_grounds, read_rasters, size_columns
 from rockfall.scene.windows import Windows, bands
@@ -134,6 +135,11 @@ def _scene(
     sources = take_inputs(
         stages, "sources", inputs, (rasters.z,), lambda inputs: read_sources(inputs, rows())
     )
+    if has_idle_shapes(sources, rasters.grounds):
+        path = inputs.case.path(
+            inputs.case.release.get("points") or inputs.case.release["polygons"]
+        )
+        inputs.remarks.append(remark(path, "input.shapes_not_used"))
     trees, stands = read_forest(inputs, sources.x, sources.y, stages)
     sets = stages.take("sets", inputs.case, (), lambda case: open_sets(set_path(case)))
     inputs.checksums["sets"] = sets.checksum

@@ -12,7 +12,8 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
-from rockfall.grounds import GroundRule
+from rockfall.grounds import TABLES, GroundRule, grounds_by_shape
+from rockfall.impact_tables import BLOCK_SHAPES, possible_shapes
 from rockfall.io.grid import Box, Grid
 from rockfall.io.input_warnings import InputWarning
 from rockfall.scene.coefficients import Coefficients, SetFile
@@ -96,11 +97,36 @@ class Scene(Sources):
             **{f"source_{name}": array for name, array in (own._asdict() if own else {}).items()},
         }  # fmt: skip
         if self.features is not None:
-            _, feature, law, value = self.features
+            _, feature, law, value, _ = self.features
             arrays |= {"source_feature": feature, "feature_law": law, "feature_value": value}
         if self.trees is not None:
             arrays |= {f"tree_{name}": array for name, array in self.trees._asdict().items()}
-        return KernelScene(self.case, self.rasters, self.sets.draw, kernel_arrays(arrays))
+        rasters = self.rasters
+        if self.shapes:
+            grounds, serving = grounds_by_shape(self.grounds, self.shapes)
+            rasters = replace(rasters, grounds=grounds)
+            arrays["source_shape"] = self.source_shape
+            arrays["shape_ground"] = serving if len(grounds) > len(self.grounds) else None
+        return KernelScene(self.case, rasters, self.sets.draw, kernel_arrays(arrays))
+
+    @property
+    def source_shape(self) -> np.ndarray | None:
+        """Number of the block shape of the boulders of each source, from 1; 0: the case's; None if
+        no source says any, or no ground has a table of impacts."""
+        features = self.features
+        if features is None or features.shape is None:
+            return None
+        by_table = any(ground.model in TABLES for ground in self.grounds)
+        return features.shape[features.number - 1] if by_table else None
+
+    @property
+    def shapes(self) -> list[str]:
+        """Block shapes that its boulders can have; [] if all have the one of the case."""
+        own, of_case = self.source_shape, possible_shapes(self.case)
+        if own is None:
+            return of_case if len(of_case) > 1 else []
+        given = {BLOCK_SHAPES[number - 1] for number in np.unique(own) if number}
+        return [*given.union(of_case if (own == 0).any() else ())]
 
     @cached_property
     def coefficients(self) -> Coefficients:

@@ -15,6 +15,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case, facts, keys_of
 from rockfall.errors import RockfallError
+from rockfall.impact_tables import BLOCK_SHAPES
 from rockfall.io.layers import attribute, named_attribute, plain
 from rockfall.io.tables import decimal
 from rockfall.result.variables import fields
@@ -25,6 +26,7 @@ VOLUMES = tuple(name for name in VALUES if name.startswith("volume_"))
 VELOCITY = tuple(name for name in VALUES if name.startswith("velocity_"))
 DENSITY = VALUES.index("density")
 LAWS = tuple(fields("distribution")[:4])  # those of a feature, numbered from 1
+AXES = ("a", "b", "c")  # of a block, as in surveys
 RANGE = re.compile(r"\s*([0-9.eE+]+)\s*(?:-|to)\s*([0-9.eE+]+)\s*")  # a class of volumes [m3]
 
 
@@ -99,10 +101,10 @@ def read_attributes(case: Case, table: Table, feature: np.ndarray) -> tuple[Feat
     rest = [table.numbers(name) for name in VALUES[len(VOLUMES) :]]
     given = np.array([*volumes, *rest]).T
     _check_source(case, table, law, given)
-    names, frequency = _names(case, table), table.numbers("frequency")
+    names, frequency, shape = _names(case, table), table.numbers("frequency"), _shapes(table)
     if not law.any() and np.isnan(given).all():
-        return Features(names, feature), frequency
-    return Features(names, feature, law.astype("i4"), given), frequency
+        return Features(names, feature, shape=shape), frequency
+    return Features(names, feature, law.astype("i4"), given, shape), frequency
 
 
 def values_of(case: Case, features: Features | None) -> np.ndarray | None:
@@ -153,6 +155,45 @@ def _laws(case: Case, table: Table) -> tuple[np.ndarray, np.ndarray]:
             row[lacking] = boulder.get(name, np.nan)
     _check_laws(case, table, law, filled)
     return law, given
+
+
+def _shapes(table: Table) -> np.ndarray | None:
+    """Number of the block shape of each feature, by name or axes; 0 where missing, None if all
+    are."""
+    shape = _axis_shapes(table)
+    for k, value in enumerate(table.values("block_shape")):
+        if value is None:
+            continue
+        if shape[k]:
+            table.refuse(k, "block_shape", value, "give this or the axes a, b, c")
+        if value not in BLOCK_SHAPES:
+            table.refuse(k, "block_shape", value, f"must be one of: {', '.join(BLOCK_SHAPES)}")
+        shape[k] = 1 + BLOCK_SHAPES.index(value)
+    return shape if shape.any() else None
+
+
+def _axis_shapes(table: Table) -> np.ndarray:
+    """Number of the block shape nearest to the axes of each feature; 0 where there are none."""
+    shape = np.zeros(table.size, np.int8)
+    if any(attribute(table.columns, axis) is None for axis in AXES):
+        return shape
+    given = np.array([
+        [table.number(k, axis, value) for k, value in enumerate(table.values(axis))]
+        for axis in AXES
+    ])  # fmt: skip
+    has = ~np.isnan(given)
+    for k in np.flatnonzero(has.any(axis=0)).tolist():
+        for axis, value, is_given in zip(AXES, given[:, k].tolist(), has[:, k], strict=True):
+            if not is_given:
+                table.refuse(k, axis, "", "is missing: a block has the axes a, b and c")
+            if not 0 < value < np.inf:
+                table.refuse(k, axis, value, "must be > 0")
+        a, b, c = given[:, k].tolist()
+        if not a >= b >= c:
+            table.refuse(k, AXES[0 if b > a else 1], a if b > a else b, "must be a >= b >= c")
+    whole = has.all(axis=0)
+    shape[whole] = _core.shapes_of_axes(np.asfortranarray(given[:, whole]))
+    return shape
 
 
 def _volume(table: Table, k: int, name: str, value: Any) -> float:

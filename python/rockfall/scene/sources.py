@@ -13,6 +13,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.grounds import TABLES, GroundRule
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import EXTENSIONS, numbered_polygons, read_points
 from rockfall.io.tables import read_columns
@@ -35,6 +36,13 @@ MAX_NAMED = 5  # features that a message names
 def threshold(case: Case, grid: Grid) -> float:
     """Slope from which cells are steep [degree]: the case's, or the default for its cell size."""
     return case.release.get("slope_threshold", _core.slope_threshold(grid.cell))
+
+
+def has_idle_shapes(sources: Sources, grounds: Iterable[GroundRule]) -> bool:
+    """Return True if a layer gives block shapes, and no ground has a table of impacts."""
+    features = sources.features
+    has_shapes = features is not None and features.shape is not None
+    return has_shapes and all(ground.model not in TABLES for ground in grounds)
 
 
 def refuse_by_area(case: Case, sources: Sources, what: str) -> None:

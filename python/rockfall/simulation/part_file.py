@@ -52,8 +52,8 @@ OWN = (  # dimensions whose lengths depend on the part
 SUMS = ("input_checksums", "decoded_checksums")
 #: Attributes that a part may lack.
 USUAL = {
-    "date_created": "", "source_features": None, "grounds": None, "input_warnings": "[]",
-    "dams": "[]", "stands": "[]",
+    "date_created": "", "source_features": None, "block_shapes": None, "grounds": None,
+    "input_warnings": "[]", "dams": "[]", "stands": "[]",
 }  # fmt: skip
 PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zlib
 
@@ -107,7 +107,7 @@ class Part:
         layout = (self.arrays.get(name, np.zeros(1, "i4")) for name in LAYOUT_OF.values())
         return Run.joined(
             origin.case.text(), (origin.boulders, before, boulders), origin.window,
-            len(origin.grounds), origin.features is not None, *layout,
+            len(origin.grounds), origin.features is not None, bool(origin.shapes), *layout,
         )  # fmt: skip
 
     def loaded_run(self) -> Run:
@@ -246,6 +246,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         decoded=decoded,
         version=read("version", str),
         features=read("source_features", _features),
+        shapes=read("block_shapes", lambda names: str(names or "").split()),
         grounds=read("grounds", lambda _: _grounds(attrs)),
         warnings=read("input_warnings", lambda rows: [*map(InputWarning.of, json.loads(rows))]),
         dams=read("dams", lambda rows: [DamShape(**row) for row in json.loads(rows)]),
@@ -328,12 +329,12 @@ def _case(text: str, file: str) -> Case:
 
 @lru_cache(maxsize=8)
 def _table(
-    text: str, boulders: int, grounds: int, features: bool
+    text: str, boulders: int, grounds: int, features: bool, shapes: bool
 ) -> tuple[dict[str, tuple[Any, tuple[str, ...]]], dict[str, int]]:
     """Type and dimensions of every variable that a part of a case has, and the lengths that do not
     depend on the part, from the arrays of an empty run."""
     run = Run.joined(
-        text, (boulders, 0, 0), Box(0, 0, 0, 0), grounds, features, *np.zeros((2, 1), "i4")
+        text, (boulders, 0, 0), Box(0, 0, 0, 0), grounds, features, shapes, *np.zeros((2, 1), "i4")
     )
     table: dict[str, tuple[Any, tuple[str, ...]]] = {"crs": ("i4", ())}
     shape: dict[str, int] = {}
@@ -354,8 +355,8 @@ def _check_shapes(
     """Check that all variables of its case are present, with their types and lengths, in a file (of
     `size` bytes) that can hold them; others are dropped."""
     origin = part.origin
-    sizes = origin.boulders, len(origin.grounds), origin.features is not None
-    table, known_lengths = _table(origin.case.text(), *sizes)
+    has = origin.features is not None, bool(origin.shapes)
+    table, known_lengths = _table(origin.case.text(), origin.boulders, len(origin.grounds), *has)
     expected, lengths = {**table}, {**known_lengths}
     if "sample_ended" not in expected:  # else a dimension of its own
         lengths["boulder"] = part.last - part.first + 1

@@ -42,6 +42,7 @@ class Origin:
     version: str
     grounds: Sequence[GroundRule] = ()  # names and models of the grounds
     features: Features | None = None  # names of the features
+    shapes: Sequence[str] = ()  # block shapes, where boulders have several
     warnings: list[InputWarning] | None = None
     dams: Sequence[DamShape] = ()
     stands: Sequence[Stand] = ()
@@ -220,6 +221,6 @@ def origin_of(tally: Tally) -> Origin:
     scene = tally.scene
     return Origin(
         scene.case, scene.boulders, replace(scene.grid, crs=None), tally.window,
-        scene.checksums, scene.decoded, __version__, scene.grounds, scene.features,
+        scene.checksums, scene.decoded, __version__, scene.grounds, scene.features, scene.shapes,
         scene.warnings, scene.dams, scene.stands,
     )  # fmt: skip

@@ -33,7 +33,7 @@ MAXIMA = {
 def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Complete results of a run, named as in `variables`; with or without its maps, whose tallies
     are used up (`settle` comes before) unless the run goes on."""
-    groups = "boulder", "count", "energy", "feature", "mass", "tree", "breakage"
+    groups = "boulder", "count", "energy", "feature", "shape", "mass", "tree", "breakage"
     data = table_variables(tally, *groups)
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
     data |= sample_variables(tally)
@@ -75,18 +75,18 @@ def described(arrays: Iterable[Array]) -> dict[str, Any]:
     data: dict[str, tuple] = {}
     for array in arrays:
         attrs: dict[str, Any] = {**variables.about(array.group, array.name)}
-        if array.name == "status":
-            attrs |= _flags(variables.STATUS)
+        if flags := variables.FLAGS.get(array.name):
+            attrs |= _flags(flags, array.values.dtype)
         if array.group == "histogram":
             attrs |= {"units": "1", "long_name": f"rebounds by {attrs['long_name']}"}
         data[array.file_name] = (array.dims, array.values, attrs)
     return data
 
 
-def _flags(meanings: dict[str, int]) -> dict[str, Any]:
-    """CF attributes for flag values and meanings."""
+def _flags(meanings: dict[str, int], kind: Any) -> dict[str, Any]:
+    """CF attributes for flag values, in the type of their variable, and meanings."""
     return {
-        "flag_values": np.array(list(meanings.values()), "i1"),
+        "flag_values": np.array(list(meanings.values()), kind),
         "flag_meanings": " ".join(meanings),
     }
 
@@ -142,7 +142,7 @@ def _barrier_variables(tally: Tally) -> dict[str, Any]:
     outcome[height > 0] = tally.arrays("barrier")[0].values
     height[capacity == 0] = capacity[capacity == 0] = np.nan
     attrs = {**variables.BARRIER}
-    attrs["outcome"] = attrs["outcome"] | _flags({"not_met": 0, **variables.OUTCOME})
+    attrs["outcome"] = attrs["outcome"] | _flags({"not_met": 0, **variables.OUTCOME}, "i1")
     return {
         "barrier_height": ("line", height, attrs["height"]),
         "barrier_capacity": ("line", capacity, attrs["capacity"]),
@@ -267,6 +267,7 @@ def run_attributes(tally: Tally) -> dict[str, Any]:
         "impact_set": scene.case.impact["sets"],
         **_ground_attributes(tally),
         **feature_names(scene),
+        **({"block_shapes": " ".join(variables.BLOCK_SHAPE)} if scene.shapes else {}),
         **provenance(scene),
         "threads": _core.team(tally.threads),
         "date_created": tally.date or datetime.now().astimezone().isoformat(timespec="seconds"),

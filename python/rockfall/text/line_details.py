@@ -38,8 +38,8 @@ def print_groups(
     classes: Sequence[float] | None = None,
     table: str | Path | None = None,
 ) -> None:
-    """Print the boulders that pass the lines of a result by source or by class of volume; with
-    `table`, a CSV file, write line_statistics of these groups to it."""
+    """Print the boulders that pass the lines of a result by source, class of volume or block
+    shape; with `table`, a CSV file, write line_statistics of these groups to it."""
     result, places = open_lines(path, table, "")
     statistics = line_statistics(result, by, classes)
     print("\n".join(_groups(statistics, by)))

@@ -17,6 +17,7 @@ from rockfall.io.crs import crs_name
 from rockfall.io.grid import row_blocks
 from rockfall.limits import CORES
 from rockfall.quantities import first_of, percent
+from rockfall.result.block_shapes import boulders_by_shape
 from rockfall.result.grounds import rebounds_by_ground, sets_followed, stochastic_fraction
 from rockfall.scene.coefficients import ANY_SPEED
 from rockfall.scene.ground import Ground
@@ -72,7 +73,9 @@ def preview(scene: Scene) -> str:
             "ground_block_radius": [ground.block_radius for ground in scene.grounds],
             "rebounds_by_ground": pilot.tally.array("rebounds_by_ground"),
         }
-    values |= {array.file_name: array.values for array in pilot.tally.arrays("breakage", "line")}
+    values |= {
+        array.file_name: array.values for array in pilot.tally.arrays("shape", "breakage", "line")
+    }
     rows = [
         ("terrain", _terrain(scene)),
         ("elevations", _elevations(scene.ground)),
@@ -80,6 +83,7 @@ def preview(scene: Scene) -> str:
         ("surface", _surface(scene)),
         *_grounds(values),
         ("sizes", _sizes(pilot.density, values["volume"])),
+        *_shapes(values),
         *(("", line) for line in _rocks(scene, values["volume"])),
         ("impact sets", _sets(scene, values)),
         ("rebounds", _rebounds(values)),
@@ -313,6 +317,12 @@ def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
         f"R_b {_range(radii.min(), radii.max())} m, volume "
         f"{_range(volumes.min(), volumes.max())} m3, mass {_range(masses.min(), masses.max())} kg"
     )
+
+
+def _shapes(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Block shapes of the pilot's boulders, where they have several."""
+    if shapes := boulders_by_shape(values):
+        yield "shapes", ", ".join(f"{percent(own.mean())} {name}" for name, own in shapes.items())
 
 
 def _sets(scene: Scene, values: dict[str, Any]) -> str:

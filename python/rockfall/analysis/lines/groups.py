@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Groups of the boulders of a result: by source, or by class of volume."""
+"""Groups of the boulders of a result: by source, by class of volume, or by block shape."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.quantities import number
+from rockfall.result.block_shapes import boulders_by_shape
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
-BY = ("source", "volume")
+BY = ("source", "volume", "shape")
 MAX_SOURCES = 50  # beyond this, neighbours by number share a group
 RANGES = 20  # number of such groups
 MAX_VOLUMES = 6  # maximum number of distinct volumes with a class each
@@ -29,8 +30,13 @@ def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> lis
     by = 'source': the polygons or points of the source layer, by their names; without a layer the
     sources, by number. by = 'volume': `classes` are the edges between classes [m3]; by default the
     distinct volumes if few, or quarters of the boulders. An edge belongs to the class above it.
+    by = 'shape': the block shapes, of a run with several.
     """
     check_by(by, classes)
+    if by == "shape":
+        if not (shapes := boulders_by_shape(result)):
+            raise RockfallError("by = 'shape': the boulders of the result have one block shape")
+        return [*shapes.items()]
     groups = _by_source(result) if by == "source" else _by_volume(result["volume"].values, classes)
     return [(name, chosen) for name, chosen in groups if chosen.any()]
 
@@ -38,7 +44,7 @@ def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> lis
 def check_by(by: str, classes: Sequence[float] | None) -> None:
     """Refuse unknown groups, and classes of anything but volumes."""
     if by not in BY:
-        raise RockfallError(f"by = '{by}': must be {' or '.join(BY)}")
+        raise RockfallError(f"by = '{by}': must be one of: {', '.join(BY)}")
     if classes is not None and by != "volume":
         raise RockfallError(f"classes: are of volumes, not by = '{by}'")
 

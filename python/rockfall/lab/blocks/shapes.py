@@ -10,14 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.grounds import block_axes
 from rockfall.lab.blocks.random import Uniform
 
 #: Lengths of the axes of each shape class, the longest 1.
-SHAPES = {
-    "compact": (1.0, 0.9, 0.8),
-    "elongated": (1.0, 0.62, 0.56),
-    "platy": (1.0, 0.8, 0.42),
-}
+SHAPES = block_axes()
 JITTER = 0.12  # of the six faces of the box: their tilt, and their distance over the half axis
 FACETS = 14  # random facets, which cut off corners and edges
 CUT = 0.72, 1.0  # their distance from the centre, over that of a tangent plane: see `random_block`

@@ -1,0 +1,392 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Boulders of several block shapes within a run: each goes as in a run of its shape alone, however
+the run is cut and whichever program runs it; shares are met; what cannot be meant is refused."""
+
+import re
+
+import numpy as np
+import pytest
+from rockfall._core import rockfall_f2py as _core
+
+import rockfall
+from made import make_layer, refused
+from programs import make_full_case, run_program, same_results
+from rockfall.cli import main
+from rockfall.html_report.inputs import Parties, input_table
+from rockfall.impact_tables import BLOCK_SHAPES
+from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
+from same import same, same_bits
+from scenes import case_in, grid, place, rough
+
+SHARES = [0.5, 0.3, 0.2]
+MIX = {"volume": "lognormal", "volume_mean": 0.6, "volume_std": 0.4}
+MIX |= {"block_shape": [*BLOCK_SHAPES], "block_shape_share": SHARES}
+ZONES = "zone,mean_radius,ground\n1,,talus\n2,0.3,rocky-slope\n3,0.3,\n4,,rock-platy\n"
+#: Variables that a run sums over all boulders, and maps, which differ between parts of one.
+ROWS = ("volume", "stop_x", "stop_y", "stop_z", "path_length", "travel_time", "speed_max",
+        "jump_height_max", "status", "impacts", "line_speed", "line_passing_height")  # fmt: skip
+
+
+def terrain():
+    z = rough()
+    return {"dem": z, "transform": grid(z)}
+
+
+def striped():
+    """Terrain with stripes of zones from west to east: boulders cross several."""
+    zones = np.repeat(np.arange(80)[:, None] // 7 % 4 + 1, 60, axis=1).astype("i4")
+    return terrain() | {"zones": zones}
+
+
+def mixed_case(folder, boulder=MIX, **groups):
+    """A case by tables of one for each shape, of one for all, fixed by name, and by impact sets."""
+    (folder / "zones.csv").write_text(ZONES)
+    surface = {"zones": "(array)", "table": "zones.csv"}
+    return case_in(folder, surface=surface, boulder=boulder, **{**place(), **groups})
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory):
+    """A run of a mix, with every output."""
+    case = mixed_case(tmp_path_factory.mktemp("mixed"))
+    return case, rockfall.run(case, **striped())
+
+
+def test_each_boulder_goes_as_in_a_run_of_its_shape(mixed):
+    case, result = mixed
+    shape = result["block_shape"].values
+    alone = {
+        name: rockfall.run(
+            case.replace(boulder={"block_shape": [name], "block_shape_share": None}), **striped()
+        )
+        for name in BLOCK_SHAPES
+    }
+    for number, one in enumerate(alone.values(), start=1):
+        own = shape == number
+        assert own.sum() > 30 and "block_shape" not in one
+        for name in ROWS:
+            values, others = result[name].values[..., own], one[name].values[..., own]
+            assert same_bits(values, others), (number, name)
+    stops = [one["stop_y"].values for one in alone.values()]
+    assert (stops[0] != stops[1]).mean() > 0.5  # shapes matter here
+    # what all boulders did is what those of each shape did
+    for name in ("passages", "deposits"):
+        assert result[name].values.sum() < sum(one[name].values.sum() for one in alone.values())
+    assert int(result["rebounds"]) == int(result["rebounds_by_ground"].sum())
+    assert result["ground"].values.tolist() == alone["platy"]["ground"].values.tolist()
+
+
+def test_the_order_of_the_shapes_and_the_unit_share_do_not_matter(mixed):
+    case, result = mixed
+    turned = {"block_shape": BLOCK_SHAPES[::-1], "block_shape_share": SHARES[::-1]}
+    other = rockfall.run(case.replace(boulder=turned), **striped())
+    assert same_bits(result["stop_y"], other["stop_y"])
+    one = {"block_shape": ["elongated", "platy"], "block_shape_share": [0.0, 1.0]}
+    one, alone = (
+        rockfall.run(case.replace(boulder=boulder), **striped())
+        for boulder in (one, {"block_shape": "platy", "block_shape_share": None})
+    )
+    assert "block_shape" not in one and same_bits(one["stop_y"], alone["stop_y"])
+
+
+def test_shares_are_met():
+    """Within four standard errors, by boulders of any number of sources."""
+    case = rockfall.Case(
+        case={"boulders": 4000, "seed": 5}, impact={"table": "talus", "impact_limit": 1},
+        boulder={**MIX, "block_shape_share": None},
+        release={"x": [150.0, 90.0], "y": [380.0, 300.0], "drop_height": 2.0},
+    )  # fmt: skip
+    for shares in (None, SHARES, [0.333, 0.333, 0.333], [0.02, 0.0, 0.98]):
+        result = rockfall.run(case.replace(boulder={"block_shape_share": shares}), **terrain())
+        n = result.sizes["boulder"]
+        for k, share in enumerate(shares or [1 / 3] * 3, start=1):
+            error = np.sqrt(share * (1 - share) / n)
+            part = (result["block_shape"].values == k).mean()
+            assert abs(part - share) < 4 * error + 0.0004, (shares, k)
+    shape, volume = result["block_shape"].values, result["volume"].values
+    assert abs(np.corrcoef(shape, volume)[0, 1]) < 4 / np.sqrt(n)  # draws of their own
+
+
+def test_the_result_names_the_shapes(mixed, tmp_path):
+    _, result = mixed
+    rockfall.write_result(result, tmp_path / "out.nc")
+    shape = rockfall.read_result(tmp_path / "out.nc")["block_shape"]
+    assert shape.dims == ("boulder",) and shape.attrs["units"] == "1"
+    assert shape.attrs["flag_values"].tolist() == [1, 2, 3]
+    assert shape.attrs["flag_meanings"].split() == [*BLOCK_SHAPES]
+    assert shape.attrs["flag_values"].dtype == shape.dtype
+
+
+@pytest.mark.parametrize("lanes", [0, 1, 2, 3])
+def test_no_bit_depends_on_lanes(mixed, lanes):
+    case, result = mixed
+    scene = read_scene(case, **striped())
+    _core.carry_in_lanes(scene.kernel.handle, lanes)
+    same(run_scene(scene), result)
+
+
+def test_threads_chunks_and_parts_change_nothing(mixed):
+    case, result = mixed
+    same(rockfall.run(case, threads=3, chunk=17, **striped()), result)
+    parts = [rockfall.run(case, shard=(k, 3), **striped()) for k in (1, 2, 3)]
+    same(rockfall.merge(parts), result)
+
+
+def full_case(folder, **boulder):
+    """A case in files for both programs, by tables on zones."""
+    case = make_full_case(
+        folder, impact={"table": "talus", "sets": None}, boulder={**MIX, **boulder}
+    )
+    (folder / "zones.csv").write_text("zone,mean_radius,ground\n4,,\n-2,0.5,rocky-slope\n77,inf,\n")
+    return case
+
+
+def test_both_programs_give_the_same_and_join(tmp_path):
+    case = full_case(tmp_path)
+    whole = rockfall.run(case)
+    prepare(case, tmp_path / "ready")
+    done = run_program("case.nml", "-o", "out.nc", cwd=tmp_path / "ready")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("ground talus: ") == 1  # whatever the shapes
+    same_results(rockfall.merge([tmp_path / "ready" / "out.nc"]), whole)
+    run_program("case.nml", "--shard", "1/2", "-o", "1.nc", cwd=tmp_path / "ready")
+    rest = rockfall.run(case, shard=(2, 2))
+    same_results(rockfall.merge([tmp_path / "ready" / "1.nc", rest]), whole)
+
+
+def test_terrain_in_windows_gives_the_same(tmp_path):
+    case = full_case(tmp_path).replace(output={"maps": ["passages"]})
+    windowed = read_scene(case, memory=4 * 8 * 60 * 30)
+    assert windowed.windows
+    one, other = run_scene(windowed), rockfall.run(case)
+    for name in (*ROWS, "block_shape"):
+        assert same_bits(one[name], other[name]), name
+
+
+def test_fragments_have_the_shape_of_their_boulder(tmp_path):
+    case = full_case(tmp_path, block_shape=["platy", "elongated"], block_shape_share=None)
+    case = case.replace(breakage={"at": "impact", "min_area_ratio": 0.3}, output={"maps": None})
+    result = rockfall.run(case)
+    assert {*np.unique(result["block_shape"])} == {2, 3} and (result["fragments"] > 1).sum() > 5
+    alone = rockfall.run(case.replace(boulder={"block_shape": "platy", "block_shape_share": None}))
+    own = result["block_shape"].values == 3
+    for name in (*ROWS, "fragments", "fines_volume"):
+        assert same_bits(result[name].values[..., own], alone[name].values[..., own]), name
+
+
+# ---- shapes that layers and tables of sources say
+
+NAMES = "name,x,y,block_shape,a,b,c\n"
+ROWS_OF_SOURCES = (
+    "1,150,380,platy,,,\n2,120,380,,,,\n3,90,380,,1.0,0.65,0.6\n4,90,300,,3.0,2.6,2.5\n"
+)
+
+
+def by_sources(folder, rows=NAMES + ROWS_OF_SOURCES, **groups):
+    """A case with sources in a table."""
+    (folder / "sources.csv").write_text(rows)
+    release = {"points": "sources.csv", "drop_height": 5.0}
+    impact = {"table": "talus", "sets": None}
+    groups = {"boulder": {"volume": "fixed", "volume_mean": 0.6}, **groups}
+    return case_in(folder, release=release, impact=impact, **groups)
+
+
+def test_sources_say_the_shape_of_their_boulders(tmp_path):
+    """By name, or by the axes that were measured; the others have that of the case."""
+    shapes = [3, 1, 2, 1]
+    case = by_sources(tmp_path)
+    result = rockfall.run(case, **terrain())
+    assert np.array_equal(result["block_shape"], np.array(shapes)[result["source"].values - 1])
+    alone = {
+        k: rockfall.run(
+            by_sources(
+                tmp_path,
+                re.sub(",[^,]*,[^,]*,[^,]*,[^,]*$", "", NAMES + ROWS_OF_SOURCES, flags=re.M),
+                boulder={"volume": "fixed", "volume_mean": 0.6, "block_shape": shape},
+            ),
+            **terrain(),
+        )
+        for k, shape in enumerate(BLOCK_SHAPES, start=1)
+    }
+    for k, one in alone.items():
+        own = result["block_shape"].values == k
+        for name in ROWS:
+            assert same_bits(result[name].values[..., own], one[name].values[..., own]), (k, name)
+
+
+def test_sources_without_a_shape_have_those_of_the_mix(tmp_path):
+    case = by_sources(tmp_path, boulder=MIX)
+    result = rockfall.run(case, **terrain())
+    shape, source = result["block_shape"].values, result["source"].values
+    assert [{*shape[source == k].tolist()} for k in (1, 2, 3, 4)] == [{3}, {1, 2, 3}, {2}, {1}]
+    everywhere = rockfall.run(case_in(tmp_path, impact=case.impact, boulder=MIX, **place(120.0)),
+                              **terrain())  # fmt: skip
+    assert everywhere["block_shape"].values.mean() == pytest.approx(1.7, abs=0.2)
+
+
+def test_shapes_of_polygons_hold_for_their_cells_in_both_programs(tmp_path):
+    import shapely
+
+    west, north = 600000.0, 5000000.0
+    boxes = [shapely.box(west + x, north - 60, west + x + 40, north - 20) for x in (80, 130, 180)]
+    make_layer(tmp_path / "cliffs.gpkg", boxes, crs="EPSG:32632", block_shape=["platy", None, None],
+               a=[None, 2.0, None], b=[None, 1.1, None], c=[None, 1.0, None])  # fmt: skip
+    case = full_case(tmp_path).replace(
+        case={"boulders": 3}, release={"x": None, "y": None, "polygons": "cliffs.gpkg"}
+    )
+    result = rockfall.run(case)
+    shape, feature = result["block_shape"].values, result["source_feature"].values
+    assert [{*shape[feature == k].tolist()} for k in (1, 2, 3)] == [{3}, {2}, {1, 2, 3}]
+    prepare(case, tmp_path / "ready")
+    done = run_program("case.nml", "-o", "out.nc", "--quiet", cwd=tmp_path / "ready")
+    assert done.returncode == 0, done.stderr
+    same_results(rockfall.merge([tmp_path / "ready" / "out.nc"]), result)
+
+
+@pytest.mark.parametrize(
+    "axes, shape",
+    [((1, 0.9, 0.8), 1), ((1, 0.62, 0.56), 2), ((1, 0.8, 0.42), 3), ((1, 1, 1), 1),
+     ((2, 2, 0.5), 3), ((3, 1, 1), 2), ((30, 27, 24), 1), ((0.5, 0.31, 0.1), 3),
+     ((1, 0.77, 0.7), 1), ((1, 0.75, 0.68), 2)],
+)  # fmt: skip
+def test_axes_have_the_nearest_shape(axes, shape):
+    """In (b/a, c/b): compact (0.9, 0.89), elongated (0.62, 0.90), platy (0.8, 0.525)."""
+    assert _core.shapes_of_axes(np.array([axes], float).T).tolist() == [shape]
+
+
+@pytest.mark.parametrize(
+    "row, message",
+    [
+        ("flat,,,", "block_shape = 'flat': must be one of: compact, elongated, platy"),
+        ("3,,,", "block_shape = '3': must be one of: compact, elongated, platy"),
+        ("platy,1.0,0.8,0.4", "block_shape = 'platy': give this or the axes a, b, c"),
+        (",1.0,0.8,", "c = '': is missing: a block has the axes a, b and c"),
+        (",,,0.4", "a = '': is missing: a block has the axes a, b and c"),
+        (",1.0,0.8,0", "c = 0.0: must be > 0"),
+        (",1.0,-0.8,-0.9", "b = -0.8: must be > 0"),
+        (",inf,0.8,0.4", "a = .*: must be .*"),
+        (",0.8,1.0,0.4", "a = 0.8: must be a >= b >= c"),
+        (",1.0,0.4,0.8", "b = 0.4: must be a >= b >= c"),
+        (",long,0.4,0.8", "a = 'long': must be a number"),
+    ],
+)
+def test_shapes_and_axes_that_cannot_be_are_refused(tmp_path, row, message):
+    rows = f"{NAMES}1,150,380,,,,\n2,120,380,{row}\n"
+    with pytest.raises(rockfall.RockfallError, match=f"sources.csv: line 3: {message}$") as caught:
+        rockfall.run(by_sources(tmp_path, rows), **terrain())
+    assert "\n" not in str(caught.value)
+
+
+def test_lone_columns_named_like_axes_are_other_attributes(tmp_path):
+    rows = "x,y,a,b\n150,380,7,x\n"
+    assert "block_shape" not in rockfall.run(by_sources(tmp_path, rows), **terrain())
+
+
+def test_shapes_of_sources_without_a_table_are_reported(tmp_path):
+    case = by_sources(tmp_path).replace(impact={"form": "matrix"})
+    scene = read_scene(case, **terrain())
+    (text,) = (text for text in scene.remarks if "block_shape" in text)
+    assert "sources.csv" in text and len(text.split()) <= 25
+    assert "block_shape" not in run_scene(scene)
+
+
+# ---- keys
+
+
+SHAPE, SHARE = "block_shape", "block_shape_share"
+#: Values, the key that is refused, how the message goes on.
+WRONG_MIXES = [
+    ({SHAPE: ["compact", "round"]}, SHAPE, "(value 2) = 'round': must be one of: "),
+    ({SHAPE: ["platy", "platy"]}, SHAPE, "= 'platy', 'platy': must name each shape once"),
+    ({SHAPE: [*BLOCK_SHAPES, "compact"]}, SHAPE,
+        "= 'compact', 'elongated', 'platy', 'compact': must name each shape once"),
+    ({SHARE: [0.5, 0.5]}, SHARE, "= 0.5, 0.5: must be 3, one for each block_shape"),
+    ({SHARE: [0.5, 0.3, 0.3]}, SHARE, "= 0.5, 0.3, 0.3: must sum to 1, and sums to 1.1"),
+    ({SHARE: [0.3, 0.3, 0.3]}, SHARE, "= 0.3, 0.3, 0.3: must sum to 1, and sums to 0.9"),
+    ({SHARE: [0.0, 0.0, 0.0]}, SHARE, "= 0.0, 0.0, 0.0: must sum to 1, and sums to 0"),
+    ({SHARE: [0.5, -0.3, 0.8]}, SHARE, "(value 2) = -0.3: must be 0 to 1"),
+    ({SHARE: [0.5, 0.5, float("nan")]}, SHARE, "(value 3) = nan: must be a finite real number"),
+    ({SHARE: [50.0, 30.0, 20.0]}, SHARE, "(value 1) = 50.0: must be 0 to 1"),
+    ({SHAPE: "platy"}, SHARE, "= 0.5, 0.3, 0.2: must be 1, one for each block_shape"),
+    ({SHAPE: "platy", SHARE: 0.5}, SHARE, "= 0.5: must sum to 1, and sums to 0.5"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("keys, key, message", WRONG_MIXES)
+def test_mixes_that_cannot_be_are_refused(tmp_path, keys, key, message):
+    with pytest.raises(rockfall.RockfallError) as caught:
+        case_in(tmp_path, impact={"table": "talus", "sets": None}, boulder=MIX | keys, **place())
+    text = str(caught.value)
+    assert text.startswith(f"case: &boulder {key} {message}")
+    assert "\n" not in text and len(text.split()) <= 25
+
+
+def test_a_mix_on_grounds_without_a_table_is_refused(tmp_path):
+    (tmp_path / "zones.csv").write_text("zone,ground\n1,soft-soil\n2,\n")
+    case = mixed_case(tmp_path).replace(impact={"sets": "rocky-slope"})
+    (tmp_path / "zones.csv").write_text("zone,mean_radius,ground\n" + "".join(
+        f"{k},0.3,\n" for k in (1, 2, 3, 4)))  # fmt: skip
+    with refused("case: &boulder block_shape = 'compact', 'elongated', 'platy': is only valid with "
+                 "a table of impacts, and no ground has that"):  # fmt: skip
+        read_scene(case, **striped())
+
+
+def test_only_tables_that_boulders_need_are_loaded(tmp_path):
+    """Of two of three shapes, and of the shapes of sources alone."""
+
+    def bytes_of(case):
+        return len(read_scene(case, **terrain()).kernel.arrays()["ground_text"])
+
+    one, two, three = (
+        bytes_of(by_sources(tmp_path, "x,y\n150,380\n", boulder={**MIX, **keys}))
+        for keys in (
+            {"block_shape": "platy", "block_shape_share": None},
+            {"block_shape": ["platy", "elongated", "compact"], "block_shape_share": [0.5, 0.5, 0]},
+            {},
+        )
+    )
+    assert 1.5 * one < two < three
+    assert bytes_of(by_sources(tmp_path, "x,y,block_shape\n150,380,platy\n", boulder=MIX)) == one
+
+
+# ---- what shows them
+
+
+def test_numbers_at_lines_split_by_shape(mixed, tmp_path, capsys):
+    _, result = mixed
+    table = rockfall.line_statistics(result, by="shape", quantities=["speed"])
+    shape, speed = result["block_shape"].values, result["line_speed"].values[0]
+    assert table["shape"].tolist() == [*BLOCK_SHAPES]
+    for k, row in enumerate(table.to_dict("records"), start=1):
+        own = speed[shape == k]
+        assert row["boulders"] == own.size and row["n"] == np.isfinite(own).sum() > 0
+        assert row["mean"] == pytest.approx(np.nanmean(own))
+    rockfall.write_result(result, tmp_path / "out.nc")
+    assert main(["lines", str(tmp_path / "out.nc"), "--by", "shape"]) == 0
+    assert all(f"\n  {name} " in capsys.readouterr().out for name in BLOCK_SHAPES[:1])
+    with refused("by = 'shape': the boulders of the result have one block shape"):
+        rockfall.line_statistics(result.drop_vars("block_shape"), by="shape")
+
+
+def test_check_and_the_report_have_the_fractions(tmp_path, capsys):
+    case = full_case(tmp_path)
+    assert main(["check", case.name]) == 0
+    (line,) = re.findall("^  shapes +(.*)$", capsys.readouterr().out, re.M)
+    parts = [float(part) for part in re.findall(r"([0-9.]+) %", line)]
+    assert [part.split()[-1] for part in line.split(", ")] == [*BLOCK_SHAPES]
+    assert sum(parts) == pytest.approx(100, abs=0.2)
+    result = rockfall.run(case)
+    (row,) = (row for row in input_table(result, Parties()).rows if row[0] == "block shape")
+    part = (result["block_shape"].values == 3).mean()
+    assert row[1].endswith(f"{100 * part:.1f} % platy") or f"{100 * part:.0f} % platy" in row[1]
+
+
+def test_exported_tables_name_the_shapes(mixed, tmp_path):
+    _, result = mixed
+    rockfall.export(result, tmp_path / "out", formats=["csv"])
+    rows = (tmp_path / "out" / "boulders.csv").read_text().splitlines()
+    column = rows[0].split(",").index("block_shape")
+    words = [row.split(",")[column] for row in rows[1:]]
+    assert words == [BLOCK_SHAPES[k - 1] for k in result["block_shape"].values]
