@@ -196,7 +196,11 @@ POINTS = "x,y,z\n0,0,1\n10,5,2\n3,9,4\n"
         ("x,y,z\n1,2,nan\n", [], "line 2: z = nan: must be a number"),
         ("x,y,z\n1,2,3\n", [], "all points lie on a line along an axis: give --cell, --within"),
         (POINTS, ["--cell", "nan"], "--cell nan: must be > 0"),
-        (POINTS, ["--cell", "1e-9"], "cells: must be at most 400,000,000"),
+        (
+            POINTS,
+            ["--cell", "1e-9"],
+            "--cell 1e-09: points are 5.48 m apart: must be at least 0.0548",
+        ),
         (POINTS, ["--within", "0.001"], "all cells are nodata"),
         (POINTS, ["--neighbours", "0"], "--neighbours 0: must be > 0"),
         (POINTS, ["--crs", "EPSG:4326"], "cells are in degrees"),

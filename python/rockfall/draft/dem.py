@@ -13,6 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.case import Case
+from rockfall.draft.survey_remarks import (
+    cell_remarks,
+    check_cell,
+    height_remarks,
+    place_remarks,
+    slope_remarks,
+    spike_remarks,
+)
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import check_elevations
 from rockfall.io.crs import check_area, check_metres, crs_name
@@ -20,11 +28,11 @@ from rockfall.io.grid import Grid
 from rockfall.io.layers import read_features
 from rockfall.io.output_files import check_output
 from rockfall.io.point_clouds import is_cloud, read_clouds
-from rockfall.io.point_text import HEIGHTS, MISSING
+from rockfall.io.point_text import MISSING
 from rockfall.io.raster import read_dem, write_geotiff
 from rockfall.io.raster_file import open_raster, raster_files
 from rockfall.io.tables import read_table
-from rockfall.language import Number, remark
+from rockfall.language import Number, remark, say
 from rockfall.limits import MAX_ELEVATION, MAX_REAL
 from rockfall.scene.layers import Inputs, file_checksum
 from rockfall.scene.lines import read_lines
@@ -36,6 +44,9 @@ from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_p
 from rockfall.version import __version__
 
 DEEP = 30.0  # [m] of a cut: ditches above dams are a few metres deep
+PIT = 3.0  # [m] errors of a survey are shallower; hollows, ditches and quarries are not
+BEYOND = 50.0  # [m] of --fill: across larger holes the ground is unknown
+BLURRED = 5.0  # [cells] of --smooth: noise of a survey needs two
 
 MAX_LEFT_OUT = 1_000_000  # points of which the leave-one-out error is taken, at most about
 FAR = 3.0  # point spacings beyond which elevations are unknown
@@ -100,9 +111,7 @@ def dem_of_points(
     remarks: list[str] = []
     points = _known(path, points, remarks)
     low, high = points.min(axis=0), points.max(axis=0)
-    if low[2] < HEIGHTS[0] or high[2] > HEIGHTS[1]:
-        ends = {"low": float(low[2]), "high": float(high[2])}
-        remarks.append(remark(path, "input.no_height_of_land", **ends))
+    doubts = [*height_remarks(points)]
     nodes = regular_nodes(points)
     spacing = math.sqrt(np.prod((high - low)[:2]) / len(points))
     if nodes is not None:
@@ -116,6 +125,7 @@ def dem_of_points(
     for name, value in (("cell", cell), *weights._asdict().items()):
         if not 0 < value < math.inf:
             raise RockfallError(f"--{name} {value:g}: must be > 0")
+    check_cell(cell, (high - low)[:2], spacing)
     if nodes is None:
         grid, z = _covering(low, high, cell), None
         if (steps := spacings(points)) and max(steps) > 1.01 * min(steps):
@@ -141,6 +151,11 @@ def dem_of_points(
     errors = np.empty(0)
     if nodes is None:
         errors = left_out(points, weights, math.ceil(len(points) / MAX_LEFT_OUT))
+        doubts += [] if doubts or remarks else place_remarks(points)
+    doubts += [] if doubts or remarks else slope_remarks(z, cell)
+    doubts += [] if doubts or remarks else spike_remarks(points, errors, spacing)
+    doubts += cell_remarks(cell, spacing)
+    remarks += [say("input.remark", where=str(path), text=text) for text in doubts]
     return Dem(z, grid, NODATA), Survey(len(points), spacing, errors, nodes, tuple(remarks))
 
 
@@ -263,18 +278,28 @@ def _positive(option: str, value: float) -> float:
     return value
 
 
-def _fill(dem: Dem, far: float, _: list[str]) -> np.ndarray:
-    return without_holes(dem.z, _positive("fill", far) / dem.grid.cell)
+def _fill(dem: Dem, far: float, remarks: list[str]) -> np.ndarray:
+    z = without_holes(dem.z, _positive("fill", far) / dem.grid.cell)
+    n = int(np.count_nonzero(np.isnan(dem.z) & ~np.isnan(z)))
+    if far > BEYOND and n:
+        remarks.append(remark(f"--fill {far:g}", "input.far_fill", n=n, far=far))
+    return z
 
 
-def _pits(dem: Dem, deepest: float, _: list[str]) -> np.ndarray:
-    return without_pits(dem.z, _positive("pits", deepest))
+def _pits(dem: Dem, deepest: float, remarks: list[str]) -> np.ndarray:
+    z = without_pits(dem.z, _positive("pits", deepest))
+    if (depth := float(np.nanmax(z - dem.z))) > PIT:
+        n = int(np.count_nonzero(z > dem.z))
+        remarks.append(remark(f"--pits {deepest:g}", "input.deep_pits", n=n, depth=depth))
+    return z
 
 
-def _smooth(dem: Dem, std: float, _: list[str]) -> np.ndarray:
+def _smooth(dem: Dem, std: float, remarks: list[str]) -> np.ndarray:
     cells = _positive("smooth", std) / dem.grid.cell
     if cells > max(dem.grid.shape):
         raise RockfallError(f"--smooth {std:g}: must be at most the size of the terrain [m]")
+    if cells > BLURRED:
+        remarks.append(remark(f"--smooth {std:g}", "input.blurred", cells=cells))
     return smoothed(dem.z, cells)
 
 

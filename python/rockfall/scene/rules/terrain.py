@@ -87,8 +87,13 @@ def _units(scene: Scene) -> Iterator[Text]:
         cell = np.format_float_positional(grid.cell, 3, fractional=False, trim="-")
         ends = {"west": grid.west, "east": grid.east, "south": grid.south, "north": grid.north}
         yield say("input.degrees", cell=Number(cell), **ends)
-    elif half > STEEP or (half > FEET[0] and steep > FEET[1]):
+    elif is_too_steep(half, steep):
         yield say("input.steep", half=half)
+
+
+def is_too_steep(half: float, steep: float) -> bool:
+    """Return True for median and 90 % quantile of slopes [degree] that no terrain has."""
+    return half > STEEP or (half > FEET[0] and steep > FEET[1])
 
 
 def _degrees(tangent: float) -> float:

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Surveyed points, and cells made of them, that are likely mistakes: one line each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.point_text import HEIGHTS
+from rockfall.language import Text, say
+from rockfall.scene.ground import SPIKE
+from rockfall.scene.rules.terrain import GAP, USUAL, USUAL_GAP, is_too_steep
+
+HIGHER = 1.0  # [m] between points at one place: more than the error of a survey
+AROUND = 16  # neighbours that a spike rises or falls from; eight may all lie across a cliff
+SAMPLES = 1000  # rows and columns of which slopes are taken
+COARSE, FINE = 5.0, 10.0  # cells per spacing, and the reverse, that hold less, or no more
+FINEST = 100.0  # cells per spacing beyond which the cell is a mistake
+
+
+def check_cell(cell: float, extent: np.ndarray, spacing: float) -> None:
+    """Refuse cells [m] beyond the extent (2) of the points, or far below their spacing."""
+    if cell > extent.max() / 2:
+        raise RockfallError(
+            f"--cell {cell:g}: the points cover {extent[0]:,.4g} x {extent[1]:,.4g} m: must be at "
+            "most half of that"
+        )
+    if cell < spacing / FINEST:
+        raise RockfallError(
+            f"--cell {cell:g}: points are {spacing:.3g} m apart: must be at least "
+            f"{spacing / FINEST:.3g}"
+        )
+
+
+def cell_remarks(cell: float, spacing: float) -> Iterator[Text]:
+    """Remark on cells [m] much larger or smaller than the spacing of the points."""
+    if cell > COARSE * spacing:
+        yield say("input.coarse_cells", cell=cell, spacing=spacing)
+    if cell < spacing / FINE:
+        yield say("input.fine_cells", cell=cell, spacing=spacing)
+
+
+def height_remarks(points: np.ndarray) -> Iterator[Text]:
+    """Remarks on elevations of points (n, 3) [m] of no land, or far from all others."""
+    z = points[:, 2]
+    low, high = float(z.min()), float(z.max())
+    if low < HEIGHTS[0] or high > HEIGHTS[1]:
+        yield say("input.no_height_of_land", low=low, high=high)
+        return
+    for value, sign, key in (low, 1, "input.points_below"), (high, -1, "input.points_above"):
+        apart = sign * (z[z != value] - value)
+        usual = sign > 0 and value in USUAL
+        if apart.size and (gap := float(apart.min())) > (USUAL_GAP if usual else GAP):
+            yield say(key, n=z.size - apart.size, total=z.size, value=value, apart=gap)
+
+
+def place_remarks(points: np.ndarray) -> Iterator[Text]:
+    """Remark on points (n, 3) [m] at one place that differ in height."""
+    x, y, z = points[np.lexsort(points.T[::-1])].T
+    again = (np.diff(x) == 0) & (np.diff(y) == 0)
+    apart = np.where(again, np.diff(z), 0.0)
+    if apart.max(initial=0.0) > HIGHER:
+        n = int(np.count_nonzero(apart > HIGHER))
+        yield say("input.points_again", n=n, apart=float(apart.max()))
+
+
+def spike_remarks(points: np.ndarray, errors: np.ndarray, spacing: float) -> Iterator[Text]:
+    """Remark on points (n, 3) [m] above or below all around them like no rock; `errors` are the
+    leave-one-out errors of evenly chosen points."""
+    from scipy.spatial import cKDTree
+
+    limit = max(SPIKE[0], SPIKE[1] * spacing)
+    every = math.ceil(len(points) / errors.size) if errors.size else 1
+    odd = np.flatnonzero(np.abs(np.nan_to_num(errors)) > limit) * every
+    if not odd.size or len(points) <= AROUND:
+        return
+    _, which = cKDTree(points[:, :2]).query(points[odd, :2], AROUND + 1)
+    own = which == odd[:, None]
+    own[~own.any(axis=1), -1] = True  # more points coincide than are asked for
+    around = points[which[~own].reshape(odd.size, AROUND), 2]
+    rise = points[odd, 2, None] - around
+    apart = np.maximum(rise.min(axis=1), -rise.max(axis=1))
+    if apart.max() > limit:
+        x, y, _ = points[odd[int(np.argmax(apart))]]
+        n = int(np.count_nonzero(apart > limit))
+        yield say("input.point_spikes", n=n, x=float(x), y=float(y), apart=float(apart.max()))
+
+
+def slope_remarks(z: np.ndarray, cell: float) -> Iterator[Text]:
+    """Remark on elevations (ny, nx) [m] steeper than any terrain, as feet make them."""
+    if min(z.shape) < 3:
+        return
+    row, column = (np.arange(1, size - 1, math.ceil(size / SAMPLES)) for size in z.shape)
+    rise = z[np.ix_(row, column + 1)] - z[np.ix_(row, column - 1)]
+    fall = z[np.ix_(row + 1, column)] - z[np.ix_(row - 1, column)]
+    slopes = np.degrees(np.arctan(np.hypot(rise, fall) / (2 * cell)))
+    if not np.isnan(slopes).all():
+        half, steep = np.nanquantile(slopes, (0.5, 0.9)).tolist()
+        if is_too_steep(half, steep):
+            yield say("input.steep", half=half)
