@@ -285,6 +285,24 @@ def test_prices_decide_on_the_cheapest(tmp_path):
     assert read_costs(shipped("design_costs_example.csv"))
 
 
+@pytest.mark.parametrize(("heights", "told", "no"), [
+    ((4.0, 5.0), None, None), ((40.0, 50.0), "prices are of barriers up to 50 m high", None),
+    ((4.0, 60.0), "prices are of barriers up to 60 m high", None),
+    ((400.0, 500.0), None, "line 2: height = 400: must be a number >= 0 and <= 100"),
+    ((4.0, 5000.0), None, "line 3: height = 5000: must be a number >= 0 and <= 100"),
+])  # fmt: skip
+def test_prices_of_heights_in_another_unit(result, heights, told, no, tmp_path):
+    table = tmp_path / "costs.csv"
+    low, high = heights
+    table.write_text(f"class,height,cost\n3,{low:g},500\n4,{high:g},900\n")
+    if no:
+        with refused(f"{table}: {no}"):
+            rockfall.design(result, costs=table)
+        return
+    doubts = [text for text in rockfall.design(result, costs=table).warnings if "prices" in text]
+    assert len(doubts) == bool(told) and all(text.startswith(told) for text in doubts)
+
+
 def test_nobody_comes(tmp_path):
     line = LINE | {"y": [398.0, 398.0]}  # above the release
     sheet = rockfall.design(run(tmp_path, line=[line]), along="road")

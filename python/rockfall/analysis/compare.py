@@ -16,6 +16,12 @@ from rockfall.analysis.deposits import MIN_COMPARED, agreement, at_rest, grid_fo
 from rockfall.analysis.line_statistics import SIGNED, line_numbers, sample_numbers
 from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.observations import UNITS, Observed, read_observed
+from rockfall.analysis.observed_doubts import (
+    check_exchanged,
+    distance_notes,
+    ratio_notes,
+    unit_notes,
+)
 from rockfall.analysis.precision.intervals import (
     Sources,
     fraction_interval,
@@ -102,6 +108,7 @@ def compare(
             has = ", ".join(names) or "no lines"
             raise RockfallError(f"{where}: line {line}: is not in the result, which has {has}")
     check_rows(result, "a comparison")
+    check_exchanged(seen, result)
     method = case_of(result).surface["method"]
     source = sources(result)
     distances, notes = _observed_distances(result, seen, source)
@@ -109,16 +116,20 @@ def compare(
     ours = result.isel(boulder=np.flatnonzero(which))  # the same boulders in all numbers of run-out
     stopped = samples(result, seen)
     share = np.ones(which.sum()) if stopped is None else weights(*stopped)
+    errors = _errors(result, seen, method, source, names)
+    units: list[str] = [*unit_notes(seen), *ratio_notes(errors)]
+    units += distance_notes(ours["plan_distance"].values, distances, seen)
+    units += [difference] if difference else []
     done = Comparison(
         title=f"{result.attrs['title'] or 'rockfall'}, beside what was observed",
-        errors=_errors(result, seen, method, source, names),
+        errors=errors,
         ks=_ks(result, seen, method, distances, names, ours["plan_distance"].values, share),
         passing=_passing(ours, seen, distances, sources(ours)),
         run_out=run_out(result, seen),
         at_rest=_at_rest(result, seen),
         stops=stops_table(result, seen),
         contacts=contacts_table(result, seen),
-        notes=(*([difference] if difference else []), *notes, *_notes(result, seen, source)),
+        notes=(*units, *notes, *_notes(result, seen, source)),
     )
     if not any(len(getattr(done, name)) for name in TABLES):
         text = f"nothing to compare: no row is observed, or of the result's method {method}."

@@ -14,6 +14,7 @@ import numpy as np
 
 from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.observations import Observed
+from rockfall.analysis.observed_doubts import check_exchanged
 from rockfall.analysis.precision.intervals import sources
 from rockfall.analysis.run_out import (
     LIMITS,
@@ -49,6 +50,7 @@ def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFr
     check_same_site(results)
     by_measure: dict[str, dict[str, np.ndarray]] = {}
     for name, result in results.items():
+        check_exchanged(seen, result)
         for measure, values in _distances(result, seen):
             by_measure.setdefault(measure, {})[name] = values
     by_measure = {

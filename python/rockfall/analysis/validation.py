@@ -13,6 +13,7 @@ from rockfall.analysis.deposits import agreement
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.models import by_tables, named_notes, variants
 from rockfall.analysis.observations import Observed
+from rockfall.analysis.observed_doubts import check_exchanged, unit_notes
 from rockfall.analysis.run_out import (
     RESAMPLES,
     Distance,
@@ -100,6 +101,8 @@ def validate(
     own = next(iter(laws.values()))
     laws |= by_tables(case, own, tables, notes)
     notes += named_notes(own)
+    check_exchanged(seen, own.grid)
+    notes += unit_notes(seen)
     first = int(case.case["seed"]) + 1
     numbers = tuple(range(first, first + seeds))
     rows: list[dict[str, Any]] = []

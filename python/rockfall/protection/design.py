@@ -25,7 +25,7 @@ from rockfall.protection.barriers import barriers_of
 from rockfall.protection.crossings import Crossings, crossings
 from rockfall.protection.demand import ENDS, demand, usable
 from rockfall.protection.factors import BACK_ANALYSED, Conditions, Factors, read_factors
-from rockfall.protection.selection import choices, read_costs, residual_of
+from rockfall.protection.selection import choices, cost_remarks, read_costs, residual_of
 from rockfall.result.grounds import classical_grounds
 from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import flags_of
@@ -133,7 +133,11 @@ def design(
         checks=_table(barriers, _CHECKS),
         choices=_table(chosen, _CHOICES),
         along=parts,
-        warnings=(*model_warnings(result, case), *_block_remarks(result, volume)),
+        warnings=(
+            *model_warnings(result, case),
+            *_block_remarks(result, volume),
+            *cost_remarks(prices),
+        ),  # fmt: skip
         kept=kept_note(result),
     )
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,13 @@ import numpy as np
 from rockfall.analysis.precision.intervals import Sources, fraction_interval
 from rockfall.errors import RockfallError
 from rockfall.io.tables import check_columns, read_table
+from rockfall.language import Text, say
 from rockfall.limits import EAD_ENERGY
 from rockfall.protection.crossings import Crossings, passes
+from rockfall.scene.rules.protection import NET
 
 Costs = dict[tuple[int, float], float]  # of a metre, by class and maximum height [m]
+MAX_HEIGHT = 100.0  # [m] of a barrier, as in a case
 COST_COLUMNS = ["class", "height", "cost"]
 
 
@@ -77,8 +81,15 @@ def read_costs(path: str | Path) -> Costs:
     costs: Costs = {}
     for row in rows:
         ead_class = int(row.choice("class", [str(k) for k in range(len(EAD_ENERGY))]))
-        key = ead_class, row.number("height", 0.0)
+        key = ead_class, row.number("height", 0.0, MAX_HEIGHT)
         if key in costs:
             row.refuse("height", "is there twice for this class")
         costs[key] = row.number("cost", 0.0)
     return costs
+
+
+def cost_remarks(costs: Costs | None) -> Iterator[Text]:
+    """Remark on prices of barriers higher than any."""
+    highest = max((height for _, height in costs or {}), default=0.0)
+    if highest > NET:
+        yield say("design.high_prices", height=highest)

@@ -25,7 +25,7 @@ from rockfall.protection.crossings import crossings, passes, quantile
 from rockfall.protection.demand import ENDS, demand
 from rockfall.protection.design import conditions_of, unconfirmed_of
 from rockfall.protection.factors import Conditions, Factors, read_factors
-from rockfall.protection.selection import Costs, cost_of, read_costs, residual_of
+from rockfall.protection.selection import MAX_HEIGHT, Costs, cost_of, read_costs, residual_of
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.read import read_scene
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
@@ -205,8 +205,8 @@ def _memory_note(
 
 
 def _limits(height: float | None, ead_class: int | None, bypass: float) -> Limits:
-    if height is not None and not 0 < height < math.inf:
-        raise RockfallError(f"max_height = {height}: must be > 0 m")
+    if height is not None and not 0 < height <= MAX_HEIGHT:
+        raise RockfallError(f"max_height = {height}: must be > 0 and <= {MAX_HEIGHT:g} m")
     if ead_class is not None and ead_class not in range(len(EAD_ENERGY)):
         raise RockfallError(f"max_class = {ead_class}: must be 0 to {len(EAD_ENERGY) - 1}")
     if not 0 <= bypass <= 1:

@@ -26,6 +26,7 @@ from rockfall.analysis.ensemble.uncertain_inputs import (
 )
 from rockfall.analysis.marks import Mark, read_marks, with_lines_at
 from rockfall.analysis.observations import Observed, read_observed
+from rockfall.analysis.observed_doubts import check_exchanged, unit_notes
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
@@ -158,6 +159,7 @@ def _read(
     scene = lean(read, "a back-analysis", ["passages"])
     inputs = Uncertain(scene)
     seen = read_observed(*observed, grid=scene.grid)
+    check_exchanged(seen, scene.grid)
     marks = read_marks(seen)
     check_on_terrain(scene, *_places(marks))
     scene, marks = with_lines_at(scene, marks)
@@ -169,7 +171,8 @@ def _read(
     counts = shares(data, base)
     if "dem" in inputs.names:
         _learn_noise(scene, inputs, data)
-    return _Study(case, scene, inputs, _sought(inputs, base), data, counts, [*seen.notes, *notes])
+    notes = [*seen.notes, *unit_notes(seen), *notes]
+    return _Study(case, scene, inputs, _sought(inputs, base), data, counts, notes)
 
 
 class _Rounds:
