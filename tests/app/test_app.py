@@ -555,6 +555,13 @@ DOCUMENTS = {
                    polygon(50, 300, 250, 201, id="z2", ground="soil_4", mean_radius=0.05)]},
         {"surface": {"uniform_mean_radius": 0.3}},
     ),
+    "shapes by boulder": (
+        {"sources": [point(150.1, 40.7), point(90, 50, id="p2", block_shape="platy"),
+                     point(91, 55, id="p3", a=2.0, b=1.2, c=1.125)]},
+        {"impact": {"form": "table"},
+         "boulder": {"volume": "fixed", "volume_mean": 0.5, "block_shape": ["compact", "elongated"],
+                     "block_shape_share": [0.75, 0.25]}},
+    ),
     "settings": ({}, {"boulder": {"volume": "list", "volumes": [0.1, 1, 2.5]}, "case": {
         "title": "it's", "boulders": 40, "sampling": "sobol"}, "flight": {"gravity": 9.8}}),
 }  # fmt: skip
@@ -783,7 +790,7 @@ def test_layers_of_a_case_become_features(place):
     Path("zones.csv").write_text("zone,mean_radius\n5,0.3\n9,0.2\n")
     make_layer(
         "cliff.geojson", [box(W + 100, N - 60, W + 180, N - 30), box(W, N - 60, W + 9, N - 30)],
-        Kluft=["A", "B"], DROP_HEIGHT=[2.0, 3.0],
+        Kluft=["A", "B"], DROP_HEIGHT=[2.0, 3.0], a=["x", "y"],
     )  # fmt: skip
     make_layer("nets.shp", [shapely.LineString([(W, N - 150), (W + 300, N - 150)])], height=[3],
                capacity=[500.0], name=["N"])  # fmt: skip
@@ -795,7 +802,7 @@ def test_layers_of_a_case_become_features(place):
     Path("layers.nml").write_text(text, encoding="utf-8")
     site, document = open_site(Path("layers.nml"))
     sources = document.layers["sources"]
-    assert [one.properties for one in sources] == [
+    assert [one.properties for one in sources] == [  # without the lone column a
         {"name": "A", "drop_height": 2.0}, {"name": "B", "drop_height": 3.0},
     ]  # fmt: skip
     assert document.layers["barriers"][0].properties == {

@@ -27,7 +27,7 @@ function describe(field: Field): string {
         ? `≥ ${number(min)}`
         : max !== null
           ? `≤ ${number(max)}`
-          : field.choices
+          : field.choices && !field.list
             ? ''
             : field.allowed;
   return [`${field.name}${unit ? ` [${unitText(unit)}]` : ''}`, field.meaning, range].filter(Boolean).join('\n');

@@ -17,7 +17,7 @@ from rockfall.language import say
 from rockfall.result.variables import MAP
 from rockfall.scene.frames import GROUPS
 from rockfall.scene.lines import OF_LAYER
-from rockfall.scene.source_attributes import LAWS, VELOCITY, VOLUMES
+from rockfall.scene.source_attributes import AXES, LAWS, VELOCITY, VOLUMES
 
 MAX_TEXT = 200  # characters of a value
 MAX_VALUES = 1000  # of a list
@@ -81,6 +81,11 @@ def layer_forms(case: Case, zones: bool, grounds: tuple[str, ...] | None) -> dic
     sources = {"name": _field(text), "volume": law}
     sources |= {name: _attribute(keys["boulder", name]) for name in VOLUMES}
     sources |= {name: _attribute(keys[groups[name], name]) for name in names}
+    sources["block_shape"] = _attribute(keys["boulder", "block_shape"])
+    sources |= {
+        axis: _field(Key("", axis, "real", 1, "absent", "> 0", "m", "measured axis of blocks", ""))
+        for axis in AXES
+    }
     velocity = _attribute(keys["release", "velocity"])
     sources |= {name: velocity._replace(name=name) for name in VELOCITY}
     sources["frequency"] = _attribute(keys["scenario", "frequency"])

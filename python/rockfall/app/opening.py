@@ -35,6 +35,7 @@ from rockfall.result.dataset import DAMAGED
 from rockfall.scene.frames import GROUPS
 from rockfall.scene.layers import Inputs
 from rockfall.scene.lines import read_lines
+from rockfall.scene.source_attributes import AXES, has_axes
 
 TOTAL = 10_000  # boulders of a new document
 FIRST: Settings = {
@@ -196,6 +197,8 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
         places = [[*at] for at in zip(map(float, x), map(float, y), strict=True)]
     if name := release.get("name_field"):
         columns = {**columns, "name": named_attribute(str(path), columns, name)}
+    if not has_axes(columns):
+        columns = {name: column for name, column in columns.items() if name.lower() not in AXES}
     kind = "Point" if key == "points" else "Polygon"
     for k, (at, own) in enumerate(
         zip(places, _properties(columns, form, len(places)), strict=True)

@@ -172,10 +172,15 @@ def _shapes(table: Table) -> np.ndarray | None:
     return shape if shape.any() else None
 
 
+def has_axes(columns: dict[str, np.ndarray]) -> bool:
+    """Return True if attributes have the three axes of blocks; fewer are other attributes."""
+    return all(attribute(columns, axis) is not None for axis in AXES)
+
+
 def _axis_shapes(table: Table) -> np.ndarray:
     """Number of the block shape nearest to the axes of each feature; 0 where there are none."""
     shape = np.zeros(table.size, np.int8)
-    if any(attribute(table.columns, axis) is None for axis in AXES):
+    if not has_axes(table.columns):
         return shape
     given = np.array([
         [table.number(k, axis, value) for k, value in enumerate(table.values(axis))]
