@@ -282,6 +282,9 @@ class Facts(NamedTuple):
     by_layer: bool  # the layer of sources says what its boulders are
     by_raster: bool  # rasters say it
     by_table: bool  # a table of impacts is the operator where nothing else is said
+    is_compact: bool  # boulders of the case can have this block shape
+    is_elongated: bool
+    is_platy: bool
 
 
 def facts(case: Case, *groups: str) -> Facts:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.case import Case, keys_of
+from rockfall.case import Case, facts, keys_of
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write
 from rockfall.io.netcdf import load_dataset, open_netcdf, write_compressed
@@ -28,7 +28,11 @@ FIELDS = (
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
 )  # fmt: skip
 INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
-BLOCK_SHAPES = tuple(keys_of("boulder")["block_shape"].allowed.split(", "))  # numbered from 1
+BY_SOURCE = "source"  # block_shape that sources give
+#: Numbered from 1.
+BLOCK_SHAPES = tuple(
+    shape for shape in keys_of("boulder")["block_shape"].allowed.split(", ") if shape != BY_SOURCE
+)
 ENSEMBLE = "-ensemble"  # suffix of the name of an ensemble
 KINDS = "flight", "roll"
 OF_PART = {  # a number for each part
@@ -154,17 +158,16 @@ def _names() -> list[str]:
 
 
 def possible_shapes(case: Case) -> list[str]:
-    """Block shapes with a share above zero of the boulders of a case."""
-    shapes = case.boulder["block_shape"]
-    shares = case.boulder.get("block_shape_share", [1.0] * len(shapes))
-    return [shape for shape, share in zip(shapes, shares, strict=True) if share > 0]
+    """Block shapes that a case gives its boulders: with a share above zero, or by their axes."""
+    given = facts(case, "boulder", "release")
+    return [shape for shape in BLOCK_SHAPES if getattr(given, f"is_{shape}")]
 
 
 def find_table(case: Case, name: str) -> Path | None:
     """File of the table with a name: shipped, for the first block shape of the case if there are
     several, or next to the case; None if there is none."""
     shipped = shipped_tables()
-    for full_name in (name, f"{name}-{possible_shapes(case)[0]}"):
+    for full_name in (name, f"{name}-{(possible_shapes(case) or BLOCK_SHAPES)[0]}"):
         if full_name in shipped:
             return shipped[full_name]
     if name.endswith(".nc") and os.path.isfile(case.path(name)):

@@ -51,6 +51,8 @@ EFFECTS = [
     ("impact", "turning", "to_aspect", BY_TABLE, "form = 'matrix'", {"impact": {"form": "matrix"}}),
     ("boulder", "block_shape", ["platy"], {}, "a table of impacts", BY_TABLE),
     ("boulder", "block_shape_share", [1.0], {}, "a table of impacts", BY_TABLE),
+    ("boulder", "block_axes", [3.0, 2.0, 1.0], {"boulder": {
+        "volume": "list", "volumes": [2.0], "volume_mean": None}}, "a table of impacts", BY_TABLE),
     ("surface", "zone_field", "z", {}, "zones", None),
     ("surface", "rg_reading", "radius", {}, "method = 'A'", {"surface": {
         "method": "A", "uniform_mean_radius": None, "uniform_rg": [0.1, 0.2, 0.3]}}),

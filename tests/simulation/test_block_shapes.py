@@ -9,7 +9,7 @@ import pytest
 from rockfall._core import rockfall_f2py as _core
 
 import rockfall
-from made import make_layer, refused
+from made import make_layer, make_raster, refused
 from programs import make_full_case, run_program, same_results
 from rockfall.cli import main
 from rockfall.html_report.inputs import Parties, input_table
@@ -23,6 +23,7 @@ from scenes import case_in, grid, place, rough
 SHARES = [0.5, 0.3, 0.2]
 MIX = {"volume": "lognormal", "volume_mean": 0.6, "volume_std": 0.4}
 MIX |= {"block_shape": [*BLOCK_SHAPES], "block_shape_share": SHARES}
+SHAPES_OF_MIX = ("block_shape", "block_shape_share")
 ZONES = "zone,mean_radius,ground\n1,,talus\n2,0.3,rocky-slope\n3,0.3,\n4,,rock-platy\n"
 #: Variables that a run sums over all boulders, and maps, which differ between parts of one.
 ROWS = ("volume", "stop_x", "stop_y", "stop_z", "path_length", "travel_time", "speed_max",
@@ -349,6 +350,104 @@ def test_only_tables_that_boulders_need_are_loaded(tmp_path):
     )
     assert 1.5 * one < two < three
     assert bytes_of(by_sources(tmp_path, "x,y,block_shape\n150,380,platy\n", boulder=MIX)) == one
+
+
+# ---- axes of listed volumes, and sides in rasters
+
+LISTED = {"volume": "list", "volumes": [0.1, 0.6, 0.6, 1.4], "volume_mean": None}
+AXES = [0.6, 0.5, 0.4, 1.4, 0.9, 0.8, 1.3, 1.1, 0.5, 1.6, 1.0, 0.9]
+LISTED_SHAPES = np.array([1, 2, 3, 2])
+
+
+@pytest.mark.parametrize("sampling", ["random", "sobol"])
+def test_listed_volumes_have_the_shape_of_their_axes(tmp_path, sampling):
+    """Two of them are equal volumes of different shapes."""
+    case = full_case(tmp_path, **dict.fromkeys([*MIX, "volume_std"]) | LISTED, block_axes=AXES)
+    case = case.replace(case={"sampling": sampling})
+    result = rockfall.run(case)
+    shape, volume = result["block_shape"].values, result["volume"].values
+    assert {*zip(volume.tolist(), shape.tolist(), strict=True)} == {
+        *zip(LISTED["volumes"], LISTED_SHAPES.tolist(), strict=True)
+    }
+    for k in (1, 2, 3):
+        alone = rockfall.run(
+            case.replace(boulder={"block_axes": None, "block_shape": BLOCK_SHAPES[k - 1]})
+        )
+        own = shape == k
+        for name in ROWS:
+            assert same_bits(result[name].values[..., own], alone[name].values[..., own]), (k, name)
+    prepare(case, tmp_path / "ready")
+    done = run_program("case.nml", "-o", "out.nc", "--quiet", cwd=tmp_path / "ready")
+    assert done.returncode == 0, done.stderr
+    same_results(rockfall.merge([tmp_path / "ready" / "out.nc"]), result)
+
+
+@pytest.mark.parametrize(
+    "keys, message",
+    [
+        ({"block_axes": AXES[:9]}, "block_axes = .*: must be three for each of volumes"),
+        ({"block_axes": AXES[:-1]}, "block_axes = .*: must be three for each of volumes"),
+        ({"block_axes": [*AXES[:9], 1.0, 1.6, 0.9]},
+         r"block_axes \(value 10\) = 1.0: must be a, b, c of each block, a >= b >= c"),
+        ({"block_axes": [*AXES[:9], 1.6, 0.9, 1.0]}, r"block_axes \(value 10\) = 1.6: must be a,"),
+        ({"block_axes": [0.0, *AXES[1:]]}, r"block_axes \(value 1\) = 0.0: must be > 0"),
+        ({"block_axes": [*AXES[:11], -0.9]}, r"block_axes \(value 12\) = -0.9: must be > 0"),
+        ({"block_shape": ["compact", "platy"]},
+         "block_shape = .*: is not valid together with block_axes"),
+        ({"volume": "fixed", "volume_mean": 1.0, "volumes": None},
+         "block_axes = .*: is not valid for volume = 'fixed'"),
+        ({"block_axes": None, "block_shape": "source"},
+         "block_shape = 'source': needs a layer or table of sources, or d1, d2, d3"),
+        ({"block_axes": None, "block_shape": ["source", "platy"]},
+         "block_shape = 'source', 'platy': must be 'source' alone"),
+    ],
+)  # fmt: skip
+def test_axes_of_lists_that_cannot_be_are_refused(tmp_path, keys, message):
+    boulder = LISTED | {"block_axes": AXES} | keys
+    with pytest.raises(rockfall.RockfallError, match=f"^case: &boulder {message}") as caught:
+        case_in(tmp_path, impact={"table": "talus", "sets": None}, boulder=boulder, **place())
+    assert "\n" not in str(caught.value) and len(str(caught.value).split()) <= 25
+
+
+def by_sides(folder, **boulder):
+    """A case with four sources whose boulders have their sides in rasters, in any order."""
+    sides = {"d1": [1.0, 0.5, 0.9, 1.0], "d2": [1.0, 1.0, 1.6, 0.4], "d3": [0.9, 0.55, 1.5, 1.0]}
+    for name, values in sides.items():
+        raster = np.ones((80, 60))
+        raster[76, [20, 24, 30, 36]] = values
+        make_raster(folder / f"{name}.tif", raster, crs="EPSG:32632")
+    cells = np.zeros((80, 60), "i2")
+    cells[76, [20, 24, 30, 36]] = 1
+    make_raster(folder / "cells.tif", cells, crs="EPSG:32632")
+    boulder = {"volume": "source", "d1": "d1.tif", "d2": "d2.tif", "d3": "d3.tif", **boulder}
+    case = full_case(folder, **dict.fromkeys(SHAPES_OF_MIX))
+    boulder |= dict.fromkeys(("volume_mean", "volume_std"))
+    release = {"x": None, "y": None, "cells": "cells.tif"}
+    return case.replace(boulder=boulder, release=release)
+
+
+def test_sides_in_rasters_give_the_shape_where_the_case_asks_for_it(tmp_path):
+    case = by_sides(tmp_path, block_shape="source")
+    result = rockfall.run(case)
+    expected = np.array([1, 2, 3, 3])  # 1.6 : 1.5 : 0.9 is nearest to platy by c/b = 0.6
+    assert np.array_equal(result["block_shape"], expected[result["source"].values - 1])
+    prepare(case, tmp_path / "ready")
+    done = run_program("case.nml", "-o", "out.nc", "--quiet", cwd=tmp_path / "ready")
+    assert done.returncode == 0, done.stderr
+    same_results(rockfall.merge([tmp_path / "ready" / "out.nc"]), result)
+    scene = read_scene(by_sides(tmp_path))
+    assert "block_shape" not in run_scene(scene)  # as ever, but for a remark
+    (text,) = (text for text in scene.remarks if "block_shape" in text)
+    assert text.startswith("&boulder block_shape: 3 of 4 sources") and len(text.split()) <= 25
+
+
+def test_sources_must_all_give_their_shape_where_the_case_has_none(tmp_path):
+    boulder = {"volume": "fixed", "volume_mean": 0.6, "block_shape": "source"}
+    with pytest.raises(rockfall.RockfallError, match="sources.csv: line 3: has no block_shape and"):
+        rockfall.run(by_sources(tmp_path, boulder=boulder), **terrain())
+    rows = NAMES + ROWS_OF_SOURCES.replace("2,120,380,,,,", "2,120,380,elongated,,,")
+    result = rockfall.run(by_sources(tmp_path, rows, boulder=boulder), **terrain())
+    assert np.array_equal(result["block_shape"], np.array([3, 2, 2, 1])[result["source"] - 1])
 
 
 # ---- what shows them

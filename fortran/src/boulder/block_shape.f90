@@ -23,11 +23,12 @@ module rockfall_block_shape
 
 contains
 
-   !> Shapes drawn with these shares, which are not negative and not all zero.
+   !> Shapes drawn with these shares, which are not negative; all zero: each boulder has a given shape.
    pure type(shape_mix_t) function shape_mix(shares) result(mix)
       real(wp), intent(in) :: shares(n_block_shapes)
       integer :: k
 
+      if (.not. sum(shares) > 0) return
       mix%below = [(sum(shares(:k)), k=1, n_block_shapes)]
       mix%below = mix%below/mix%below(n_block_shapes)
    end function shape_mix

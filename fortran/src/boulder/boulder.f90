@@ -9,7 +9,7 @@ module rockfall_boulder
    implicit none
    private
    public :: boulder_t, source_boulder_t, feature_t, volume_distribution_t, release_t, draw_boulder, boulder_of
-   public :: max_volume, mean_volume, feature_of
+   public :: list_item, max_volume, mean_volume, feature_of
    public :: source_of, first_of, last_of, released_by, inertia_factor, sphere_radius, kinetic_energy
    public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume, pareto_volume, distributions
 
@@ -27,6 +27,7 @@ module rockfall_boulder
       real(wp) :: min = 0.0_wp, max = 0.0_wp !! uniform, pareto [m3]
       real(wp) :: exponent = 1.0_wp          !! pareto: of the number of larger boulders, > 0 [-]
       real(wp), allocatable :: list(:)       !! list: all equally probable [m3]
+      integer, allocatable :: list_shape(:)  !! block shape of each, if known
       !> [kg/m3]; the energies and volumes given in the paper imply 2800.
       real(wp) :: density = 2800.0_wp
    end type volume_distribution_t
@@ -145,13 +146,21 @@ contains
       case (pareto_volume)
          boulder%volume = pareto(distribution, uniform(word(volume_word)))
       case (list_volume)
-         boulder%volume = distribution%list(1 + int(uniform(word(volume_word))*size(distribution%list)))
+         boulder%volume = distribution%list(list_item(distribution, word(volume_word)))
       case default
          boulder%volume = distribution%mean
       end select
       boulder%radius = sphere_radius(boulder%volume)
       boulder%mass = distribution%density*boulder%volume
    end function draw_boulder
+
+   !> Index of the volume of a list that a word draws.
+   pure integer function list_item(distribution, word)
+      type(volume_distribution_t), intent(in) :: distribution
+      integer(i8), intent(in) :: word
+
+      list_item = 1 + int(uniform(word)*size(distribution%list))
+   end function list_item
 
    !> Boulder of a source that specifies its boulders.
    pure type(boulder_t) function boulder_of(source, factor) result(boulder)

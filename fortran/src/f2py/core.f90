@@ -56,7 +56,7 @@ module rockfall_f2py
    use rockfall_values, only: refuse
    use rockfall_case_keys, only: key_text => row_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name, &
                                  read_keys
-   use rockfall_case, only: case_t, read_case, turning_rule, radius_of_reading, line_groups, &
+   use rockfall_case, only: case_t, read_case, given_shapes, turning_rule, radius_of_reading, line_groups, &
                             barrier_strengths
    use rockfall_covariance, only: find_root => covariance_root
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
@@ -952,12 +952,13 @@ contains
    !> sources; of rasters; rebounds follow a table of impacts where nothing else is said.
    subroutine case_facts(text, facts)
       character(len=*), intent(in) :: text
-      integer(c_int), intent(out) :: facts(5)
+      integer(c_int), intent(out) :: facts(8)
       type(case_t) :: case
       type(error_t), allocatable :: error
 
       call read_case(text, "", case, error)
-      facts = merge(1, 0, [case%forest, case%at_points, case%by_feature, case%by_source, case%by_table])
+      facts = merge(1, 0, [case%forest, case%at_points, case%by_feature, case%by_source, case%by_table, &
+                           given_shapes(case)])
    end subroutine case_facts
 
    !> Number that a text spells, as in files; NaN if none.

@@ -391,6 +391,8 @@ contains
          if (kind_of(file, "source_frequency") /= 0) &
             call take(inputs, "source_frequency", "f8", source, positive=.true.)
          if (kind_of(file, "source_shape") /= 0) call take(inputs, "source_shape", "i1", source)
+         if (.not. (sum(case%shape_share) > 0 .or. allocated(arrays%source_shape))) call mark_damaged(file, &
+            "source_shape")
          if (allocated(arrays%source_shape)) then
             if (any(arrays%source_shape < 0 .or. arrays%source_shape > n_block_shapes)) &
                call mark_damaged(file, "source_shape")

@@ -11,7 +11,7 @@ module rockfall_case
    use rockfall_case_keys, only: read_keys, map_names, n_maps, text_length, max_name
    use rockfall_case_effects, only: check_effects
    use rockfall_boulder, only: volume_distribution_t, fixed_volume, uniform_volume, distributions
-   use rockfall_block_shape, only: block_shapes
+   use rockfall_block_shape, only: block_shapes, shape_of_axes
    use rockfall_surface, only: method_a, method_b
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
    use rockfall_forest, only: tree_model_t
@@ -21,7 +21,7 @@ module rockfall_case
    use rockfall_barrier, only: ead_energy, log_capacity
    implicit none
    private
-   public :: case_t, case_line_t, read_case, turning_rule, radius_of_reading, keeps_all
+   public :: case_t, case_line_t, read_case, given_shapes, turning_rule, radius_of_reading, keeps_all
    public :: line_groups, barrier_strengths
 
    integer(i8), parameter :: keeps_all = huge(1_i8)
@@ -61,7 +61,7 @@ module rockfall_case
       logical :: by_table = .false.         !! rebounds follow a table of impacts by default
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
-      real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! of each of block_shapes [-]
+      real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! of each of block_shapes; all 0: given by sources [-]
       logical :: by_source = .false.             !! sources specify their boulders; volumes are factors
       logical :: by_feature = .false.            !! the layer of the sources gives all volumes
       logical :: source_density = .false.        !! sources also give their density
@@ -101,7 +101,7 @@ contains
       call read_run(list, this, error)
       if (.not. allocated(error)) call read_surface(group_of(list, "surface"), this, error)
       if (.not. allocated(error)) call read_boulder(group_of(list, "boulder"), group_of(list, "release"), this, error)
-      if (.not. allocated(error)) call read_shapes(group_of(list, "boulder"), this, error)
+      if (.not. allocated(error)) call read_shapes(group_of(list, "boulder"), group_of(list, "release"), this, error)
       if (.not. allocated(error)) call read_release(group_of(list, "release"), this, error)
       if (.not. allocated(error)) call read_forest(group_of(list, "forest"), this, error)
       if (.not. allocated(error)) call read_lines(list, this, error)
@@ -282,9 +282,9 @@ contains
       type(group_t), intent(in) :: group, release
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
-      character(len=*), parameter :: keys(12) = [character(len=15) :: "volume_mean", "volume_std", "volume_min", &
+      character(len=*), parameter :: keys(13) = [character(len=15) :: "volume_mean", "volume_std", "volume_min", &
                                                  "volume_max", "volumes", "volume_exponent", "d1", "d2", "d3", &
-                                                 "shape", "rock_density", "volume_spread"]
+                                                 "shape", "rock_density", "volume_spread", "block_axes"]
       logical :: needs(size(keys)), takes(size(keys))
       character(len=:), allocatable :: distribution
       integer :: k
@@ -298,7 +298,7 @@ contains
       case ("pareto"); needs([3, 4, 6]) = .true.
       case ("source")
          this%by_feature = (has_key(release, "points") .or. has_key(release, "polygons")) &
-                           .and. .not. any([(has_key(group, trim(keys(k))), k=7, size(keys))])
+                           .and. .not. any([(has_key(group, trim(keys(k))), k=7, 12)])
          this%by_source = .not. this%by_feature
          needs(7:9) = this%by_source
       case default; needs(1) = .true.
@@ -306,7 +306,8 @@ contains
       ! not findloc(distributions, distribution): gfortran 12 mishandles different text lengths
       this%volumes%kind = max(fixed_volume, findloc(distributions == distribution, .true., dim=1))
       takes = needs
-      takes(10:) = this%by_source
+      takes(10:12) = this%by_source
+      takes(13) = distribution == "list"
       do k = 1, size(keys)
          if (needs(k)) call require_key(group, trim(keys(k)), "for volume = '"//distribution//"'", error)
          if (.not. takes(k) .and. has_key(group, trim(keys(k)))) then
@@ -330,9 +331,9 @@ contains
       if (this%by_source) call set_factors(group, this)
    end subroutine read_boulder
 
-   !> Read the shares of the block shapes.
-   pure subroutine read_shapes(group, this, error)
-      type(group_t), intent(in) :: group
+   !> Read the shares of the block shapes, or the axes of the blocks in a list.
+   pure subroutine read_shapes(group, release, this, error)
+      type(group_t), intent(in) :: group, release
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
       character(len=len(block_shapes)), allocatable :: names(:)
@@ -343,6 +344,16 @@ contains
       call get_text(group, "block_shape", names, error)
       if (allocated(error)) return
       n = size(names)
+      if (has_key(group, "block_axes")) call read_axes(group, names, this, error)
+      if (any(names == "source") .and. .not. allocated(error)) then
+         if (n > 1) call refuse(group, "block_shape", "must be 'source' alone", error)
+         if (.not. allocated(error)) call check_use(group, "block_shape_share", .false., "shapes in block_shape", error)
+         if (.not. (allocated(error) .or. this%by_source .or. has_key(release, "points") &
+                    .or. has_key(release, "polygons"))) &
+            call refuse(group, "block_shape", "needs a layer or table of sources, or d1, d2, d3", error)
+         return
+      end if
+      if (allocated(error)) return
       shares = reals_of(group, "block_shape_share")
       if (size(shares) == 0) shares = [(1.0_wp/n, k=1, n)]
       if (first_repeated(names) > 0) then
@@ -355,6 +366,41 @@ contains
          this%shape_share = [(sum(shares, mask=names == block_shapes(k)), k=1, size(block_shapes))]
       end if
    end subroutine read_shapes
+
+   !> Read the axes of each volume of a list.
+   pure subroutine read_axes(group, names, this, error)
+      type(group_t), intent(in) :: group
+      character(len=*), intent(in) :: names(:)  !! of block_shape
+      type(case_t), intent(inout) :: this
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: axes(:, :)
+      integer :: k
+
+      axes = reshape(reals_of(group, "block_axes"), [3, value_count(group, "block_axes")/3])
+      if (size(names) > 1 .or. names(1) /= block_shapes(1)) then
+         call refuse(group, "block_shape", "is not valid together with block_axes", error)
+      else if (value_count(group, "block_axes") /= 3*size(this%volumes%list)) then
+         call refuse_list(group, "block_axes", "must be three for each of volumes", error)
+      else
+         do k = 1, size(axes, 2)
+            if (axes(1, k) >= axes(2, k) .and. axes(2, k) >= axes(3, k)) cycle
+            call refuse(group, "block_axes", "must be a, b, c of each block, a >= b >= c", error, 3*k - 2)
+            return
+         end do
+         this%volumes%list_shape = [(shape_of_axes(axes(1, k), axes(2, k), axes(3, k)), k=1, size(axes, 2))]
+      end if
+   end subroutine read_axes
+
+   !> Block shapes that a case gives to boulders of its own volumes: those of a list, or with a share.
+   pure function given_shapes(case) result(given)
+      type(case_t), intent(in) :: case
+      logical :: given(size(block_shapes))
+      integer :: k
+
+      given = case%shape_share > 0
+      if (allocated(case%volumes%list_shape)) &
+         given = [(any(case%volumes%list_shape == k), k=1, size(block_shapes))]
+   end function given_shapes
 
    !> Read boulders specified by sources: the volume distribution is that of factors.
    pure subroutine set_factors(group, this)

@@ -118,8 +118,10 @@ module rockfall_case_keys
             "pareto: the number of boulders larger than V falls as V**-volume_exponent; 0.4 to 0.7 is usual"), &
       key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
       key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
-      key_t("boulder", "block_shape", "text", many, "'compact'", "compact, elongated, platy", "", &
-            "of boulders, by which a ground's table of impacts is chosen; several: each boulder has one of them", &
+      key_t("boulder", "block_axes", "real", many, "absent", "> 0", "m", &
+            "list: measured axes a, b, c of each of volumes, longest first; their block shapes", in_scene), &
+      key_t("boulder", "block_shape", "text", many, "'compact'", "compact, elongated, platy, source", "", &
+            "chooses a ground's table of impacts; several: each boulder has one; source: by d1, d2, d3 or a layer", &
             in_scene), &
       key_t("boulder", "block_shape_share", "real", many, "absent", "0 to 1", "", &
             "of each shape in block_shape, together 1; absent: equal shares", in_scene), &

@@ -305,7 +305,8 @@ contains
       type(scene_arrays_t), intent(in) :: arrays
       type(scene_t), intent(inout) :: scene
 
-      if (count(case%shape_share > 0) < 2 .and. .not. allocated(arrays%source_shape)) return
+      if (.not. (count(case%shape_share > 0) > 1 .or. allocated(arrays%source_shape) &
+                 .or. allocated(case%volumes%list_shape))) return
       scene%shapes = shape_mix(case%shape_share)
       if (allocated(arrays%source_shape)) scene%shapes%of_source = arrays%source_shape
       if (allocated(arrays%shape_ground)) scene%shapes%ground = arrays%shape_ground

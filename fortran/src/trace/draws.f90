@@ -4,9 +4,10 @@
 module rockfall_draws
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_words, uniform, for_release, for_impact, for_ground, words_per_block, &
-                              shape_word, obstacle_word, boulder_number
+                              volume_word, shape_word, obstacle_word, boulder_number
    use rockfall_sobol, only: sobol_word, scrambled, volume_dimension, obstacle_dimension
-   use rockfall_boulder, only: boulder_t, volume_distribution_t, draw_boulder, source_of, first_of
+   use rockfall_boulder, only: boulder_t, volume_distribution_t, list_volume, draw_boulder, list_item, source_of, &
+                               first_of
    use rockfall_block_shape, only: drawn_shape
    use rockfall_scene_type, only: scene_t
    implicit none
@@ -29,9 +30,10 @@ contains
       end if
    end function drawn_boulder
 
-   !> Shape of a boulder: that of its source, or drawn; 0 if the scene has only one.
-   pure integer function block_shape_of(scene, source, number) result(shape)
+   !> Shape of a boulder: that of its source, of its volume in a list, or drawn; 0 if the scene has only one.
+   pure integer function block_shape_of(scene, volumes, source, number) result(shape)
       type(scene_t), intent(in) :: scene
+      type(volume_distribution_t), intent(in) :: volumes  !! of its source
       integer, intent(in) :: source
       integer(i8), intent(in) :: number
       integer(i8) :: word(words_per_block)
@@ -41,6 +43,11 @@ contains
       if (allocated(scene%shapes%of_source)) shape = scene%shapes%of_source(source)
       if (shape > 0) return
       word = random_words(scene%key, for_release, number, 0_i8, 0_i8)
+      if (volumes%kind == list_volume .and. allocated(volumes%list_shape)) then
+         if (scene%sobol%dimensions > 0) word(volume_word) = scrambled_word(scene, number, volume_dimension)
+         shape = volumes%list_shape(list_item(volumes, word(volume_word)))
+         return
+      end if
       shape = drawn_shape(scene%shapes, uniform(word(shape_word)))
    end function block_shape_of
 

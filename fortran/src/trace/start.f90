@@ -27,13 +27,16 @@ contains
 
       result%source = int(source_of(scene%release, number))
       if (level >= with_all .and. allocated(scene%features)) then
-         result%boulder = drawn_boulder(scene, scene%features(scene%release%feature(result%source))%volumes, number)
+         associate (volumes => scene%features(scene%release%feature(result%source))%volumes)
+            result%boulder = drawn_boulder(scene, volumes, number)
+            result%block_shape = block_shape_of(scene, volumes, result%source, number)
+         end associate
       else
          result%boulder = drawn_boulder(scene, scene%volumes, number)
+         if (level >= with_all) result%block_shape = block_shape_of(scene, scene%volumes, result%source, number)
       end if
       if (level >= with_all .and. allocated(scene%of_source)) &
          result%boulder = boulder_of(scene%of_source(result%source), result%boulder%volume)
-      if (level >= with_all) result%block_shape = block_shape_of(scene, result%source, number)
       call set_first_flight(scene, result%source, flight)
       result%start = [flight%x, flight%y, flight%z]
       result%speed_max = squared_length(flight%v)  ! the square root is taken at the end

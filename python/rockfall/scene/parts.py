@@ -72,6 +72,7 @@ class SourceBoulders(NamedTuple):
     volume: np.ndarray  # [m3]
     inertia: np.ndarray  # I/(m R**2) [-]
     density: np.ndarray | None = None  # [kg/m3]; None: that of the case
+    shape: np.ndarray | None = None  # int8: block shape by their sides, from 1; None: the case's
 
 
 class Features(NamedTuple):

@@ -95,6 +95,7 @@ class Scene(Sources):
             "source_x": self.x, "source_y": self.y, "area_ratio": self.area,
             "source_frequency": self.frequency,
             **{f"source_{name}": array for name, array in (own._asdict() if own else {}).items()},
+            "source_shape": self.source_shape,
         }  # fmt: skip
         if self.features is not None:
             _, feature, law, value, _ = self.features
@@ -105,7 +106,6 @@ class Scene(Sources):
         if self.shapes:
             grounds, serving = grounds_by_shape(self.grounds, self.shapes)
             rasters = replace(rasters, grounds=grounds)
-            arrays["source_shape"] = self.source_shape
             arrays["shape_ground"] = serving if len(grounds) > len(self.grounds) else None
         return KernelScene(self.case, rasters, self.sets.draw, kernel_arrays(arrays))
 
@@ -113,20 +113,26 @@ class Scene(Sources):
     def source_shape(self) -> np.ndarray | None:
         """Number of the block shape of the boulders of each source, from 1; 0: the case's; None if
         no source says any, or no ground has a table of impacts."""
-        features = self.features
-        if features is None or features.shape is None:
+        features, own = self.features, self.source_boulders
+        if all(ground.model not in TABLES for ground in self.grounds):
             return None
-        by_table = any(ground.model in TABLES for ground in self.grounds)
-        return features.shape[features.number - 1] if by_table else None
+        by_sides = own.shape if own else None
+        if features is None or features.shape is None:
+            return by_sides
+        shape = features.shape[features.number - 1]
+        return shape if by_sides is None else np.where(shape > 0, shape, by_sides)
 
     @property
     def shapes(self) -> list[str]:
         """Block shapes that its boulders can have; [] if all have the one of the case."""
-        own, of_case = self.source_shape, possible_shapes(self.case)
+        own, shapes = self.source_shape, {*possible_shapes(self.case)}
+        by_axes = "block_axes" in self.case.boulder
+        if by_axes and self.features is not None and self.features.law is not None:
+            shapes |= {*self.case.boulder["block_shape"]}  # of volumes that are in no list
         if own is None:
-            return of_case if len(of_case) > 1 else []
+            return sorted(shapes) if by_axes or len(shapes) > 1 else []
         given = {BLOCK_SHAPES[number - 1] for number in np.unique(own) if number}
-        return [*given.union(of_case if (own == 0).any() else ())]
+        return sorted(given | shapes if (own == 0).any() else given)
 
     @cached_property
     def coefficients(self) -> Coefficients:

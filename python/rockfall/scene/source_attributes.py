@@ -15,7 +15,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case, facts, keys_of
 from rockfall.errors import RockfallError
-from rockfall.impact_tables import BLOCK_SHAPES
+from rockfall.impact_tables import BLOCK_SHAPES, BY_SOURCE
 from rockfall.io.layers import attribute, named_attribute, plain
 from rockfall.io.tables import decimal
 from rockfall.result.variables import fields
@@ -102,6 +102,7 @@ def read_attributes(case: Case, table: Table, feature: np.ndarray) -> tuple[Feat
     given = np.array([*volumes, *rest]).T
     _check_source(case, table, law, given)
     names, frequency, shape = _names(case, table), table.numbers("frequency"), _shapes(table)
+    _check_shapes(case, table, shape)
     if not law.any() and np.isnan(given).all():
         return Features(names, feature, shape=shape), frequency
     return Features(names, feature, law.astype("i4"), given, shape), frequency
@@ -227,6 +228,19 @@ def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) ->
         alone = case.replace()
         alone.name = table.where(k)
         alone.replace(boulder=own | {"volume": LAWS[law[k] - 1], **values})  # raises an error
+
+
+def _check_shapes(case: Case, table: Table, shape: np.ndarray | None) -> None:
+    """Check that each feature gives a block shape, where sources must: rasters give it, too."""
+    if BY_SOURCE not in case.boulder["block_shape"] or facts(case, "boulder", "release").by_raster:
+        return
+    given = np.zeros(table.size, bool) if shape is None else shape > 0
+    if not given.all():
+        k = int(np.argmin(given))
+        raise RockfallError(
+            f"{table.where(k)}: has no block_shape and no axes a, b, c: needed for &boulder "
+            "block_shape = 'source'"
+        )
 
 
 def _check_source(case: Case, table: Table, law: np.ndarray, given: np.ndarray) -> None:

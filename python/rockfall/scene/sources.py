@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case
+from rockfall.case import Case, facts
 from rockfall.errors import RockfallError
 from rockfall.grounds import TABLES, GroundRule
+from rockfall.impact_tables import BLOCK_SHAPES, BY_SOURCE
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import EXTENSIONS, numbered_polygons, read_points
 from rockfall.io.tables import read_columns
@@ -264,7 +265,22 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
         first, rule = _core.check_numbers("boulder", "density", density)
         good = np.arange(1, density.size + 1) != first
         _check(inputs.case, sources, "rock_density", density, good, rule.decode().strip())
-    return replace(sources, source_boulders=SourceBoulders(volume, inertia, density))
+    own = _block_shapes(inputs, np.asfortranarray(np.sort(d, axis=0)[::-1]))
+    return replace(sources, source_boulders=SourceBoulders(volume, inertia, density, own))
+
+
+def _block_shapes(inputs: Inputs, axes: np.ndarray) -> np.ndarray | None:
+    """Number of the block shape nearest to the axes (3, n) of the boulders of each source; None,
+    with a remark where these differ, if the case has shapes of its own."""
+    case, given = inputs.case, inputs.case.boulder["block_shape"]
+    shape = _core.shapes_of_axes(axes)
+    if BY_SOURCE in given:
+        return shape
+    others = ~np.isin(shape, [1 + BLOCK_SHAPES.index(name) for name in given])
+    if others.any() and facts(case, "boulder", "release", "impact", "surface").by_table:
+        numbers = {"part": int(others.sum()), "n": others.size}
+        inputs.remarks.append(remark("&boulder block_shape", "input.shapes_of_sides", **numbers))
+    return None
 
 
 def _at_sources(inputs: Inputs, sources: Sources, key: str, what: str, dtype: Any) -> np.ndarray:
