@@ -50,6 +50,7 @@ class GroundRule(NamedTuple):
     file: str = ""  # source of the content, for messages
     rest_angle: float | None = None  # [degree]; None: not given, that of rocky ground holds
     block_radius: float = math.nan  # R_b [m] of the largest blocks of its table; NaN: no such
+    draw: int = 0  # index of its table in an ensemble
 
     @property
     def rocks(self) -> int:
@@ -230,7 +231,9 @@ def table_ground(name: str, path: Path) -> GroundRule:
 
 def ensemble_grounds(name: str, path: Path) -> list[GroundRule]:
     """Grounds of all draws of an ensemble of tables; for a single table, one."""
-    return [_ground_of(name, path, group) for group in open_tables(path)]
+    return [
+        _ground_of(name, path, table)._replace(draw=k) for k, table in enumerate(open_tables(path))
+    ]
 
 
 def _ground_of(name: str, path: Path, table: ImpactTable) -> GroundRule:
@@ -263,10 +266,13 @@ def grounds_by_shape(
         files = tables_by_shape(ground.name, ground.file)
         needed = [shape for shape in BLOCK_SHAPES if shape in shapes and shape in files]
         for shape in needed:
+            rule = ground
+            if str(files[shape]) != ground.file:
+                rule = ensemble_grounds(ground.name, files[shape])[ground.draw]
             if shape == needed[0]:
-                rules[k] = table_ground(ground.name, files[shape])
+                rules[k] = rule
             else:
-                rules.append(table_ground(ground.name, files[shape]))
+                rules.append(rule)
                 serving[BLOCK_SHAPES.index(shape)][k] = len(rules)
     return tuple(rules), serving
 

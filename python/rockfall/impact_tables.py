@@ -159,7 +159,7 @@ def _names() -> list[str]:
 
 def possible_shapes(case: Case) -> list[str]:
     """Block shapes that a case gives its boulders: with a share above zero, or by their axes."""
-    given = facts(case, "boulder", "release")
+    given = facts(case, "boulder")
     return [shape for shape in BLOCK_SHAPES if getattr(given, f"is_{shape}")]
 
 

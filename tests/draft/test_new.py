@@ -198,6 +198,7 @@ SOURCE_LAYERS = {  # file name, shapes, attributes: the number of sources
     "zone_innesco.gpkg": ([CLIFF], {}, 120),
     "a.gpkg": ([CLIFF], {"volume_mean": [2.0]}, 120),
     "b.gpkg": (POINTS, {"frequency": [0.1, 0.2]}, 2),
+    "shapes.gpkg": (POINTS, {"block_shape": ["platy", "compact"]}, 2),
     "c.gpkg": ([shapely.force_3d(CLIFF, 5.0)], {"drop_height": [2.0]}, 120),
     "d.shp": (POINTS, {"Volume": [0.5, 1.0]}, 2),
 }

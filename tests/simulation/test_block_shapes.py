@@ -11,9 +11,13 @@ from rockfall._core import rockfall_f2py as _core
 import rockfall
 from made import make_layer, make_raster, refused
 from programs import make_full_case, run_program, same_results
+from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
+from rockfall.analysis.models import variants
+from rockfall.case_variants import variants as case_variants
 from rockfall.cli import main
 from rockfall.html_report.inputs import Parties, input_table
 from rockfall.impact_tables import BLOCK_SHAPES
+from rockfall.scene.plausible import implausible
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -489,3 +493,62 @@ def test_exported_tables_name_the_shapes(mixed, tmp_path):
     column = rows[0].split(",").index("block_shape")
     words = [row.split(",")[column] for row in rows[1:]]
     assert words == [BLOCK_SHAPES[k - 1] for k in result["block_shape"].values]
+
+
+# ---- studies of a mix
+
+
+def test_each_draw_of_an_ensemble_has_the_table_of_each_shape(tmp_path):
+    case = case_in(
+        tmp_path, impact={"table": "talus", "sets": None}, output={"maps": None}, boulder=MIX,
+        ensemble={"sets": ["talus-ensemble"], "runs": 8}, case={"boulders": 60}, **place(),
+    )  # fmt: skip
+    mixed, alone = (
+        run_scene(drawn_scene(scene, [Uncertain(scene)._set(3)], 5))
+        for scene in (
+            read_scene(case.replace(boulder=keys), **terrain())
+            for keys in ({}, {"block_shape": "platy", "block_shape_share": None})
+        )
+    )
+    own = mixed["block_shape"].values == 3
+    assert own.sum() > 3 and same_bits(mixed["stop_x"].values[own], alone["stop_x"].values[own])
+    usual = rockfall.run(case.replace(case={"seed": 5}), **terrain())
+    assert not np.array_equal(usual["stop_x"], mixed["stop_x"])
+
+
+def test_models_run_a_mix_by_impact_sets_too(tmp_path):
+    case = make_full_case(tmp_path, impact={"form": "table", "table": "talus"}, boulder=MIX)
+    case = case.replace(output={"maps": None}, case={"boulders": 20})
+    found = dict(variants(case, [], []))
+    assert {"table talus", "impact sets, method B"} <= found.keys()
+    assert {*run_scene(found["table talus"])["block_shape"].values.tolist()} == {1, 2, 3}
+
+
+def test_a_session_follows_changes_of_the_shapes(tmp_path):
+    case = full_case(tmp_path).replace(output={"maps": None})
+    with rockfall.open(case) as session:
+        for keys in ({}, {"block_shape": "platy", "block_shape_share": None}, MIX):
+            session.change(boulder=keys)
+            result = [*session.run()][-1].dataset()
+            assert same_bits(result["stop_y"], rockfall.run(case.replace(boulder=keys))["stop_y"])
+            assert ("block_shape" in result) == (len(keys) != 2)
+
+
+def test_variants_differ_by_shape(tmp_path):
+    case = full_case(tmp_path).replace(output={"maps": None}, variant=[
+        {"name": "mix"},
+        {"name": "plates", "boulder_block_shape": ["platy"], "boulder_block_shape_share": [1.0]},
+    ])  # fmt: skip
+    mixed, plates = (rockfall.run(one) for one in case_variants(case).values())
+    own = mixed["block_shape"].values == 3
+    assert "block_shape" not in plates
+    assert same_bits(mixed["stop_y"].values[own], plates["stop_y"].values[own])
+
+
+@pytest.mark.parametrize("table, says", [("rocky-slope", True), ("talus", False)])
+@pytest.mark.parametrize("keys", [{}, {"block_shape": "platy", "block_shape_share": None}])
+def test_shapes_are_doubted_where_one_table_is_for_all(tmp_path, table, says, keys):
+    case = case_in(tmp_path, impact={"table": table, "sets": None}, boulder=MIX | keys, **place())
+    texts = [text for text in implausible(read_scene(case, **terrain())) if "block_shape" in text]
+    assert texts == ["case: &boulder block_shape: has no effect: rocky-slope has one table of "
+                     "impacts for all shapes"] * says  # fmt: skip

@@ -56,6 +56,7 @@ ROCKS = {
     "constant": ("constant_talus", "rock_ledge"),
     "bourrier_hungr": ("bourrier_hungr", "bourrier_hungr"),
 }
+NO_SHAPES = dict.fromkeys(("block_shape", "block_shape_share", "block_axes"))
 #: Obstacles of this size [m] stop every boulder in Rockyfor3D, but not with impact sets.
 STOPPING = 100.0
 AS_GIVEN = "grounds of the case"
@@ -262,13 +263,15 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
         yield f"table {usual_name(case)}", own
     method = case.surface["method"]
     for way in (method, "AB".replace(method, "")):
-        try:
-            own_case = case.replace(
-                impact={"form": "matrix"}, surface={"method": way, "ground": None}
-            )
-            yield f"impact sets, method {way}", read_scene(own_case)
-        except RockfallError:  # no sizes for this method
-            continue
+        surface = {"method": way, "ground": None}
+        for shapes in {}, NO_SHAPES:
+            try:
+                own_case = case.replace(impact={"form": "matrix"}, surface=surface, boulder=shapes)
+                scene = read_scene(own_case)
+            except RockfallError:  # no sizes for this method, or block shapes and no table
+                continue
+            yield f"impact sets, method {way}", scene
+            break
 
 
 def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:

@@ -37,7 +37,8 @@ WORDS = {  # prefixes of names: English, German, French, Italian
               "edific", "casa"),
 }  # fmt: skip
 AVAFRAME = re.compile(r"rel(?!ief)", re.IGNORECASE)  # begins the names of its release areas
-OF_SOURCES = {"volume", "volume_class", "frequency", *VALUES} - {"density"}  # attributes
+#: Attributes of sources.
+OF_SOURCES = {"volume", "volume_class", "frequency", "block_shape", *VALUES} - {"density"}
 NAMES = ("name", "bezeichnun", "nom", "nome", "label")  # attributes with the name of a line
 SHORT = 10  # maximum length of attribute names in a shapefile
 

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rockfall.case import default_values
-from rockfall.grounds import ABSORBS, repose, usual_key
+from rockfall.case import default_values, given_groups
+from rockfall.grounds import ABSORBS, TABLES, repose, usual_key
+from rockfall.impact_tables import tables_by_shape
 from rockfall.io.input_warnings import InputWarning
 from rockfall.language import Text, say
 from rockfall.quantities import percent
@@ -56,7 +57,7 @@ def boulder_rules(scene: Scene) -> Iterator[InputWarning]:
     for rule in (
         _release, _source_cells, _source_points, _densities, _volumes, _exponents, _spreads, _stops,
         _gravity, _rocks,
-        _order, _operator, _rests, _forest,
+        _order, _operator, _shapes, _rests, _forest,
     ):  # fmt: skip
         yield from rule(scene)
 
@@ -272,6 +273,16 @@ def _operator(scene: Scene) -> Iterator[InputWarning]:
     name, ground = scene.case.impact[key], scene.case.surface.get("ground", "")
     if ground not in ("", name) and name != default_values()["impact"][key]:
         yield InputWarning(f"&impact {key} = '{name}'", say("input.no_effect", ground=ground))
+
+
+def _shapes(scene: Scene) -> Iterator[InputWarning]:
+    """Block shapes that the case gives, where all tables of impacts are for all shapes."""
+    given = given_groups(scene.case).get("boulder", {})
+    if keys := [key for key in ("block_shape", "block_axes") if key in given]:
+        tables = [ground for ground in scene.grounds if ground.model in TABLES]
+        if not any(tables_by_shape(ground.name, ground.file) for ground in tables):
+            names = ", ".join(ground.name for ground in tables)
+            yield InputWarning(f"&boulder {keys[0]}", say("input.one_table", names=names))
 
 
 def _rests(scene: Scene) -> Iterator[InputWarning]:
