@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from rockfall.analysis.hazard.files import put_hazard
+from rockfall.analysis.hazard.finished import is_finished
 from rockfall.analysis.hazard.scenarios import base_case
 from rockfall.analysis.hazard.segments import Roads
 from rockfall.analysis.hazard.study import Study, read_study, run_study
@@ -16,17 +17,25 @@ from rockfall.case import Case
 from rockfall.case_files import input_files
 from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
 from rockfall.cli.given import memory_of, overridden, stem_of
-from rockfall.cli.messages import DONE, warn
+from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import interrupts
 from rockfall.io.files import atomic_write
-from rockfall.io.output_files import atomic_folder, check_folder, check_output, check_outputs
+from rockfall.io.output_files import (
+    EXISTS,
+    atomic_folder,
+    check_folder,
+    check_output,
+    check_outputs,
+    overwriting,
+)
 from rockfall.language import catalogue, speaking
 from rockfall.plots.hazard_figures import hazard_figures
 from rockfall.plots.hazard_sheet import Imprint, hazard_sheet, warning_pages
 from rockfall.plots.style import save, save_pages
 from rockfall.result.flat_maps import shown
 from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.finished import FINISHED
 from rockfall.simulation.lock import locked
 from rockfall.simulation.simulate import Interrupted
 from rockfall.text.hazard import hazard_summary, hazard_warnings, warning_groups
@@ -47,12 +56,20 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     if arguments.write_cases:
         return _write_cases(arguments, case, inputs)
     inputs += arguments.results
-    _check_place(folder, case, inputs)
+    made = folder / "hazard.nc"
+    is_there = arguments.resume and made.exists()
+    with overwriting(arguments.overwrite or is_there):
+        _check_place(folder, case, inputs)
     with locked(folder.resolve(), warn):
         runs = [f"scenario{k}" for k in range(1, len(case.scenario) + 1)]
         checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a hazard")
         memory = memory_of(arguments)
         study = _study(arguments, case, memory)
+        if is_there and not any(checkpoint.path.exists() for checkpoint in checkpoints):
+            if is_finished(made, study.case, study.scene, study.objects, study.segments):
+                return say(f"{folder}: {FINISHED}", DONE)
+        if is_there and not arguments.overwrite:
+            raise RockfallError(f"{made}: {EXISTS}")
         for line in study.remarks:
             warn(line)
         return _run_to(arguments, folder, study, checkpoints, inputs)

@@ -21,18 +21,27 @@ from rockfall.case_files import input_files
 from rockfall.case_variants import variants
 from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
 from rockfall.cli.given import memory_of, with_overrides
-from rockfall.cli.messages import DONE, warn, warnings_told
+from rockfall.cli.messages import DONE, say, warn, warnings_told
 from rockfall.cli.results import IMPRINT
 from rockfall.errors import RockfallError
 from rockfall.html_report.page import check_page_needs
 from rockfall.html_report.variants_page import check_yearly
 from rockfall.interrupts import interrupts
-from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.output_files import (
+    EXISTS,
+    atomic_folder,
+    check_folder,
+    check_outputs,
+    overwriting,
+)
 from rockfall.language import catalogue
 from rockfall.products import report_variants
 from rockfall.result.dataset import write_result
+from rockfall.scene.read import read_scene
+from rockfall.simulation.finished import FINISHED, is_finished
 from rockfall.simulation.lock import locked
-from rockfall.simulation.simulate import Interrupted
+from rockfall.simulation.simulate import Interrupted, start
+from rockfall.simulation.tally import origin_of
 from rockfall.text.variants import comparison_notes, variants_text
 
 if TYPE_CHECKING:
@@ -44,7 +53,12 @@ def variants_command(arguments: argparse.Namespace) -> int:
     names, pages = list(variants(case)), _pages(arguments)
     folder = arguments.output or Path(f"{arguments.case.stem}_variants")
     inputs = list(input_files(case))
-    _check_place(folder, names, pages, inputs)
+    made = [
+        folder / name for name in (*(f"{name}.nc" for name in names), "differences.csv", *pages)
+    ]
+    is_there = arguments.resume and any(path.exists() for path in made)
+    with overwriting(arguments.overwrite or is_there):
+        _check_place(folder, made, inputs)
     if pages:
         catalogue(arguments.language)  # refuses unknown languages before a file is read
         check_page_needs(pages[0])
@@ -54,7 +68,13 @@ def variants_command(arguments: argparse.Namespace) -> int:
     with locked(folder.resolve(), warn):
         checkpoints = study_checkpoints(arguments, folder.resolve(), names, "a variant")
         memory = memory_of(arguments)
-        for remark in check_variant_scenes(case, memory=memory):
+        remarks = check_variant_scenes(case, memory=memory)
+        if is_there and not any(checkpoint.path.exists() for checkpoint in checkpoints):
+            if all(path.exists() for path in made) and _are_finished(folder, case, memory):
+                return say(f"{folder}: {FINISHED}", DONE)
+        if is_there and not arguments.overwrite:
+            raise RockfallError(f"{next(filter(Path.exists, made))}: {EXISTS}")
+        for remark in remarks:
             warn(remark)
         with interrupts():  # completed work is kept
             by_name = dict(zip(names, checkpoints, strict=True))
@@ -111,12 +131,19 @@ def _pages(arguments: argparse.Namespace) -> list[str]:
     return [name for name, wanted in given.items() if wanted]
 
 
-def _check_place(
-    folder: Path, names: Iterable[str], pages: Iterable[str], inputs: Iterable[Path]
-) -> None:
+def _are_finished(folder: Path, case: Case, memory: float) -> bool:
+    """Return True if the folder has the results of all variants of a case."""
+    for name, variant in variants(case).items():
+        empty = start(read_scene(variant, memory=memory), threads=1)
+        boulders = range(empty.before + 1, empty.before + empty.boulders + 1)
+        if not is_finished(folder / f"{name}.nc", origin_of(empty), boulders):
+            return False
+    return True
+
+
+def _check_place(folder: Path, made: Iterable[Path], inputs: Iterable[Path]) -> None:
     """Refuse a folder to which the files cannot be written, before the runs start."""
     check_folder(folder)
     if not folder.resolve().parent.is_dir():
         raise RockfallError(f"{folder}: there is no folder {folder.parent}")
-    files = [*(f"{name}.nc" for name in names), "differences.csv", *pages]
-    check_outputs([folder / name for name in files], inputs)
+    check_outputs(made, inputs)

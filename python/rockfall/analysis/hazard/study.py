@@ -20,6 +20,7 @@ from rockfall.analysis.hazard.classes import (
     intensities,
 )
 from rockfall.analysis.hazard.exposure import curve_remarks
+from rockfall.analysis.hazard.finished import layers_checksum
 from rockfall.analysis.hazard.object_layers import files_of, frames_of, given_layers
 from rockfall.analysis.hazard.objects import (
     Objects,
@@ -420,6 +421,7 @@ def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
         "title": study.case.case["title"],
         **{name: first[name] for name in kept if name in first},
         **({"risk_assumptions": "\n".join(exposed.assumptions)} if exposed else {}),
+        "layers_checksum": layers_checksum(study.objects, study.segments),
         "input_warnings": stored_warnings(study.warnings),
         "case": study.case.text(),
         **{clock: sum(run.attrs[clock] for run in runs) for clock in clocks},
