@@ -11,6 +11,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.crs import check_metres
+from rockfall.io.crs_statements import check_statements
 from rockfall.io.grid import TOLERANCE, Grid, flaw_of, row_blocks
 from rockfall.io.length_units import is_metre, stated_in_attributes
 from rockfall.limits import MAX_ELEVATION
@@ -157,6 +158,7 @@ def _crs(attrs: Mapping[str, Any]) -> CRS | None:
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
+    check_statements(_NAME, attrs)
     text = attrs.get("crs_wkt") or attrs.get("spatial_ref")
     if not text:
         return None

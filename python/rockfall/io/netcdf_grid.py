@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.io.crs_statements import check_statements
 from rockfall.io.grid import TOLERANCE, Box, Transform, row_blocks
 from rockfall.io.length_units import is_metre
 from rockfall.io.netcdf import open_netcdf
@@ -92,6 +93,9 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
     attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
     if variable.ndim < 2 or any(n != 1 for n in variable.shape[:-2]):
         raise RockfallError(f"{path}: {name} has the shape {variable.shape}: must be on y, x")
+    if (mapping := _found(variable, str(attributes.get("grid_mapping", "")))) is not None:
+        texts = {key: mapping.getncattr(key) for key in mapping.ncattrs()}
+        check_statements(f"{path}: {mapping.name}", texts)
     x, y = (_coordinates(path, variable, axis) for axis in (-1, -2))
     dtype = _stored_type(path, name, variable.dtype, attributes)
     scale, offset = (
@@ -164,14 +168,20 @@ def _unit(path: str, name: str, attributes: dict[str, Any]) -> str | None:
     return unit
 
 
-def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray:
-    """Cell centres along a dimension [m]."""
-    name, group = variable.dimensions[axis], variable.group()
+def _found(variable: netCDF4.Variable, name: str) -> netCDF4.Variable | None:
+    """Variable of a name in the group of another, or in its parents."""
+    group = variable.group()
     while group is not None and name not in group.variables:
         group = group.parent
-    if group is None or group[name].dimensions != (name,) or group[name].dtype.kind not in "iuf":
+    return None if group is None else group[name]
+
+
+def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray:
+    """Cell centres along a dimension [m]."""
+    name = variable.dimensions[axis]
+    coordinate = _found(variable, name)
+    if coordinate is None or coordinate.dimensions != (name,) or coordinate.dtype.kind not in "iuf":
         raise RockfallError(f"{path}: has no coordinate {name} (cell centres [m])")
-    coordinate = group[name]
     attributes = {key: coordinate.getncattr(key) for key in coordinate.ncattrs()}
     unit = _unit(path, name, attributes)
     if not is_metre(unit):

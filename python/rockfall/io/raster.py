@@ -7,6 +7,7 @@ are read in blocks of rows, so a large raster needs no memory beyond its final a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from shlex import quote
@@ -24,6 +25,7 @@ from rockfall.io.raster_units import stated_units
 from rockfall.language import remark
 
 _TILE = 256  # cells
+SAME_UNIT = 1e-3  # relative: rounded factors of a unit
 
 
 def read_dem(path: str | Path, remarks: list[str] | None = None) -> tuple[np.ndarray, Grid]:
@@ -72,7 +74,15 @@ def _elevations(raster: RasterFile, box: Box) -> np.ndarray:
 
 def _check_dem(raster: RasterFile) -> None:
     """Refuse a raster that cannot be a terrain."""
-    check_metres(raster.grid, raster.path, stated_units(raster), raster.in_metres)
+    stated = stated_units(raster)
+    for unit, where in stated:
+        scale = raster.cells.packing[0]
+        if not unit.is_metre and math.isclose(scale, unit.factor, rel_tol=SAME_UNIT):
+            raise RockfallError(
+                f"{raster.path}: elevations are in {unit.name} ({where}), and its scale of "
+                f"{scale:g} makes metres of them already: correct one"
+            )
+    check_metres(raster.grid, raster.path, stated, raster.in_metres)
     raster.check_cells()
 
 
