@@ -139,7 +139,6 @@ def pasture_parts(folder: Path) -> list[Part]:
         part = case.replace(
             terrain={"dem": str(folder / "dem.asc")},
             release={"points": str(folder / f"releases-{block}.csv")},
-            boulder={"block_shape": shape},
             impact={"form": "matrix"},
             output=NOTHING,
         )

@@ -5,9 +5,9 @@
 
 Downloads the tables (pip install 'rockfall[field]'), or takes them from FOLDER or that of the
 environment variable ROCKFALL_FIELD_DATA. Writes dem.asc; releases.csv, where tracking begins, with
-the velocity there, volume and density of the block; observed.csv, where each run came to rest. The
-same with -1, -2, -4 for each block. Halves are runs at odd and at even places in the order of their
-names: the first calibrates, the second judges (docs/validation/field/protocol.md).
+the velocity there, volume, density and shape of the block; observed.csv, where each run came to
+rest. The same with -1, -2, -4 for each block. Halves are runs at odd and at even places in the
+order of their names: the first calibrates, the second judges (docs/validation/field/protocol.md).
 """
 
 import argparse
@@ -26,10 +26,12 @@ from rockfall.io.tables import Row, read_table
 
 HERE = Path(__file__).parent
 HALVES = {"calibration": (0, 2), "held-out": (1, 2), "all": (0, 1)}  # first place, step
-BLOCKS = "1", "2", "4"
+BLOCKS = {"1": "compact", "2": "elongated", "4": "platy"}  # shapes by their published sizes
 FARTHEST = 1e6  # [m]
 FASTEST = 100.0  # [m/s]
-RELEASE = "name", "x", "y", "velocity_x", "velocity_y", "velocity_z", "volume", "density"
+RELEASE = (
+    "name", "x", "y", "velocity_x", "velocity_y", "velocity_z", "volume", "density", "block_shape",
+)  # fmt: skip
 OBSERVED = "x", "y", "start_x", "start_y", "run", "block"
 
 
@@ -45,7 +47,8 @@ def rows_of(runs: list[Row], rests: dict[str, Row]) -> tuple[list[list[Any]], li
         volume = 4 / 3 * np.pi * run.number("radius_m", 0.01, 10) ** 3
         density = run.number("mass_kg", 0.1, 1e6) / volume
         rest = [rests[name].number(key, -FARTHEST, FARTHEST) for key in ("x_m", "y_m")]
-        releases.append([name, *start, *speed, f"{volume:.8g}", f"{density:.8g}"])
+        block_numbers = f"{volume:.8g}", f"{density:.8g}"
+        releases.append([name, *start, *speed, *block_numbers, BLOCKS[block]])
         observed.append([*rest, *start, name, block])
     return releases, observed
 

@@ -191,6 +191,7 @@ def test_the_case_of_tschamut_is_made_and_runs(tschamut, tmp_path, monkeypatch, 
             release={"points": str(out / f"releases-{block}.csv")},
         )  # fmt: skip
         result = rockfall.run(part)
+        assert {*result["block_shape"].values} == {1 + [*module.BLOCKS].index(block)}
         seen = read_observed(out / f"observed-{block}.csv")
         rows = pd.read_csv(out / f"observed-{block}.csv")
         assert result.sizes["boulder"] == 3 * len(rows) and len(seen.stops) == len(rows)
