@@ -4,22 +4,33 @@ the run is cut and whichever program runs it; shares are met; what cannot be mea
 
 import re
 
+import netCDF4
 import numpy as np
 import pytest
 from rockfall._core import rockfall_f2py as _core
 
 import rockfall
 from made import make_layer, make_raster, refused
-from programs import make_full_case, run_program, same_results
+from programs import (
+    Killed,
+    killed_after,
+    make_full_case,
+    refused_in_one_line,
+    run_program,
+    same_results,
+)
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.models import variants
 from rockfall.case_variants import variants as case_variants
 from rockfall.cli import main
 from rockfall.html_report.inputs import Parties, input_table
 from rockfall.impact_tables import BLOCK_SHAPES
+from rockfall.result.dataset import put_netcdf
 from rockfall.scene.plausible import implausible
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
+from rockfall.simulation import checkpoint
+from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
 from same import same, same_bits
 from scenes import case_in, grid, place, rough
@@ -552,3 +563,71 @@ def test_shapes_are_doubted_where_one_table_is_for_all(tmp_path, table, says, ke
     texts = [text for text in implausible(read_scene(case, **terrain())) if "block_shape" in text]
     assert texts == ["case: &boulder block_shape: has no effect: rocky-slope has one table of "
                      "impacts for all shapes"] * says  # fmt: skip
+
+
+# ---- files: checkpoints go on, and what cannot be is refused
+
+
+def test_a_run_that_was_killed_goes_on(mixed, tmp_path, monkeypatch):
+    case, result = mixed
+    scene = read_scene(case, **striped())
+    monkeypatch.setattr(checkpoint, "REST", 0.0)
+    for _ in range(2):
+        with monkeypatch.context() as patch:
+            killed_after(patch, 3)
+            with pytest.raises(Killed):
+                run_scene(scene, chunk=40, checkpoint=Checkpoint(tmp_path / "c", 0.0))
+    same(run_scene(scene, chunk=90, checkpoint=Checkpoint(tmp_path / "c", 0.0)), result)
+
+
+def without_attribute(file):
+    file.delncattr("block_shapes")
+
+
+def with_shape(number):
+    def change(file):
+        file["block_shape"][3] = number
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (with_shape(4), "2.nc: is damaged: block_shape = 4: must be 1 to 3"),
+        (with_shape(0), "2.nc: is damaged: block_shape = 0: must be 1 to 3"),
+        (lambda file: file.renameVariable("block_shape", "other"), "2.nc: is damaged: block_shape"),
+        (without_attribute, "merge: a part has other variables of boulders than the first"),
+    ],
+)
+def test_a_part_with_other_shapes_is_refused(mixed, tmp_path, change, message):
+    case, _ = mixed
+    names = [tmp_path / f"{k}.nc" for k in (1, 2)]
+    for k, name in enumerate(names, start=1):
+        put_netcdf(rockfall.run(case, shard=(k, 2), **striped()), name, name)
+    with netCDF4.Dataset(names[1], "a") as file:
+        file.set_auto_maskandscale(False)
+        change(file)
+    with pytest.raises(rockfall.RockfallError, match=f"{re.escape(message)}$"):
+        rockfall.merge(names)
+
+
+@pytest.mark.parametrize(
+    "name, value",
+    [("shape_ground", 9), ("shape_ground", 0), ("source_shape", 4), ("source_shape", -1)],
+)
+def test_a_scene_file_with_other_numbers_is_refused(tmp_path, name, value):
+    rows = NAMES + ROWS_OF_SOURCES.replace(",380", ",4999980").replace(",300", ",4999900")
+    rows = re.sub(r"(?m)^(\d),(\d+),", lambda m: f"{m[1]},{600000 + int(m[2])},", rows)
+    (tmp_path / "sources.csv").write_text(rows)
+    case = full_case(tmp_path).replace(
+        release={"x": None, "y": None, "points": "sources.csv"}, case={"boulders": 2}
+    )
+    prepare(case, tmp_path / "ready")
+    with netCDF4.Dataset(tmp_path / "ready" / "scene.nc", "a") as file:
+        file.set_auto_maskandscale(False)
+        file[name][0] = value
+    done = run_program("case.nml", "-o", "out.nc", cwd=tmp_path / "ready")
+    refused_in_one_line(
+        done, f"scene.nc: is damaged: {name} is missing, or not as a scene file has it"
+    )
