@@ -25,7 +25,7 @@ from rockfall.html_report.variants_page import Given, write_variants_page
 from rockfall.io.grid import Grid
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.raster_file import raster_files
-from rockfall.language import catalogue
+from rockfall.language import catalogue, say
 from rockfall.office.tables import check_tables, put_tables
 from rockfall.plots.cartography.basemap import read_basemap
 from rockfall.plots.extent import cell_of, reached
@@ -340,6 +340,7 @@ def export_with(
     zones = None if hazard is None else read_hazard(hazard)
     if zones is not None:
         check_same_case(data, zones, str(hazard))
+        warnings.warn(say("hazard.two_populations"), stacklevel=2)
     beside = given.parent if given else None
     terrain = terrain_of(data, added.dem, beside) if added.project else None
     inputs = [*_given(result, added.dem, (), None), *files_behind(data)]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Figures of a hazard: zones, what is not certain, intensities, objects."""
 
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -140,6 +141,8 @@ def test_pages_after_the_sheet_have_all_warnings_in_full(found, n):
 def test_the_sheet_names_what_was_read_and_followed(found, tmp_path):
     """Not the sets that a case names by default, but the grounds that rebounds followed."""
     shown = [text.get_text() for text in hazard_sheet(found).texts]
+    whole = re.sub(r"\s+", " ", " ".join(shown))
+    assert "frequencies are of the boulders of these scenarios, not of those of &boulder" in whole
     assert f"rebounds: impact sets {found.attrs['impact_set']}" in shown
     case = make_case(tmp_path, *sets(), release={"x": [150.0], "y": [380.0]})
     case = case.replace(

@@ -303,6 +303,22 @@ def test_prices_of_heights_in_another_unit(result, heights, told, no, tmp_path):
     assert len(doubts) == bool(told) and all(text.startswith(told) for text in doubts)
 
 
+def test_a_design_says_which_boulders_its_numbers_are_of(result, tmp_path):
+    sheet = rockfall.design(result)
+    own = "Numbers are of the boulders of the case: volume = 'normal', volume_mean = 0.8, "
+    assert len(sheet.population) == 1 and sheet.population[0].startswith(own)
+    assert sheet.population[0] in design_text(sheet)
+    scenario = [{"name": "a", "frequency": 0.2, "volume_mean": 2.0}]
+    volumes = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.2}
+    case = make_case(tmp_path, *sets(), terrain={}, boulder=volumes, line=[LINE],
+                     release={"x": 150.0, "y": 380.0})  # fmt: skip
+    case = case.replace(case={"boulders": 20}, scenario=scenario)
+    other = rockfall.design(rockfall.run(case, dem=rough(), transform=grid(rough())))
+    assert other.population[0].startswith(own)
+    assert "another population: do not compare" in other.population[1]
+    assert other.population[1] in design_text(other)
+
+
 def test_nobody_comes(tmp_path):
     line = LINE | {"y": [398.0, 398.0]}  # above the release
     sheet = rockfall.design(run(tmp_path, line=[line]), along="road")

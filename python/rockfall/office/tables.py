@@ -79,7 +79,9 @@ def put_design(
         if "xlsx" in formats:
             sheets = [Sheet(name, table) for name, table in tables.items()]
             notes = [
-                note for name, sheet in designs.items() for note in _notes_of(name, [sheet.kept])
+                note
+                for name, sheet in designs.items()
+                for note in _notes_of(name, [sheet.kept, *sheet.population])
             ]
             page = _fact_sheet(facts.values(), notes)
             yield write_workbook([*sheets, page], folder / "design.xlsx")
@@ -87,7 +89,7 @@ def put_design(
             parts = []
             for name, design in designs.items():
                 kept = [design.kept] if design.kept else []
-                notes = [*kept, say("office.intervals"), *design.warnings]
+                notes = [*kept, *design.population, say("office.intervals"), *design.warnings]
                 notes += factor_lines(design.factors)
                 shown = [*design_tables(design), facts[name]]
                 parts.append(Part(f"{name}", notes, shown))

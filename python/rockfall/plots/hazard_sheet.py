@@ -216,6 +216,7 @@ def _write_scenarios(block: _Block, hazard: xr.Dataset) -> None:
     for name, yearly, boulders in zip(*columns, strict=True):
         style = {"yearly": Number(number(yearly)), "boulders": int(boulders)}
         block.write(f"{name}: {say('sheet.scenario', **style)}", SMALL, most=2)
+    block.write(say("hazard.population"), SMALL)
     block.skip()
 
 

@@ -16,6 +16,7 @@ from rockfall.analysis.line_statistics import sample_numbers, with_limits
 from rockfall.analysis.lines.profile import line_number, windows
 from rockfall.analysis.lines.values import line_names
 from rockfall.analysis.model_limits import has_own_grounds, model_warnings
+from rockfall.analysis.population import population_notes
 from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.analysis.return_levels import LEVELS, tail
 from rockfall.case import Case, case_of
@@ -75,6 +76,7 @@ class Design:
     along: pd.DataFrame | None
     warnings: tuple[str, ...] = ()
     kept: str = ""
+    population: tuple[str, ...] = ()  # which boulders the numbers are of
 
 
 def design(
@@ -139,6 +141,7 @@ def design(
             *cost_remarks(prices),
         ),  # fmt: skip
         kept=kept_note(result),
+        population=tuple(population_notes(case)),
     )
 
 

@@ -31,7 +31,7 @@ docs/design.md for what it leaves out."""
 def design_text(design: Design) -> str:
     """The tables of a design, line after line."""
     warnings = [*([design.kept] if design.kept else []), *design.warnings]
-    parts = [ABOUT, *(f"Warning: {text}" for text in warnings), *_lines(design)]
+    parts = [ABOUT, *design.population, *(f"Warning: {text}" for text in warnings), *_lines(design)]
     if len(design.checks):
         parts += ["", "Barriers", aligned(_checks(design.checks))]
     if design.along is not None:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.lines.values import line_names
+from rockfall.analysis.population import population_notes
 from rockfall.analysis.variants import UNDECIDED
-from rockfall.case import Case, case_of, keys_of, namelist_value
-from rockfall.language import Text, say
+from rockfall.case import case_of
+from rockfall.language import say
 from rockfall.quantities import QUANTITIES, Quantity, number, with_unit
 from rockfall.result.samples import kept_note
 from rockfall.text.table import table as aligned
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 STATISTICS = {"mean": "mean", "q95": "95 %"}
-OF_VOLUMES = (  # keys of &boulder, without the list of volumes, which may be long
-    "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volume_exponent",
-)  # fmt: skip
 NOTE = (
     "Below a number: its difference from the first variant, with the 95 % interval of the Monte "
     "Carlo error; ? if that contains 0, or too few boulders pass to have one. Speeds, highest "
@@ -42,7 +40,7 @@ def comparison_notes(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
     """Notes on the boulders that numbers of variants are of, and on lines of one name in two
     places."""
     first = next(iter(results.values()))
-    yield from _population_notes(case_of(first))
+    yield from population_notes(case_of(first))
     if note := kept_note(first):
         yield note
     places: dict[str, tuple[str, np.ndarray]] = {}
@@ -53,17 +51,6 @@ def comparison_notes(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
             before, place = places.setdefault(line, (name, here))
             if not np.array_equal(here, place):
                 yield say("variants.moved_line", line=line, name=name, before=before)
-
-
-def _population_notes(case: Case) -> Iterator[Text]:
-    """The boulders that numbers of the case are of, and others that its hazard has."""
-    given = {key: case.boulder[key] for key in keys_of("boulder") if key in case.boulder}
-    volumes = [
-        f"{key} = {namelist_value(value)}" for key, value in given.items() if key in OF_VOLUMES
-    ]
-    yield say("variants.population", boulders=", ".join(volumes))
-    if case.scenario:
-        yield say("variants.other_population")
 
 
 def rows_of(of_line: pd.DataFrame) -> Iterator[list[str]]:

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The boulders that numbers of a case are of, and others that its hazard has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rockfall.case import Case, keys_of, namelist_value
+from rockfall.language import Text, say
+
+OF_VOLUMES = (  # keys of &boulder, without the list of volumes, which may be long
+    "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volume_exponent",
+)  # fmt: skip
+
+
+def population_notes(case: Case) -> Iterator[Text]:
+    """Notes on the boulders that numbers of a case are of."""
+    given = {key: case.boulder[key] for key in keys_of("boulder") if key in case.boulder}
+    volumes = [
+        f"{key} = {namelist_value(value)}" for key, value in given.items() if key in OF_VOLUMES
+    ]
+    yield say("variants.population", boulders=", ".join(volumes))
+    if case.scenario:
+        yield say("variants.other_population")
