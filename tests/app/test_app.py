@@ -351,11 +351,13 @@ def mute(server):
 
 
 def test_a_page_that_takes_nothing_is_left(serve, visit, monkeypatch, capfd):
-    monkeypatch.setattr("rockfall.app.server.TAKE_SECONDS", 0.1)
     server = serve("dem.tif")
-    with mute(server):
+    with monkeypatch.context() as patch:
+        patch.setattr("rockfall.app.server.TAKE_SECONDS", 0.1)
+        connection = mute(server)
         while not server._opening.result().is_empty:
             time.sleep(0.01)
+    with connection:
         assert visit(server).until("welcome")["writer"]
         server.stop()
         while not server._bound._closed:
@@ -1216,7 +1218,7 @@ def test_the_server_ends_when_the_last_page_has_closed(place, visit):
     assert second.until("role")["writer"]
     second.edit(1)
     second.close()
-    thread.join(20)
+    thread.join(600)
     assert not thread.is_alive()
 
 
@@ -1256,7 +1258,7 @@ def test_a_file_that_cannot_be_opened_is_told_on_the_page(place, visit):
     page = visit(server)
     server.refuse(RockfallError("case.nml: &case: no such key"))
     assert page.get() == {"type": "fault", "text": "case.nml: &case: no such key"}
-    thread.join(10)
+    thread.join(600)
     assert not thread.is_alive()
 
 

@@ -55,7 +55,7 @@ CASE = f"""&case title = 'Hang', boulders_total = 200, seed = 7, threads = 1 /
 &release x = {W + 150}, y = {N - 40}, drop_height = 5.0 /
 &line name = 'L', x = {W}, {W + 300}, y = {N - 200}, {N - 200} /
 """
-PATIENCE = 60.0  # [s] at most, on a machine that does other things
+PATIENCE = 600.0  # [s] at most, on a machine that does other things
 
 
 @pytest.fixture(scope="module")
@@ -344,7 +344,7 @@ def test_a_long_run_is_paused_and_gives_way_to_an_edit(window):
     window.click('[data-action="pause"]')
     window.until("a pause", "!rockfall.batch.running")
     paused = window.browser.execute_script("return rockfall.batch.boulders")
-    time.sleep(0.5)
+    time.sleep(0.5)  # in which nothing may come: too short cannot make this fail
     assert window.browser.execute_script("return rockfall.batch.boulders") == paused
     window.fill("boulders_total", 150)
     window.complete(window.revision)
@@ -415,9 +415,11 @@ def test_states_are_compared_with_their_trees_and_counts_with_whole_numbers(brow
         window.click('[data-tab="variants"]')
         window.click('[data-variant="felled"] [data-action="compare"]')
         window.until("a comparison", "document.querySelector('.compare-table td.difference')")
-        time.sleep(0.5)
         felled, present = browser.find_elements(By.CSS_SELECTOR, ".compare-side .map")
-        assert green(felled) == 0 < green(present)
+        end = time.monotonic() + PATIENCE
+        while not green(present):
+            assert time.monotonic() < end, "no tree is drawn"
+        assert green(felled) == 0
         browser.get("about:blank")
 
 
@@ -472,7 +474,7 @@ def test_no_request_leaves_the_machine(browser):
         resize(browser, 1280, 800)
         window = open_window(browser, server)
         window.click('[data-view="scene"]')
-        time.sleep(0.5)
+        window.until("a frame", "rockfall.frames.length")
         browser.get("about:blank")
     log = [json.loads(one["message"])["message"] for one in browser.get_log("performance")]
     asked = [one["params"] for one in log if one["method"] == "Network.requestWillBeSent"]
