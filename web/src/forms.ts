@@ -93,6 +93,15 @@ class Row {
       this.message,
     );
     this.message.hidden = true;
+    if (this.field.choices && this.control.tagName === 'INPUT') this.suggest(this.field.choices);
+  }
+
+  /** Suggest words where a list is typed. */
+  private suggest(words: readonly string[]): void {
+    const options = words.map((one) => element('option', { attributes: { value: one } }));
+    const list = element('datalist', { id: uniqueId('words') }, ...options);
+    this.control.setAttribute('list', list.id);
+    this.root.append(list);
   }
 
   update(value: SettingValue | undefined, error: string | undefined, editable: boolean): void {
