@@ -6,6 +6,8 @@ import math
 import re
 import shlex
 import struct
+import subprocess
+import sys
 
 import numpy as np
 import pyproj
@@ -484,7 +486,19 @@ def test_a_point_cloud_in_feet_is_refused(way):
     write, message = CLOUDS[way]
     with pytest.raises(RockfallError, match=f"dem.las: .*{message}") as caught:
         dem_of_points(write(), cell=CELL)
-    assert len(str(caught.value).split()) <= 25
+    problem, _, command = str(caught.value).partition("; convert with: ")
+    assert len(problem.split()) <= 25
+    if command:
+        has_20_degrees(command, "dem_m.las")
+
+
+def has_20_degrees(command, made):
+    """A command that a refusal prints makes points of the right slope, with their classes."""
+    place = shlex.join([sys.executable, *shlex.split(command)[1:]])
+    subprocess.run(place if command.startswith("python") else command, shell=True, check=True)
+    classes = [2] if made.endswith(".las") else None
+    dem, _ = dem_of_points(made, cell=CELL, crs=UTM, classes=classes)
+    assert slope(dem.z[5:-5, 5:-5], dem.grid) == pytest.approx(20.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -503,25 +517,32 @@ def test_a_point_cloud_in_metres_has_its_slope(keys):
 @pytest.mark.parametrize(
     ("head", "projection"),
     [
+        ("x;y;z_ft\n", ""), ("id,x,y,z (feet)\n", ""),
         ("x y z feet\n", ""), ("# x y z ft\n", ""), ("# heights in feet\n", ""),
         ("", OLD + "FEET\n"), ("", wkt(US_FT, "WKT2_2019")), ("", ESRI_TWO),
     ],
 )  # fmt: skip
 def test_text_with_points_in_feet_is_refused(head, projection):
-    def write(head, projection):
+    def write(head, projection, unit=1.0):
         column, row = (axis.ravel() for axis in np.meshgrid(np.arange(N), np.arange(N)))
         with open("dem.xyz", "w") as file:
             file.write(head)
-            np.savetxt(file, np.column_stack([CELL * column, CELL * row, plane().ravel()]))
+            x, y = 600002.5 + CELL * column, 4999997.5 - CELL * row
+            mark = next((mark for mark in ";," if mark in head), " ")
+            columns = [x, y, plane(unit).ravel()]
+            if head.startswith("id"):
+                columns.insert(0, column)
+            np.savetxt(file, np.column_stack(columns), "%.4f", mark)
         with open("dem.prj", "w") as file:
             file.write(projection)
 
     write("", wkt(UTM, "WKT1_ESRI"))
     dem, _ = dem_of_points("dem.xyz", cell=CELL)
     assert slope(dem.z[5:-5, 5:-5], dem.grid) == pytest.approx(20.0, abs=0.1)
-    write(head, projection)
-    with pytest.raises(RockfallError, match="dem.xyz: z is in .*foot .*metres are needed"):
+    write(head, projection, FEET)
+    with pytest.raises(RockfallError, match="dem.xyz: z is in .*foot .*metres are nee") as caught:
         dem_of_points("dem.xyz", cell=CELL)
+    has_20_degrees(str(caught.value).partition("; convert with: ")[2], "dem_m.xyz")
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -133,9 +133,11 @@ def contradiction(stated: Iterable[Stated]) -> tuple[Stated, Stated] | None:
     return None
 
 
-def refuse_units(path: str | Path, stated: Iterable[Stated]) -> None:
-    """Refuse heights of points in a unit other than the metre."""
+def refuse_units(path: str | Path, stated: Iterable[Stated], command: Callable[[str], str]) -> None:
+    """Refuse heights of points in a unit other than the metre; `command` converts them, by the
+    factor as a text."""
     for unit, where in stated:
         if not unit.is_metre:
-            cure = "" if math.isnan(unit.factor) else f": multiply it by {unit.factor:.10g}"
+            known = math.isfinite(unit.factor)
+            cure = f"; convert with: {command(f'{unit.factor:.16g}')}" if known else ""
             raise RockfallError(f"{path}: z is in {unit.name} ({where}), metres are needed{cure}")

@@ -8,6 +8,7 @@ averaged in squares, about 150 for each square that has some, and 0.3 GB for the
 from __future__ import annotations
 
 import os
+import shlex
 import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -211,7 +212,16 @@ def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any])
         elif record.user_id == "liblas":  # its WKT, before LAS had one
             text = record.record_data_bytes().decode("latin-1")
             stated += [Stated(unit, "its libLAS record") for unit in vertical_units(text)]
-    refuse_units(path, stated)
+    refuse_units(path, stated, lambda factor: _in_metres(Path(path), factor))
+
+
+def _in_metres(path: Path, factor: str) -> str:
+    """Command that makes a cloud with heights multiplied by a factor, without what it says of its
+    systems, in which readers would convert again: --crs gives that of the plan."""
+    made = str(path.with_name(f"{path.stem}_m{path.suffix}"))
+    code = f"import laspy; p = laspy.read({str(path)!r}); p.z = p.z * {factor}; p.vlrs = []; "
+    code += f"p.evlrs = []; p.write({made!r})"
+    return shlex.join(["python", "-c", code])
 
 
 class _Laser:

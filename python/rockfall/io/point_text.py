@@ -7,6 +7,7 @@ Columns that slip are refused: elevations from the wrong column may look like te
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -146,13 +147,30 @@ def _cells(line: str) -> tuple[list[str], str]:
     return line.split(), r"\s+"
 
 
+def _in_metres(path: Path, factor: str, cells: list[str], separator: str, head: int) -> str:
+    """Command that makes points with z multiplied by a factor, of a text with these first cells
+    below some lines."""
+    is_head = not all(map(_NUMBER.fullmatch, filter(None, cells)))
+    names = [cell.lower().lstrip("#/")[:1] for cell in cells] if is_head else ["x", "y", "z"]
+    names = names[1:] if names[0] == "" else names
+    x, y, z = (names.index(axis) + 1 if axis in names else k for k, axis in enumerate("xyz", 1))
+    skip = f"NR > {head + is_head} " if head + is_head else ""
+    program = f'{skip}{{printf "%s %s %.4f\\n", ${x}, ${y}, ${z} * {factor}}}'
+    options = [] if separator == r"\s+" else ["-F", separator]
+    made = shlex.quote(str(path.with_name(f"{path.stem}_m.xyz")))
+    return f"{shlex.join(['awk', *options, program, str(path)])} > {made}"
+
+
 def _layout(path: str | Path) -> _Layout:
     line, head = first_line(start_of(path)), 0
     if SEPARATOR_LINE.fullmatch(line):
         line, head = first_line(start_of(path).partition(b"\n")[2]), 1
     cells, separator = _cells(line)
     unit = unit_in_words(line)
-    refuse_units(path, [*projection_heights(path), *([Stated(unit, "line 1")] if unit else [])])
+    stated = [*projection_heights(path), *([Stated(unit, "line 1")] if unit else [])]
+    refuse_units(
+        path, stated, lambda factor: _in_metres(Path(path), factor, cells, separator, head)
+    )
     if any(map(_COMMA_NUMBER.fullmatch, cells)):
         raise RockfallError(f"{path}: line 1: decimal commas: numbers need a point")
     if all(map(_NUMBER.fullmatch, filter(None, cells))):
