@@ -29,7 +29,7 @@ ezdxf = pytest.importorskip("ezdxf", reason="the cad extra is not installed")
 
 KML = "{http://www.opengis.net/kml/2.2}"
 W, N, DROP, G = 600000.0, 5000000.0, 2.0, 9.81
-Z = rough(gradient=0.3, relief=1.5)  # gentle: some slides take seconds
+Z = rough(gradient=0.3, relief=1.5)  # gentle: boulders slide and wait
 TERRAIN = Z, Grid(W, N, 5.0, 60, 80)
 NET = {"name": "net", "x": [W, W + 300], "y": [N - 60.0] * 2, "height": 4.0, "capacity": 50.0}
 #: Table or rest angle, volume [m3], gravity [m/s2], barriers, and boulders.
@@ -170,8 +170,8 @@ def test_no_view_draws_a_boulder_higher_than_it_jumped(view, drawn):
 
 
 def test_arcs_over_slides_and_waits_would_be_needles(drawn):
-    """By free fall between contacts, as the window drew all legs, some rise nine metres."""
+    """By free fall between contacts, as the window drew all legs, some rise more than views err."""
     result, _ = drawn
     motion = motion_of(result).straightened()
     lasts = (motion.end - motion.start)[3, motion.gravity == 0].max()
-    assert G * lasts**2 / 8 > (9.0 if len(result["boulder"]) == 60 else 0.1)
+    assert G * lasts**2 / 8 > 0.1

@@ -381,7 +381,8 @@ def test_an_unknown_table_is_refused(made):
 
 
 @pytest.mark.parametrize(
-    ("field", "value"), [("along_out", np.nan), ("follower", 1e6), ("pull_along", 9.0)]
+    ("field", "value"),
+    [("along_out", np.nan), ("follower", 1e6), ("pull_along", 9.0), ("duration", -1e-3)],
 )
 def test_a_damaged_table_is_refused(made, tmp_path, field, value):
     table = open_table(made / "meadow.nc")

@@ -21,8 +21,8 @@ module rockfall_impact_table
              advance_out, rise_out, pull_along, pull_across, exit_code, follower, map_fields, along_map, n_map, w_map, &
              low, high, edge_vector, flies, rolls_on, stops
    ! Steps of transfer_record:
-   public :: speed_scale, input_change, mapped_shift, own_duration, own_velocity, held_longer, takes_shift, &
-             allowed_energy
+   public :: speed_scale, input_change, mapped_shift, own_duration, own_reach, mean_speed, own_velocity, held_longer, &
+             takes_shift, allowed_energy
 
    !> Exit codes of a record, as written by the laboratory.
    integer, parameter :: flies = 0, rolls_on = 1, stops = 2
@@ -104,9 +104,11 @@ module rockfall_impact_table
    !> End of a contact.
    type :: outcome_t
       real(wp) :: along, across, normal, w  !! velocity along the heading before, towards the descent, V_n, W [-]
-      real(wp) :: duration, advance, rise   !! [-]
+      real(wp) :: duration, rise            !! [-]
+      real(wp) :: reach                     !! advance over the speed of the mean energy [-]
       real(wp) :: height                    !! of the centre above the mean ground [-]
-      real(wp) :: allowed                   !! maximum of twice the kinetic energy, over m g R_b
+      real(wp) :: allowed                   !! maximum of twice the kinetic energy, over m g R_b, without the work of
+                                            !! gravity along the slope
       integer :: exit = flies
       integer :: next = 0                   !! record that followed in the laboratory; 0: none
    end type outcome_t
@@ -309,7 +311,7 @@ contains
       integer, intent(in) :: bin, record  !! from begin_draw and nearest_record
       type(approach_t), intent(in) :: in
       type(outcome_t), intent(out) :: out
-      real(wp) :: r(record_fields), ratio, scale, unit, change(n_inputs), shift, rolling, shifts
+      real(wp) :: r(record_fields), ratio, scale, unit, change(n_inputs), shift, rolling, keeps, shifts
       integer :: k
 
       r = real(table%record(:, record), wp)
@@ -318,10 +320,11 @@ contains
       out%exit = int(r(exit_code))
       out%next = int(r(follower))
       if (out%next > 0) call prefetch_record(table, out%next)
-      out%advance = r(advance_out)
       out%rise = r(rise_out)
+      keeps = merge(1.0_wp, rolling, bin == 0)
+      out%duration = own_duration(r(duration_out), keeps, in%stretch)
+      out%reach = own_reach(r(advance_out), keeps, in%stretch, r(speed_in), r(along_out), r(across_out), r(n_out))
       if (bin == 0) then
-         out%duration = r(duration_out)
          out%height = r(height_in) + out%rise
          out%along = r(along_out)
          out%across = r(across_out)
@@ -338,7 +341,6 @@ contains
             change(n_inputs) = 0
             if (in%rolling) change(n_inputs) = input_change(in%height, 1.0_wp, map(low + n_inputs), &
                                                             map(high + n_inputs), r(height_in))
-            out%duration = own_duration(r(duration_out), rolling, in%stretch)
             out%height = merge(in%height, r(height_in), in%rolling) + out%rise
             out%along = own_velocity(scale, r(along_out), in%pull(1), out%duration, r(pull_along), r(duration_out))
             out%along = held_longer(out%along, rolling, table%hold, in%pull(1), in%pull(2), in%stretch, &
@@ -405,12 +407,30 @@ contains
    end function mapped_shift
 
    !> Duration of a contact. Where the absolute speed is the key, it scales with R_b, not with its square root.
-   elemental real(wp) function own_duration(of_record, rolling, stretch)
-      real(wp), intent(in) :: of_record         !! [-]
-      real(wp), intent(in) :: rolling, stretch  !! 1 or 0; as in approach_t [-]
+   elemental real(wp) function own_duration(of_record, keeps, stretch)
+      real(wp), intent(in) :: of_record  !! [-]
+      real(wp), intent(in) :: keeps      !! 1: of a boulder that rolls, or is like the block; or 0
+      real(wp), intent(in) :: stretch    !! as in approach_t [-]
 
-      own_duration = merge(of_record, of_record*stretch, rolling > 0)
+      own_duration = merge(of_record, of_record*stretch, keeps > 0)
    end function own_duration
+
+   !> Advance of a contact over the speed of its mean energy: that of the record, in the boulder's own duration.
+   elemental real(wp) function own_reach(of_record, keeps, stretch, speed, along, across, normal)
+      real(wp), intent(in) :: of_record       !! advance [-]
+      real(wp), intent(in) :: keeps, stretch  !! as in own_duration [-]
+      real(wp), intent(in) :: speed, along, across, normal  !! of the record: before the contact, and after it [-]
+
+      own_reach = own_duration(of_record, keeps, stretch)/mean_speed(speed, along, across, normal)
+   end function own_reach
+
+   !> Speed of the mean energy of translation before and after a contact.
+   elemental real(wp) function mean_speed(speed, along, across, normal)
+      real(wp), intent(in) :: speed                  !! before [-]
+      real(wp), intent(in) :: along, across, normal  !! after [-]
+
+      mean_speed = sqrt(0.5_wp*(speed*speed + (along*along + across*across + normal*normal)))
+   end function mean_speed
 
    !> Velocity along the heading, or across it. Velocities scale with speed, the work of gravity with duration only:
    !> that of the record is removed.
@@ -447,9 +467,9 @@ contains
       takes_shift = merge(1.0_wp, takes_shift, exit > flies)
    end function takes_shift
 
-   !> Maximum of twice the kinetic energy after a contact, over m g R_b: that before it, the work of gravity along the
-   !> slope, and what the record gained beyond that. The record owes it to the relief and to spin about other axes: all
-   !> of it may be gained on ground as steep as the record's, nothing on flat ground.
+   !> Maximum of twice the kinetic energy after a contact, over m g R_b, without the work of gravity along the slope:
+   !> that before it, and what the record gained beyond that work. The record owes it to the relief and to spin about
+   !> other axes: all of it may be gained on ground as steep as the record's, nothing on flat ground.
    elemental real(wp) function allowed_energy(v1, v2, v3, inertia, pull, ratio, in1, in2, in3, along, across, normal, &
                                               w, record_pull, advance)
       real(wp), intent(in) :: v1, v2, v3, inertia, pull, ratio  !! V_t, V_n, W; as in approach_t, speed_scale [-]
@@ -463,8 +483,7 @@ contains
                  - 2*max(0.0_wp, record_pull)*max(0.0_wp, advance))
       gain_fraction = min(1.0_wp, pull/max(record_pull, tiny(pull)))
       gain_fraction = merge(gain_fraction, 0.0_wp, pull > 0)
-      allowed_energy = scaled_energy(v1, 0.0_wp, v2, v3, inertia) + 2*max(0.0_wp, pull)*max(0.0_wp, advance) &
-                       + min(1.0_wp, ratio*ratio)*gain*gain_fraction
+      allowed_energy = scaled_energy(v1, 0.0_wp, v2, v3, inertia) + min(1.0_wp, ratio*ratio)*gain*gain_fraction
    end function allowed_energy
 
    !> Bin of a contact.

@@ -20,6 +20,9 @@ module rockfall_rolling
    !> Height over R_b up to which the ground may lie above or below a chord between recorded points [-].
    real(wp), parameter :: chord_tolerance = 0.01_wp
 
+   !> Part of the duration of a path before its end in which a recorded point is the end, but for rounding [-].
+   real(wp), parameter :: end_tolerance = 1.0e-9_wp
+
    !> Relative excess over the drop held by friction up to which a boulder is still held [-]: on a plane at the rest
    !> angle, rounding must not decide.
    real(wp), parameter :: hold_tolerance = 1.0e-6_wp
@@ -99,7 +102,8 @@ contains
    end subroutine find_roll
 
    !> Path of a contact from a table: along a tangent of the ground, in a given time. It is followed at the speed of the
-   !> mean energy of the contact, so that crossings of lines show that energy; the boulder waits for the remaining time.
+   !> mean energy of the contact, so that crossings of lines show that energy, or faster, to end in time; the boulder
+   !> waits for the remaining time.
    !>
    !> `off`: the ground falls away faster than the boulder falls, so it leaves the ground at once.
    pure subroutine find_slide(dem, gravity, landing, t, length, time, speed, roll, off)
@@ -132,7 +136,7 @@ contains
       roll%path%y = landing%y
       roll%path%z = landing%z
       roll%path%v = 0
-      if (roll%length > 0) roll%path%v = speed/roll%length*[slide_length*t(1), slide_length*t(2), -drop]
+      if (roll%landing%time > 0) roll%path%v = 1/roll%landing%time*[slide_length*t(1), slide_length*t(2), -drop]
       roll%path%above = 0
       roll%path%rate = 0
    end subroutine find_slide
@@ -198,8 +202,8 @@ contains
 
       distance = sqrt(length*length*(t1*t1 + t2*t2) + drop*drop)
       distance = merge(distance, 0.0_wp, length > 0)  ! without length, the drop is a rounding error
-      slides = distance/max(speed, tiny(speed)/epsilon(speed))
-      waits = max(0.0_wp, time - slides)
+      slides = min(time, distance/max(speed, tiny(speed)/epsilon(speed)))
+      waits = time - slides
    end subroutine time_slide
 
    !> Flight after a roll.
@@ -333,7 +337,7 @@ contains
             parts = ceiling(sqrt(min(sag/(chord_tolerance*radius), 1.0e6_wp)))
             do k = 1, max(1, parts)
                at = merge(left, entered + (left - entered)*k/max(1, parts), k >= parts)
-               if (.not. at < duration) exit
+               if (.not. at < duration*(1 - end_tolerance)) exit
                associate (x => path%x + at*path%v(1), y => path%y + at*path%v(2))
                   time = [time, at]
                   place = reshape([place, x, y, height(patch, patch_position(dem, x, patch%i), &

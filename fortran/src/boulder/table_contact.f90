@@ -12,7 +12,7 @@ module rockfall_table_contact
    use rockfall_local_frame, only: in_local_frame, signed_w
    use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, find_part, drawn_part, beyond_ratios, &
                                     begin_draw, whole_bin, find_window, is_held, nearest_record, transfer_record, &
-                                    exceeds_table, scaled_energy, flies, rolls_on, stops
+                                    exceeds_table, scaled_energy, mean_speed, flies, rolls_on, stops
    implicit none
    private
    public :: table_contact_t, table_contact, record_u, part_u, side_u
@@ -67,20 +67,22 @@ contains
       type(table_contact_t), intent(out) :: contact
       type(approach_t) :: in
       type(outcome_t) :: out
-      real(wp) :: g(2), g_end(2), steepness, unit, t(3), side, slide, speed, total, left, velocity_factor, normal
+      real(wp) :: g(2), g_end(2), steepness, cosine, unit, t(3), side, slide, speed, total, left, per_total, &
+                  velocity_factor, normal
       real(wp) :: touches, falls, flown, rolls, rests  ! 1 or 0
       integer :: bin, record, from, n
       logical :: off
 
       g = gradient(dem, landing%patch, landing%u, landing%w)
       steepness = steepness_of(g(1), g(2))
+      cosine = 1/steepness
       unit = sqrt(gravity*boulder%radius)
       touches = merge(1.0_wp, 0.0_wp, touch%rolling)
       call resolve_on_plane(v(1), v(2), v(3), g(1), g(2), steepness, touches, touch%normal, &
                             contact%v_in(1), contact%v_in(2), t(1), t(2), t(3))
       if (.not. contact%v_in(1) > shortest) t = random_tangent(g, u(side_u))
       contact%v_in(3) = signed_w(omega_r, before(1), before(2), t(1), t(2))
-      call find_pull(g(1), g(2), steepness, t(1), t(2), t(3), u(side_u), in%pull(1), in%pull(2), side)
+      call find_pull(g(1), g(2), cosine, t(1), t(2), t(3), u(side_u), in%pull(1), in%pull(2), side)
       in%v = contact%v_in*(1/unit)
       in%speed = sqrt(in%v(1)*in%v(1) + in%v(2)*in%v(2))
       call find_record(table, boulder, inertia, unit, u(part_u), touch, in, bin, record, contact%fast)
@@ -91,8 +93,8 @@ contains
       end if
       call apply_record(table, bin, record, in, touch, out)
 
-      call limit_energy(out%along, out%across, out%normal, out%w, inertia, out%allowed, in%speed, out%advance, &
-                        boulder%radius, total, left, speed, slide)
+      call limit_energy(out%along, out%across, out%normal, out%w, inertia, out%allowed, in%speed, in%pull(1), &
+                        out%reach, boulder%radius, total, left, per_total, speed, slide)
       contact%limited = left < total
       call find_slide(dem, gravity, landing, t, slide, out%duration*(unit/gravity), unit*speed, roll, off)
       g_end = g  ! beyond the known terrain, the gradient is continued
@@ -104,14 +106,14 @@ contains
 
       flown = merge(1.0_wp, 0.0_wp, out%exit == flies)
       rolls = merge(1.0_wp, 0.0_wp, touch%rolling .and. .not. off)
-      call scale_to_energy(total, left, out%along, out%across, out%normal, out%w, inertia, steepness, flown, &
+      call scale_to_energy(per_total, left, out%along, out%across, out%normal, out%w, inertia, cosine, flown, &
                            touch%lift, velocity_factor, normal, rests)
       contact%stops = out%exit == stops .or. rests > 0
       contact%v_out = velocity_after(unit, velocity_factor*out%along, velocity_factor*out%across, normal, &
                                      velocity_factor*out%w)
       roll%w = unit*(velocity_factor*out%w)
       call compute_departure(unit*(velocity_factor*out%along), unit*(velocity_factor*side*out%across), unit*normal, &
-                             g(1), g(2), steepness, t(1), t(2), t(3), g_end(1), g_end(2), rolls, touch%normal, &
+                             g(1), g(2), cosine, t(1), t(2), t(3), g_end(1), g_end(2), rolls, touch%normal, &
                              roll%heading(1), roll%heading(2), roll%v(1), roll%v(2), roll%v(3))
       call end_touch(off, rolls > 0, touch)
       roll%above = takeoff_height(touch%lift, boulder%radius, rolls)
@@ -195,8 +197,9 @@ contains
    end function random_tangent
 
    !> Components of gravity along and across a tangent, and the side of the descent.
-   elemental subroutine find_pull(g1, g2, steepness, t1, t2, t3, u, along, across, side)
-      real(wp), intent(in) :: g1, g2, steepness  !! as in resolve_on_plane [-]
+   elemental subroutine find_pull(g1, g2, cosine, t1, t2, t3, u, along, across, side)
+      real(wp), intent(in) :: g1, g2             !! gradient of the plane [-]
+      real(wp), intent(in) :: cosine             !! of its slope, 1/sqrt(1 + |g|**2) [-]
       real(wp), intent(in) :: t1, t2, t3         !! unit tangent [-]
       real(wp), intent(in) :: u                  !! uniform in (0, 1), used if there is no descent to either side [-]
       real(wp), intent(out) :: along, across     !! over g; across towards the descent [-]
@@ -204,7 +207,7 @@ contains
       real(wp) :: left
 
       along = -t3
-      left = (g1*t2 - g2*t1)/steepness
+      left = (g1*t2 - g2*t1)*cosine
       across = abs(left)
       side = merge(1.0_wp, -1.0_wp, u < 0.5_wp)
       side = merge(sign(1.0_wp, left), side, across > along_aspect)
@@ -247,23 +250,29 @@ contains
       touch%next = out%next
    end subroutine apply_record
 
-   !> Limit the energy to slightly less than before the contact; compute the speed of its mean energy, and its length.
-   elemental subroutine limit_energy(along, across, normal, w, inertia, allowed, speed_in, advance, radius, total, &
-                                     left, speed, slide)
-      real(wp), intent(in) :: along, across, normal, w, inertia, allowed, advance  !! as in outcome_t [-]
-      real(wp), intent(in) :: speed_in      !! before the contact [-]
+   !> Limit the energy to slightly less than before the contact, with the work of gravity along the slope; compute the
+   !> speed of its mean energy, and its length. Gravity works over the length that remains after limiting.
+   elemental subroutine limit_energy(along, across, normal, w, inertia, allowed, speed_in, pull, reach, radius, total, &
+                                     left, per_total, speed, slide)
+      real(wp), intent(in) :: along, across, normal, w, inertia, allowed, reach  !! as in outcome_t [-]
+      real(wp), intent(in) :: speed_in, pull  !! before the contact; gravity along the tangent, over g [-]
       real(wp), intent(in) :: radius        !! R_b [m]
       real(wp), intent(out) :: total, left  !! twice the kinetic energy over m g R_b: as drawn, and after limiting
+      real(wp), intent(out) :: per_total    !! 1/total
       real(wp), intent(out) :: speed        !! [-]
       real(wp), intent(out) :: slide        !! along the ground [m]
-      real(wp) :: energy_fraction
+      real(wp) :: drawn, factor, work, limit
 
       total = scaled_energy(along, across, normal, w, inertia)
-      left = merge((1 - min_loss)*allowed, total, total > allowed)
-      energy_fraction = left/max(total, tiny(total))
-      speed = sqrt(0.5_wp*(speed_in*speed_in + energy_fraction*(along*along + across*across + normal*normal)))
-      slide = max(0.0_wp, advance)*radius
-      slide = merge(slide, 0.0_wp, speed > min_speed)
+      drawn = mean_speed(speed_in, along, across, normal)
+      work = 2*max(0.0_wp, pull)*max(0.0_wp, reach)  ! over the speed
+      limit = allowed + work*drawn
+      left = merge((1 - min_loss)*limit, total, total > limit)
+      per_total = 1/max(total, tiny(total))
+      factor = merge(left*per_total, 1.0_wp, total > limit)
+      speed = sqrt(0.5_wp*(speed_in*speed_in + factor*(along*along + across*across + normal*normal)))
+      left = max(0.0_wp, left - work*(drawn - speed))
+      slide = max(0.0_wp, reach)*speed*radius
    end subroutine limit_energy
 
    !> Correct the remaining energy for ground that falls by more, or less, than a plane; not where the ground falls away
@@ -280,11 +289,11 @@ contains
    !> Scale the velocity to the remaining energy, and decide whether the boulder rests. If it takes off below the height
    !> of its landing, in a hollow of the relief, it must climb to the mean ground; if it is too slow for that, it
    !> lands in its hollow again.
-   elemental subroutine scale_to_energy(total, left, along, across, drawn, w, inertia, steepness, flies, lift, &
+   elemental subroutine scale_to_energy(per_total, left, along, across, drawn, w, inertia, cosine, flies, lift, &
                                         velocity_factor, normal, rests)
-      real(wp), intent(in) :: total, left             !! as from limit_energy [-]
+      real(wp), intent(in) :: per_total, left         !! as from limit_energy [-]
       real(wp), intent(in) :: along, across, drawn, w, inertia  !! as in limit_energy; V_n as drawn [-]
-      real(wp), intent(in) :: steepness               !! of the ground [-]
+      real(wp), intent(in) :: cosine                  !! as in find_pull [-]
       real(wp), intent(in) :: flies                   !! 1 or 0
       real(wp), intent(inout) :: lift                 !! as in touch_t [-]
       real(wp), intent(out) :: velocity_factor        !! factor on the velocity [-]
@@ -292,9 +301,9 @@ contains
       real(wp), intent(out) :: rests                  !! 1 or 0
       real(wp) :: energy_fraction, square, climbs
 
-      energy_fraction = left/max(total, tiny(total))
+      energy_fraction = left*per_total
       velocity_factor = sqrt(energy_fraction)
-      square = energy_fraction*(drawn*drawn) + 2*lift/steepness
+      square = energy_fraction*(drawn*drawn) + 2*lift*cosine
       climbs = merge(flies, 0.0_wp, lift < 0)
       climbs = merge(climbs, 0.0_wp, square > 0)
       normal = merge(sqrt(max(0.0_wp, square)), velocity_factor*drawn, climbs > 0)
@@ -323,10 +332,10 @@ contains
 
    !> Velocity at the end of a contact. A flying boulder keeps its velocity relative to the ground there; a rolling one
    !> stays on the ground, and runs against it where it is steeper.
-   elemental subroutine compute_departure(along, across, normal, g1, g2, steepness, t1, t2, t3, end1, end2, rolls, &
+   elemental subroutine compute_departure(along, across, normal, g1, g2, cosine, t1, t2, t3, end1, end2, rolls, &
                                           pressed, heading1, heading2, v1, v2, v3)
       real(wp), intent(in) :: along, across, normal  !! after the contact, in its initial frame, across to the left
-      real(wp), intent(in) :: g1, g2, steepness      !! of the ground at its start [-]
+      real(wp), intent(in) :: g1, g2, cosine         !! of the ground at its start, as in find_pull [-]
       real(wp), intent(in) :: t1, t2, t3             !! the tangent there [-]
       real(wp), intent(in) :: end1, end2             !! gradient where it ends [-]
       real(wp), intent(inout) :: rolls               !! stays on the ground: 1 or 0
@@ -336,8 +345,8 @@ contains
       real(wp) :: plan1, plan2, rise, end_steepness, speed, tangential, against, slope1, slope2, runs, up
 
       ! along the tangent, and across it along normal x tangent
-      plan1 = along*t1 - across*((t2 + g2*t3)/steepness)
-      plan2 = along*t2 + across*((t1 + g1*t3)/steepness)
+      plan1 = along*t1 - across*((t2 + g2*t3)*cosine)
+      plan2 = along*t2 + across*((t1 + g1*t3)*cosine)
       end_steepness = steepness_of(end1, end2)
       speed = sqrt(along*along + across*across)
       call in_local_frame(plan1, plan2, g1*plan1 + g2*plan2, end1, end2, end_steepness, tangential, against, slope1, &
@@ -349,7 +358,7 @@ contains
       speed = merge(merge(tangential, speed, runs > 0), speed, rolls > 0)  ! falling ground deflects it
       up = merge(pressed, max(0.0_wp, normal), rolls > 0)
       rolls = merge(merge(rolls, 0.0_wp, pressed > -impact_ratio*tangential), rolls, runs > 0)
-      up = merge(0.0_wp, up/end_steepness, rolls > 0)
+      up = merge(0.0_wp, up*(1/end_steepness), rolls > 0)
       rise = end1*heading1 + end2*heading2
       speed = speed/max(sqrt(heading1*heading1 + heading2*heading2 + rise*rise), tiny(speed))
       v1 = speed*heading1 - up*end1

@@ -6,8 +6,8 @@ module rockfall_packed_table
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use rockfall_kinds, only: wp, sp, i4
    use rockfall_error, only: error_t, fail
-   use rockfall_impact_table, only: impact_table_t, bins_t, index_records, record_fields, pull_along, follower, &
-                                    map_fields, low, edge_vector
+   use rockfall_impact_table, only: impact_table_t, bins_t, index_records, record_fields, speed_in, duration_out, &
+                                    pull_along, follower, map_fields, low, edge_vector
    implicit none
    private
    public :: is_packed_table, read_packed_table
@@ -70,7 +70,7 @@ contains
    end subroutine read_packed_table
 
    !> Check the assumptions of the kernel: sizes in order, finite numbers, a record in each bin, records of a bin in
-   !> order of gravity along the heading, and valid indices of following records.
+   !> order of gravity along the heading, no negative durations, and valid indices of following records.
    pure logical function is_valid(table, records, bins)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: records, bins
@@ -81,7 +81,8 @@ contains
                  .and. table%first(1) == 1 .and. table%first(bins + 1) == records + 1 &
                  .and. all(table%first(2:) > table%first(:bins)) &
                  .and. table%density > 0 .and. table%inertia > 0 .and. table%rest_angle >= 0 &
-                 .and. all(table%record(4, :) > 0) .and. (parts == 1 .or. table%size(1) > 0) &
+                 .and. all(table%record(speed_in, :) > 0) .and. all(table%record(duration_out, :) >= 0) &
+                 .and. (parts == 1 .or. table%size(1) > 0) &
                  .and. all(table%size(2:) > table%size(:parts - 1)) &
                  .and. all(table%record(follower, :) >= 0 .and. table%record(follower, :) <= records)
       if (.not. is_valid) return

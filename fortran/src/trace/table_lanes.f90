@@ -18,8 +18,8 @@ module rockfall_table_lanes
    use rockfall_impact_table, only: impact_table_t, bins_t, approach_t, drawn_part, follow_sequence, is_copied, &
                                     compare_scales, bin_keys, bins_before, exceeds_table, whole_bin, find_window, &
                                     is_held, nearest_record, speed_scale, input_change, mapped_shift, own_duration, &
-                                    own_velocity, held_longer, takes_shift, allowed_energy, t_in, n_in, w_in, &
-                                    speed_in, height_in, along_out, across_out, n_out, w_out, duration_out, &
+                                    own_reach, own_velocity, held_longer, takes_shift, allowed_energy, t_in, n_in, &
+                                    w_in, speed_in, height_in, along_out, across_out, n_out, w_out, duration_out, &
                                     advance_out, rise_out, pull_along, pull_across, exit_code, follower, &
                                     record_fields, map_fields, along_map, n_map, w_map, low, high, flies, rolls_on, &
                                     stops
@@ -59,7 +59,7 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: fast = 0                      !! as in table_contact_t: 1 or 0
       real(wp), dimension(lanes) :: next = 0                      !! as in outcome_t
       real(wp), dimension(lanes) :: along = 0, across = 0, drawn = 0, w_drawn = 0  !! as in outcome_t; V_n, W [-]
-      real(wp), dimension(lanes) :: allowed = 0, advance = 0, duration = 0         !! likewise [-]
+      real(wp), dimension(lanes) :: allowed = 0, reach = 0, duration = 0           !! likewise [-]
       real(wp), dimension(lanes) :: lift = 0, height = 0          !! as in touch_t [-]
       real(wp), dimension(lanes) :: copies = 1                    !! the record is copied: 1 or 0
       real(wp), dimension(lanes) :: hold = 0                      !! as in impact_table_t [-]
@@ -70,7 +70,7 @@ module rockfall_table_lanes
       real(wp) :: no_map(map_fields) = 0
       real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! kind of its end: 1 or 0
       real(wp), dimension(lanes) :: rolled = 0                    !! rolls, as the record did: 1 or 0
-      real(wp), dimension(lanes) :: total = 0, left = 0           !! energies, as in limit_energy [-]
+      real(wp), dimension(lanes) :: total = 0, left = 0, per_total = 0  !! energies, as in limit_energy [-]
       real(wp), dimension(lanes) :: velocity_factor = 0, n_left = 0  !! as in scale_to_energy; V_n [-]
       real(wp), dimension(lanes) :: slide = 0, time = 0, speed = 0  !! as in find_slide [m], [s], [m/s]
       real(wp), dimension(lanes) :: inside = 0, off = 0           !! ends on its first patch; ground falls away: 1 or 0
@@ -190,7 +190,7 @@ contains
                                b%touches(k), b%pressed(k), b%tangential(k), normal, b%t1(k), b%t2(k), b%t3(k))
          b%normal(k) = normal
          b%w(k) = signed_w(b%w(k), b%before1(k), b%before2(k), b%t1(k), b%t2(k))
-         call find_pull(g1(k), g2(k), steepness(k), b%t1(k), b%t2(k), b%t3(k), uniform(word(k)), along, across, &
+         call find_pull(g1(k), g2(k), 1/steepness(k), b%t1(k), b%t2(k), b%t3(k), uniform(word(k)), along, across, &
                         b%side(k))
          unit = sqrt(gravity*b%radius(k))
          b%unit(k) = unit
@@ -379,13 +379,13 @@ contains
    subroutine follow_records(l, b)
       type(landings_t), intent(in) :: l
       type(table_batch_t), intent(inout) :: b
-      real(wp) :: rolling, copies, ratio, scale, unit, change1, change2, change3, change4, duration, along, across, &
-                  normal, w, n_shift, shifts, height
+      real(wp) :: rolling, copies, keeps, ratio, scale, unit, change1, change2, change3, change4, duration, along, &
+                  across, normal, w, n_shift, shifts, height
       integer :: k
 
       call read_rows(padded(l%n), column, record_fields, b%record_at, b%r, map_fields, b%map_at, b%map)
-      !$omp simd private(rolling, copies, ratio, scale, unit, change1, change2, change3, change4, duration, along, &
-      !$omp& across, normal, w, n_shift, shifts, height)
+      !$omp simd private(rolling, copies, keeps, ratio, scale, unit, change1, change2, change3, change4, duration, &
+      !$omp& along, across, normal, w, n_shift, shifts, height)
       do k = 1, padded(l%n)
          rolling = b%touches(k)
          copies = b%copies(k)
@@ -398,7 +398,8 @@ contains
          change3 = input_change(b%v3_in(k), b%speed_in(k), b%map(k, low + 3), b%map(k, high + 3), scale*b%r(k, w_in))
          change4 = input_change(b%height(k), 1.0_wp, b%map(k, low + 4), b%map(k, high + 4), b%r(k, height_in))
          change4 = merge(change4, 0.0_wp, rolling > 0)
-         duration = own_duration(b%r(k, duration_out), rolling, b%stretch(k))
+         keeps = max(rolling, copies)
+         duration = own_duration(b%r(k, duration_out), keeps, b%stretch(k))
          along = own_velocity(scale, b%r(k, along_out), b%pull(k), duration, b%r(k, pull_along), b%r(k, duration_out))
          along = held_longer(along, rolling, b%hold(k), b%pull(k), b%pull_across(k), b%stretch(k), &
                              b%r(k, duration_out))
@@ -421,13 +422,14 @@ contains
          b%across(k) = merge(b%r(k, across_out), across, copies > 0)
          b%drawn(k) = merge(b%r(k, n_out), normal, copies > 0)
          b%w_drawn(k) = merge(b%r(k, w_out), w, copies > 0)
-         b%duration(k) = merge(b%r(k, duration_out), duration, copies > 0)
+         b%duration(k) = duration
+         b%reach(k) = own_reach(b%r(k, advance_out), keeps, b%stretch(k), b%r(k, speed_in), b%r(k, along_out), &
+                                b%r(k, across_out), b%r(k, n_out))
          b%height(k) = merge(b%r(k, height_in), height, copies > 0) + b%r(k, rise_out)
          b%allowed(k) = allowed_energy(b%v1_in(k), b%v2_in(k), b%v3_in(k), b%inertia(k), b%pull(k), ratio, &
                                        b%r(k, t_in), b%r(k, n_in), b%r(k, w_in), b%r(k, along_out), &
                                        b%r(k, across_out), b%r(k, n_out), b%r(k, w_out), b%r(k, pull_along), &
                                        b%r(k, advance_out))
-         b%advance(k) = b%r(k, advance_out)
          b%lift(k) = b%lift(k) + b%r(k, rise_out)
          b%next(k) = b%r(k, follower)
          b%rolls(k) = merge(1.0_wp, 0.0_wp, abs(b%r(k, exit_code) - rolls_on) <= 0)
@@ -448,7 +450,8 @@ contains
       !$omp simd private(speed, slide, u, w, x, y, z, inside)
       do k = 1, padded(l%n)
          call limit_energy(b%along(k), b%across(k), b%drawn(k), b%w_drawn(k), b%inertia(k), b%allowed(k), &
-                           b%speed_in(k), b%advance(k), b%radius(k), b%total(k), b%left(k), speed, slide)
+                           b%speed_in(k), b%pull(k), b%reach(k), b%radius(k), b%total(k), b%left(k), &
+                           b%per_total(k), speed, slide)
          b%slide(k) = slide
          b%covered(k) = slide
          b%speed(k) = b%unit(k)*speed
@@ -590,16 +593,17 @@ contains
       type(landings_t), intent(in) :: l
       real(wp), dimension(lanes), intent(in) :: g1, g2, steepness
       type(table_batch_t), intent(inout) :: b
-      real(wp) :: left, lift, velocity_factor, normal, rests, rolls, pressed, unit
+      real(wp) :: left, lift, velocity_factor, normal, rests, rolls, pressed, unit, cosine
       integer :: k
 
-      !$omp simd private(left, lift, velocity_factor, normal, rests, rolls, pressed, unit)
+      !$omp simd private(left, lift, velocity_factor, normal, rests, rolls, pressed, unit, cosine)
       do k = 1, padded(l%n)
          left = after_fall(b%left(k), (l%z(k) - b%z(k) - b%pull(k)*b%slide(k))/b%radius(k), b%off(k))
          lift = b%lift(k)
+         cosine = 1/steepness(k)
          rolls = merge(0.0_wp, b%rolls(k), b%off(k) > 0)
-         call scale_to_energy(b%total(k), left, b%along(k), b%across(k), b%drawn(k), b%w_drawn(k), b%inertia(k), &
-                              steepness(k), b%flown(k), lift, velocity_factor, normal, rests)
+         call scale_to_energy(b%per_total(k), left, b%along(k), b%across(k), b%drawn(k), b%w_drawn(k), b%inertia(k), &
+                              cosine, b%flown(k), lift, velocity_factor, normal, rests)
          b%velocity_factor(k) = velocity_factor
          b%n_left(k) = normal
          b%stops(k) = max(b%stops(k), rests)
@@ -608,7 +612,7 @@ contains
          pressed = b%pressed(k)
          call compute_departure(unit*(velocity_factor*b%along(k)), unit*(velocity_factor*b%side(k)*b%across(k)), &
                                 unit*normal, &
-                                g1(k), g2(k), steepness(k), b%t1(k), b%t2(k), b%t3(k), b%end1(k), b%end2(k), rolls, &
+                                g1(k), g2(k), cosine, b%t1(k), b%t2(k), b%t3(k), b%end1(k), b%end2(k), rolls, &
                                 pressed, b%heading1(k), b%heading2(k), b%v1(k), b%v2(k), b%v3(k))
          b%pressed(k) = pressed
          b%rolls(k) = rolls

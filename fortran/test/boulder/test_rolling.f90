@@ -231,10 +231,10 @@ contains
       end do
    end subroutine test_ground_points
 
-   !> Number of patch borders between two coordinates [m].
+   !> Number of patch borders between two coordinates [m]; one on which the second lies does not count.
    pure integer function crossed(a, b)
       real(wp), intent(in) :: a, b
 
-      crossed = abs(floor(b/cell) - floor(a/cell))
+      crossed = abs(floor((b - 1.0e-9_wp*(b - a))/cell) - floor(a/cell))
    end function crossed
 end program test_rolling

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Contacts by tables of impacts last as long as those of the laboratory, on slopes of any gradient,
+for boulders of any size."""
+
+import numpy as np
+import pytest
+
+import rockfall
+from rockfall.impact_tables import FIELDS, open_table, shipped_tables
+from rockfall.result.motion import motion_of
+from scenes import grid
+
+G = 9.81
+#: Ground, gradient and R_b [m]: flatter than the rest angle, so that all boulders that stop rest.
+CONTACTS = [
+    ("talus", 0.0, 0.57), ("talus", 0.3, 0.57), ("talus", 0.3, 0.05), ("talus", 0.55, 3.0),
+    ("talus", 0.7, 0.27), ("meadow", 0.2, 0.4), ("meadow", 0.45, 1.8), ("meadow-platy", 0.3, 0.8),
+    ("soft-soil", 0.3, 0.27), ("vegetated-soil", 0.4, 5.0), ("compact", 0.35, 1.05),
+    ("compact-elongated", 0.1, 0.1), ("rock", 0.25, 0.35), ("rocky-slope", 0.3, 0.57),
+    ("rocky-slope", 0.75, 2.0),
+]  # fmt: skip
+
+
+def thrown(table, gradient, radius):
+    """Recorded boulders that are thrown at 8 m/s down a plane."""
+    y = np.mgrid[99:-1:-1, 0:40][0] * 2.5
+    z = 500 + gradient * y
+    case = rockfall.Case(
+        case={"boulders": 60, "seed": 5}, impact={"form": "table", "table": table},
+        boulder={"volume": "fixed", "volume_mean": 4 / 3 * np.pi * radius**3, "density": 2700.0},
+        surface={"uniform_mean_radius": radius / 3}, output={"trajectories": 60},
+        release={"x": [50.0], "y": [230.0], "drop_height": 0.5, "velocity": [0.0, -8.0, 0.0]},
+    )  # fmt: skip
+    return rockfall.run(case, dem=z, transform=grid(z, 2.5))
+
+
+def durations(table, radius):
+    """Durations [s] that the records of a table have for boulders of a size."""
+    (record,) = [open_table(shipped_tables()[name]) for name in (table, f"{table}-compact")
+                 if name in shipped_tables()]  # fmt: skip
+    duration = record.record[:, FIELDS.index("duration")].astype(float)
+    unit = np.sqrt(G * radius)
+    bins = (len(record.first) - 1) // len(record.size)
+    flights = int(np.prod(record.bins["flight"]))
+    known = [duration * unit / G]  # of those that roll on, or are copied
+    for part, speed2 in enumerate(record.speed2):
+        if speed2 > 0:  # of those from flights, at equal speed with R_b
+            own = slice(record.first[part * bins], record.first[part * bins + flights])
+            known.append(duration[own] * unit / G * unit / np.sqrt(speed2))
+    return np.unique(np.concatenate(known))
+
+
+@pytest.mark.parametrize(("table", "gradient", "radius"), CONTACTS)
+def test_a_contact_lasts_as_long_as_one_of_the_laboratory(table, gradient, radius):
+    """To the last digits, with what it slides and what it waits. A quarter of the slides down talus
+    of a gradient of 0.3 lasted longer than 2 sqrt(R_b/g), up to 20."""
+    result = thrown(table, gradient, radius)
+    motion = motion_of(result)
+    last = motion.vertex[np.diff(motion.boulder, append=-1) != 0]  # may leave the terrain
+    motion = motion.take((motion.gravity == 0) & ~np.isin(motion.vertex, last))
+    contact, piece = np.unique(motion.vertex, return_inverse=True)
+    lasts = np.bincount(piece, motion.end[3] - motion.start[3])
+    assert contact.size > 100
+    known = durations(table, radius)
+    place = np.clip(np.searchsorted(known, lasts), 1, known.size - 1)
+    apart = np.minimum(np.abs(known[place] - lasts), np.abs(known[place - 1] - lasts))
+    assert apart.max() < 1e-10 * result["travel_time"].values.max()
