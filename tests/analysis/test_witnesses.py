@@ -130,6 +130,39 @@ def test_boulders_count_by_their_volume_where_that_of_the_block_is_known():
     assert kernel_sums(kernel, blocks_at((0, 0)), rest).boulders[0] == 2
 
 
+def test_boulders_count_by_their_shape_where_that_of_the_block_is_known():
+    """As if there were no others, in a run with several shapes."""
+    rest = Rest(np.array([[0.0, 0.0], [20.0, 0.0], [0.0, 30.0]]), np.ones(3), np.array([1, 3, 3]))
+    blocks = blocks_at((0, 0), (0, 0), (0, 0))._replace(shape=np.array([1, 2, 0]))
+    kernel = fitted_kernel(blocks, rest, 5.0)
+    assert kernel.by_shape
+    sums = kernel_sums(kernel, blocks, rest)
+    assert sums.boulders.tolist() == [1, 0, 3] and sums.near[1] == 0
+    assert sums.near[0] < sums.near[2]
+    one_shape = Rest(rest.place, rest.volume)
+    assert not fitted_kernel(blocks, one_shape, 5.0).by_shape
+    assert kernel_sums(kernel, blocks, one_shape).boulders.tolist() == [3, 3, 3]
+
+
+def test_a_boulder_given_the_others_of_its_shape_is_one_that_was_never_there():
+    rest = scattered(40)._replace(shape=np.arange(40) % 3 + 1)
+    kernel = Kernel(5.0, 40, np.inf, 1e4, 1.0, True)
+    found = log_densities_of_own(kernel, rest, np.arange(40))
+    others = rest.of(np.arange(40) != 7)
+    own = Blocks("", rest.place[[7]], rest.volume[[7]], None, rest.shape[[7]])
+    sums = kernel_sums(kernel._replace(boulders=39), own, others)
+    assert found[7] == pytest.approx(log_density(kernel, sums.near, sums.boulders)[0])
+
+
+def test_shapes_of_blocks_are_read_and_refused(tmp_path):
+    path = tmp_path / "blocks.csv"
+    path.write_text("x,y,block_shape\n1,2,platy\n3,4,\n")
+    assert read_observed(path).shapes.tolist() == [3, 0]
+    path.write_text("x,y,block_shape\n1,2,flat\n")
+    with pytest.raises(RockfallError, match="block_shape = flat: must be one of: compact, elong"):
+        read_observed(path)
+
+
 # ---- its likelihood
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from rockfall.analysis.observations import CONTACT, Observed
 from rockfall.io.arrays import grid_of
 from rockfall.result.samples import simulated
+from rockfall.result.variables import BLOCK_SHAPE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,6 +54,8 @@ def stops_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
         table["source"] = list(seen.sources)
     if seen.volumes is not None:
         table["volume"] = seen.volumes
+    if seen.shapes is not None:
+        table["block_shape"] = np.array(["", *BLOCK_SHAPE])[seen.shapes]
     return _with_kept(table, seen, "stops")
 
 

@@ -18,7 +18,8 @@ each predicted from the others by the same formula (leave-one-out, Habbema et al
 chooses it. Of runs with other numbers of boulders it goes as N^(2/3), for which a width goes as
 N^(-1/6) (Silverman 1986). Of a block whose volume is known the boulders count by a normal kernel of
 the logarithm of their volume, of Silverman's width: so that the place is judged, given the size;
-that such sizes were mapped says nothing.
+that such sizes were mapped says nothing. Of a block whose shape is known only boulders of this
+shape count, of a run with several.
 
 Breiman, L., Meisel, W., Purcell, E. (1977): Variable kernel estimates of multivariate densities.
 Technometrics 19, 135-144. Ferguson, T. S. (1973): A Bayesian analysis of some nonparametric
@@ -59,35 +60,40 @@ ALL = ""  # source of blocks of which it is not known
 
 class Blocks(NamedTuple):
     """Blocks mapped at rest, of which one source, or any, is known: places (n, 2) [m] and volumes
-    [m3], NaN where not known; the area in which all were mapped (shapely), None: everywhere."""
+    [m3], NaN where not known; the area in which all were mapped (shapely), None: everywhere; block
+    shapes, 0 where not known, None: of none."""
 
     source: str
     place: np.ndarray
     volume: np.ndarray
     area: Any = None
+    shape: np.ndarray | None = None
 
 
 class Rest(NamedTuple):
-    """Simulated boulders at rest: places (n, 2) [m], volumes [m3]."""
+    """Simulated boulders at rest: places (n, 2) [m], volumes [m3], block shapes (None: one)."""
 
     place: np.ndarray
     volume: np.ndarray
+    shape: np.ndarray | None = None
 
-    def of(self, chosen: np.ndarray) -> Rest:
+    def of(self, chosen: np.ndarray | slice) -> Rest:
         """Some of the boulders."""
-        return Rest(self.place[chosen], self.volume[chosen])
+        shape = None if self.shape is None else self.shape[chosen]
+        return Rest(self.place[chosen], self.volume[chosen], shape)
 
 
 class Kernel(NamedTuple):
     """Rule of the kernels: the neighbours that one is as wide as, of how many boulders at rest; its
     width of the logarithm of the volume (infinite where volumes do not count); the area of the
-    deposits [m2], and the side of a cell [m]."""
+    deposits [m2], and the side of a cell [m]; whether block shapes count."""
 
     neighbours: float
     boulders: int
     of_volume: float
     area: float
     cell: float
+    by_shape: bool = False
 
     @property
     def floor(self) -> float:
@@ -97,7 +103,7 @@ class Kernel(NamedTuple):
 
 class Sums(NamedTuple):
     """Sums over boulders, for each block: of the kernels [m-2], of their squares, and of the
-    boulders of such a volume."""
+    boulders of such a volume and shape."""
 
     near: np.ndarray
     squares: np.ndarray
@@ -113,6 +119,7 @@ def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
     if seen.stops is None or seen.starts is not None:
         return []
     volume = np.full(len(seen.stops), np.nan) if seen.volumes is None else seen.volumes
+    shape = np.zeros(len(seen.stops), int) if seen.shapes is None else seen.shapes
     sources = np.array(seen.sources or [ALL] * len(seen.stops), object)
     origins = starts(result)
     if len(origins.places) == 1:
@@ -134,8 +141,8 @@ def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
                 "in which blocks were mapped"
             )
     return [
-        Blocks(name, seen.stops[sources == name], volume[sources == name], seen.area)
-        for name in names
+        Blocks(name, seen.stops[own], volume[own], seen.area, shape[own] if shape.any() else None)
+        for name, own in ((name, sources == name) for name in names)
     ]
 
 
@@ -163,7 +170,8 @@ def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -
     place = np.column_stack([result["stop_x"].values, result["stop_y"].values])
     if blocks.area is not None:
         done = done & _within(blocks.area, place)
-    return Rest(place[done], result["volume"].values[done])
+    shape = result["block_shape"].values if "block_shape" in result else None
+    return Rest(place, result["volume"].values, shape).of(done)
 
 
 def fitted_kernel(blocks: Blocks, rest: Rest, cell: float) -> Kernel:
@@ -176,7 +184,8 @@ def fitted_kernel(blocks: Blocks, rest: Rest, cell: float) -> Kernel:
         spread = silverman(np.log(rest.volume))
     n = len(rest.place)
     fitted = rest.of(np.linspace(0, max(n - 1, 0), min(n, MAX_FITTED)).astype(int))
-    kernel = Kernel(1.0, len(fitted.place), spread, area, cell)
+    by_shape = blocks.shape is not None and rest.shape is not None
+    kernel = Kernel(1.0, len(fitted.place), spread, area, cell, by_shape)
     if n <= MIN_FITTED:
         return kernel
     kernel = kernel._replace(neighbours=_likeliest_neighbours(kernel, fitted))
@@ -233,9 +242,8 @@ def kernel_sums(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> Sums:
     """Sums over boulders at rest, for each block."""
     sums, widths = np.empty((3, len(blocks.place))), kernel_widths(kernel, rest)[0]
     for piece in _pieces(len(blocks.place), len(rest.place)):
-        place, volume = blocks.place[piece], blocks.volume[piece]
-        alike = volume_weights(kernel, volume, rest)
-        near = alike * _normal(_squares(place, rest), widths)
+        own = Rest(blocks.place, blocks.volume, blocks.shape).of(piece)
+        alike, near = kernel_values(kernel, own, rest, widths)
         sums[:, piece] = near.sum(axis=1), (near**2).sum(axis=1), alike.sum(axis=1)
     return Sums(*sums)
 
@@ -248,7 +256,7 @@ def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.n
         rows = chosen[piece]
         squares = _squares(rest.place[rows], rest)
         near = _normal(squares, np.where(squares <= far, without, widths))
-        alike = volume_weights(kernel, rest.volume[rows], rest)
+        alike = like_weights(kernel, rest.of(rows), rest)
         alike[np.arange(rows.size), rows] = 0.0
         densities[piece] = log_density(kernel, (alike * near).sum(axis=1), alike.sum(axis=1))
     return densities
@@ -269,11 +277,11 @@ def log_densities_again(
 def _like(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Numbers (times, blocks) of random boulders of like volumes, one for each block."""
+    """Numbers (times, blocks) of random boulders of like volume and shape, one for each block."""
     n, uniform = len(rest.place), random.random((times, len(blocks.place)))
-    if np.isinf(kernel.of_volume):
+    if np.isinf(kernel.of_volume) and not kernel.by_shape:
         return (uniform * n).astype(int)
-    below = np.cumsum(volume_weights(kernel, blocks.volume, rest), axis=1)
+    below = np.cumsum(like_weights(kernel, blocks, rest), axis=1)
     rows = zip(below, uniform.T, strict=True)
     return np.array([np.searchsorted(row, u * row[-1]).clip(max=n - 1) for row, u in rows]).T
 
@@ -295,20 +303,26 @@ def _normal(squares: np.ndarray, widths: np.ndarray) -> np.ndarray:
     return np.exp(-squares / (2 * widths**2)) / (2 * np.pi * widths**2)
 
 
-def volume_weights(kernel: Kernel, volume: np.ndarray, rest: Rest) -> np.ndarray:
-    """Weights of boulders by their volume, 0 to 1 (volumes, boulders); 1 where one is not known."""
+def like_weights(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> np.ndarray:
+    """Weights of boulders by their volume and shape, 0 to 1 (blocks, boulders); 1 where these are
+    not known."""
     if np.isinf(kernel.of_volume):
-        return np.ones((volume.size, len(rest.place)))
-    apart = (np.log(volume)[:, None] - np.log(rest.volume)) / kernel.of_volume
-    return np.exp(-(np.nan_to_num(apart) ** 2) / 2)
+        alike = np.ones((len(blocks.place), len(rest.place)))
+    else:
+        apart = (np.log(blocks.volume)[:, None] - np.log(rest.volume)) / kernel.of_volume
+        alike = np.exp(-(np.nan_to_num(apart) ** 2) / 2)
+    if kernel.by_shape and blocks.shape is not None and rest.shape is not None:
+        shape = blocks.shape[:, None]
+        alike[(shape > 0) & (rest.shape > 0) & (shape != rest.shape)] = 0.0
+    return alike
 
 
 def kernel_values(
-    kernel: Kernel, blocks: Blocks, rest: Rest, widths: np.ndarray
+    kernel: Kernel, blocks: Blocks | Rest, rest: Rest, widths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of boulders by volume, and their kernels of these widths [m] times these [m-2]:
-    (blocks, boulders)."""
-    alike = volume_weights(kernel, blocks.volume, rest)
+    """Weights of boulders by volume and shape, and their kernels of these widths [m] times these
+    [m-2]: (blocks, boulders)."""
+    alike = like_weights(kernel, blocks, rest)
     return alike, alike * _normal(_squares(blocks.place, rest), widths)
 
 
@@ -348,7 +362,7 @@ def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
             continue
         kernel = fitted_kernel(blocks, half, cell_of(result))
         observed, sums = _densities(kernel, blocks, half)
-        own = _densities(kernel, Blocks(blocks.source, *other), half)[0]
+        own = _densities(kernel, other, half)[0]
         chosen = _like(kernel, blocks, other, RESAMPLES, random)
         again = own[chosen].mean(axis=1)
         beyond = int(outside(kernel, sums.near).sum())
@@ -357,7 +371,7 @@ def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
     return agreements
 
 
-def _densities(kernel: Kernel, blocks: Blocks, rest: Rest) -> tuple[np.ndarray, Sums]:
+def _densities(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> tuple[np.ndarray, Sums]:
     """Log-densities of boulders at blocks, and the sums behind them."""
     sums = kernel_sums(kernel, blocks, rest)
     return log_density(kernel, sums.near, sums.boulders), sums

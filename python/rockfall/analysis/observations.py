@@ -19,6 +19,7 @@ from rockfall.io.grid import Grid
 from rockfall.io.point_rows import is_point_layer, read_area, read_point_rows
 from rockfall.io.ramms import is_trajectory_file
 from rockfall.io.tables import Row, check_columns, read_table
+from rockfall.result.variables import BLOCK_SHAPE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,6 +39,7 @@ UNITS = {  # quantity -> unit -> its value in SI units
 CONTACT = ("x", "y", "speed", "height", "dbh", "side", "hits")  # of an impact [m, m/s, cm, degree]
 START = ("start_x", "start_y")  # release of a boulder that was found [m]
 SOURCE, VOLUME = "source", "volume"  # polygon that a block came from; its volume [m3]
+SHAPE = "block_shape"  # of a block
 MAX_DBH = 500.0  # [cm]
 PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}  # columns, old one last: of all
 
@@ -60,6 +62,7 @@ class Observed:
     notes: tuple[str, ...] = ()  # for readers of tables made of them
     sources: tuple[str, ...] = ()  # source of each of `stops` by name, "" if not known; or none
     volumes: np.ndarray | None = None  # of each of `stops` [m3], NaN if not known
+    shapes: np.ndarray | None = None  # block shape of each of `stops`, from 1; 0 if not known
     where: dict[str, tuple[str, ...]] = field(default_factory=dict)  # stops, contacts: their rows
     area: Any = None  # polygons (shapely) in which all blocks at rest were mapped; None: everywhere
 
@@ -139,6 +142,7 @@ def read_observed(
         raise RockfallError(f"{records['passing'][0]['where']}: n: must be one number in all rows")
     distances = frame("distances", "distance")["distance"].to_numpy(float)
     volumes = frame("stops", VOLUME)[VOLUME].to_numpy(float)
+    shapes = np.array([BLOCK_SHAPE.get(stop.get(SHAPE, ""), 0) for stop in records["stops"]], int)
     passing = frame("passing", "distance", "fraction").sort_values("distance", ignore_index=True)
     return Observed(
         summaries=frame("summaries", "line", "method", "quantity", "mean", "std", "max", "n"),
@@ -155,6 +159,7 @@ def read_observed(
         notes=tuple(notes),
         sources=tuple(stop.get(SOURCE, "") for stop in records["stops"]),
         volumes=volumes if volumes.size and not np.isnan(volumes).all() else None,
+        shapes=shapes if shapes.any() else None,
         area=area,
         where={key: tuple(row["where"] for row in records[key]) for key in ("stops", "contacts")},
     )
@@ -211,7 +216,9 @@ def _stop(row: Row) -> dict:
     volume = row.maybe(VOLUME, 0.0)
     if volume == 0:
         row.refuse(VOLUME, "must be > 0 [m3], or empty")
-    attrs = {SOURCE: row.cells.get(SOURCE, ""), VOLUME: volume}
+    if (shape := row.cells.get(SHAPE, "")) and shape not in BLOCK_SHAPE:
+        row.refuse(SHAPE, f"must be one of: {', '.join(BLOCK_SHAPE)}, or empty")
+    attrs = {SOURCE: row.cells.get(SOURCE, ""), VOLUME: volume, SHAPE: shape}
     return {"x": row.number("x"), "y": row.number("y"), **places, **attrs}
 
 
@@ -246,7 +253,7 @@ KINDS = (  # those with more columns come first: a header may hold the columns o
     _Kind("tests", ("line", "method", "quantity", "p"), (), _test),
     _Kind("contacts", ("impact", "x", "y"), CONTACT[2:], _contact),
     *(_Kind("passing", ("distance", name), ("n",), _passing) for name in PASSING),
-    _Kind("stops", ("x", "y"), (*START, SOURCE, VOLUME), _stop),
+    _Kind("stops", ("x", "y"), (*START, SOURCE, VOLUME, SHAPE), _stop),
     _Kind("distances", ("distance",), (), lambda row: {"distance": row.number("distance", 0.0)}),
 )
 

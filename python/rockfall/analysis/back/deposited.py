@@ -143,7 +143,7 @@ def _widths_at(kernel: Kernel, blocks: Blocks, rest: Rest) -> np.ndarray:
 
 def _others(kernel: Kernel, blocks: Blocks, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sums of kernels and weights over half of the other blocks, for each block."""
-    both = kernel_values(kernel, blocks, Rest(blocks.place, blocks.volume), widths)
+    both = kernel_values(kernel, blocks, Rest(blocks.place, blocks.volume, blocks.shape), widths)
     for overlap in both:
         np.fill_diagonal(overlap, 0.0)
     return HALF * both[1].sum(axis=1), HALF * both[0].sum(axis=1)

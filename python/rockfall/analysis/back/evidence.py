@@ -275,6 +275,8 @@ def _of_witnesses(result: xr.Dataset, seen: Observed, notes: list[str]) -> Itera
             np.isinf(kernel.of_volume) for kernel in deposited.kernels
         ):
             notes.append("Volumes of the blocks are not used: all boulders of the case have one.")
+        if seen.shapes is not None and not any(kernel.by_shape for kernel in deposited.kernels):
+            notes.append("Shapes of the blocks are not used: all boulders of the case have one.")
         yield deposited
 
 
