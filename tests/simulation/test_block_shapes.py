@@ -631,3 +631,33 @@ def test_a_scene_file_with_other_numbers_is_refused(tmp_path, name, value):
     refused_in_one_line(
         done, f"scene.nc: is damaged: {name} is missing, or not as a scene file has it"
     )
+
+
+DOUBTED = [  # keys, what is doubted
+    ({SHARE: [0.5, 0.5, 0.0]}, "block_shape_share: no boulder is platy: its share is 0"),
+    (LISTED | dict.fromkeys((*SHAPES_OF_MIX, "volume_std")) | {"block_axes": [1.2, 0.9, 0.008] * 4},
+     "block_axes: the longest axis of a block is 150 times the shortest: are all in one unit?"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("keys, text", DOUBTED)
+def test_shapes_that_are_hardly_meant_are_doubted(tmp_path, keys, text):
+    case = case_in(tmp_path, impact={"table": "talus", "sets": None}, boulder=MIX | keys, **place())
+    assert f"case: &boulder {text}" in implausible(read_scene(case, **terrain()))
+
+
+def test_axes_of_sources_in_several_units_are_doubted(tmp_path):
+    rows = f"{NAMES}1,150,380,,1.2,0.9,0.008\n2,120,380,,1.2,0.9,0.8\n"
+    texts = implausible(read_scene(by_sources(tmp_path, rows), **terrain()))
+    (text,) = (text for text in texts if "axis" in text)
+    assert "sources.csv: line 2: the longest axis of a block is 150 times the shortest" in text
+
+
+def test_shares_beside_the_shapes_are_refused_with_their_key(tmp_path):
+    (tmp_path / "case.nml").write_text(
+        "&case boulders = 1 /\n&terrain dem = 'd.tif' /\n&impact table = 'talus' /\n"
+        "&boulder volume_mean = 1.0, block_shape = 'compact' 0.5, 'platy' 0.5 /\n"
+        "&release x = 1.0, y = 1.0 /\n"
+    )
+    with pytest.raises(rockfall.RockfallError, match="in quotes, shares go in block_shape_share$"):
+        rockfall.read_case(tmp_path / "case.nml")

@@ -501,7 +501,10 @@ contains
       if (key%name == "maps") words = joined(map_names, ", ")
       allocate (values(0))
       call get_text(group, trim(key%name), values, error)
-      if (allocated(error)) return
+      if (allocated(error)) then
+         if (key%name == "block_shape") error%message = error%message//", shares go in block_shape_share"
+         return
+      end if
       do k = 1, size(values)
          if (len_trim(values(k)) == 0 .and. key%name /= "title") then
             call refuse(group, trim(key%name), "must not be empty", error, k)

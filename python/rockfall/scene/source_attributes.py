@@ -27,6 +27,7 @@ VELOCITY = tuple(name for name in VALUES if name.startswith("velocity_"))
 DENSITY = VALUES.index("density")
 LAWS = tuple(fields("distribution")[:4])  # those of a feature, numbered from 1
 AXES = ("a", "b", "c")  # of a block, as in surveys
+MAX_AXIS_RATIO = 20.0  # of the longest axis to the shortest; no block is as thin
 RANGE = re.compile(r"\s*([0-9.eE+]+)\s*(?:-|to)\s*([0-9.eE+]+)\s*")  # a class of volumes [m3]
 
 
@@ -178,15 +179,21 @@ def has_axes(columns: dict[str, np.ndarray]) -> bool:
     return all(attribute(columns, axis) is not None for axis in AXES)
 
 
-def _axis_shapes(table: Table) -> np.ndarray:
-    """Number of the block shape nearest to the axes of each feature; 0 where there are none."""
-    shape = np.zeros(table.size, np.int8)
+def axes_of(table: Table) -> np.ndarray | None:
+    """Axes (3, features), NaN where missing; None if the attributes do not have all three."""
     if not has_axes(table.columns):
-        return shape
-    given = np.array([
+        return None
+    return np.array([
         [table.number(k, axis, value) for k, value in enumerate(table.values(axis))]
         for axis in AXES
     ])  # fmt: skip
+
+
+def _axis_shapes(table: Table) -> np.ndarray:
+    """Number of the block shape nearest to the axes of each feature; 0 where there are none."""
+    shape = np.zeros(table.size, np.int8)
+    if (given := axes_of(table)) is None:
+        return shape
     has = ~np.isnan(given)
     for k in np.flatnonzero(has.any(axis=0)).tolist():
         for axis, value, is_given in zip(AXES, given[:, k].tolist(), has[:, k], strict=True):

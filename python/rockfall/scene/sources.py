@@ -24,7 +24,7 @@ from rockfall.quantities import first_of, percent
 from rockfall.scene.kernel_scene import area_ratios, can_start, terrain_of
 from rockfall.scene.layers import Inputs
 from rockfall.scene.parts import ExtremeCount, Rasters, SourceBoulders, Sources
-from rockfall.scene.source_attributes import Table, read_attributes
+from rockfall.scene.source_attributes import MAX_AXIS_RATIO, Table, axes_of, read_attributes
 
 SIDES = ("d1", "d2", "d3")
 SHAPES = int(_core.constant("shapes"))  # numbered from 1
@@ -179,6 +179,7 @@ def _with_attributes(
     note_unused(inputs.remarks, table.path, table.columns, table.asked)
     note_marks(inputs.remarks, table.path, table.columns, table.asked)
     _note_unequal(inputs, table, frequency)
+    _note_axes(inputs, table)
     given = ~np.isnan(frequency)
     if owner is not None and part is not None:
         _note_lost(inputs, table, features.names, frequency, owner, part)
@@ -203,6 +204,16 @@ def _note_unequal(inputs: Inputs, table: Table, frequency: np.ndarray) -> None:
         k = int(np.nanargmax(frequency))
         text = remark(table.where(k), "input.frequency_apart", ratio=float(ratio))
         inputs.remarks.append(text)
+
+
+def _note_axes(inputs: Inputs, table: Table) -> None:
+    """Note axes of a block that are far apart: in several units."""
+    if (axes := axes_of(table)) is not None:
+        ratio = np.nan_to_num(axes[0] / axes[2])
+        if ratio.max() > MAX_AXIS_RATIO:
+            where = table.where(int(ratio.argmax()))
+            text = remark(where, "input.axes_apart", ratio=float(ratio.max()))
+            inputs.remarks.append(text)
 
 
 def _note_lost(

@@ -19,7 +19,7 @@ from rockfall.quantities import percent
 from rockfall.scene.ground import falls_and_rises
 from rockfall.scene.rebound import sphere_radius
 from rockfall.scene.scene import Scene
-from rockfall.scene.source_attributes import LAWS, values_of
+from rockfall.scene.source_attributes import LAWS, MAX_AXIS_RATIO, values_of
 from rockfall.scene.surface import radius_over_rg
 
 NO_DATA = (127, 255, 32767, 65535, 2147483647)  # largest integers of raster types
@@ -276,8 +276,16 @@ def _operator(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _shapes(scene: Scene) -> Iterator[InputWarning]:
-    """Block shapes that the case gives, where all tables of impacts are for all shapes."""
+    """Block shapes that the case gives, where all tables of impacts are for all shapes; shapes
+    without a share; axes in several units."""
     given = given_groups(scene.case).get("boulder", {})
+    shares = given.get("block_shape_share", [])
+    if none := [given["block_shape"][k] for k, share in enumerate(shares) if not share]:
+        text = say("input.no_share", names=", ".join(none))
+        yield InputWarning("&boulder block_shape_share", text)
+    axes = np.reshape(given.get("block_axes", [1.0, 1.0, 1.0]), (-1, 3))
+    if (ratio := float((axes[:, 0] / axes[:, 2]).max())) > MAX_AXIS_RATIO:
+        yield InputWarning("&boulder block_axes", say("input.axes_apart", ratio=ratio))
     if keys := [key for key in ("block_shape", "block_axes") if key in given]:
         tables = [ground for ground in scene.grounds if ground.model in TABLES]
         if not any(tables_by_shape(ground.name, ground.file) for ground in tables):
