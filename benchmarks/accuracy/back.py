@@ -55,7 +55,7 @@ def case_of(folder: Path, boulders: int, seed: int) -> rockfall.Case:
         folder=folder,
         case={"boulders": boulders, "seed": seed, "threads": 1},
         surface={"uniform_mean_radius": 0.2},
-        impact={"sets": "rocky-slope"},
+        impact={"sets": "vaujany-observed"},
         boulder={"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15},
         release={"x": START[:1], "y": START[1:], "drop_height": 5.0},
         line=[{"name": "L", "x": [0.0, 300.0], "y": [300.0, 300.0]}],

@@ -73,7 +73,8 @@ def kinds() -> Iterator[Kind]:
     """The impact set with rocks of several sizes, the rows of the shipped table, and those of other
     shipped tables that differ from them."""
     for ratio in RATIOS:
-        yield Kind(f"rocky-slope, R_b/R_m = {ratio}", "impact_sets", "rocky-slope", RADIUS / ratio)
+        label = f"vaujany-observed, R_b/R_m = {ratio}"
+        yield Kind(label, "impact_sets", "vaujany-observed", RADIUS / ratio)
     usual = GroundTable(shipped_grounds())
     for name, row in usual.rows.items():
         if row.cells["model"] != "absorbs":

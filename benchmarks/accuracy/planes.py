@@ -3,11 +3,11 @@
 
     python -m benchmarks.accuracy.planes [--boulders 10000] [-o docs]
 
-For each set, each R_b/R_m of 1 to 5 and slopes of 24 to 46 degrees: the fraction of the boulders
-that pass a line 200 m below the release, in plan; their mean speed there, and the 95 % quantile of
-their jump height; and the neutral slope, on which a bounce straight down loses what the next flight
-gains. The same, but for neutral slopes, by each shipped table of impacts, for compact blocks.
-Writes validation/planes.md, with standard errors, and figures/planes.png.
+For each set and each R_b/R_m of 1 to 5 the neutral slope, on which a bounce straight down loses
+what the next flight gains. For the sets of `FULL` and each shipped table of impacts (compact
+blocks), on slopes of 24 to 46 degrees: the fraction of the boulders that pass a line 200 m below
+the release, in plan; their mean speed there, and the 95 % quantile of their jump height. Writes
+validation/planes.md, with standard errors, and figures/planes.png.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, 
 
 SLOPES = range(24, 47, 2)  # [degree]
 RATIOS = range(1, 6)
+FULL = ("vaujany-observed",)  # sets with numbers at the line
 DISTANCE = 200.0  # from the release to the line [m]
 CELL, WIDE, ABOVE, BELOW = 8.0, 1200.0, 120.0, 40.0  # [m] the plane, about release and line
 VOLUME = 1.0  # [m3]
@@ -164,7 +165,7 @@ class Measured(NamedTuple):
 
 
 def look(path: Path, boulders: int) -> Iterator[Measured]:
-    """At the set in a file; at nothing where it holds the draws of an ensemble."""
+    """Measure the set in a file; nothing where it holds the draws of an ensemble."""
     sets, *more = read_sets(path)
     if more:
         return
@@ -173,6 +174,7 @@ def look(path: Path, boulders: int) -> Iterator[Measured]:
         (slope, name): measure(path, slope, ratio, boulders)
         for slope in SLOPES
         for name, ratio in columns.items()
+        if sets.name in FULL
     }
     slopes = {name: neutral(sets, ratio) for name, ratio in columns.items()}
     flown = {
@@ -214,6 +216,11 @@ def neutral_rows(one: Measured) -> dict[str, list[str]]:
     }
 
 
+def with_numbers(sets: list[Measured], tables: Measured) -> list[Measured]:
+    """Sets and tables that have numbers at the line."""
+    return [one for one in (*sets, tables) if one.at_line]
+
+
 def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
     lines = [
         "# Shipped impact sets and tables on planes",
@@ -222,7 +229,8 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
             f"{boulders:,} boulders for each number, released {DROP:g} m above a plane; a line "
             f"{DISTANCE:g} m further down, in plan. R_b/R_m is the same everywhere, boulders turn "
             "past the aspect. By tables of impacts blocks are compact, and R_b/R_m = "
-            f"{RATIO_OF_TABLES} where it matters. This page and its figure are written by "
+            f"{RATIO_OF_TABLES} where it matters. Of sets other than `{'`, `'.join(FULL)}` this "
+            "page has neutral slopes only. It and its figure are written by "
             "`benchmarks/accuracy/planes.py`.",
             100,
         ),
@@ -243,7 +251,7 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
             "set", sets[0].columns, dict(row for one in sets for row in neutral_rows(one).items())
         ),
     ]  # fmt: skip
-    for one in (*sets, tables):
+    for one in with_numbers(sets, tables):
         lines += [f"## {one.name}", ""]
         for key, (label, unit, digits) in HOW.items():
             scale = 100.0 if unit == "%" else 1.0
@@ -263,8 +271,8 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
 
 @styled
 def draw(found: list[Measured]):
-    """A row of panels for each set and for all tables; neutral slopes as triangles along the
-    fractions."""
+    """A row of panels for each of these sets, one for all tables; neutral slopes as triangles along
+    the fractions."""
     figure = new_figure(9.0, 2.4 * len(found) + 0.6)
     panels = figure.subplots(len(found), len(HOW), squeeze=False, sharex=True, sharey="col")
     for row, one in zip(panels, found, strict=True):
@@ -297,7 +305,7 @@ def main() -> None:
         (options.folder / name).mkdir(parents=True, exist_ok=True)
     with atomic_write(options.folder / "validation" / "planes.md") as part:
         part.write_text(page(sets, tables, options.boulders), encoding="utf-8")
-    save(draw([*sets, tables]), options.folder / "figures" / "planes.png", dpi=130)
+    save(draw(with_numbers(sets, tables)), options.folder / "figures" / "planes.png", dpi=130)
 
 
 if __name__ == "__main__":

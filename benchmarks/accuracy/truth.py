@@ -56,7 +56,7 @@ def real(path: Path, boulders: int, slope: float) -> Scene:
         case={"boulders": 1, "title": path.name},
         terrain={"dem": path.resolve()},
         surface={"uniform_mean_radius": 0.25},
-        impact={"sets": "rocky-slope", "rest_angle": 90.0},  # flights only
+        impact={"sets": "vaujany-observed", "rest_angle": 90.0},  # flights only
         boulder={"volume": "lognormal", "volume_mean": 1.0, "volume_std": 1.0},
         release={"x": grid.x[columns[these]].tolist(), "y": grid.y[rows[these]].tolist(),
                  "drop_height": 2.0},

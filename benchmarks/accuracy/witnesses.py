@@ -50,7 +50,7 @@ def case_of(folder: Path, boulders: int, seed: int) -> rockfall.Case:
         folder=folder,
         case={"boulders": boulders, "seed": seed, "threads": 1},
         surface={"uniform_mean_radius": 0.2},
-        impact={"sets": "rocky-slope"},
+        impact={"sets": "vaujany-observed"},
         boulder={"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15},
         release={"x": [100.0, 200.0], "y": [480.0, 480.0], "drop_height": 5.0},
         line=[{"name": "trees", "x": [0.0, 300.0], "y": [330.0, 330.0]}],

@@ -139,7 +139,8 @@ def pasture_parts(folder: Path) -> list[Part]:
         part = case.replace(
             terrain={"dem": str(folder / "dem.asc")},
             release={"points": str(folder / f"releases-{block}.csv")},
-            impact={"form": "matrix"},
+            boulder={"block_shape": None},
+            impact={"form": "matrix", "table": None},
             output=NOTHING,
         )
         parts.append(Part(part, read_observed(folder / f"observed-{block}.csv"), shape))
@@ -196,12 +197,15 @@ def _by_platrock(given: argparse.Namespace, folder: Path) -> Iterator[dict[str, 
 def talus(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Rows of every law at the two lines of Vaujany, over slopes of the recipe."""
     folder = ROOT / "cases" / "vaujany"
-    cases = {
-        f"matrix, method {method}": rockfall.read_case(folder / name)
+    paper = {
+        f"`bourrier2009`, {method}": rockfall.read_case(folder / name)
         for method, name in (("A", "case_A.nml"), ("B", "case.nml"))
     }
+    of_method_b = paper["`bourrier2009`, B"]
+    observed = of_method_b.replace(impact={"sets": "vaujany-observed", "ratio": "between"})
+    cases = paper | {"`vaujany-observed`, B": observed}
     for law in site_laws(given, TALUS_TABLES, ON_TALUS)[1:]:
-        cases[law.name] = cases["matrix, method B"].replace(**law.of("compact"))
+        cases[law.name] = of_method_b.replace(**law.of("compact"))
     seen = read_observed(folder / "paper.csv")
     place = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)
     for name, case in cases.items():

@@ -49,6 +49,11 @@ class Law:
             found["surface"] = found.get("surface", {}) | {"uniform_mean_radius": self.radius}
         return found
 
+    def added(self, groups: dict[str, dict[str, Any]], shape: str) -> dict[str, dict[str, Any]]:
+        """Groups of a case, with these keys too."""
+        keys = self.everywhere(shape)
+        return {name: groups.get(name, {}) | keys.get(name, {}) for name in groups | keys}
+
 
 def matrix() -> Law:
     """The paper's matrix with its shipped sets."""
@@ -60,7 +65,8 @@ def table(text: str) -> Law:
     name, _, file = text.partition("=")
     file, _, angle = (file or name).partition("@")
     rest = {"rest_angle": float(angle)} if angle else {}
-    return Law(name, {"impact": {"form": "table", "table": file} | rest}, ROCKS)
+    impact = {"form": "table", "table": file, "ratio": None} | rest
+    return Law(name, {"impact": impact, "boulder": {"block_shape": "{shape}"}}, ROCKS)
 
 
 def ground(text: str) -> Law:

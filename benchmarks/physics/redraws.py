@@ -21,7 +21,7 @@ from rockfall.lab.sets import read_sets
 from rockfall.scene.coefficients import covariance_root
 from rockfall.scene.rebound import admissible
 
-SET = "rocky-slope"
+SET = "vaujany-observed"
 ANGLES = 5, 10, 20, 30, 45, 60, 90  # of incidence, from the surface [degree]
 NAMES = "R_t", "R_n", "W'/V"
 

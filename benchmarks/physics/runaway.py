@@ -41,7 +41,7 @@ def beyond(
             "velocity": [0.0, -5 * np.cos(angle), -5 * np.sin(angle)],
         },
     }  # fmt: skip
-    case = rockfall.Case(**(groups | law.everywhere("compact")))
+    case = rockfall.Case(**law.added(groups, "compact"))
     result = rockfall.run(case, dem=z, transform=Grid(0.0, rows * CELL, CELL, COLUMNS, rows))
     fastest = result.speed_max.values
     return float(np.mean(fastest > LIMIT * slope)), float(fastest.mean())
@@ -55,7 +55,7 @@ def beyond_on(terrain: str, law: Law) -> tuple[float, float]:
         "boulder": {"volume": "fixed", "volume_mean": 0.5, "density": 2700.0},
         "release": {"steep_cells": True, "slope_threshold": 50.0, "drop_height": 1.0},
     }
-    result = rockfall.run(rockfall.Case(**(groups | law.everywhere("compact"))))
+    result = rockfall.run(rockfall.Case(**law.added(groups, "compact")))
     return float(faster_than_observed(result).mean()), float(result.speed_max.mean())
 
 

@@ -59,7 +59,7 @@ def of_program(diameter: float, speed: float, volume: float, folder: Path) -> tu
         "case": {"title": "stems", "seed": 1, "boulders": 1},
         "boulder": {"volume": "fixed", "volume_mean": volume, "density": DENSITY},
         "surface": {"uniform_mean_radius": 0.2},
-        "impact": {"sets": "rocky-slope"},
+        "impact": {"sets": "vaujany-observed"},
         "release": {
             "x": x.tolist(), "y": [20.0] * PLACES, "drop_height": ABOVE,
             "velocity": [0.0, float(speed), 0.0],

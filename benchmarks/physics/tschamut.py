@@ -92,18 +92,14 @@ def simulated(run: Run, law: Law, place: tuple[np.ndarray, Grid], boulders: int,
     shape = SHAPE_OF_BLOCK[run.block]
     groups: dict[str, dict[str, Any]] = {
         "case": {"title": "Tschamut", "seed": seed, "boulders": boulders},
-        "boulder": {
-            "volume": "fixed", "volume_mean": volume, "density": run.mass / volume,
-            "block_shape": shape,
-        },
+        "boulder": {"volume": "fixed", "volume_mean": volume, "density": run.mass / volume},
         "release": {
             "x": [run.start[0]], "y": [run.start[1]], "drop_height": 0.001,
             "velocity": run.velocity.tolist(),
         },
     }  # fmt: skip
-    for group, keys in law.everywhere(shape).items():
-        groups[group] = groups.get(group, {}) | keys
-    result = rockfall.run(rockfall.Case(**groups), dem=place[0], transform=place[1])
+    case = rockfall.Case(**law.added(groups, shape))
+    result = rockfall.run(case, dem=place[0], transform=place[1])
     return np.stack([result.stop_x.values, result.stop_y.values], axis=1)
 
 

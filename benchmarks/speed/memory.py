@@ -28,7 +28,7 @@ ROWS = 256  # of tiles
 CASE = """&case boulders = 1, seed = 1, title = 'memory' /
 &terrain dem = '{dem}' /
 &surface {surface} /
-&impact sets = 'rocky-slope' /
+&impact sets = 'vaujany-observed' /
 &boulder volume = 'fixed', volume_mean = 1.0 /
 &release cells = '{cells}', drop_height = 5.0 /
 &output maps = {maps} /

@@ -29,7 +29,7 @@ from benchmarks.machine import ROOT, VAUJANY, machine
 CASE = """&case boulders = 100, seed = 1 /
 &terrain dem = 'dem.asc' /
 &surface uniform_mean_radius = 0.25 /
-&impact sets = 'rocky-slope' /
+&impact sets = 'vaujany-observed' /
 &boulder volume = 'fixed', volume_mean = 1.0 /
 &release x = 20.0, y = 20.0, drop_height = 2.0 /
 &line name = 'L', x = 120.0, 120.0, y = 0.5, 39.5 /

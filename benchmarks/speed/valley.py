@@ -31,7 +31,7 @@ STEEP = 0.8  # root mean square of the gradient: half of the ground is steeper t
 BASIN = 200  # cells
 MAPS = ["passages", "energy_max", "energy_q50", "energy_q95"]
 SAME = {
-    "impact": {"sets": "rocky-slope"},
+    "impact": {"sets": "vaujany-observed"},
     "surface": {"uniform_mean_radius": 0.25},
     "boulder": {"volume": "lognormal", "volume_mean": 0.8, "volume_std": 0.4, "density": 2800.0},
 }

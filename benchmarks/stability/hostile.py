@@ -183,7 +183,7 @@ def _make_polygons(files: Path) -> None:
 def make_cases(files: Path) -> None:
     """The cases, their zone table and their impact sets."""
     (files / "zones.csv").write_text(TABLE)
-    shutil.copy(shipped_sets()["rocky-slope"], files / "sets.nml")
+    shutil.copy(shipped_sets()["vaujany-observed"], files / "sets.nml")
     zones = "zones = 'zones.{0}', table = 'zones.csv', default_zone = 7"
     places, cells = f"{WHERE}, drop_height = 3.0", "cells = 'cells.{0}', drop_height = 3.0"
     kinds = {  # ending of the DEM, surface, release

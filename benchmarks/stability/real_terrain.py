@@ -99,7 +99,7 @@ def examine(path: Path, boulders: int, slope: float, audit: int) -> None:
         case={"boulders": math.ceil(boulders / sources), "title": path.name},
         terrain={"dem": path},
         surface={"uniform_mean_radius": 0.25},
-        impact={"sets": "rocky-slope"},
+        impact={"sets": "vaujany-observed"},
         boulder={"volume": "lognormal", "volume_mean": 1.0, "volume_std": 1.0},
         release={"cells": "cells", "drop_height": 2.0},
         flight={"gravity": GRAVITY},

@@ -29,6 +29,8 @@ The protocol, chosen before any run:
    kept by importance on fresh slopes; a quarter of them from the second optimum, if its score is
    within 4 of the first. Then every member's a1 is shifted by a normal number with deviation 0.01:
    one degree of the unpublished terrain.
+6. `speed_range` and `angle_range` are the 0.5 and 99.5 % quantiles of the rebounds by method B over
+   the judged slopes, 200 boulders each.
 """
 
 from __future__ import annotations
@@ -44,11 +46,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.lab.fit import ImpactSet
 from rockfall.lab.setfile import write_sets
 from rockfall.lab.sets import Sets, restitution
 from rockfall.lab.site import QUANTITIES, TANGENTIAL, Site, tangential_above
 from rockfall.lab.talus import Talus
+from rockfall.result.motion import motion_of
 
 HERE = Path(__file__).parent
 RATIOS = np.arange(1, 6)
@@ -65,6 +69,11 @@ SLOPES, FIT_BOULDERS, JUDGED_SLOPES, JUDGED_BOULDERS, JUDGED_SEED = 12, 300, 24,
 AT_ONCE = 100  # boulders of the experiment
 SHIFT = 0.01  # of a1, in the ensemble
 SECOND_WITHIN = 4.0  # score of the second optimum above the first
+RANGED_BOULDERS, OUTER = 200, (0.005, 0.995)
+HOW = {
+    "bourrier2009": {"methods": "AB", "ratio": "nearest", "reading": "radius"},
+    "vaujany-observed": {"methods": "B", "ratio": "between", "reading": "radius"},
+}
 WITHIN = {"mean": 0.10, "std": 0.20, "max": 0.25}
 
 
@@ -162,7 +171,9 @@ def items(name: str) -> list[Item]:
         Item("rt", 0.7, 0.05), Item("tangential", 0.93, 0.03),
         Item("below_50", 0.95, 0.02, side=1), Item("redrawn", 0.10, 0.02, side=-1),
     ]  # fmt: skip
-    if not observed:
+    if observed:
+        found.append(Item("scree_k", 0.215, 0.045))
+    else:
         found += [Item("b_less_a_EL1", 1.2, 0.3), Item("b_less_a_EL2", 1.2, 0.3)]
     return found
 
@@ -180,12 +191,9 @@ def numbers(sets: Sets, name: str, on: list[Talus], boulders: int) -> dict[str, 
     """All numbers of sets: means over slopes, and what follows from the matrices."""
     observed = name == "vaujany-observed"
     site = Site(HERE, boulders, trajectories=0)
-    how = (
-        {"methods": "B", "ratio": "between"} if observed else {"methods": "AB", "ratio": "nearest"}
-    )
     rows = []
     for talus in on:
-        results = site.run(sets, seed=talus.seed, talus=talus, reading="radius", threads=1, **how)
+        results = site.run(sets, seed=talus.seed, talus=talus, threads=1, **HOW[name])
         row = over_rebounds(results["B"])
         for method, result in results.items():
             row |= at_lines(method, result, observed)
@@ -199,6 +207,12 @@ def numbers(sets: Sets, name: str, on: list[Talus], boulders: int) -> dict[str, 
         at = sets.mean[k - 1], sets.covariance[k - 1]
         mean[f"rn_90_{k}"] = float(restitution(*at, 90.0)[1].mean())
         mean[f"rn_10_{k}"] = float(restitution(*at, 10.0)[1].mean())
+    if observed:
+        two, five = (
+            np.tan(np.radians(neutral_slope(set_rebound(sets.mean[k], sets.covariance[k]))))
+            for k in (1, 4)
+        )
+        mean["scree_k"] = float(two - five) / (1 / 2 - 1 / 5)
     return mean
 
 
@@ -317,6 +331,24 @@ def judged(point: np.ndarray, name: str, pool: ProcessPoolExecutor) -> pd.DataFr
     )
 
 
+def ranges(sets: Sets, name: str) -> dict[str, tuple[float, float]]:
+    """Incident speeds [m/s] and angles [degree] of the rebounds on the judged slopes."""
+    site = Site(HERE, RANGED_BOULDERS, trajectories=RANGED_BOULDERS)
+    speeds, angles = [], 0.0
+    for talus in slopes(JUDGED_SEED, JUDGED_SLOPES):
+        how = HOW[name] | {"seed": talus.seed, "talus": talus, "threads": 1, "methods": "B"}
+        result = site.run(sets, **how)["B"]
+        motion = motion_of(result)
+        speeds.append(motion.take(motion.gravity > 0).at(1.0)[1])
+        ends, below = cumulative(result, "incidence_angle")
+        angles = angles + np.interp(OUTER, below, ends) / JUDGED_SLOPES
+    low, high = np.quantile(np.concatenate(speeds), OUTER)
+    return {
+        "speed_range": (round(float(low), 2), round(float(high), 1)),
+        "angle_range": (round(float(angles[0]), 1), round(float(angles[1]), 1)),
+    }
+
+
 def infer(name: str, iterations: int, members: int, pool: ProcessPoolExecutor) -> Inference:
     searches = []
     for start, seed in (START[name], 1), (START[name] + ELSEWHERE, 501):
@@ -332,13 +364,15 @@ def infer(name: str, iterations: int, members: int, pool: ProcessPoolExecutor) -
         drawn = np.concatenate((drawn, second.members(members // 4)))
     drawn[:, 0] += SHIFT * first.generator.standard_normal(members)
     return Inference(
-        name, first.best, first.score, second.score, drawn, judged(first.best, name, pool)
-    )
+        name, first.best, first.score, second.score, drawn, judged(first.best, name, pool),
+        ranges(Form(first.best).sets(name), name),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Inference:
-    """Optimum and its score, score of the second one, members (n, 26), judgement by slopes."""
+    """Optimum and its score, score of the second one, members (n, 26), judgement by slopes, and
+    keys of the ranges of speed and angle."""
 
     name: str
     best: np.ndarray
@@ -346,6 +380,7 @@ class Inference:
     second: float
     members: np.ndarray
     slopes: pd.DataFrame
+    ranges: dict[str, tuple[float, float]]
 
     def header(self) -> list[str]:
         """The comments of a set file: what was fitted, how well, and what was judged."""
@@ -372,12 +407,13 @@ class Inference:
         return lines
 
 
-def as_file(point: np.ndarray, name: str) -> dict[int, ImpactSet]:
-    sets = Form(point).sets(name)
+def as_file(point: np.ndarray, found: Inference) -> dict[int, ImpactSet]:
+    sets = Form(point).sets(found.name)
     nothing = np.zeros(9), np.zeros((9, 9)), 0, 0.0
     pairs = zip(sets.mean, sets.covariance, strict=True)
     return {
-        k: ImpactSet(mean, covariance, *nothing) for k, (mean, covariance) in enumerate(pairs, 1)
+        k: ImpactSet(mean, covariance, *nothing, **found.ranges)
+        for k, (mean, covariance) in enumerate(pairs, 1)
     }
 
 
@@ -391,8 +427,8 @@ def main() -> None:
     with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
         found = infer(given.name, given.iterations, given.members, pool)
     header = found.header()
-    write_sets(given.output / f"{given.name}.nml", as_file(found.best, given.name), header)
-    first, *more = (as_file(point, given.name) for point in found.members)
+    write_sets(given.output / f"{given.name}.nml", as_file(found.best, found), header)
+    first, *more = (as_file(point, found) for point in found.members)
     head = [
         f"{given.members} members of {given.name}, equally likely: what the fit leaves open.",
         *header[:3],

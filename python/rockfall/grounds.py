@@ -168,9 +168,8 @@ class GroundTable:
 
 def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
     """File of the random operator with a name, shipped or next to the case, and whether it is a
-    table of impacts; a name of a table and of shipped impact sets is of the form of the case."""
-    table = find_table(case, name)
-    if table and (case.impact["form"] == "table" or name not in shipped_sets()):
+    table of impacts."""
+    if table := find_table(case, name):
         return table, True
     return find_set(case, name), False
 

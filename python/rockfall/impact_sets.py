@@ -11,6 +11,11 @@ from pathlib import Path
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 
+RENAMED = {
+    "rocky-slope": "laboratory-spheres",
+    "rocky-slope-ensemble": "laboratory-spheres-ensemble",
+}
+
 
 @cache
 def shipped_sets() -> dict[str, Path]:
@@ -31,6 +36,8 @@ def set_path(case: Case, name: str | None = None, group: str = "impact") -> Path
     name = name or case.impact["sets"]
     if path := find_set(case, name):
         return path
+    if name in RENAMED:
+        raise RockfallError(f"{case.name}: &{group} sets = '{name}': is now '{RENAMED[name]}'")
     names = ", ".join(shipped_sets())
     raise RockfallError(
         f"{case.name}: &{group} sets = '{name}': no such file; shipped sets: {names}; tables of "

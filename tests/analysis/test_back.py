@@ -182,7 +182,7 @@ def test_too_few_members_leave_it_undecided_and_the_edge_is_said(found):
 CASE = """&case title = 'Slope', boulders = 60, seed = 7, threads = 1 /
 &terrain dem = 'dem.tif' /
 &surface uniform_mean_radius = 0.25 /
-&impact sets = 'rocky-slope' /
+&impact sets = 'laboratory-spheres' /
 &boulder volume = 'fixed', volume_mean = 0.8, density = 2800.0 /
 &release x = 600060.0, y = 4999980.0, drop_height = 2.0 /
 &line name = 'L', x = 600000.0, 600120.0, y = 4999960.0, 4999960.0 /

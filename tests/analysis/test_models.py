@@ -188,7 +188,8 @@ def test_a_case_with_a_ground_comes_first_as_it_is(case):
 
 def test_a_case_by_a_table_is_run_by_it_and_by_impact_sets(case):
     case = case.replace(case={"boulders": 5})
-    found = run_models(case.replace(impact={"table": "meadow"}))
+    by_table = {"impact": {"table": "meadow"}, "boulder": {"block_shape": "platy"}}
+    found = run_models(case.replace(**by_table))
     sets = ("impact sets, method B", "impact sets, method A")
     assert found.names == ("table meadow", *sets, *CLASSICAL)
     own = run_models(case)

@@ -42,7 +42,8 @@ def scene(folder, surface=None, arrays=None, **groups):
 
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 2.4, 2.6, 4.0, 5.2, 30.0])
 def test_the_nearest_set_has_its_neutral_slope(tmp_path, ratio):
-    found = NeutralSlopes(scene(tmp_path)).of(RADIUS, np.array([RADIUS / ratio]))
+    nearest = scene(tmp_path, impact={"ratio": "nearest"})
+    found = NeutralSlopes(nearest).of(RADIUS, np.array([RADIUS / ratio]))
     want = NEUTRAL[int(np.clip(np.floor(ratio + 0.5), 1, 5)) - 1]
     assert found == pytest.approx(want, abs=0.06)  # bisection
 
@@ -60,7 +61,7 @@ def test_between_two_sets_their_logarithms_balance(tmp_path, ratio):
 
 def test_method_a_balances_its_three_sizes(tmp_path):
     surface = {"uniform_rg": [0.6, 0.3, 0.2], "method": "A", "rg_reading": "radius"}
-    here = scene(tmp_path, surface)
+    here = scene(tmp_path, surface, impact={"ratio": "nearest"})
     (rocks,) = rocks_of(here)
     assert rocks.radii.tolist() == [0.6, 0.3, 0.2] and rocks.name == ""
     found = NeutralSlopes(here)  # ratios 0.96, 1.92, 2.88
@@ -81,6 +82,7 @@ def zoned(tmp_path):
     surface = {"zones": "given", "table": "zones.csv"}
 
     def make(**groups):
+        groups = {"impact": {"ratio": "nearest"}} | groups
         return scene(tmp_path, surface, {"zones": zones}, **groups)
 
     return make

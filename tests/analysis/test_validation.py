@@ -262,6 +262,17 @@ def test_a_note_says_where_every_law_has_the_same_ground(case, made):
     assert np.array_equal(one, other)
 
 
+def test_tables_take_the_place_of_sets_whatever_keys_these_have(case, made):
+    seen = read_observed(made[0] / "stops.csv")
+    zones = with_zones(case, "4,0.2,\n-2,0.2,\n77,0.2,\n")
+    keyed = zones.replace(impact={"ratio": "nearest", "turning": "to_aspect"})
+    one, other = (
+        validate(each, seen, tables=["talus"], seeds=2).table.query("law == 'table talus'")
+        for each in (keyed, zones)
+    )
+    assert len(one) and np.array_equal(one.simulated, other.simulated)
+
+
 def test_laws_that_hold_nowhere_are_refused(case, made):
     seen = read_observed(made[0] / "stops.csv")
     absorbed = with_zones(case, "4,,soil_0\n-2,,soil_0\n77,,soil_0\n")

@@ -315,7 +315,7 @@ def test_blocks_and_marks_are_read_from_tables_and_layers(tmp_path, monkeypatch)
 CASE = """&case title = 'Slope', boulders = 30, seed = 7, threads = 1 /
 &terrain dem = 'dem.tif' /
 &surface uniform_mean_radius = 0.25 /
-&impact sets = 'rocky-slope' /
+&impact sets = 'laboratory-spheres' /
 &boulder volume = 'fixed', volume_mean = 0.8, density = 2800.0 /
 &release x = 600100.0, 600200.0, y = 4999980.0, 4999980.0, drop_height = 2.0 /
 &ensemble runs = 8, radius_factor = 1.5 /
@@ -400,7 +400,10 @@ def test_marks_of_a_case_with_lines_and_barriers_have_lines_of_their_own(tmp_pat
 
 def case(folder, boulders, seed, **groups):
     run = {"boulders": boulders, "threads": 1, "seed": seed}
-    usual = {"boulder": {"volume": "normal", "volume_std": 0.2}, "impact": {"sets": "rocky-slope"}}
+    usual = {
+        "boulder": {"volume": "normal", "volume_std": 0.2},
+        "impact": {"sets": "laboratory-spheres", "ratio": "nearest"},
+    }
     groups = usual | groups
     return make_case(folder, *sets(), terrain={}, release=RELEASE, case=run, **groups)
 

@@ -47,7 +47,7 @@ def case_of(folder, **changes):
         "case": {"title": "It's a slope, 'rough'", "boulders": 30, "seed": 2**62 + 1},
         "terrain": {"dem": "dem.tif"},
         "surface": {"uniform_mean_radius": 0.1 + 0.2},
-        "impact": {"sets": "rocky-slope"},
+        "impact": {"sets": "laboratory-spheres"},
         "boulder": {"volume": "lognormal", "volume_mean": 0.1, "volume_std": 1 / 3},
         "release": {
             "x": [WEST + 5.3, WEST + 20.7],
@@ -95,7 +95,7 @@ def make_case(folder, dtype, changes):
         shapely = pytest.importorskip("shapely")
         box = shapely.box(WEST + 6.1, NORTH - 7, WEST + 8.3, NORTH - 5.5)
         make_layer(folder / "sources.gpkg", [box])
-    sets = Path(rockfall.__file__).parent / "data" / "impact_sets" / "rocky-slope.nml"
+    sets = Path(rockfall.__file__).parent / "data" / "impact_sets" / "laboratory-spheres.nml"
     (folder / "case.nml").write_bytes(sets.read_bytes())  # a name that the prepared case needs
     return case_of(folder, **changes)
 

@@ -136,7 +136,7 @@ HOSTILE = {
         r"sets.nml: .*covariance \(value 1\) = NaN: must be a finite real number.*"),
     "ratio missing": (without_set(3), r"sets.nml: no &impact_set for ratio 3; .* ratios 1 to 5"),
     "sets missing": (remove("sets.nml"),
-        r"case.nml: &impact sets = 'sets.nml': no such file; shipped sets: .*rocky-slope.*"),
+        r"case.nml: &impact sets = 'sets.nml': no such file; shipped sets: .*vaujany-observed.*"),
     "no boulders": (change("boulders = 20", "boulders = 0"),
         r"case.nml: &case boulders = 0: must be 1 to 1e15"),
     "number of boulders missing": (change("boulders = 20, ", ""),

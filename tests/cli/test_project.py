@@ -113,7 +113,7 @@ def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, blank_figures, roc
     row = rockfall.line_statistics(result).query("line == 'L 214' and quantity == 'speed'").iloc[0]
     fraction, low, high = (row[name] for name in ("fraction", "fraction_low", "fraction_high"))
     assert 0.02 < fraction < 0.98
-    half = 50 * (high - low)
+    half = 100 * max(high - fraction, fraction - low)
     assert re.search(rf"L 214 +{row['n']:,.0f} +{100 * fraction:.1f} \+- {half:.1f} %", summary)
     assert f"{100 * fraction:#.4g} % ({100 * low:#.4g} to {100 * high:#.4g} %)" in lines
     page = Path("case.html").read_text()

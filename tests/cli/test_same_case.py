@@ -42,7 +42,7 @@ OTHERS = {  # what changes from the result to the hazard or the models, and what
     "seed, boulders, lines' outputs": ("seed = 7", "seed = 8", None),
     "stop speed": ("&impact", "&impact stop_speed = 0.3,", "&impact stop_speed differs"),
     "drop height": ("drop_height = 2.0", "drop_height = 3.0", "&release drop_height differs"),
-    "sets": ("sets = 'sets.nml'", "sets = 'rocky-slope'", "other impact sets"),
+    "sets": ("sets = 'sets.nml'", "sets = 'laboratory-spheres'", "other impact sets"),
     "place": ("x = 600060.0", "x = 600050.0", "&release x differs"),
     "trees": ("&output", "&forest uniform_stems = 9.0, uniform_dbh_mean = 30.0, uniform_dbh_std ="
               " 1.0, uniform_conifers = 9.0 /\n&output", "other trees"),

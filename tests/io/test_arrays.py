@@ -31,7 +31,7 @@ def case(tmp_path):
     return rockfall.Case(
         case={"boulders": 3},
         surface={"zones": "zones.tif", "table": "zones.csv"},
-        impact={"sets": "rocky-slope"},
+        impact={"sets": "laboratory-spheres"},
         boulder={"volume_mean": 1.0},
         release={"cells": "cells.tif", "drop_height": 3.0},
         folder=tmp_path,

@@ -196,7 +196,7 @@ def test_the_numbers_of_the_site_are_those_of_its_runs(site, tmp_path):
     assert numbers["a_slower"] == pytest.approx(slower) != 0
     assert sum(numbers[f"used_{k}"] for k in range(1, 6)) == pytest.approx(1)
     assert site.numbers(one, seed=2)["B_EL1_speed"] != numbers["B_EL1_speed"]
-    other = site.numbers(one, talus=Talus(3), reading="radius", turning="to_aspect")
+    other = site.numbers(one, talus=Talus(3), reading="diameter", turning="to_aspect")
     assert other["A_EL1_speed"] != numbers["A_EL1_speed"]
     assert site.numbers(one, talus=Talus()) == numbers  # the terrain of the case
 

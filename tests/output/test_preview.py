@@ -36,7 +36,7 @@ def test_the_cells_that_all_boulders_reach(tmp_path, monkeypatch, sources, each,
     assert pilot.tally.done == few
     reached = int((run_scene(scene)["passages"] > 0).sum())
     early = np.count_nonzero(pilot.tally.array("tally_counts")[0])
-    assert early < 0.8 * reached  # there is something to foresee
+    assert early < 0.85 * reached  # there is something to foresee
     assert pilot.cells == pytest.approx(reached, rel=0.25)
 
 

@@ -25,7 +25,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*no part of it lies over the te
 
 def everything(folder, ground=""):
     """Zones, trees, and two nets one below the other, on one of the grounds."""
-    case = make_full_case(folder, forest=STAND, output={"energy_balance": True})
+    case = make_full_case(
+        folder, forest=STAND, output={"energy_balance": True}, impact={"ratio": "nearest"}
+    )
     (folder / "zones.csv").write_text(ZONES.format(ground=ground))
     x, north = case.line[0]["x"], case.line[0]["y"][0] + 130.0
     nets = [

@@ -37,7 +37,7 @@ def case(tmp_path_factory):
     return make_case(
         folder, *sets(), line=[ROAD],
         case={"boulders": 600}, release={"x": [150.0, 80.0], "y": [380.0, 375.0]},
-        surface={"uniform_mean_radius": 0.3},
+        surface={"uniform_mean_radius": 0.3}, impact={"ratio": "nearest"},
         output={
             "energy_balance": True,
             "maps": ["passages", "deposits", "energy_max"],

@@ -87,6 +87,7 @@ def test_vaujany_cases_differ_by_the_method_only():
     a, b = (f90nml.read(VAUJANY / name).todict() for name in ("case_A.nml", "case.nml"))
     assert (a["surface"].pop("method"), b["surface"].pop("method")) == ("A", "B")
     assert a["case"].pop("title") != b["case"].pop("title")
+    assert a["surface"].pop("rg_reading") == "radius"  # of which method B has none
     assert a == b
 
 
@@ -177,7 +178,7 @@ def test_settlement_is_what_its_readme_says(tmp_path):
     assert study.scenarios[2].frequency == 1 / 40
     assert len(study.objects) == 10 and {*np.unique(zones)} == {1, 2, 3, 4, 5}
     found = run_study(study)
-    assert found.object_frequency.values[study.objects.names.index("road")] > 0.1
+    assert found.object_frequency.values[study.objects.names.index("road")] > 0.01
     assert {*np.unique(found.hazard_class.values)} >= {0, 1, 3, 4}
 
 

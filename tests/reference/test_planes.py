@@ -41,6 +41,7 @@ def test_the_page_has_every_number_of_every_set_and_table_but_ensembles(tmp_path
     (tmp_path / "many.nml").write_text(path.read_text() + groups)
     shipped = {name: path, "many": tmp_path / "many.nml"}
     monkeypatch.setattr(planes, "shipped_sets", lambda: shipped)
+    monkeypatch.setattr(planes, "FULL", (name,))
     monkeypatch.setattr(planes, "table_names", lambda: ["talus"])
     monkeypatch.setattr(planes, "SLOPES", (34, 44))
     monkeypatch.setattr(planes, "SEEDS", (1, 2))

@@ -147,7 +147,7 @@ def test_obstacles_of_method_a_single_precision_nodata_and_a_river(tmp_path, rea
     z = scenes.rough(dtype="f4")
     z[50:53, 20:24] = np.nan
     random = np.random.default_rng(3)
-    rocks = random.uniform(0.2, 2.0, (3, *z.shape)).astype("f4")
+    rocks = random.uniform(0.1, 2.0, (3, *z.shape)).astype("f4")
     rocks[:, 60:62] = np.inf
     names = ("rg70", "rg20", "rg10")
     surface = {name: "given" for name in names} | {"method": "A", "rg_reading": reading}

@@ -49,7 +49,8 @@ def plane(tmp_path_factory):
             lines.append({"name": f"{distance:.0f}", "x": ends[:, 0], "y": ends[:, 1]})
         case = scenes.make_case(
             tmp_path_factory.mktemp(rule), np.tile(mean, (5, 1)), np.tile(covariance, (5, 1, 1)),
-            line=lines, case={"boulders": boulders}, impact={"turning": rule, "rest_angle": 90.0},
+            line=lines, case={"boulders": boulders},
+            impact={"turning": rule, "rest_angle": 90.0, "ratio": "nearest"},
             release={"x": [START[0]], "y": [START[1]], "drop_height": DROP},
             output={"trajectories": trajectories},
         )  # fmt: skip

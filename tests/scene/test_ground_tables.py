@@ -138,7 +138,7 @@ def test_rocks_of_no_size_are_for_grounds_that_need_none(tmp_path):
     z = rough()
     case = case_with(tmp_path, uniform_mean_radius=0.0, ground="road")
     assert read(case).rasters.sizes.tolist() == [[0.0]]
-    for ground, name in (("rocky-slope", "rocky-slope"), (None, "sets.nml")):
+    for ground, name in (("laboratory-spheres", "laboratory-spheres"), (None, "sets.nml")):
         with pytest.raises(rockfall.RockfallError, match=f"ground '{name}' needs mean_radius > 0"):
             rockfall.run(case.replace(surface={"ground": ground}), dem=z, transform=grid(z))
 
@@ -186,9 +186,9 @@ def test_ground_that_needs_no_rocks_needs_no_sizes(tmp_path):
 def test_a_ground_of_impact_sets_is_the_case_with_these_sets(tmp_path):
     """The same bits, and the same counts of what lay beyond their fit."""
     z = rough()
-    case = case_with(tmp_path, uniform_mean_radius=0.2, ground="rocky-slope")
+    case = case_with(tmp_path, uniform_mean_radius=0.2, ground="laboratory-spheres")
     one = rockfall.run(case, dem=z, transform=grid(z))
-    case = case.replace(surface={"ground": None}, impact={"sets": "rocky-slope"})
+    case = case.replace(surface={"ground": None}, impact={"sets": "laboratory-spheres"})
     other = rockfall.run(case, dem=z, transform=grid(z))
     for name in set(other.variables) - {"boulder"}:
         assert np.array_equal(one[name], other[name], equal_nan=one[name].dtype.kind == "f"), name
@@ -249,7 +249,7 @@ def test_names_that_nothing_has(tmp_path):
     known = f"grounds: {', '.join(SHIPPED.rows)}; tables of impacts: {', '.join(table_names())}; "
     said = (
         "'mud': no ground of grounds.csv, and no file of a table of impacts or of impact sets; "
-        f"{known}impact sets: rocky-slope"
+        f"{known}impact sets: bourrier2009-ensemble"
     )
     with pytest.raises(RockfallError) as caught:
         read(case_with(tmp_path, ground="mud"))

@@ -52,7 +52,7 @@ class Site:
             "case": {"boulders": 2},
             "terrain": {"dem": "dem.tif"},
             "surface": {"zones": "zones.tif", "table": "zones.csv"},
-            "impact": {"sets": "rocky-slope"},
+            "impact": {},
             "boulder": {"volume_mean": 0.8},
             "release": {**POINT, "drop_height": 2.0},
             "flight": {},
@@ -389,7 +389,7 @@ MISTAKES = {
     "thresholds in MJ": (hazard(thresholds=[0.03, 0.3]),
         "&hazard thresholds: the highest threshold is 0.3 kJ, .* was it meant in MJ?"),
     "coarse dam": (dam(height=30.0, slope=60.0),
-        "&dam 1, height = 30, slope = 60: its face is 1. m wide, 2.. cells of 5 m: on fewer than"),
+        "&dam 1, height = 30, slope = 60: its face is 1. m wide, 2.. cells of 5 m, fewer than"),
     "high dam": (dam(height=99.0, slope=60.0), "dams against rockfall are up to 30 m high: was i"),
     "dam by a ratio": (dam(height=25.0, slope=5.5), "a face of 5.5 degrees is a ramp: was it mea"),
     "thresholds in J": (hazard(thresholds=[30.0, 30_000.0]),
@@ -630,7 +630,7 @@ def test_fine_cells_that_hold_noise_or_rocks_are_named(site, cell, noise, slope,
     said = lines(site)
     assert len(said) == (angle is not None)
     for text in said:
-        assert f"turns by {angle} degrees" in text and f"--smooth {2 * cell:g}" in text
+        assert f"turn by {angle} degrees" in text and f"--smooth {2 * cell:g}" in text
 
 
 def test_a_saddle_of_integers_has_no_steps(site):

@@ -34,7 +34,7 @@ def case_in(folder, rasters, south_up, **surface):
         case={"boulders": 1},
         terrain={"dem": "dem.tif"},
         surface=surface,
-        impact={"sets": "rocky-slope"},
+        impact={"sets": "laboratory-spheres"},
         boulder={"volume_mean": 1.0},
         release={"cells": "cells.tif"},
         folder=folder,

@@ -341,7 +341,7 @@ def test_mixes_that_cannot_be_are_refused(tmp_path, keys, key, message):
 
 def test_a_mix_on_grounds_without_a_table_is_refused(tmp_path):
     (tmp_path / "zones.csv").write_text("zone,ground\n1,soft-soil\n2,\n")
-    case = mixed_case(tmp_path).replace(impact={"sets": "rocky-slope"})
+    case = mixed_case(tmp_path).replace(impact={"sets": "laboratory-spheres"})
     (tmp_path / "zones.csv").write_text("zone,mean_radius,ground\n" + "".join(
         f"{k},0.3,\n" for k in (1, 2, 3, 4)))  # fmt: skip
     with refused("case: &boulder block_shape = 'compact', 'elongated', 'platy': is only valid with "

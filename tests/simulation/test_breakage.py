@@ -37,6 +37,7 @@ def case(folder, boulders=60, scatter=2.0, obstacles=True, **groups):
     usual = {
         "case": {"boulders": boulders},
         "surface": {"uniform_mean_radius": 0.3},
+        "impact": {"ratio": "nearest"},
         "boulder": {"volume": "lognormal", "volume_mean": 1.5, "volume_std": 1.0},
         "release": {"x": [152.25, 140.0], "y": [385.125, 380.0], "drop_height": 3.0},
         "output": {"maps": MAPS, "rebounds": True, "energy_balance": True, "trajectories": 20},

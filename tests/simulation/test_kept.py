@@ -43,7 +43,7 @@ def case(tmp_path_factory):
     release = {"x": x, "y": np.full(SOURCES, 380.0), "drop_height": 5.0}
     output = {"maps": ["passages"], "trajectories": 3}
     return case_in(tmp_path_factory.mktemp("kept"), case={"boulders": 50}, release=release,
-                   output=output)  # fmt: skip
+                   impact={"ratio": "nearest"}, output=output)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -70,7 +70,7 @@ def test_a_change_brings_its_form():
     assert case_of({"form": "table"}).replace(impact={"form": None}) == case_of({})
     for case in table, matrix:
         with pytest.raises(RockfallError, match="give one of the two"):
-            case.replace(impact={"sets": "rocky-slope", "table": "talus"})
+            case.replace(impact={"sets": "laboratory-spheres", "table": "talus"})
     for case in table, matrix:
         assert case.replace(impact={"stop_speed": 1.0}).impact["form"] == case.impact["form"]
 
@@ -100,10 +100,12 @@ def uncertain(folder, surface, *names, **impact):
     return Uncertain(read_scene(case, dem=rough(), transform=grid(rough())))
 
 
-def test_a_name_of_both_is_of_the_form(tmp_path):
-    ground = {"ground": "rocky-slope"}
-    assert models(tmp_path, ground) == ["impact_sets"]
-    assert models(tmp_path, ground, form="table") == ["ratio_table"]
+@pytest.mark.parametrize("form", ["matrix", "table"])
+@pytest.mark.parametrize(
+    ("name", "model"), [("rocky-slope", "ratio_table"), ("laboratory-spheres", "impact_sets")]
+)
+def test_a_ground_has_a_model_whatever_form_the_case_has(tmp_path, form, name, model):
+    assert models(tmp_path, {"ground": name}, form=form) == [model]
 
 
 def test_rows_of_ones_own_table_come_first(tmp_path):
@@ -160,10 +162,12 @@ def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
 
 def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):
     """They would be alternatives, and not drawn together."""
-    says = "is a table of impacts, and rocky-slope is none: it can stand in for a table alone"
-    for others in ([], ["rocky-slope"]):
+    says = (
+        "is a table of impacts, and laboratory-spheres is none: it can stand in for a table alone"
+    )
+    for others in ([], ["laboratory-spheres"]):
         with refused(f"case: &ensemble sets = 'talus': {says}"):
-            uncertain(tmp_path, {}, *others, "talus", sets="rocky-slope")
+            uncertain(tmp_path, {}, *others, "talus", sets="laboratory-spheres")
 
 
 def test_a_name_that_has_no_effect_is_warned_of(tmp_path):

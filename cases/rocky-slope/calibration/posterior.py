@@ -94,7 +94,10 @@ def slopes(u: np.ndarray) -> list[Talus]:
 def numbers(sets: Sets, u: np.ndarray) -> dict[str, float]:
     """Numbers of the site in the mean over its slopes, and the log growth of a bounce that each
     ratio has before the one below it."""
-    each = [site().numbers(sets, seed=one.seed, talus=one, threads=1) for one in slopes(u)]
+    each = [
+        site().numbers(sets, seed=one.seed, talus=one, threads=1, reading="diameter")
+        for one in slopes(u)
+    ]
     found = {name: float(np.mean([one[name] for one in each])) for name in each[0]}
     grown = [
         growth(set_rebound(*one), SLOPE, 200).mean
@@ -138,7 +141,8 @@ def over_prior(u: np.ndarray) -> dict[str, float]:
     for one in slopes(u)[:1]:
         told = {"seed": one.seed, "talus": one, "threads": 1}
         radius |= at_lines("A", site().run(sets, reading="radius", methods="A", **told)["A"])
-        for method, result in site().run(sets, turning="to_aspect", **told).items():
+        turned = site().run(sets, reading="diameter", turning="to_aspect", **told)
+        for method, result in turned.items():
             aspect |= at_lines(method, result)
     return {
         **dict(zip(NAMES, u, strict=True)), **found,

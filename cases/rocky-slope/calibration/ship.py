@@ -3,10 +3,10 @@
 
     python ship.py IMPACTS.nc
 
-`rocky-slope` is the case ../lab.nml, whose parameters are near the centre of the posterior, by that
-state of the boulder of which its sets are likeliest. `rocky-slope-ensemble` has a draw for each row
-of posterior.csv but the first, the centre: the emulator's sets there. Lateral deviations and fitted
-ranges are those of `rocky-slope` in all.
+`laboratory-spheres` is the case ../lab.nml, whose parameters are near the centre of the posterior,
+by that state of the boulder of which its sets are likeliest. `laboratory-spheres-ensemble` has a
+draw for each row of posterior.csv but the first, the centre: the emulator's sets there. Lateral
+deviations and fitted ranges are those of `laboratory-spheres` in all.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def ship(path: Path) -> None:
     data = open_impacts(path)
     state = likeliest_state(data)
     sets = fit_impacts(data, state)
-    write_sets(SHIPPED / "rocky-slope.nml", sets, provenance(data, state))
+    write_sets(SHIPPED / "laboratory-spheres.nml", sets, provenance(data, state))
     rows, table = pd.read_csv(HERE / "posterior.csv"), xr.load_dataset(HERE / "design.nc")
     emulators = {name: Emulator(table, name) for name in STATES}
     draws = []
@@ -72,7 +72,7 @@ def ship(path: Path) -> None:
         "",
         f"Made by rockfall {rockfall.__version__}: cases/rocky-slope/calibration.",
     ]
-    write_sets(SHIPPED / "rocky-slope-ensemble.nml", draws[0], about, *draws[1:])
+    write_sets(SHIPPED / "laboratory-spheres-ensemble.nml", draws[0], about, *draws[1:])
 
 
 if __name__ == "__main__":

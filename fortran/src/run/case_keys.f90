@@ -98,10 +98,11 @@ module rockfall_case_keys
             in_scene), &
       key_t("impact", "table", "text", 1, "'talus'", "", "", &
             "of impacts, shipped or a file .nc: where nothing else is said", in_scene, "impact_table"), &
-      key_t("impact", "sets", "text", 1, "'rocky-slope'", "", "", "shipped impact set, or a file", in_scene, "sets"), &
+      key_t("impact", "sets", "text", 1, "'vaujany-observed'", "", "", &
+            "shipped impact set, or a file", in_scene, "sets"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
             "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
-      key_t("impact", "ratio", "text", 1, "'nearest'", "nearest, between", "", &
+      key_t("impact", "ratio", "text", 1, "'between'", "nearest, between", "", &
             "which set serves R_b/R_m: the nearest, or either of the two beside it, the nearer more often"), &
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", &
             "slower after a rebound: rests, or rolls on where the ground is steeper than rest_angle"), &

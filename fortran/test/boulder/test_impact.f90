@@ -115,7 +115,7 @@ contains
       real(wp) :: faint(9, 9)
       integer :: k, i
 
-      call read_sets(text_of(), "rocky-slope.nml", past_aspect, 0, shipped, error)
+      call read_sets(text_of(), "laboratory-spheres.nml", past_aspect, 0, shipped, error)
       call check("the sets are read", .not. allocated(error))
       do k = 1, impact_ratios
          call compare_all(shipped%mean(:, k), shipped%covariance(:, :, k), v_in)

@@ -54,7 +54,15 @@ MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no desig
 #: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
 #: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
 SPEED_PER_DEGREE = 0.8
-OBSERVED = "vaujany-observed"  # shipped set fitted to observed boulders
+#: What is said of shipped sets, by how their names begin, and whether it is a warning of runs.
+#: Hazard, designs and variants, on which decisions rest, warn of it in any case.
+EVIDENCE = {
+    "laboratory-spheres": ("model.spheres_set", True),
+    "vaujany-observed": ("model.observed_set", False),
+    "bourrier2009": ("model.paper_set", False),
+}
+#: Sets fitted to slopes where half of the rebounds have R_b/R_m above 5.5, served by the set of 5.
+FITTED_BEYOND = "vaujany-observed", "bourrier2009"
 OUTSIDE = {  # messages, by the count of a result
     "range": "model.outside_range",
     "speed": "model.outside_speed",
@@ -74,6 +82,7 @@ class Remark(NamedTuple):
     text: Text
     is_warning: bool
     is_counted: bool = True  # of the boulders of the run
+    is_of_law: bool = False  # what the law of rebounds is good for
 
 
 def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -91,13 +100,14 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         yield Remark(say("model.no_legs"), True, is_counted=False)
     yield from (
         Remark(extrapolation.text, extrapolation.is_warning)
-        for extrapolation in extrapolations(values)
+        for extrapolation in extrapolations(values, case.impact["sets"])
     )
 
 
 def model_warnings(values: Variables, case: Case) -> list[Text]:
-    """Remarks on the model that are warnings."""
-    return [remark.text for remark in model_remarks(values, case) if remark.is_warning]
+    """Remarks on the model that are warnings where decisions rest on a result."""
+    remarks = model_remarks(values, case)
+    return [remark.text for remark in remarks if remark.is_warning or remark.is_of_law]
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -145,16 +155,17 @@ def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
 def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on the field validation of the shipped impact sets (docs/validation); none without
     rebounds by them."""
-    names = sorted(set(sets_followed(values, case.impact["sets"])) & set(shipped_sets()))
+    names = set(sets_followed(values, case.impact["sets"])) & set(shipped_sets())
     total = _total(values, "rebounds")
-    if not (names and total):
+    if not total:
         return
-    observed = {name for name in names if name.startswith(OBSERVED)}
-    for key, own in ("sets", {*names} - observed), ("observed_set", observed):
+    for start, (key, is_warning) in EVIDENCE.items():
+        own = {name for name in names if name.startswith(start)}
         grounds = [ground for ground in rebounds_by_ground(values) if ground.name in own]
-        if own and (grounds or len(own) == len(names)):
+        if own and (grounds or own == names):
             part = _part_of_all(grounds, values) if grounds else part_of_rebounds(total, total)
-            yield Remark(say(f"model.{key}", followed=part, names=", ".join(sorted(own))), True)
+            text = say(key, followed=part, names=", ".join(sorted(own)))
+            yield Remark(text, is_warning, is_of_law=True)
 
 
 def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -399,8 +410,8 @@ def fractions_outside(values: Variables) -> dict[str, float]:
     return {what: _total(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
 
 
-def extrapolations(values: Variables) -> Iterator[Extrapolation]:
-    """Extrapolations in the variables of a result, or of boulders by name.
+def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolation]:
+    """Extrapolations in the variables of a result, or of boulders by name, for the sets of a case.
 
     Counts may be sums, or of each boulder.
     """
@@ -408,8 +419,11 @@ def extrapolations(values: Variables) -> Iterator[Extrapolation]:
     for what, fraction in fractions_outside(values).items():
         if fraction:
             part = part_of_rebounds(round(fraction * rebounds), rebounds)
-            key, numbers = _outside_ratios(values) if what == "range" else (OUTSIDE[what], {})
-            is_warning = fraction > MAX_OUTSIDE
+            key = OUTSIDE[what]
+            numbers: dict[str, Any] = {}
+            if what == "range":
+                key, numbers = _outside_ratios(values, case_set)
+            is_warning = fraction > MAX_OUTSIDE and key != "model.outside_fitted"
             if what == "speed" and table_grounds(values):
                 key = _outside_speeds(values)
                 # one fast hit, as after a fall, decides what a boulder does
@@ -423,13 +437,14 @@ def extrapolations(values: Variables) -> Iterator[Extrapolation]:
         yield Extrapolation(fast / is_fast.size, text, True)
 
 
-def _outside_ratios(values: Variables) -> tuple[str, dict[str, Any]]:
+def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, Any]]:
     """Message on rebounds outside the ratios of the impact sets or tables that made them, and its
     values: the ratios of a shipped table."""
     followed = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
     tables = [ground.name for ground in followed if ground.model == RATIO_TABLE]
     if not tables:
-        return OUTSIDE["range"], {}
+        of_fit = all(name in FITTED_BEYOND for name in sets_followed(values, case_set))
+        return "model.outside_fitted" if of_fit else OUTSIDE["range"], {}
     if any(ground.model == IMPACT_SETS for ground in followed):
         return "model.outside_both", {}
     if len(tables) > 1 or tables[0] not in shipped_tables():

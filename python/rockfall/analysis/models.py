@@ -20,6 +20,8 @@ from rockfall.case_zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.grounds import (
     ABSORBS,
+    IMPACT_SETS,
+    TABLES,
     GroundRule,
     GroundTable,
     find_ground,
@@ -202,8 +204,10 @@ def by_tables(
     own = _with_named_apart(own)
     varied, is_named = _varied(own), not _own_share(own)
     follows_table = case.impact["form"] == "table" or "ground" in case.surface
-    has_others = {"zones", "ground_map"} & case.surface.keys()
-    unused: dict[str, Any] = {} if has_others else dict.fromkeys(("ratio", "turning"))
+    kept = _kept_models(own)
+    unused: dict[str, Any] = {} if IMPACT_SETS in kept else {"ratio": None}
+    if kept <= {*TABLES}:
+        unused["turning"] = None
     laws, unsized = {}, _unsized_part(own, varied)
     for name in table_names() if names is None else names:
         by_table = {"form": "table", "table": name}
@@ -244,6 +248,12 @@ def named_notes(own: Scene) -> Iterator[str]:
         yield say("models.all_named", fraction=percent(part))
     elif share < 1:
         yield say("models.named_grounds", fraction=percent(1 - share))
+
+
+def _kept_models(own: Scene) -> set[str]:
+    """Models of the grounds that no variant replaces."""
+    varied = _varied(own)
+    return {ground.model for ground in own.grounds if ground.name not in varied}
 
 
 def _varied(own: Scene) -> set[str]:

@@ -509,7 +509,8 @@ def _add_lab(commands: _Commands) -> None:
         help="of the site's recipe, for means and standard errors; default: 32",
     )  # fmt: skip
     card.add_argument("--turning", default="past_aspect", help="as &impact turning")
-    card.add_argument("--rg-reading", default="diameter", help="as &surface rg_reading")
+    card.add_argument("--rg-reading", default="radius", help="as &surface rg_reading; radius")
+    card.add_argument("--ratio", default="nearest", help="as &impact ratio; nearest")
     remake = verb("remake", "make set files and tables again from their provenance, and compare")
     remake.add_argument("sets", metavar="FILE", nargs="+", help="shipped or files")
     for parser in (pack, impact, remake):

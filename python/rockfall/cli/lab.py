@@ -186,7 +186,9 @@ def scorecard_command(arguments: argparse.Namespace) -> int:
         raise RockfallError(f"--slopes {arguments.slopes}: must be 2 or more")
     sets = [read_sets(name) for name in arguments.sets or shipped_sets()]
     site, wanted = Site(arguments.site), targets(arguments.site)
-    how = {"turning": arguments.turning, "reading": arguments.rg_reading}
+    how = {
+        "turning": arguments.turning, "reading": arguments.rg_reading, "ratio": arguments.ratio,
+    }  # fmt: skip
     with progress_bar(len(sets) * arguments.slopes, not arguments.quiet, "slopes") as advance:
         scores = [score(draws, site, arguments.slopes, advance, **how) for draws in sets]
     print(table(scores, wanted))

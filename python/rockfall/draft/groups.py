@@ -107,11 +107,11 @@ def _case(new: New) -> Group:
 
 
 def _impact() -> Group:
-    nearer = "In place of sets, which err low; meadow, rock ... are also grounds of zones"
+    nearer = "In place of sets; meadow, rock ... are also grounds of zones"
     return Group(
         "impact",
         [
-            _entry("impact", "sets", "rocky-slope", "CHOOSE: of unbound rocks"),
+            _entry("impact", "sets", "vaujany-observed", "CHOOSE: of unbound rocks"),
             _entry("impact", "table", "talus", nearer, on=False),
         ],
     )

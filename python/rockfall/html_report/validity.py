@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 FEW = 100  # boulders at a line, below which its upper quantiles are uncertain
 FEW_IN_CELL = 30  # boulders through a cell, below which its numbers are mostly Monte Carlo error
 SHIPPED = {  # impact sets: docs/impact_sets.md
-    "rocky-slope": "validity.the_rebound_comes_from_simulated_impacts",
+    "laboratory-spheres": "validity.the_rebound_comes_from_simulated_impacts",
+    "bourrier2009": "validity.the_rebound_was_fitted_to_simulations",
     "vaujany-observed": "validity.the_rebound_was_fitted",
 }
 OWN = "validity.the_impact_set_is_the_users"

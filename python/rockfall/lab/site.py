@@ -55,7 +55,7 @@ class Site:
 
     def run(
         self, sets: Sets, *, seed: int = 1,
-        talus: Talus | None = None, reading: str = "diameter", turning: str = "past_aspect",
+        talus: Talus | None = None, reading: str = "radius", turning: str = "past_aspect",
         threads: int = 0, methods: str = "AB", ratio: str = "nearest",
     ) -> dict[str, xr.Dataset]:  # fmt: skip
         """Results by method, on the terrain of the case or on a slope of the same recipe."""

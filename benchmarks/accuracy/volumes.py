@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How many boulders reach a road, by volume: does the result jump where another set serves?
+
+    python -m benchmarks.accuracy.volumes [--boulders 400000] [-o docs/figures]
+
+A slope of 38 degrees, 200 m in plan, then 25; rocks of R_m = 0.2 m; volumes of 0.1 to 4 m3. Draws
+volumes.png, the fraction of each of 40 classes with its 95 % interval, by `ratio = 'nearest'` and
+`'between'`, and prints the largest step between neighbours over its standard error.
+"""
+
+from __future__ import annotations
+
+import argparse
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import rockfall
+from benchmarks.machine import NOTHING, ROOT, machine
+from rockfall.io.grid import Grid
+from rockfall.plots.style import BLUE, VERMILION, new_figure, save, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CELL, COLUMNS, ROWS = 5.0, 40, 80
+SMALLEST, LARGEST, CLASSES = 0.1, 4.0, 40  # volumes [m3]
+ROCKS = 0.2  # R_m [m]
+SETS = "laboratory-spheres", "vaujany-observed"
+COLOURS = {"nearest": VERMILION, "between": BLUE}
+
+
+def slope() -> tuple[np.ndarray, Grid]:
+    along = CELL * np.arange(ROWS)
+    gradient = np.tan(np.radians(np.where(along < 210, 38.0, 25.0)))
+    z = 600 - CELL * np.concatenate(([0.0], np.cumsum(gradient[:-1])))
+    return np.tile(z[:, None], (1, COLUMNS)), Grid(0.0, ROWS * CELL, CELL, COLUMNS, ROWS)
+
+
+def reaching(sets: str, ratio: str, boulders: int) -> tuple[np.ndarray, np.ndarray]:
+    """Fraction of the boulders of each class of volume that reach the road, and its error."""
+    z, grid = slope()
+    case = rockfall.Case(
+        case={"boulders": boulders, "seed": 1},
+        surface={"uniform_mean_radius": ROCKS},
+        impact={"sets": sets, "ratio": ratio},
+        boulder={
+            "volume": "uniform", "volume_min": SMALLEST, "volume_max": LARGEST, "density": 2700.0,
+        },
+        release={"x": COLUMNS * CELL / 2, "y": ROWS * CELL - 10, "drop_height": 2.0},
+        line=[{"name": "road", "x": [0.0, COLUMNS * CELL], "y": [ROWS * CELL - 300] * 2}],
+        output=NOTHING,
+    )  # fmt: skip
+    result = rockfall.run(case, dem=z, transform=grid)
+    part = (result.volume.values - SMALLEST) / (LARGEST - SMALLEST)
+    of_class = np.minimum((CLASSES * part).astype(int), CLASSES - 1)
+    number = np.bincount(of_class, minlength=CLASSES)
+    passed = np.isfinite(result.line_speed.values[0])
+    fraction = np.bincount(of_class, passed, CLASSES) / number
+    return fraction, np.sqrt(fraction * (1 - fraction) / number)
+
+
+@styled
+def draw(found: dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]) -> Figure:
+    edges = np.linspace(SMALLEST, LARGEST, CLASSES + 1)
+    figure = new_figure(7.0, 3.0)
+    for ax, name in zip(figure.subplots(1, len(SETS), sharey=True), SETS, strict=True):
+        for ratio, colour in COLOURS.items():
+            fraction, error = found[name, ratio]
+            middles, half = (edges[1:] + edges[:-1]) / 2, 196 * error
+            ax.errorbar(middles, 100 * fraction, half, color=colour, label=f"'{ratio}'", lw=1)
+        ax.set(title=name, xlabel="volume [m³]", ylim=(0, None))
+        ax.legend()
+    figure.axes[0].set_ylabel("boulders that reach the road [%]")
+    return figure
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--boulders", type=int, default=400_000)
+    parser.add_argument("-o", "--folder", type=Path, default=ROOT / "docs" / "figures")
+    given = parser.parse_args()
+    print(machine())
+    found = {}
+    for name, ratio in product(SETS, COLOURS):
+        found[name, ratio] = fraction, error = reaching(name, ratio, given.boulders)
+        step = np.diff(fraction) / np.hypot(error[1:], error[:-1])
+        print(f"{name}, {ratio}: largest step {np.abs(step).max():.1f} standard errors")
+    save(draw(found), given.folder / "volumes.png", dpi=130)
+
+
+if __name__ == "__main__":
+    main()
