@@ -56,6 +56,15 @@ def striped():
     return terrain() | {"zones": zones}
 
 
+def same_by_the_program(case, result, folder):
+    """What the standalone program prints of a case, whose result it has in every bit."""
+    prepare(case, folder)
+    done = run_program("case.nml", "-o", "out.nc", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    same_results(rockfall.merge([folder / "out.nc"]), result)
+    return done.stdout
+
+
 def mixed_case(folder, boulder=MIX, **groups):
     """A case by tables of one for each shape, of one for all, fixed by name, and by impact sets."""
     (folder / "zones.csv").write_text(ZONES)
@@ -162,11 +171,8 @@ def full_case(folder, **boulder):
 def test_both_programs_give_the_same_and_join(tmp_path):
     case = full_case(tmp_path)
     whole = rockfall.run(case)
-    prepare(case, tmp_path / "ready")
-    done = run_program("case.nml", "-o", "out.nc", cwd=tmp_path / "ready")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("ground talus: ") == 1  # whatever the shapes
-    same_results(rockfall.merge([tmp_path / "ready" / "out.nc"]), whole)
+    printed = same_by_the_program(case, whole, tmp_path / "ready")
+    assert printed.count("ground talus: ") == 1  # whatever the shapes
     run_program("case.nml", "--shard", "1/2", "-o", "1.nc", cwd=tmp_path / "ready")
     rest = rockfall.run(case, shard=(2, 2))
     same_results(rockfall.merge([tmp_path / "ready" / "1.nc", rest]), whole)
@@ -255,10 +261,7 @@ def test_shapes_of_polygons_hold_for_their_cells_in_both_programs(tmp_path):
     result = rockfall.run(case)
     shape, feature = result["block_shape"].values, result["source_feature"].values
     assert [{*shape[feature == k].tolist()} for k in (1, 2, 3)] == [{3}, {2}, {1, 2, 3}]
-    prepare(case, tmp_path / "ready")
-    done = run_program("case.nml", "-o", "out.nc", "--quiet", cwd=tmp_path / "ready")
-    assert done.returncode == 0, done.stderr
-    same_results(rockfall.merge([tmp_path / "ready" / "out.nc"]), result)
+    same_by_the_program(case, result, tmp_path / "ready")
 
 
 @pytest.mark.parametrize(
@@ -391,10 +394,7 @@ def test_listed_volumes_have_the_shape_of_their_axes(tmp_path, sampling):
         own = shape == k
         for name in ROWS:
             assert same_bits(result[name].values[..., own], alone[name].values[..., own]), (k, name)
-    prepare(case, tmp_path / "ready")
-    done = run_program("case.nml", "-o", "out.nc", "--quiet", cwd=tmp_path / "ready")
-    assert done.returncode == 0, done.stderr
-    same_results(rockfall.merge([tmp_path / "ready" / "out.nc"]), result)
+    same_by_the_program(case, result, tmp_path / "ready")
 
 
 @pytest.mark.parametrize(
@@ -446,10 +446,7 @@ def test_sides_in_rasters_give_the_shape_where_the_case_asks_for_it(tmp_path):
     result = rockfall.run(case)
     expected = np.array([1, 2, 3, 3])  # 1.6 : 1.5 : 0.9 is nearest to platy by c/b = 0.6
     assert np.array_equal(result["block_shape"], expected[result["source"].values - 1])
-    prepare(case, tmp_path / "ready")
-    done = run_program("case.nml", "-o", "out.nc", "--quiet", cwd=tmp_path / "ready")
-    assert done.returncode == 0, done.stderr
-    same_results(rockfall.merge([tmp_path / "ready" / "out.nc"]), result)
+    same_by_the_program(case, result, tmp_path / "ready")
     scene = read_scene(by_sides(tmp_path))
     assert "block_shape" not in run_scene(scene)  # as ever, but for a remark
     (text,) = (text for text in scene.remarks if "block_shape" in text)

@@ -54,15 +54,23 @@ MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no desig
 #: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
 #: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
 SPEED_PER_DEGREE = 0.8
-#: What is said of shipped sets, by how their names begin, and whether it is a warning of runs.
-#: Hazard, designs and variants, on which decisions rest, warn of it in any case.
-EVIDENCE = {
-    "laboratory-spheres": ("model.spheres_set", True),
-    "vaujany-observed": ("model.observed_set", False),
-    "bourrier2009": ("model.paper_set", False),
+
+
+class Evidence(NamedTuple):
+    """What is said of shipped sets where they were followed, and whether `run`, `check` and reports
+    warn of it; hazard, designs and siting do in any case."""
+
+    key: str
+    is_warning: bool
+    #: Half of the rebounds of the fit had R_b/R_m above 5.5, which the set of 5 served.
+    is_beyond: bool
+
+
+EVIDENCE = {  # by how the names of sets begin: those of ensembles are longer
+    "laboratory-spheres": Evidence("model.spheres_set", True, False),
+    "vaujany-observed": Evidence("model.observed_set", False, True),
+    "bourrier2009": Evidence("model.paper_set", False, True),
 }
-#: Sets fitted to slopes where half of the rebounds have R_b/R_m above 5.5, served by the set of 5.
-FITTED_BEYOND = "vaujany-observed", "bourrier2009"
 OUTSIDE = {  # messages, by the count of a result
     "range": "model.outside_range",
     "speed": "model.outside_speed",
@@ -159,7 +167,7 @@ def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     total = _total(values, "rebounds")
     if not total:
         return
-    for start, (key, is_warning) in EVIDENCE.items():
+    for start, (key, is_warning, _) in EVIDENCE.items():
         own = {name for name in names if name.startswith(start)}
         grounds = [ground for ground in rebounds_by_ground(values) if ground.name in own]
         if own and (grounds or own == names):
@@ -443,7 +451,8 @@ def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, An
     followed = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
     tables = [ground.name for ground in followed if ground.model == RATIO_TABLE]
     if not tables:
-        of_fit = all(name in FITTED_BEYOND for name in sets_followed(values, case_set))
+        fitted = tuple(start for start, known in EVIDENCE.items() if known.is_beyond)
+        of_fit = all(name.startswith(fitted) for name in sets_followed(values, case_set))
         return "model.outside_fitted" if of_fit else OUTSIDE["range"], {}
     if any(ground.model == IMPACT_SETS for ground in followed):
         return "model.outside_both", {}
