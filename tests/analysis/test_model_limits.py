@@ -17,6 +17,7 @@ from rockfall.analysis.model_limits import (
     set_remarks,
 )
 from rockfall.html_report.validity import warnings
+from rockfall.impact_sets import shipped_sets
 from rockfall.impact_tables import shipped_tables
 from rockfall.language import speaking, translated
 from rockfall.result.variables import STATUS
@@ -322,13 +323,20 @@ def test_sets_of_spheres_are_said_to_err_on_the_unsafe_side(tmp_path, grounds, s
 def test_the_set_of_observed_boulders_has_a_remark_of_its_own(tmp_path):
     case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": "vaujany-observed"})
     (found,) = set_remarks(values(), case)
-    assert "fitted to 100 boulders" in found.text and not found.is_warning
+    assert "fitted to 100 boulders" in found.text and found.is_warning
     grounds = {
         "ground": ["vaujany-observed", "laboratory-spheres"], "ground_model": ["impact_sets"] * 2,
         "rebounds_by_ground": [250, 750],
     }  # fmt: skip
     spheres, observed = set_remarks(values() | grounds, case)
     assert spheres.text.startswith("750 of 1,000") and observed.text.startswith("250 of 1,000")
+
+
+@pytest.mark.parametrize("name", [*shipped_sets()])
+def test_of_every_shipped_set_is_warned_what_it_is_not_good_for(tmp_path, name):
+    """None of them is good everywhere, and each errs low somewhere."""
+    case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": name})
+    assert [one.is_warning for one in set_remarks(values(), case)] == [True]
 
 
 def test_nothing_is_said_of_sets_without_rebounds(tmp_path):

@@ -56,21 +56,14 @@ MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no desig
 SPEED_PER_DEGREE = 0.8
 
 
-class Evidence(NamedTuple):
-    """What is said of shipped sets where they were followed, and whether `run`, `check` and reports
-    warn of it; hazard, designs and siting do in any case."""
-
-    key: str
-    is_warning: bool
-    #: Half of the rebounds of the fit had R_b/R_m above 5.5, which the set of 5 served.
-    is_beyond: bool
-
-
-EVIDENCE = {  # by how the names of sets begin: those of ensembles are longer
-    "laboratory-spheres": Evidence("model.spheres_set", True, False),
-    "vaujany-observed": Evidence("model.observed_set", False, True),
-    "bourrier2009": Evidence("model.paper_set", False, True),
+#: What is said of shipped sets, by how their names begin (those of ensembles are longer).
+EVIDENCE = {
+    "laboratory-spheres": "model.spheres_set",
+    "vaujany-observed": "model.observed_set",
+    "bourrier2009": "model.paper_set",
 }
+#: Half of the rebounds of their fit had R_b/R_m above 5.5, which the set of 5 served.
+FITTED_BEYOND = "vaujany-observed", "bourrier2009"
 OUTSIDE = {  # messages, by the count of a result
     "range": "model.outside_range",
     "speed": "model.outside_speed",
@@ -90,7 +83,6 @@ class Remark(NamedTuple):
     text: Text
     is_warning: bool
     is_counted: bool = True  # of the boulders of the run
-    is_of_law: bool = False  # what the law of rebounds is good for
 
 
 def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -113,9 +105,8 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def model_warnings(values: Variables, case: Case) -> list[Text]:
-    """Remarks on the model that are warnings where decisions rest on a result."""
-    remarks = model_remarks(values, case)
-    return [remark.text for remark in remarks if remark.is_warning or remark.is_of_law]
+    """Remarks on the model that are warnings."""
+    return [remark.text for remark in model_remarks(values, case) if remark.is_warning]
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -167,13 +158,13 @@ def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     total = _total(values, "rebounds")
     if not total:
         return
-    for start, (key, is_warning, _) in EVIDENCE.items():
+    for start, key in EVIDENCE.items():
         own = {name for name in names if name.startswith(start)}
         grounds = [ground for ground in rebounds_by_ground(values) if ground.name in own]
         if own and (grounds or own == names):
             part = _part_of_all(grounds, values) if grounds else part_of_rebounds(total, total)
             text = say(key, followed=part, names=", ".join(sorted(own)))
-            yield Remark(text, is_warning, is_of_law=True)
+            yield Remark(text, True)
 
 
 def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -451,8 +442,7 @@ def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, An
     followed = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
     tables = [ground.name for ground in followed if ground.model == RATIO_TABLE]
     if not tables:
-        fitted = tuple(start for start, known in EVIDENCE.items() if known.is_beyond)
-        of_fit = all(name.startswith(fitted) for name in sets_followed(values, case_set))
+        of_fit = all(name.startswith(FITTED_BEYOND) for name in sets_followed(values, case_set))
         return "model.outside_fitted" if of_fit else OUTSIDE["range"], {}
     if any(ground.model == IMPACT_SETS for ground in followed):
         return "model.outside_both", {}
