@@ -4,7 +4,6 @@ than it jumped."""
 
 import json
 import sqlite3
-import warnings
 from contextlib import closing
 from xml.etree import ElementTree
 
@@ -56,9 +55,7 @@ def drawn(request, tmp_path_factory):
         release={"x": [W + 150.0], "y": [N - 20.0], "drop_height": DROP},
     ).replace(barrier=nets)  # fmt: skip
     result = rockfall.run(case)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the vertical datum is not stated
-        rockfall.export(result, place / "gis", formats=["gpkg", "czml", "kml", "dxf"])
+    rockfall.export(result, place / "gis", formats=["gpkg", "kml", "dxf"])
     return result, place / "gis"
 
 
@@ -130,12 +127,6 @@ def of_kml(name):
     return points
 
 
-def of_czml(_, folder):
-    packets = json.loads((folder / "rockfall.czml").read_text())
-    samples = [one["position"]["cartographicDegrees"] for one in packets if "position" in one]
-    return in_metres(np.concatenate([np.reshape(one, (-1, 4)) for one in samples])[:, 1:])
-
-
 def of_drawing(_, folder):
     space = ezdxf.readfile(folder / "rockfall.dxf").modelspace()
     paths = space.query('POLYLINE[layer=="trajectories"]')
@@ -151,7 +142,6 @@ VIEWS = {
     "GeoPackage flights": (of_geopackage("flights"), 0.06),
     "KML trajectories": (of_kml("trajectories"), 0.06),
     "KML flights": (of_kml("flights"), 0.06),
-    "CZML": (of_czml, 0.06),
     "DXF": (of_drawing, 0.06),
 }
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trajectories in time, CZML, KML and DXF: what other readers find there is what was simulated."""
+"""Trajectories in time, KML and DXF: what other readers find there is what was simulated."""
 
-import json
 import sqlite3
 import struct
 import sys
@@ -48,9 +47,7 @@ def result(tmp_path_factory):
 def exported(result, tmp_path_factory):
     """A folder with every format, drawn to 1 cm."""
     folder = tmp_path_factory.mktemp("out")
-    formats = ["gpkg", "czml", "kml", "dxf"]
-    with pytest.warns(UserWarning, match="vertical datum: not stated"):
-        rockfall.export(result, folder, formats=formats, tolerance=0.01)
+    rockfall.export(result, folder, formats=["gpkg", "kml", "dxf"], tolerance=0.01)
     return folder
 
 
@@ -153,39 +150,6 @@ def test_flights_have_begin_and_end_for_the_temporal_controller(exported, result
     assert temporal.attrib["startField"] == "begin" and temporal.attrib["endField"] == "end"
 
 
-def test_czml_has_each_boulder_where_it_is(exported, result):
-    packets = json.loads((exported / "rockfall.czml").read_text())
-    document, line, *boulders = packets
-    assert document["id"] == "document" and document["version"] == "1.0"
-    assert line["name"] == LINE["name"] and line["polyline"]["clampToGround"]
-    known, back = contacts(result), pyproj.Transformer.from_crs(4326, 32632, always_xy=True)
-    assert [one["id"] for one in boulders] == [f"boulder {number}" for number in known]
-    for packet, (number, rows) in zip(boulders, known.items(), strict=True):
-        position = packet["position"]
-        assert position["epoch"] == "2000-01-01T00:00:00.000000Z"
-        time, longitude, latitude, height = np.reshape(position["cartographicDegrees"], (-1, 4)).T
-        assert (np.diff(time) > 0).all()
-        places = np.column_stack([*back.transform(longitude, latitude), height])
-        wanted = [place_at(rows, one) for one in time[:-1]]
-        np.testing.assert_allclose(places[:-1], wanted, rtol=0, atol=1e-3)
-        np.testing.assert_allclose(places[-1], rows[-1, :3], rtol=0, atol=1e-3)
-        (radius, *_) = packet["ellipsoid"]["radii"]["cartesian"]
-        volume = result["volume"].sel(boulder=number).item()
-        assert 4 / 3 * np.pi * radius**3 == pytest.approx(volume, rel=0.01)
-
-
-def test_czml_heights_are_above_the_ellipsoid_with_geoid(result, tmp_path, recwarn):
-    rockfall.export(result, tmp_path, formats=["czml"], geoid=48.5)
-    assert not recwarn.list
-    packet = json.loads((tmp_path / "rockfall.czml").read_text())[2]
-    assert packet["position"]["cartographicDegrees"][3] == pytest.approx(
-        result["trajectory_z"].values[0] + 48.5, abs=1e-6
-    )
-    with refused("--geoid 4000: must be between -200 and 200"):
-        rockfall.export(result, tmp_path / "new", formats=["czml"], geoid=4000.0)
-    assert not (tmp_path / "new").exists()
-
-
 def test_gdal_finds_every_layer_of_the_kml(exported, result):
     path = exported / "rockfall.kml"
     names = [name for name, _ in pyogrio.list_layers(path)]
@@ -251,6 +215,9 @@ def test_kml_has_the_time_of_each_flight_to_the_microsecond(exported, result):
 def test_a_drawing_has_trajectories_in_space_and_names(exported, result):
     drawing = ezdxf.readfile(exported / "rockfall.dxf")
     assert not drawing.audit().errors and drawing.header["$INSUNITS"] == 6
+    colours = {layer.dxf.name: layer.rgb or layer.color for layer in drawing.layers}
+    assert colours["trajectories"] == (0, 114, 178) and colours["stops_stopped"] == (213, 94, 0)
+    assert colours["lines"] == colours["sources"] == 7  # white on a dark ground
     space = drawing.modelspace()
     known = contacts(result)
     paths = space.query('POLYLINE[layer=="trajectories"]')
@@ -273,18 +240,12 @@ def test_a_result_without_crs_is_drawn_as_dxf_only(tmp_path, capsys, monkeypatch
     write_result(rockfall.run(run(tmp_path, crs=None)), "out.nc")
     assert main(["export", "out.nc", "cad", "--formats", "dxf"]) == 0
     capsys.readouterr()
-    for name in ("kml", "czml"):
-        assert main(["export", "out.nc", "gis", "--formats", "tif", name]) == 2
-        assert capsys.readouterr().err == (
-            f"rockfall: {name.upper()} needs longitudes and latitudes, and the result has no CRS: "
-            "give the DEM one (rockfall dem DEM -o DEM.tif --crs CODE) and run again\n"
-        )
-        assert not (tmp_path / "gis").exists()
-
-
-def test_a_result_without_trajectories_has_no_czml(result, tmp_path):
-    with refused("CZML needs trajectories: the result has none (&output trajectories)"):
-        rockfall.export(result.drop_dims("trajectory_vertex"), tmp_path / "a", formats=["czml"])
+    assert main(["export", "out.nc", "gis", "--formats", "tif", "kml"]) == 2
+    assert capsys.readouterr().err == (
+        "rockfall: KML needs longitudes and latitudes, and the result has no CRS: "
+        "give the DEM one (rockfall dem DEM -o DEM.tif --crs CODE) and run again\n"
+    )
+    assert not (tmp_path / "gis").exists()
 
 
 def test_without_the_cad_extra_one_line_and_nothing_written(result, tmp_path, monkeypatch):
@@ -297,8 +258,12 @@ def test_without_the_cad_extra_one_line_and_nothing_written(result, tmp_path, mo
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--formats", "shp"], "--formats shp: must be tif, gpkg, csv, czml, kml, dxf"),
-        (["--geoid", "48"], "--geoid: needs --formats czml"),
+        (["--formats", "shp"], "--formats shp: must be tif, gpkg, csv, kml, dxf"),
+        (
+            ["--formats", "tif", "czml"],
+            "--formats czml: is no longer written: use kml, which Cesium reads",
+        ),
+        (["--geoid=48"], "--geoid: was removed with CZML: use --formats kml"),
         (["--tolerance", "-1"], "--tolerance -1: must be > 0 [m]"),
     ],
 )

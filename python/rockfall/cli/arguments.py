@@ -16,8 +16,15 @@ _Commands = argparse._SubParsersAction  # no public name in argparse
 _RULES = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
 
 
+#: Options that were removed, and what to use instead.
+_GONE = {"--geoid": "was removed with CZML: use --formats kml"}
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
+        for option in (word.partition("=")[0] for word in message.split()):
+            if option in _GONE:
+                raise RockfallError(f"{option}: {_GONE[option]}")
         raise RockfallError(f"{message}; see {self.prog} --help")
 
 
@@ -286,14 +293,12 @@ def _add_results(commands: _Commands) -> None:
     def result(name: str, does: str) -> _Parser:
         return _add(commands, "results", name, does, "OUT.nc")
 
-    text = "write a result as GeoTIFF, GeoPackage and CSV; or as CZML, KML, DXF"
+    text = "write a result as GeoTIFF, GeoPackage and CSV; or as KML, DXF"
     export = result("export", text)
     export.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
-    text = "some of tif, gpkg, csv (default: these), czml, kml, dxf; of HAZARD.nc: kml, dxf"
+    text = "some of tif, gpkg, csv (default: these), kml, dxf; of HAZARD.nc: kml, dxf"
     _option(export, "--formats FORMAT", str, text, nargs="+")
     _option(export, "--tolerance M", float, "of drawn parabolas; default: 0.05")
-    text = "height of the DEM's vertical datum above the ellipsoid, for czml"
-    _option(export, "--geoid M", float, text)
     _add_tables(export, "line statistics and return levels")
     text = "project.qgz, too: a project with groups, styles and layouts on A3"
     project = export.add_argument_group("project of QGIS")

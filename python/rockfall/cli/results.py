@@ -66,11 +66,7 @@ def export_command(arguments: argparse.Namespace) -> int:
 
 def _chosen(arguments: argparse.Namespace) -> Chosen:
     """Choices for an export, by the options given."""
-    keys = ("formats", "tolerance", "geoid")
-    given = given_options(arguments, keys)
-    if "geoid" in given and "czml" not in given.get("formats", ()):
-        raise RockfallError("--geoid: needs --formats czml")
-    return Chosen(**given)
+    return Chosen(**given_options(arguments, ("formats", "tolerance")))
 
 
 def _export_hazard(arguments: argparse.Namespace, path: Path, folder: Path) -> list[Path]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Export of a result: GeoTIFF, GeoPackage and CSV for a GIS and a spreadsheet; CZML, KML, DXF."""
+"""Export of a result: GeoTIFF, GeoPackage and CSV for a GIS and a spreadsheet; KML, DXF."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import spreadsheet_text
 from rockfall.quantities import SHOWN
 from rockfall.result.classes import classes_of, shown_as
-from rockfall.result.czml import write_czml
 from rockfall.result.dataset import NO_COUNT, open_result
 from rockfall.result.drawing import write_drawing
 from rockfall.result.flat_maps import PLAN, flat_maps
@@ -57,20 +56,18 @@ if TYPE_CHECKING:
     Layers = dict[str, tuple[str, Iterable[Features]]]
 
 USUAL = ("tif", "gpkg", "csv")
-FORMATS = (*USUAL, "czml", "kml", "dxf")
+FORMATS = (*USUAL, "kml", "dxf")
+GONE = {"czml": "is no longer written: use kml, which Cesium reads"}
 DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF: each feature once
-MAX_GEOID = 200.0  # [m]; the geoid of the Earth is within 110 m of the ellipsoid
 MEASURED = {"LineString ZM": "Measured 3D LineString"}  # by its name in pyogrio
 _ROWS = 100_000  # boulders in memory at a time
 
 
 class Chosen(NamedTuple):
-    """Choices for an export: its formats, and of drawn parabolas the tolerance [m] and the height
-    of the DEM's vertical datum above the ellipsoid [m]."""
+    """Choices for an export: its formats, and the tolerance [m] of drawn parabolas."""
 
     formats: Sequence[str] = USUAL
     tolerance: float = TOLERANCE
-    geoid: float | None = None
 
 
 EXPORTED = Chosen()
@@ -83,7 +80,6 @@ def export(
     *,
     formats: Sequence[str] = USUAL,
     tolerance: float = TOLERANCE,
-    geoid: float | None = None,
 ) -> list[Path]:
     """Write a result (a Dataset, or its netCDF file) to `folder`; returns the files written.
 
@@ -91,9 +87,8 @@ def export(
     where no boulder passed, with a QGIS style .qml for each), gpkg (rockfall.gpkg with the layers
     sources, stops, lines, crossings, trajectories and flights, as far as the result has them,
     energies in kJ, and their styles), csv (in SI boulders.csv, and line_<name>.csv for each line),
-    czml (boulders in motion, for Cesium), kml and dxf (sources, stops, lines, trajectories).
-    Parabolas are drawn to `tolerance` [m]; `geoid` is the height [m] of the DEM's vertical datum
-    above the ellipsoid, which czml needs. Writes all of them or, with a RockfallError, none.
+    kml and dxf (sources, stops, lines, trajectories). Parabolas are drawn to `tolerance` [m].
+    Writes all of them or, with a RockfallError, none.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -103,7 +98,7 @@ def export(
     ['rockfall.dxf']
     """
     folder = Path(folder)
-    chosen = Chosen(check_formats(formats, FORMATS), tolerance, geoid)
+    chosen = Chosen(check_formats(formats, FORMATS), tolerance)
     files = [result] if isinstance(result, str | Path) else []
     with open_result(result) if isinstance(result, str | Path) else nullcontext(result) as data:
         for file in files:
@@ -130,6 +125,8 @@ def put_export(
 def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
     """The given formats in the order of `allowed`; a RockfallError refuses others and none."""
     for name in formats:
+        if name in GONE:
+            raise RockfallError(f"--formats {name}: {GONE[name]}")
         if name not in allowed:
             raise RockfallError(f"--formats {name}: must be {', '.join(allowed)}")
     if not formats:
@@ -138,10 +135,10 @@ def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
 
 
 def _export(
-    data: xr.Dataset, folder: Path, formats: Sequence[str], tolerance: float, geoid: float | None
+    data: xr.Dataset, folder: Path, formats: Sequence[str], tolerance: float
 ) -> Iterator[Path]:
     moving = None
-    if {"gpkg", "czml", "kml", "dxf"} & {*formats} and data.sizes.get("trajectory_vertex"):
+    if {"gpkg", "kml", "dxf"} & {*formats} and data.sizes.get("trajectory_vertex"):
         moving = sampled(motion_of(data), tolerance)
     layers = _layers(data, moving) if "gpkg" in formats else {}
     if "tif" in formats:
@@ -153,8 +150,6 @@ def _export(
         yield from _write_lines(folder, data)
     if layers:
         yield write_geopackage(folder / "rockfall.gpkg", layers, crs_wkt(data), STYLES)
-    if "czml" in formats:
-        yield _put_czml(folder / "rockfall.czml", data, moving, geoid)
     if "kml" in formats:
         drawn = _drawn(data, moving, "KML", *DRAWN, "flights")
         yield put_kml(folder / "rockfall.kml", drawn, data, STYLES)
@@ -175,29 +170,7 @@ def put_kml(path: Path, layers: Layers, data: xr.Dataset, styles: Mapping[str, S
     way = geographic(data, crs_wkt(data), "KML")
     for remark in way.remarks:
         warnings.warn(remark, stacklevel=2)
-    return write_kml(path, layers, _title(data), way, styles)
-
-
-def _put_czml(path: Path, data: xr.Dataset, moving: Sampled | None, geoid: float | None) -> Path:
-    """Write trajectories as CZML, with a warning where places or heights are not exact."""
-    if moving is None:
-        raise RockfallError("CZML needs trajectories: the result has none (&output trajectories)")
-    if geoid is not None and not abs(geoid) <= MAX_GEOID:
-        raise RockfallError(f"--geoid {geoid:g}: must be between -{MAX_GEOID:g} and {MAX_GEOID:g}")
-    way = geographic(data, crs_wkt(data), "CZML")
-    for remark in way.remarks:
-        warnings.warn(remark, stacklevel=2)
-    if geoid is None and way.heights != "ellipsoid":
-        warnings.warn(
-            f"heights in CZML are those of the DEM (vertical datum: {way.heights}), Cesium's are "
-            "above the ellipsoid, tens of metres apart: --geoid M gives the difference",
-            stacklevel=2,
-        )
-    return write_czml(path, data, moving, _title(data), way, geoid or 0.0)
-
-
-def _title(data: xr.Dataset) -> str:
-    return str(data.attrs.get("title") or "rockfall")
+    return write_kml(path, layers, str(data.attrs.get("title") or "rockfall"), way, styles)
 
 
 def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Longitudes and latitudes (WGS 84) of a result, for KML and CZML."""
+"""Longitudes and latitudes (WGS 84) of a result, for KML."""
 
 from __future__ import annotations
 
