@@ -170,9 +170,7 @@ COMMANDS = (
         "observations, with maps of the differences and a page.",
         (
             Option("RESULTS", "Results; of variants the bare one first", "files", optional=False),
-            Option("OBSERVED", "Observations (CSV), or trajectories of RAMMS", "files"),
-            Option("ENERGY_UNIT", "Unit of the energies of trajectories", "choice",
-                   "--energy-unit", advanced=True, choices=("J", "kJ")),
+            Option("OBSERVED", "Observations (CSV)", "files"),
             Option("TABLE", "Table (CSV)", "table", "-o"),
             Option("MAPS", "Folder of the maps of differences", "maps", "--maps"),
             Option("PAGE", "Page on the variants", "page", "--report"),

@@ -163,11 +163,6 @@ def site(tmp_path_factory):
     files["deposit.csv"] = "volume\n" + "".join(f"{row.partition(',')[0]}\n" for row in rows)
     for name, text in files.items():
         Path(name).write_text(text)
-    fall = np.zeros((9, 26))  # records of a trajectory: time, place, velocity, energy, terrain
-    fall[:, 0] = np.arange(9)
-    fall[:, 1:4] = np.stack([np.full(9, 100.0), 580 - 50.0 * fall[:, 0], 700 + fall[:, 0]], axis=1)
-    fall[:, 4], fall[:, 9], fall[:, 15], fall[:, 18] = 1.0, -50.0, 2.5e6, 690.0
-    np.concatenate([np.ones(4), fall.ravel()]).tofile("rocks.rts")
     source = np.zeros((NY, NX))
     source[5, 20:28] = 1
     make_rockyfor3d("DIR", 1100 - 0.75 * down + 0 * ones, source)

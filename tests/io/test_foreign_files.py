@@ -246,6 +246,8 @@ def zipped(*names):
     ("a.kmz", zipped("doc.kml"), "is zipped KML, no table in CSV: save it as a GeoPackage"),
     ("a.gpx", KML.replace("kml", "gpx"), "is GPX"),
     ("a.gml", '<?xml version="1.0"?><wfs:FeatureCollection/>', "is XML"),
+    ("a.rts", bytes(8 * 56), "trajectories are not read: give samples and stops as CSV"),
+    ("a.PTS", "x,y\n1,2\n", "trajectories are not read: give samples and stops as CSV"),
     ("a.txt", '{"type": "FeatureCollection", "features": []}', "is GeoJSON, no table in CSV: name"),
     ("a.csv", "<!DOCTYPE html><html>", "is a web page, no table in CSV: the download failed"),
     ("a.xlsx", zipped("[Content_Types].xml"), "is a spreadsheet or an archive, no table in CSV: "),

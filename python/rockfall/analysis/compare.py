@@ -44,7 +44,7 @@ from rockfall.io.tables import write_csv
 from rockfall.language import say
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 from rockfall.result.samples import check_rows, kept_note
-from rockfall.result.trajectories import ends, left_terrain, lines
+from rockfall.result.trajectories import ends, left_terrain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,11 +86,8 @@ class Comparison:
         return pd.concat(parts, names=["table"]).reset_index(level="table").reset_index(drop=True)
 
 
-def compare(
-    result: xr.Dataset, *observed: str | Path | Observed, energy_unit: str | None = None
-) -> Comparison:
-    """Compare a result with observations: CSV files and trajectory files of other programs
-    (docs/observed.md), or one `Observed`. `energy_unit`, J or kJ, is that of trajectory files.
+def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
+    """Compare a result with observations: files (docs/observed.md), or one `Observed`.
 
     Printed numbers are used if observed, or if from the method, A or B, of the result.
 
@@ -100,8 +97,7 @@ def compare(
     >>> found.errors["statistic"].tolist()
     ['mean', 'std', 'max']
     """
-    grid = grid_for(result, observed)
-    seen = read_observed(*observed, lines=lines(result), energy_unit=energy_unit, grid=grid)
+    seen = read_observed(*observed, grid=grid_for(result, observed))
     names = line_names(result)
     for line, where in seen.lines.items():
         if line not in names:

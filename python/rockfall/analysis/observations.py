@@ -5,7 +5,7 @@ docs/observed.md describes them."""
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
@@ -13,11 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
-from rockfall.analysis.recorded import Line, recorded_numbers
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.point_rows import is_point_layer, read_area, read_point_rows
-from rockfall.io.ramms import is_trajectory_file
 from rockfall.io.tables import Row, check_columns, read_table
 from rockfall.result.variables import BLOCK_SHAPE
 
@@ -67,20 +65,13 @@ class Observed:
     area: Any = None  # polygons (shapely) in which all blocks at rest were mapped; None: everywhere
 
 
-def read_observed(
-    *given: str | Path | Observed,
-    lines: Sequence[Line] | None = None,
-    energy_unit: str | None = None,
-    grid: Grid | None = None,
-) -> Observed:
+def read_observed(*given: str | Path | Observed, grid: Grid | None = None) -> Observed:
     """Read observations from CSV files, each of a kind that its header identifies; `Observed`
     arguments are used directly.
 
     With the `grid` of the terrain also from layers of points, whose attributes are the columns, and
-    of polygons: the area in which stopping places were mapped. With evaluation `lines` also from
-    trajectory files (.rts, .pts), whose energies are in `energy_unit`, J or kJ; without a unit they
-    are left out, which a note says. A RockfallError names file, line, column, value and what is
-    allowed.
+    of polygons: the area in which stopping places were mapped. A RockfallError names file, line,
+    column, value and what is allowed.
     """
     import pandas as pd
 
@@ -93,17 +84,9 @@ def read_observed(
             raise RockfallError(f"{path}: is given twice")
     records: dict[str, list[dict]] = {kind.name: [] for kind in KINDS}
     kept: dict[str, list[dict]] = {kind.name: [] for kind in KINDS}
-    recorded = [path for path in paths if is_trajectory_file(path)]
-    if recorded and lines is None:
-        raise RockfallError(f"{recorded[0]}: trajectories are read by `rockfall compare` only")
-    samples, stops, notes = recorded_numbers(recorded, lines or (), energy_unit)
-    records["samples"] += samples
-    records["stops"] += stops
-    kept["stops"] += [{} for _ in stops]
+    notes: list[str] = []
     area = None
     for path in paths:
-        if path in recorded:
-            continue
         if is_point_layer(path) and grid is not None:
             if (polygons := read_area(path, grid, [])) is not None:
                 if area is not None:

@@ -17,7 +17,10 @@ _RULES = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
 
 
 #: Options that were removed, and what to use instead.
-_GONE = {"--geoid": "was removed with CZML: use --formats kml"}
+_GONE = {
+    "--energy-unit": "was removed: give energies as CSV with a column unit",
+    "--geoid": "was removed with CZML: use --formats kml",
+}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -308,12 +311,9 @@ def _add_results(commands: _Commands) -> None:
     _add_imprint(project, "on layouts", "of the project and of tables: ")
     text = "compare a result with observations (several: rank them), or variants with the first"
     compare = _add(commands, "results", "compare", text)
-    text = "results OUT.nc and observations OBSERVED.csv, or trajectories .rts, .pts of RAMMS; "
-    text += "or variants A.nc B.nc ... alone"
+    text = "results OUT.nc and observations OBSERVED.csv, or variants A.nc B.nc ... alone"
     compare.add_argument("files", metavar="FILE", type=Path, nargs="+", help=text)
     _option(compare, "-o --output TABLE.csv", Path, "all tables as CSV")
-    text = "of the trajectories: J or kJ; default: energies are left out"
-    _option(compare, "--energy-unit UNIT", str, text)
     _option(compare, "--maps DIR", Path, "of variants: maps of the differences, as GeoTIFF")
     text = "of variants: one page (.html, .pdf) with a column for each"
     _option(compare, "--report FILE", Path, text)

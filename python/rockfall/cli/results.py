@@ -20,13 +20,11 @@ from rockfall.cli.messages import DONE, warnings_told
 from rockfall.cli.section import drawn
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import check_output
-from rockfall.io.ramms import ENDINGS, is_trajectory_file
 from rockfall.io.tables import plain_decimal
 from rockfall.plots.hazard_sheet import Imprint
 from rockfall.products import Added, export_with, figures, report, report_variants
 from rockfall.result.dataset import read_result
 from rockfall.result.export import Chosen, export
-from rockfall.result.same_case import common_lines
 from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_details import print_groups, print_profile
 from rockfall.text.line_tables import print_lines
@@ -90,9 +88,6 @@ def compare_command(arguments: argparse.Namespace) -> int:
     sources = [path for path in arguments.files if path.suffix != ".nc"]
     if not paths or len(arguments.files) < 2:
         raise RockfallError("compare needs results (.nc) and observations (CSV), or variants (.nc)")
-    unit, recorded = arguments.energy_unit, any(map(is_trajectory_file, sources))
-    if unit is not None and not recorded:
-        raise RockfallError(f"--energy-unit {unit}: needs trajectories ({', '.join(ENDINGS)})")
     results = {str(path): read_result(path) for path in paths}
     if len(results) < len(paths):
         raise RockfallError("compare: a result is given twice")
@@ -101,9 +96,7 @@ def compare_command(arguments: argparse.Namespace) -> int:
     for option in ("maps", "report"):
         if getattr(arguments, option):
             raise RockfallError(f"--{option} requires variants: results without observations")
-    lines = common_lines(results) if recorded else []
-    grid = grid_for(next(iter(results.values())), sources)
-    seen = read_observed(*sources, lines=lines, energy_unit=unit, grid=grid)
+    seen = read_observed(*sources, grid=grid_for(next(iter(results.values())), sources))
     if len(results) == 1:
         (result,) = results.values()
         comparison = compare(result, seen)

@@ -27,12 +27,16 @@ _KINDS = (
     (rb"\s*<.*<gpx\b|\s*<gpx\b", "GPX", _LAYER),
     (rb"\s*<", "XML", _LAYER),
 )
+#: Trajectories of RAMMS, whose layout is not published.
+_TRAJECTORIES = (".rts", ".pts")
 
 
 def check_table(path: str | Path) -> None:
     """Refuse a file of a known kind that is no table; files that cannot be read pass."""
     if not Path(path).is_file():
         return
+    if Path(path).suffix.lower() in _TRAJECTORIES:
+        raise RockfallError(f"{path}: trajectories are not read: give samples and stops as CSV")
     start = start_of(path).removeprefix(b"\xef\xbb\xbf")
     for first, what, cure in _KINDS:
         if re.match(first, start, re.IGNORECASE | re.DOTALL):

@@ -16,7 +16,6 @@ from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
 from rockfall.io.crs import same_crs
 from rockfall.result.samples import has_rows
-from rockfall.result.trajectories import lines
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,19 +52,6 @@ def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
         _check_crs(data, other, next_name)
         if not _overlap(_extent(data), _extent(other)):
             raise RockfallError(f"{next_name}: lies elsewhere than {name}: no place in common")
-
-
-def common_lines(results: Mapping[str, xr.Dataset]) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Name, x and y of the evaluation lines of all results, by the names of their files. A line of
-    one name at different places is refused."""
-    first_lines: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
-    for path, result in results.items():
-        for line in lines(result):
-            name, *place = line
-            _, *first_place = first_lines.setdefault(name, line)
-            if not all(map(np.array_equal, first_place, place)):
-                raise RockfallError(f"{path}: line {name}: lies elsewhere than in other results")
-    return list(first_lines.values())
 
 
 def _check_crs(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
