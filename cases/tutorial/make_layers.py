@@ -97,13 +97,13 @@ def make(folder: Path) -> None:
     faces = [box(60, 44, 140, 60), box(180, 44, 270, 60)]
     write_layer(site, "cliff", faces, name=["west face", "east face"])
     ground = {
-        "rock": (box(0, 0, 360, 64), 0.10),
-        "coarse scree": (box(0, 64, 360, 130), 0.35),
-        "fine scree": (box(0, 130, 360, 220), 0.20),
-        "pasture": (box(0, 220, 360, 480), 0.12),
+        "rock": (box(0, 0, 360, 64), 0.10, "rock"),
+        "coarse scree": (box(0, 64, 360, 130), 0.35, "talus"),
+        "fine scree": (box(0, 130, 360, 220), 0.20, "talus"),
+        "pasture": (box(0, 220, 360, 480), 0.12, "vegetated-soil"),
     }
-    shapes, radii = zip(*ground.values(), strict=True)
-    write_layer(site, "ground", list(shapes), name=list(ground), mean_radius=list(radii))
+    shapes, radii, grounds = map(list, zip(*ground.values(), strict=True))
+    write_layer(site, "ground", shapes, name=list(ground), mean_radius=radii, ground=grounds)
     write_layer(site, "road", [line((0, ROAD), (360, ROAD))], name=["road"])
     houses = [box(95, 370, 109, 382), box(228, 362, 242, 376), box(262, 388, 276, 400)]
     write_layer(

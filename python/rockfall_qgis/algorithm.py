@@ -25,7 +25,7 @@ from qgis.core import (
     QgsProcessingUtils,
 )
 
-from rockfall_qgis.commands import DRAFTS, KINDS, LINE, POINT, POLYGON
+from rockfall_qgis.commands import DRAFTS, GROUND, KINDS, LINE, POINT, POLYGON
 from rockfall_qgis.layers import load_results, write_layer
 from rockfall_qgis.program import Interrupted, Refused, call
 
@@ -233,6 +233,8 @@ class DraftAlgorithm(CommandAlgorithm):
         given = [one for one in DRAFTS if parameters.get(one.name) not in (None, "")]
         dem = _raster_file(self.parameterAsRasterLayer(parameters, "DEM", context))
         words = ["new", dem, *([str(layers)] if given else []), "-o", str(case)]
+        if ground := self.parameterAsEnumString(parameters, GROUND.name, context):
+            words += ["--ground", ground]
         try:
             for one in given:
                 source = self.parameterAsSource(parameters, one.name, context)
@@ -267,7 +269,7 @@ class RunAlgorithm(DraftAlgorithm):
 
     def checkParameterValues(self, parameters, context):
         given = {name for name, value in parameters.items() if value not in (None, "")}
-        drafts = {one.name for one in DRAFTS}
+        drafts = {one.name for one in (*DRAFTS, GROUND)}
         if len(given & {"CASE", "DEM"}) != 1:
             return False, "Give either a case, or elevations (and layers that go with them)"
         if "CASE" in given and given & drafts:

@@ -56,6 +56,11 @@ DRAFTS = (
     Option("FOREST", "Forest: trees with dbh [cm], or stands with stems a hectare", "layer",
            choices=(POINT, POLYGON)),
 )  # fmt: skip
+#: Ground of zones that say none, for `rockfall new`.
+GROUND = Option(
+    "GROUND", "Ground of zones that say none, or of the slope", "choice",
+    choices=("rock", "rocky-slope", "talus", "compact", "meadow", "vegetated-soil", "soft-soil"),
+)  # fmt: skip
 #: What `rockfall new` may take such a layer for, if not for its own name.
 KINDS = {"lines": {"lines", "barriers", "dams"}, "forest": {"trees", "stands"}}
 
@@ -69,6 +74,7 @@ COMMANDS = (
         (
             Option("DEM", "Elevations (DEM)", "raster", optional=False),
             *DRAFTS,
+            GROUND,
             Option("FOLDER", "Folder of the case", "folder", "-o", optional=False),
         ),
     ),
@@ -90,6 +96,7 @@ COMMANDS = (
             Option("CASE", "Case", "file", choices=("nml",)),
             Option("DEM", "or: elevations (DEM)", "raster"),
             *DRAFTS,
+            GROUND,
             *RUNS,
             Option("UNTIL", "Until intervals are narrow enough, as 'fraction@road<3%'", "text",
                    "--until", advanced=True),

@@ -42,8 +42,9 @@ def draw_site():
     make_raster("dem.tif", z, nodata=-9999)
     zones = [in_other_crs(BOX(W + a, N - d, W + b, N - c)) for a, b, c, d in HALVES]
     make_layer(
-        "site.gpkg", zones, crs="EPSG:25833", layer="Böden", mean_radius=[0.3, 0.2, 0.25, 0.15]
-    )
+        "site.gpkg", zones, crs="EPSG:25833", layer="Böden", mean_radius=[0.3, 0.2, 0.25, 0.15],
+        ground=["rocky-slope"] * 4,
+    )  # fmt: skip
     make_layer(
         "site.gpkg", CLIFFS, layer="cliff", name=["Nordwand", "<b>Süd</b>"], drop_height=[2.0, 5.0]
     )

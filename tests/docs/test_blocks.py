@@ -116,11 +116,13 @@ def site(tmp_path_factory):
     make_layer("site.gpkg", [box(95, 575, 105, 585)], layer="cliff", name=["wall"])
     make_layer("site.gpkg", [across], layer="road", road_name=["Road 214"])
     make_layer("site.gpkg", [box(90, 150, 100, 160)], layer="houses", value=[1e6])
+    halves = [box(-9, -9, 120, 609), box(120, -9, 249, 609)]
+    make_layer("site.gpkg", halves, layer="ground", name=["scree", "pasture"],
+               mean_radius=[0.3, 0.1])  # fmt: skip
     make_layer("net.gpkg", [line((0, 200), (235, 200))], layer="net", height=[5.0], capacity=[1e3])
     make_layer("nets.shp", [line((0, 200), (235, 200))], height=[4.0])
     make_layer("dam.gpkg", [line((40, 250), (200, 250))], height=[60.0])
-    make_layer("ground.gpkg", [box(-9, -9, 120, 609), box(120, -9, 249, 609)],
-               mean_radius=[0.3, np.nan], ground=[None, "meadow"])  # fmt: skip
+    make_layer("ground.gpkg", halves, mean_radius=[0.3, np.nan], ground=[None, "meadow"])
     make_layer("drawn.gpkg", [line((0, 330), (235, 330))], name=["upper"])
     make_layer("ditch.gpkg", [box(40, 255, 200, 262)], depth=[2.0])
     make_layer("road.gpkg", [across], name=["Road 214"], width=[6.0])

@@ -39,8 +39,8 @@ def slope(tmp_path, monkeypatch):
     make_raster("dem.tif", z, nodata=-9999)
 
 
-def new(*arguments):
-    return main(["new", "dem.tif", *map(str, arguments)])
+def new(*arguments, ground=("--ground", "talus")):
+    return main(["new", "dem.tif", *map(str, arguments), *ground])
 
 
 def test_a_site_of_every_layer_runs_from_new_to_lines(capsys):
@@ -82,7 +82,7 @@ def test_a_terrain_alone_has_steep_sources(capsys):
     assert float(threshold) == pytest.approx(55 * 5**-0.075, abs=0.005)
     # what is off and stands beside what is on may be turned on
     text = Path("case.nml").read_text()
-    for key in ("slope_threshold", "ground"):
+    for key in ("slope_threshold", "uniform_mean_radius"):
         text = text.replace(f"    ! {key}", f"    {key}")
     Path("all.nml").write_text(text)
     assert main(["check", "all.nml"]) == 0
@@ -99,7 +99,7 @@ def test_ids_of_polygons_are_kept_where_they_tell_them_apart():
     make_layer("cliff.gpkg", points, volume_mean=[0.5, 2.0])
     assert new("zones.shp", "cliff.gpkg", "-o", "case.nml") == 0
     table = Path("case_zones.csv").read_text()
-    assert table == "zone,rg70,rg20,rg10\n3,0.2,0.3,0.4\n7,0.1,0.2,0.3\n"
+    assert table == "zone,rg70,rg20,rg10,ground\n3,0.2,0.3,0.4,talus\n7,0.1,0.2,0.3,talus\n"
     assert not Path("case_zones.gpkg").exists()
     case = read_case("case.nml")
     assert case.surface["method"] == "A" and case.surface["zones"] == "zones.shp"
@@ -108,7 +108,9 @@ def test_ids_of_polygons_are_kept_where_they_tell_them_apart():
     # the same zone of two materials has to become two
     make_layer("other.gpkg", HALVES, zone=[7, 7], mean_radius=[0.1, 0.2])
     assert new("other.gpkg", "-o", "other.nml") == 0
-    assert Path("other_zones.csv").read_text() == "zone,mean_radius\n1,0.1\n2,0.2\n"
+    assert (
+        Path("other_zones.csv").read_text() == "zone,mean_radius,ground\n1,0.1,talus\n2,0.2,talus\n"
+    )
     assert sorted(read_scene(read_case("other.nml")).rasters.sizes[:, 0]) == [0.1, 0.2]
 
 
@@ -117,11 +119,13 @@ def test_the_table_of_zones_says_what_they_are_called():
     make_layer("site.gpkg", HALVES, layer="ground", **named)
     assert new("site.gpkg", "-o", "case.nml") == 0
     table = Path("case_zones.csv").read_text()
-    assert table == 'zone,mean_radius,name\n1,0.3,\'=scree\n2,0.1,"pasture, wet"\n'
+    assert table == (
+        'zone,mean_radius,ground,name\n1,0.3,talus,\'=scree\n2,0.1,meadow,"pasture, wet"\n'
+    )
     assert read_scene(read_case("case.nml")).rasters.sizes[:, 0].tolist() == [0.3, 0.1]
     make_layer("one.gpkg", HALVES, mean_radius=[0.3, 0.3], name=["scree", "talus"])
     assert new("one.gpkg", "-o", "one.nml") == 0  # one zone of two names
-    assert Path("one_zones.csv").read_text() == "zone,mean_radius\n1,0.3\n"
+    assert Path("one_zones.csv").read_text() == "zone,mean_radius,ground\n1,0.3,talus\n"
 
 
 def test_the_command_for_objects_names_their_layer(capsys):
@@ -175,7 +179,10 @@ def test_remarks_appear_once_and_name_the_files_that_were_given(tmp_path, capsys
     Path("work").mkdir()
     monkeypatch.chdir("work")
     layers = [Path("../maps/cliff.gpkg"), tmp_path / "soil.shp"]
-    assert main(["new", "../dem.tif", *map(str, layers), "-o", "../out/case.nml"]) == 0
+    assert (
+        main(["new", "../dem.tif", *map(str, layers), "-o", "../out/case.nml", "--ground=talus"])
+        == 0
+    )
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == len(set(lines)) and not [line for line in lines if ".rockfall" in line]
     places = [line.removeprefix("rockfall: warning: ") for line in lines]
@@ -360,7 +367,7 @@ def test_a_table_of_zones_is_not_overwritten():
     make_layer("zones.gpkg", HALVES, R_m=[0.1, 0.2])  # the symbol of the mean radius
     assert new("zones.gpkg", "-o", "case.nml") == 0
     table = Path("case_zones.csv")
-    assert table.read_text() == "zone,mean_radius\n1,0.1\n2,0.2\n"
+    assert table.read_text() == "zone,mean_radius,ground\n1,0.1,talus\n2,0.2,talus\n"
     Path("case.nml").unlink()
     table.write_text("zone,mean_radius\n1,0.15\n2,0.2\n")
     assert new("zones.gpkg", "-o", "case.nml") == 2

@@ -20,6 +20,7 @@ import scenes
 from made import make_layer, make_raster
 from rockfall.cli import main
 from rockfall.cli.arguments import make_parser
+from rockfall.draft.grounds import GROUNDS
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
@@ -47,6 +48,10 @@ def load(path):
     module = sys.modules[path.stem] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def test_grounds_are_those_of_the_program():
+    assert load(PLUGIN / "commands.py").GROUND.choices == (*GROUNDS,)
 
 
 def test_the_program_inherits_no_python_of_qgis(tmp_path, monkeypatch):
@@ -77,7 +82,7 @@ def site(tmp_path_factory):
     site, box = folder / "site.gpkg", shapely.box
     make_layer(site, [box(W + 100, N - 60, W + 200, N - 30)], layer="sources", id=[1])
     halves = [box(W, N - 200, W + 300, N), box(W, N - 390, W + 300, N - 200)]
-    make_layer(site, halves, layer="zones", mean_radius=[0.3, 0.1])
+    make_layer(site, halves, layer="zones", mean_radius=[0.3, 0.1], name=["scree", "wiese"])
     road = [shapely.LineString([(W, N - 45), (W + 300, N - 45)])]
     make_layer(site, road, layer="lines", name=["road"])
     program = folder / "bin/rockfall"
@@ -248,6 +253,7 @@ def test_what_is_drawn_is_neither_blank_nor_hidden(opened):
         ("neither", "Unable to execute algorithm\nGive either a case, or elevations .*"),
         ("not zones", r".*layer zones: left out \(.*mean_radius.*\)"),
         ("not a dam", r".*for a dam they need an attribute height \[m\].*"),
+        ("no ground", r".*dem\.tif: no ground: give --ground GROUND, of rock, .*"),
         ("again", r".*case\.nml: already exists; not overwritten.*"),
     ],
 )
@@ -261,6 +267,7 @@ def test_layers_of_a_project_become_a_case_with_dams_nets_and_a_forest(within):
     assert within["new"]["found"]["CASE"] == "drawn/case.nml"
     groups = re.findall(r"^&(\w+)", within["case"], re.MULTILINE)
     assert {"barrier", "dam", "forest", "line", "release"} <= {*groups}
+    assert re.search(r"^ +ground = 'meadow' ", within["case"], re.MULTILINE)
     assert "layer dams: dams" in within["new"]["found"]["TEXT"]
     assert "layer forest: stands" in within["new"]["found"]["TEXT"]
     assert "dams" in within["protected"]["loaded"] and "barriers" in within["protected"]["loaded"]

@@ -96,8 +96,11 @@ Path("bad.nml").write_text("&terrain dem = 'no.tif' /\n&cse /\n")
 answers["bad case"] = run("run", CASE="bad.nml", FOLDER="refused")
 answers["both"] = run("run", CASE="bad.nml", DEM=dem, FOLDER="refused")
 answers["neither"] = run("run", FOLDER="refused")
-answers["not zones"] = run("run", DEM=dem, ZONES=bare, SOURCES=cliff, FOLDER="refused")
-how = {"DEM": dem, "SOURCES": cliff, "BOULDERS": 3, "SEED": 7, "THREADS": 1}
+answers["not zones"] = run(
+    "run", DEM=dem, ZONES=bare, SOURCES=cliff, GROUND="talus", FOLDER="refused"
+)
+answers["no ground"] = run("run", DEM=dem, SOURCES=cliff, FOLDER="refused")
+how = {"DEM": dem, "SOURCES": cliff, "GROUND": "talus", "BOULDERS": 3, "SEED": 7, "THREADS": 1}
 answers["run"] = run("run", **how, FOLDER="project")
 answers["again"] = run("run", **how, FOLDER="project")
 answers["check"] = run("check", CASE="project/case.nml")
@@ -108,6 +111,7 @@ net = f"LineString ({W + 50} {N - 100}, {W + 250} {N - 100})"
 strong = "&field=height:double&field=capacity:double"
 drafts = {
     "SOURCES": cliff,
+    "GROUND": "meadow",
     "LINES": memory_layer("track", [line], "&field=name:string", "road", kind="LineString"),
     "BARRIERS": memory_layer("mesh", [net], strong, 3.0, 500.0, kind="LineString"),
     "DAMS": memory_layer("bank", [crest], "&field=height:double", 25.0, kind="LineString"),
@@ -117,7 +121,7 @@ drafts = {
 }  # fmt: skip
 answers["new"] = run("new", DEM=dem, FOLDER="drawn", **drafts)
 flat = memory_layer("flat dam", [crest], kind="LineString")
-answers["not a dam"] = run("new", DEM=dem, DAMS=flat, FOLDER="refused")
+answers["not a dam"] = run("new", DEM=dem, DAMS=flat, GROUND="rock", FOLDER="refused")
 text = Path("drawn/case.nml").read_text()
 for group, lines in {
     "varied": "&ensemble runs = 8, radius_factor = 1.2 /\n",

@@ -120,6 +120,11 @@ def _add_draft(commands: _Commands) -> None:
     text = "GeoPackage, GeoJSON, shapefile: each layer is known by shapes, attributes and name"
     new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=text)
     _option(new, "-o --output CASE.nml", Path, required=True)
+    text = (
+        "of the zone with this name or id, or of those that say none: talus, rocky-slope, rock, "
+        "meadow, vegetated-soil, compact, soft-soil or another ground; several times"
+    )
+    _option(new, "--ground [ZONE=]GROUND", str, text, action="append")
     text = "make a DEM of surveyed points, or edit one: edits in the order in which they are given"
     dem = _add(commands, "draft", "dem", text)
     text = "points.csv with x, y, z; point clouds (.las, .laz, .xyz), several too; or a DEM"

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from rockfall.draft.dem import (
     read_source,
     write_dem,
 )
+from rockfall.draft.grounds import GROUNDS
 from rockfall.draft.new_case import new_case
 from rockfall.errors import RockfallError
 from rockfall.io.ascii_grid import is_ascii_grid
@@ -28,13 +30,46 @@ OF_POINTS = ("cell", "power", "neighbours", "within", "crs", "classes", "thin")
 
 
 def new_command(arguments: argparse.Namespace) -> int:
-    new = new_case(arguments.dem, arguments.layers, arguments.output)
+    usual, by_zone = _grounds(arguments.ground or ())
+    ask = _ask if sys.stdin.isatty() else None
+    new = new_case(arguments.dem, arguments.layers, arguments.output, usual, by_zone, ask)
     for line in new.remarks:
         warn(line)
     print(*new.notes, sep="\n", end="\n" if new.notes else "")
     print(f"{new.sources:,} sources, {new.boulders:,} boulders from all of them together")
     print(arguments.output)
     return DONE
+
+
+def _grounds(options: Iterable[str]) -> tuple[str, dict[str, str]]:
+    """Ground for zones that say none, and grounds by zone, of `--ground [ZONE=]GROUND`."""
+    usual, by_zone = "", {}
+    for option in options:
+        zone, equals, ground = option.rpartition("=")
+        if (zone in by_zone) if equals else usual:
+            raise RockfallError(f"--ground {option}: given twice")
+        if equals:
+            by_zone[zone] = ground
+        else:
+            usual = ground
+    return usual, by_zone
+
+
+def _ask(what: str) -> str:
+    """Ask on the terminal for a ground, by its number or name; "" at the end of input."""
+    print(f"What would a boulder hit? Ground of {what}:", file=sys.stderr)
+    for number, (name, (meaning, _)) in enumerate(GROUNDS.items(), start=1):
+        print(f"  {number} {name:<15} {meaning}", file=sys.stderr)
+    names = [*GROUNDS]
+    while True:
+        try:
+            answer = input("number or name: ").strip()
+        except EOFError:
+            return ""
+        if answer.isdecimal() and 1 <= int(answer) <= len(names):
+            return names[int(answer) - 1]
+        if answer in names:
+            return answer
 
 
 def dem_command(arguments: argparse.Namespace) -> int:

@@ -10,7 +10,8 @@ from typing import Any
 
 from rockfall.case import keys_of
 from rockfall.case_text import Entry, Group, case_text
-from rockfall.draft.recognise import LINES, NAMES, SEVERAL, SOURCES, STANDS, TREES, ZONES, Layer
+from rockfall.draft.grounds import CHOICES, needs_rocks
+from rockfall.draft.recognise import LINES, SEVERAL, SOURCES, STANDS, TREES, ZONES, Layer
 from rockfall.draft.zones import Zones
 from rockfall.io.files import relative_name
 from rockfall.io.grid import Grid
@@ -36,6 +37,7 @@ class New:
     grid: Grid
     used: dict[str, list[Layer]] = field(default_factory=dict)  # by their use
     zones: Zones | None = None
+    ground: str = ""  # of a case without zones
     notes: list[str] = field(default_factory=list)  # use of each layer
     remarks: list[str] = field(default_factory=list)  # oddities
     sources: int = 0  # number of sources, once known
@@ -53,7 +55,7 @@ def new_text(new: New, place: Path) -> str:
     """Text of the case for a folder."""
     groups = [
         _case(new), Group("terrain", [_entry("terrain", "dem", _name(new.dem, place))]),
-        _surface(new, place), _impact(), _boulder(new), _release(new, place),
+        _surface(new, place), _boulder(new), _release(new, place),
         *_forest(new, place), *_drawn(new, place), _output(),
     ]  # fmt: skip
     return case_text(_head(new), groups, _foot(new))
@@ -106,26 +108,16 @@ def _case(new: New) -> Group:
     )
 
 
-def _impact() -> Group:
-    nearer = "In place of sets; meadow, rock ... are also grounds of zones"
-    return Group(
-        "impact",
-        [
-            _entry("impact", "sets", "vaujany-observed", "CHOOSE: of unbound rocks"),
-            _entry("impact", "table", "talus", nearer, on=False),
-        ],
-    )
-
-
 def _surface(new: New, place: Path) -> Group:
     if new.zones is None:
-        why = "CHOOSE; or zones and table, or mean_radius = 'raster.tif'"
-        ground = "A classical one, in place of impact sets (docs/grounds.md)"
+        why = f"As given; or zones and table; by terms of the field: {CHOICES}"
+        rocks = needs_rocks(new.ground)
+        radius = "CHOOSE; or mean_radius = 'raster.tif'" if rocks else "For grounds that need it"
         return Group(
             "surface",
             [
-                _entry("surface", "uniform_mean_radius", RADIUS, why),
-                _entry("surface", "ground", "soil_4", ground, on=False),
+                _entry("surface", "ground", new.ground, why),
+                _entry("surface", "uniform_mean_radius", RADIUS, radius, on=rocks),
             ],
         )
     zones, layer = new.zones, new.used[ZONES][0]
@@ -143,7 +135,7 @@ def _surface(new: New, place: Path) -> Group:
         [
             *named,
             _entry("surface", "zone_field", zones.field),
-            _entry("surface", "table", zones.table.name, "From the attributes of the polygons"),
+            _entry("surface", "table", zones.table.name, "Attributes and grounds of the polygons"),
             _entry("surface", "method", zones.method),
             *rest,
         ],
@@ -210,7 +202,7 @@ def _drawn(new: New, place: Path) -> Iterator[Group]:
         for layer in new.used.get(kind, ()):
             entries = [_entry(group, "file", _name(layer.path, place))]
             entries += _layer(layer, group, "layer")
-            field = next((name for name in NAMES if name in layer.columns), None)
+            field = layer.name_column
             if field and new.has_key(group, "field"):
                 entries.append(_entry(group, "field", layer.own_names[field]))
             yield Group(group, entries)

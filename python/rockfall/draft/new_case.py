@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from rockfall.case import read_case
+from rockfall.draft.grounds import Ask, Grounds
 from rockfall.draft.groups import New, new_text
 from rockfall.draft.recognise import (
     OBJECTS,
@@ -37,12 +38,23 @@ from rockfall.simulation.memory import machine_memory
 TOTAL = 100_000  # boulders in a first run
 
 
-def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> New:
+def new_case(
+    dem: str | Path,
+    layers: Iterable[str | Path],
+    out: str | Path,
+    ground: str = "",
+    grounds: Mapping[str, str] | None = None,
+    ask: Ask | None = None,
+) -> New:
     """Write a commented case for a DEM and the layers of some files, with a table of zones next to
     it if there are any, without overwriting files; returns its contents.
 
+    `grounds` are those of zones by their name or id, `ground` that of zones which say none by their
+    attributes or names, or of a case without zones. `ask` takes a zone that is still open and
+    returns its ground; without it, or for "", such a case is refused.
+
     >>> import rockfall
-    >>> new = rockfall.new_case("dem.tif", ["cliff.gpkg"], "new.nml")
+    >>> new = rockfall.new_case("dem.tif", ["cliff.gpkg"], "new.nml", ground="talus")
     >>> new.sources
     4
     """
@@ -59,9 +71,14 @@ def new_case(dem: str | Path, layers: Iterable[str | Path], out: str | Path) -> 
     ]
     if doubtful and SOURCES not in new.used:
         _check_steep(new, doubtful)
+    chosen = Grounds(ground, grounds or {}, ask)
+    if ZONES not in new.used:
+        chosen.check_used(None)
+        new.ground = chosen.of_case(str(dem))
     with atomic_folder(out.parent, [dem, *files], last=out.name) as place:
         if ZONES in new.used:
-            new.zones = zones_of(new.used[ZONES][0], grid, z, out.stem, place)
+            new.zones = zones_of(new.used[ZONES][0], grid, z, out.stem, place, chosen)
+            new.notes += chosen.notes()
             new.remarks += new.used[ZONES][0].remarks if new.zones.copy else []
         _write(new, place, files)
     return new

@@ -39,7 +39,7 @@ WORDS = {  # prefixes of names: English, German, French, Italian
 AVAFRAME = re.compile(r"rel(?!ief)", re.IGNORECASE)  # begins the names of its release areas
 #: Attributes of sources.
 OF_SOURCES = {"volume", "volume_class", "frequency", "block_shape", *VALUES} - {"density"}
-NAMES = ("name", "bezeichnun", "nom", "nome", "label")  # attributes with the name of a line
+NAMES = ("name", "bezeichnun", "nom", "nome", "label")  # attributes with the name of a feature
 SHORT = 10  # maximum length of attribute names in a shapefile
 
 
@@ -75,6 +75,16 @@ class Layer:
         """Values of a key, None where empty; empty if no attribute gives it."""
         name = self.attribute(key)
         return [] if name is None else [*map(plain, self.columns[name])]
+
+    @property
+    def name_column(self) -> str | None:
+        """Attribute with the names of features."""
+        return next((name for name in NAMES if name in self.columns), None)
+
+    def text(self, column: str | None, k: int) -> str:
+        """Attribute of a feature as text; "" if it is empty, or if there is no such attribute."""
+        value = None if column is None else plain(self.columns[column][k])
+        return "" if value is None else str(value).strip()
 
     def has(self, key: str) -> bool:
         """Return True if features have numbers for a key. Some without one, or with a text, are

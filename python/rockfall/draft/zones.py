@@ -9,15 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rockfall.draft.recognise import NAMES, OF_ZONES, Layer
+from rockfall.draft.grounds import ID, Grounds
+from rockfall.draft.recognise import Layer
 from rockfall.errors import RockfallError
 from rockfall.io.crs import plan_wkt
 from rockfall.io.grid import NO_ID, Grid
 from rockfall.io.layers import burn_polygons
 from rockfall.io.tables import spreadsheet_text
+from rockfall.io.zone_table import RADII
 from rockfall.result.export import write_geopackage
-
-ID = "zone"  # the attribute with the id
 
 
 class Zones(NamedTuple):
@@ -31,11 +31,15 @@ class Zones(NamedTuple):
     outside: int  # number of those cells
 
 
-def zones_of(layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path) -> Zones:
+def zones_of(
+    layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path, grounds: Grounds
+) -> Zones:
     """Write the zone table of a layer to a folder and, if polygons have no distinct ids, the
     polygons with ids."""
-    columns = [key for key in OF_ZONES if layer.attribute(key)]
-    rows = [_row(layer, columns, k) for k in range(len(layer.shapes))]
+    radii = [key for key in RADII if layer.attribute(key)]
+    columns = [*radii, "ground"]
+    rows = [_row(layer, radii, k, grounds) for k in range(len(layer.shapes))]
+    grounds.check_used(layer)
     ids = _own_ids(layer, rows)
     copy, field = None, layer.own_names.get(ID, ID)
     if ids is None:
@@ -64,24 +68,20 @@ def zones_of(layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path) ->
     return Zones(copy, field, table, method, rest, outside)
 
 
-def _row(layer: Layer, columns: list[str], k: int) -> tuple[str, ...]:
-    """Ground attributes of a polygon as a table row."""
-    cells = []
-    for column in columns:
-        value = layer.columns[str(layer.attribute(column))][k]
-        empty = value is None or value != value
-        text = "" if empty else str(value.item() if hasattr(value, "item") else value).strip()
-        cells.append(spreadsheet_text(text) if column == "ground" else text)
-    if not any(cells):
-        raise RockfallError(f"{layer}: feature {k + 1}: must have {' or '.join(columns)}")
-    return tuple(cells)
+def _row(layer: Layer, radii: list[str], k: int, grounds: Grounds) -> tuple[str, ...]:
+    """Rock sizes and ground of a polygon as a table row."""
+    sizes = [layer.text(layer.attribute(key), k) for key in radii]
+    if not any(sizes) and not layer.text(layer.attribute("ground"), k):
+        keys = [*radii, *(["ground"] if layer.attribute("ground") else [])]
+        raise RockfallError(f"{layer}: feature {k + 1}: must have {' or '.join(keys)}")
+    return (*sizes, spreadsheet_text(grounds.of_zone(layer, k)))
 
 
 def _names(layer: Layer, ids: list[int]) -> dict[int, str]:
     """Name of each zone, if the layer has unambiguous ones."""
-    column = next((layer.columns[name] for name in NAMES if name in layer.columns), None)
-    if column is None:
+    if layer.name_column is None:
         return {}
+    column = layer.columns[layer.name_column]
     called = {(number, name) for number, name in zip(ids, column, strict=True)}
     named = [(number, name) for number, name in called if isinstance(name, str)]
     texts = {number: spreadsheet_text(name) for number, name in named if name.isprintable()}
