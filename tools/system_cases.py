@@ -59,14 +59,10 @@ TRIALS = {
     "ratio between": of_vaujany(impact={"ratio": "between"}),
     "turned to the aspect": of_vaujany(impact={"turning": "to_aspect"}),
     "turned as in the laboratory": of_vaujany(impact={"turning": "lab"}),
-    "sobol": of_vaujany(case={"sampling": "sobol"}, boulder=SPREAD),
     "every map": of_vaujany(output=FULL_MAPS, boulder=SPREAD),
     "table talus": with_table("talus"),
     "table meadow, platy": with_table("meadow", "platy"),
     "table rocky-slope": with_table("rocky-slope"),
-    "sobol with a table": of_vaujany(
-        case={"sampling": "sobol"}, boulder=SPREAD, impact={"form": "table"}
-    ),
     **{
         f"ground {name}": of_vaujany(surface={"ground": name}, impact={"impact_limit": 3000})
         for name in ("soil_4", "pfeiffer_soil", "rock_ledge", "bourrier_hungr")

@@ -95,7 +95,6 @@ def options(z: np.ndarray, grid: Grid, case: rockfall.Case, folder: Path) -> dic
     surface = {"method": "A", "uniform_rg": 3 * [2 * RADIUS], "uniform_mean_radius": None}
     found["method A"] = Option({"surface": surface})
     found["elevations in float64"] = Option(rasters={"dem": z.astype("f8")})
-    found["sobol"] = Option({"case": {"sampling": "sobol"}}, other_boulders=True)
     release = {"x": None, "y": None, "cells": "given"}
     cells = np.zeros(z.shape, "i4")
     x, y = case.release["x"][0], case.release["y"][0]
@@ -223,10 +222,6 @@ CUTS: dict[str, list[Edit]] = {
     "method A": [("terrain/surface.f90", "surface%method == method_a", ".false.", 2)],
     "elevations in float32": [
         ("terrain/terrain.f90", "associated(dem%z8)", ".true.", 3)
-    ],
-    "sobol": [
-        (_DRAWS, "scene%sobol%dimensions > 0", ".false.", 1),
-        (_DRAWS, "scene%sobol%dimensions > 1", ".false.", 2),
     ],
     "by_area": [("boulder/boulder.f90", "allocated(release%last)", ".false.", 2)],
     "windows of terrain": [

@@ -589,15 +589,6 @@ def test_nothing_to_look_at_is_refused(tmp_path):
         vary(case)
 
 
-def test_chance_that_is_not_known_is_refused(tmp_path):
-    case = case_of(tmp_path, ensemble={"source_shift": 2.0}).replace(case={"sampling": "sobol"})
-    with refused(
-        "case: &case sampling = 'sobol': must be 'random' for an ensemble: the Monte Carlo error "
-        "is not known"
-    ):
-        vary(case)
-
-
 def test_more_numbers_than_the_design_has_are_refused(tmp_path):
     scene = scene_of(tmp_path, ensemble={"radius_factor": 2.0})
     scene = scene.replace(sizes=np.full((10_595, 1), 0.3))

@@ -565,7 +565,7 @@ DOCUMENTS = {
                      "block_shape_share": [0.75, 0.25]}},
     ),
     "settings": ({}, {"boulder": {"volume": "list", "volumes": [0.1, 1, 2.5]}, "case": {
-        "title": "it's", "boulders": 40, "sampling": "sobol"}, "flight": {"gravity": 9.8}}),
+        "title": "it's", "boulders": 40}, "flight": {"gravity": 9.8}}),
 }  # fmt: skip
 
 

@@ -96,6 +96,8 @@ ZONES = "zones = 'zones.tif', table = 'zones.csv'"
 RADII = change(ZONES, "mean_radius = 'rm.tif'")
 CELLS = change("x = 600060.0, y = 4999980.0", "cells = 'cells.tif'")
 HOSTILE = {
+    "removed key": (change("seed", "sampling"),
+        "case.nml: &case sampling = .*: was removed: leave it out, boulders are drawn at random"),
     "unknown key": (change("density", "densty"),
         r"case.nml: line 5: &boulder densty: unknown key; known: volume, .*"),
     "unknown word": (change("'energy_mean'", "'energy_mean', 'passage'"),

@@ -202,7 +202,6 @@ def scenes_of(draw, generic=False):
         "case": {
             "boulders": draw(st.integers(1, 30)),
             "seed": draw(st.integers(0, 2**31)),
-            "sampling": draw(st.sampled_from(["random", "sobol"])),
         },
         "surface": surface,
         "impact": {

@@ -5,7 +5,7 @@ It shares no code with the program, and takes the doubles of a scene as the exac
 are; so an error of the kernel is the whole difference. Where the kernel is quick it is naive: each
 patch has its quadratic in the time since the flight's start, solved by the school's formula. Only
 what a random number is, is the kernel's: the layout of the random words and the quintic pieces of
-the normal quantile (rockfall_random, rockfall_impact, rockfall_draws, rockfall_sobol).
+the normal quantile (rockfall_random, rockfall_impact, rockfall_draws).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import numpy as np
 import classical
 
 decimal.getcontext().prec = 50  # of all that this module reckons
-RELEASE, IMPACT, SCRAMBLE, GROUND = 1, 2, 3, 5  # purposes of random words
+RELEASE, IMPACT, GROUND = 1, 2, 5  # purposes of random words
 INERTIA = Decimal("0.4")  # of a sphere, over m R**2
 PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 LOW = 2**32 - 1
@@ -59,7 +59,6 @@ class World:
     by_area: bool = False
     reading: float = 0.5  # method A: R_m over Rg
     seed: int = 1
-    sobol: bool = False
     drop: float = 0.0
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     law: str = "normal"
@@ -270,48 +269,8 @@ def philox(counter: list[int], seed: int) -> list[int]:
 
 
 def words(world: World, purpose: int, boulder: int, impact: int, draw: int) -> list[int]:
-    """The four random words of a draw; the first ones are the boulder's Sobol' point."""
-    found = philox([boulder & LOW, boulder >> 32, impact, purpose << 24 | draw], world.seed)
-    if world.sobol and draw == 0:
-        if purpose == RELEASE:
-            found[0] = sobol_point(world, boulder)[0]
-        elif purpose == IMPACT and impact == 1:
-            found = sobol_point(world, boulder)[1:5]
-        elif purpose == GROUND and impact == 1:
-            found[0] = sobol_point(world, boulder)[5]
-    return found
-
-
-@functools.cache
-def sobol_points(power: int) -> np.ndarray:
-    """The first 2**power points in six dimensions (Joe and Kuo 2008), as words."""
-    from scipy.stats import qmc
-
-    points = qmc.Sobol(6, scramble=False, bits=32).random_base2(power)
-    return (points * 2**32).astype(np.int64)
-
-
-def sobol_point(world: World, boulder: int) -> list[int]:
-    """The six words of a boulder's point: its volume, those of its first rebound, and the rocks
-    that it meets there."""
-    source, index = source_of(world, boulder)
-    point = sobol_points(max(6, index.bit_length()))[index]
-    return [scrambled(world.seed, int(word), source + 1, d) for d, word in enumerate(point, 1)]
-
-
-def scrambled(seed: int, word: int, source: int, dimension: int) -> int:
-    """Owen's scramble: a bit is turned by a random bit that belongs to all the bits above it. The
-    random bits of seven levels, a tree, are one block, and five trees lie below each other."""
-    bits, turned = f"{word:032b}000", ""
-    for place, bit in enumerate(bits):
-        tree, level = divmod(place, 7)
-        prefix = int(bits[: 7 * tree] or "0", 2)
-        node = int("1" + bits[7 * tree : 7 * tree + level], 2)
-        low = 28 - 7 * tree
-        counter = [prefix, source & LOW, source >> 32, SCRAMBLE << 24 | 64 * dimension + low]
-        block = philox(counter, seed)
-        turned += str(int(bit) ^ (block[node // 32] >> node % 32 & 1))
-    return int(turned[:32], 2)
+    """The four random words of a draw."""
+    return philox([boulder & LOW, boulder >> 32, impact, purpose << 24 | draw], world.seed)
 
 
 def uniform(word: int) -> Decimal:

@@ -183,7 +183,6 @@ def world_of(scene: Scene) -> World:
         by_area=case.release["by_area"],
         reading={"diameter": 0.5, "radius": 1.0}[case.surface["rg_reading"]],
         seed=case.case["seed"],
-        sobol=case.case["sampling"] == "sobol",
         drop=case.release["drop_height"],
         velocity=tuple(case.release["velocity"]),
         law={"fixed": "normal"}.get(law, law),

@@ -192,12 +192,11 @@ def test_mean_radius_that_changes_from_cell_to_cell(tmp_path):
      NORMAL | {"volume_std": 1.5}],
     ids=["lognormal", "uniform", "list", "pareto", "truncated"],
 )  # fmt: skip
-@pytest.mark.parametrize("sampling", ["random", "sobol"])
-def test_laws_of_volume_by_random_and_even_points(tmp_path, boulder, sampling):
-    """From several sources; the even points are those of SciPy's Sobol' sequence, scrambled."""
+def test_laws_of_volume(tmp_path, boulder):
+    """From several sources."""
     result, _ = both(
         tmp_path, scenes.rough(), None, boulder=boulder,
-        case={"boulders": 5, "sampling": sampling}, impact={"impact_limit": 3},
+        case={"boulders": 5}, impact={"impact_limit": 3},
         release={"x": [149.8, 100.1, 200.3], "y": [382.6, 350.2, 300.9]},
     )  # fmt: skip
     assert "impact_limit" in scenes.status(result)

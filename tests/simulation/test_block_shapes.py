@@ -377,11 +377,9 @@ AXES = [0.6, 0.5, 0.4, 1.4, 0.9, 0.8, 1.3, 1.1, 0.5, 1.6, 1.0, 0.9]
 LISTED_SHAPES = np.array([1, 2, 3, 2])
 
 
-@pytest.mark.parametrize("sampling", ["random", "sobol"])
-def test_listed_volumes_have_the_shape_of_their_axes(tmp_path, sampling):
+def test_listed_volumes_have_the_shape_of_their_axes(tmp_path):
     """Two of them are equal volumes of different shapes."""
     case = full_case(tmp_path, **dict.fromkeys([*MIX, "volume_std"]) | LISTED, block_axes=AXES)
-    case = case.replace(case={"sampling": sampling})
     result = rockfall.run(case)
     shape, volume = result["block_shape"].values, result["volume"].values
     assert {*zip(volume.tolist(), shape.tolist(), strict=True)} == {

@@ -68,7 +68,7 @@ def test_no_number_depends_on_lanes(tmp_path, lanes, how):
     "groups",
     [
         {
-            "case": {"boulders": 60, "sampling": "sobol"},
+            "case": {"boulders": 60},
             "boulder": {"volume": "lognormal", "volume_mean": 1.0, "volume_std": 1.0},
         },
         {"line": []},
@@ -87,7 +87,7 @@ def test_no_number_depends_on_lanes(tmp_path, lanes, how):
         {"barrier": NETS, "forest": STAND, "impact": ROLLS, "output": BARE | {"maps": MAPS}},
     ],
     ids=[
-        "sobol",
+        "lognormal volumes",
         "no lines",
         "deposits",
         "maps and histograms",

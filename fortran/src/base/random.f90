@@ -8,15 +8,15 @@ module rockfall_random
    private
    public :: random_key_t, random_key, philox4x32, last_counter, random_words, uniform, side_of
    public :: normal_table_t, normal_table, normal, normal_quantile
-   public :: for_release, for_impact, for_scramble, for_ground, for_forest, for_tree, for_breakage, purpose_bit
+   public :: for_release, for_impact, for_ground, for_forest, for_tree, for_breakage, purpose_bit
    public :: fragment_number, boulder_number
    public :: words_per_block
    public :: volume_word, shape_word, rebound_words, turn_word, obstacle_word, ratio_word, roughness_word
    public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word
    public :: tree_class_word, tree_within_word, cone_word, around_word
 
-   !> Purposes, one stream each. Those from 65 on belong to the laboratory.
-   integer(i8), parameter :: for_release = 1, for_impact = 2, for_scramble = 3
+   !> Purposes, one stream each; 3, a former one, stays unused. Those from 65 on belong to the laboratory.
+   integer(i8), parameter :: for_release = 1, for_impact = 2
    integer(i8), parameter :: for_ground = 5   !! properties of the ground at an impact
    integer(i8), parameter :: for_forest = 11  !! counter: cell, stem; stem 0 gives the number of stems
    integer(i8), parameter :: for_tree = 12    !! counter: boulder, number of this tree among those hit

@@ -126,16 +126,14 @@ contains
    end function released_by
 
    !> Draw boulder `number`: its volume, with the radius and mass of a sphere of that volume.
-   pure type(boulder_t) function draw_boulder(distribution, table, key, number, first) result(boulder)
+   pure type(boulder_t) function draw_boulder(distribution, table, key, number) result(boulder)
       type(volume_distribution_t), intent(in) :: distribution
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
-      integer(i8), intent(in), optional :: first  !! word of the first draw; default: the usual one
       integer(i8) :: word(words_per_block)
 
       word = random_words(key, for_release, number, 0_i8, 0_i8)
-      if (present(first)) word(volume_word) = first
       select case (distribution%kind)
       case (normal_volume)
          boulder%volume = truncated_normal(distribution, table, key, number, word(volume_word))

@@ -15,7 +15,6 @@ module rockfall_case
    use rockfall_surface, only: method_a, method_b
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
    use rockfall_forest, only: tree_model_t
-   use rockfall_sobol, only: max_points
    use rockfall_breakage, only: breakage_t
    use rockfall_math, only: degree
    use rockfall_barrier, only: ead_energy, log_capacity
@@ -49,7 +48,7 @@ module rockfall_case
       integer(i8) :: seed = 1
       integer(i8) :: boulders = 0, boulders_total = 0  !! from each source, or from all; 0: the other is given
       integer :: threads = 0
-      logical :: sobol = .false.                 !! sampling
+
       integer, allocatable :: default_zone
       real(wp), allocatable :: uniform_sizes(:)  !! R_m, or Rg70, Rg20, Rg10 [m]
       integer :: method = method_b
@@ -169,10 +168,6 @@ contains
          call fail(error, key_location(group, "boulders, boulders_total")// &
                    ": give one of the two: boulders from each source, or from all together")
       this%threads = int(integer_of(group, "threads"))
-      this%sobol = text_of(group, "sampling") == "sobol"
-      if (this%sobol .and. this%boulders > max_points) then
-         call refuse(group, "boulders", "must be at most 2**32 with sampling = 'sobol'", error)
-      end if
       group = group_of(list, "terrain")
       this%dem = text_of(group, "dem")
       group = group_of(list, "flight")

@@ -60,8 +60,6 @@ module rockfall_case_keys
       key_t("case", "boulders_total", "integer", 1, "absent", "1 to 2147483647", "", &
             "instead of boulders: released from all sources together, shared evenly or by their weights"), &
       key_t("case", "threads", "integer", 1, "0", "0 to 1024", "", "0 = all cores"), &
-      key_t("case", "sampling", "text", 1, "'random'", "random, sobol", "", &
-            "sobol: volumes and first rebounds spread evenly"), &
       key_t("terrain", "dem", "text", 1, "required", "", "", &
             "elevation raster, square cells in metres", in_scene, "raster"), &
       key_t("surface", "zones", "text", 1, "absent", "", "", &
@@ -355,6 +353,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call parse_namelist(text, file, list, error)
+      if (.not. allocated(error)) call check_removed(list, error)
       if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, repeatable, &
                                                    "a case has one such group; only &" &
                                                    //joined(repeatable, ", &")//" may repeat", error)
@@ -362,6 +361,18 @@ contains
       if (.not. allocated(error)) call complete(list, file)
       if (.not. allocated(error)) call check_keys(list, error)
    end subroutine read_keys
+
+   !> Refuse keys of earlier versions, with what to do instead.
+   pure subroutine check_removed(list, error)
+      type(namelist_t), intent(in) :: list
+      type(error_t), allocatable, intent(out) :: error
+      integer :: g
+
+      do g = 1, size(list%group)
+         if (list%group(g)%name == "case" .and. has_key(list%group(g), "sampling")) &
+            call refuse(list%group(g), "sampling", "was removed: leave it out, boulders are drawn at random", error)
+      end do
+   end subroutine check_removed
 
    !> Format a key as text: group|key|kind|most|default|allowed|unit|meaning|file.
    pure function row_text(key) result(text)

@@ -7,7 +7,6 @@ module rockfall_scene
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, line_of
    use rockfall_random, only: random_key, normal_table
-   use rockfall_sobol, only: sobol_sequence, max_dimensions
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: terrain
    use rockfall_surface, only: method_a
@@ -90,7 +89,6 @@ contains
       end if
       scene%key = random_key(case%seed)
       scene%table = normal_table()
-      if (case%sobol) scene%sobol = sobol_sequence(max_dimensions)
       scene%gravity = case%gravity
       scene%stop_speed = case%stop_speed
       scene%rest_slope = rest_slope_of(merge(case%rest_angle, rest_angle_of_rocks(), case%rest_angle >= 0))

@@ -461,7 +461,7 @@ contains
       type(patch_t) :: patch
       real(wp) :: radius, obstacle, u_ground(words_per_block)
       integer :: cell(2), k, lane, set
-      logical :: is_sobol, timed
+      logical :: timed
 
       if (allocated(by_table)) call clear_batch(by_table)
       timed = allocated(scratch(1)%visits%time)
@@ -492,9 +492,8 @@ contains
             c%ground(k) = max(1, c%ground(k))
             if (result%status == absorbed) cycle
             c%ratio(k) = result%boulder%radius/radius
-            is_sobol = result%impacts == 1 .and. scene%sobol%dimensions > 1  ! left to the scalar code
             if (sets%offset(c%ground(k)) < 0) then
-               if (allocated(scene%grounds(c%ground(k))%table) .and. .not. is_sobol) &
+               if (allocated(scene%grounds(c%ground(k))%table)) &
                   call add_contact(by_table, k, scene%grounds(c%ground(k))%table, c%ground(k), result%boulder, &
                                    inertia_of(scene, c%number(k)), c%ratio(k), l%jump_height(k), c%w(k), &
                                    c%heading1(k), c%heading2(k), pool%touch(lane))
@@ -503,7 +502,7 @@ contains
             call find_impact_set(scene, c%ratio(k), u_ground, set, c%outside(k))
             c%set(k) = sets%offset(c%ground(k)) + set
             ! flat, like one with nodata: left to the scalar code
-            if (is_sobol .or. .not. c%complete(k) > 0) c%z(k, :) = 0
+            if (.not. c%complete(k) > 0) c%z(k, :) = 0
          end associate
       end do
    end subroutine classify_contacts

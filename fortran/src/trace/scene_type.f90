@@ -3,7 +3,6 @@
 module rockfall_scene_type
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, normal_table_t, boulder_number
-   use rockfall_sobol, only: sobol_t
    use rockfall_terrain, only: terrain_t
    use rockfall_surface, only: surface_t
    use rockfall_boulder, only: source_boulder_t, feature_t, volume_distribution_t, release_t, source_of, inertia_factor
@@ -28,7 +27,7 @@ module rockfall_scene_type
    type :: scene_t
       type(random_key_t) :: key            !! from the seed
       type(normal_table_t) :: table
-      type(sobol_t) :: sobol               !! for the volume and the words of the first rebound
+
       type(terrain_t) :: dem
       type(surface_t) :: surface
       type(impact_set_t) :: sets(impact_ratios)

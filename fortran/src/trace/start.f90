@@ -4,13 +4,13 @@ module rockfall_start
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
    use rockfall_terrain, only: locate, height, cell_of
-   use rockfall_boulder, only: boulder_t, boulder_of, source_of, kinetic_energy
+   use rockfall_boulder, only: boulder_t, draw_boulder, boulder_of, source_of, kinetic_energy
    use rockfall_flight, only: flight_t, landing_t, launch_rate
    use rockfall_maps, only: visit_cell
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, at_rest, left_window
    use rockfall_scratch, only: scratch_t, contact_t, with_maps, with_all, clear_scratch, record_vertex
-   use rockfall_draws, only: drawn_boulder, block_shape_of
+   use rockfall_draws, only: block_shape_of
    implicit none
    private
    public :: start_boulder, start_piece, energy_head, end_boulder
@@ -28,11 +28,11 @@ contains
       result%source = int(source_of(scene%release, number))
       if (level >= with_all .and. allocated(scene%features)) then
          associate (volumes => scene%features(scene%release%feature(result%source))%volumes)
-            result%boulder = drawn_boulder(scene, volumes, number)
+            result%boulder = draw_boulder(volumes, scene%table, scene%key, number)
             result%block_shape = block_shape_of(scene, volumes, result%source, number)
          end associate
       else
-         result%boulder = drawn_boulder(scene, scene%volumes, number)
+         result%boulder = draw_boulder(scene%volumes, scene%table, scene%key, number)
          if (level >= with_all) result%block_shape = block_shape_of(scene, scene%volumes, result%source, number)
       end if
       if (level >= with_all .and. allocated(scene%of_source)) &

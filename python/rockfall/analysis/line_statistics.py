@@ -70,10 +70,6 @@ def line_statistics(
     Where boulders may break, fragments is how many of a boulder that crossed did; the rest is of
     the most energetic of them (docs/breakage.md).
 
-    With &case sampling = 'sobol' boulders are spread more evenly than random ones, which the
-    intervals ignore: they are those of the same number of random boulders, and too wide
-    (docs/validation/benchmarks.md).
-
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
     >>> table = rockfall.line_statistics(result)

@@ -13,7 +13,6 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import half_width
 from rockfall.analysis.run_out import mean_slopes
 from rockfall.analysis.run_until import verdicts_of
-from rockfall.case import case_of
 from rockfall.html_report.intervals import ONE_SIDED, TOO_FEW, estimate, in_lines, in_unit
 from rockfall.html_report.tables import Table
 from rockfall.language import Number, Text, say, say_count
@@ -156,8 +155,6 @@ def angle(result: xr.Dataset) -> Iterator[str]:
 
 def technical(result: xr.Dataset) -> Iterator[str]:
     """Technical details of the random numbers, for repeating the run."""
-    if case_of(result).case["sampling"] == "sobol":
-        yield say("summary.sobol_points_spread_the_boulders_more")
     rebounds, redrawn, forced = (
         int(result[f"rebounds{suffix}"]) for suffix in ("", "_redrawn", "_forced")
     )

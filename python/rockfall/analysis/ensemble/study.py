@@ -149,11 +149,6 @@ def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
     """Scene without the outputs that studies do not use, except these maps."""
     case = scene.case
     refuse_by_area(scene.case, scene, what)
-    if case.case["sampling"] != "random":
-        raise RockfallError(
-            f"{case.name}: &case sampling = '{case.case['sampling']}': must be 'random' for "
-            f"{what}: the Monte Carlo error is not known"
-        )
     output: dict[str, Any] = {"maps": maps} | ({"map_extent": "terrain"} if maps else {})
     output |= {"rebounds": False, "trajectories": 0, "energy_balance": False, "kept": "all"}
     return replace(scene, case=case.replace(output=output))
