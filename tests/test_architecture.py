@@ -16,11 +16,6 @@ LEVELS = [
     ["field", "terrain"],
     [
         "case",
-        "case_files",
-        "case_rules",
-        "case_text",
-        "case_variants",
-        "case_zones",
         "grounds",
         "impact_sets",
         "impact_tables",
@@ -43,7 +38,7 @@ LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 #: Compiled modules, and where they may be called.
 DOORS = {
     "_core": re.compile(
-        r"case|errors|grounds|limits|scene\..*|simulation\..*|result\.(variables|run_arrays)"
+        r"case\.(case|keys|text)|errors|grounds|limits|scene\..*|simulation\..*|result\.(variables|run_arrays)"
     ),
     "_lab": re.compile(r"lab\..*"),
 }

@@ -5,11 +5,11 @@ import ast
 import re
 from pathlib import Path
 
-import f90nml
 import pytest
 
 import rockfall
 from rockfall.case import key_table
+from rockfall.case.text import read_groups
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "SECURITY.md",
@@ -43,7 +43,7 @@ def test_the_readme_is_short():
 def test_the_case_of_the_readme_is_a_case():
     (text,) = blocks("fortran")
     known = {(key.group, key.name) for key in key_table()}
-    for group, keys in f90nml.reads(text).items():
+    for group, keys in read_groups(text, "README.md").items():
         assert {(group, name) for name in keys} <= known
     assert len(text.splitlines()) <= 10
 

@@ -35,7 +35,7 @@ PYTEST = [WINE, PYTHON / "python.exe", "-m", "pytest", "-p", "no:cacheprovider",
 #: The newest that Wine 8 can load, with what they need; then the newest of what tests use.
 PACKAGES = """
 numpy==1.26.4 scipy==1.12.0 netCDF4==1.6.5 cftime==1.6.3 pandas==2.1.4 xarray==2024.11.0
-pyogrio==0.11.0 shapely==2.0.2 pyproj==3.6.1 rasterio==1.4.0 f90nml rich colorama tzdata
+pyogrio==0.11.0 shapely==2.0.2 pyproj==3.6.1 rasterio==1.4.0 rich colorama tzdata
 pytest hypothesis psutil matplotlib pillow jinja2 threadpoolctl openpyxl python-docx ezdxf laspy
 pooch lazrs==0.6.0 starlette uvicorn websockets babel
 """.split()

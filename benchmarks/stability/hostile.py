@@ -479,7 +479,6 @@ def attempts(folder: Path, seed: int, numbers: range, kind: str | None = None) -
 def _import_all() -> None:
     """What a fork is not to import anew."""
     import dask.base  # noqa: F401
-    import f90nml  # noqa: F401
     import jinja2  # noqa: F401
     import matplotlib.figure  # noqa: F401
     import pandas  # noqa: F401

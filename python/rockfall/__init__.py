@@ -4,7 +4,7 @@
 from importlib import import_module
 
 _MODULES = {  # module of each public name, and the name there if different
-    "Case": "case",
+    "Case": "case.case",
     "Batch": "session.batch",
     "Interrupted": "simulation.simulate",
     "RockfallError": "errors",
@@ -30,7 +30,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "merge": "simulation.merge",
     "new_case": "draft.new_case",
     "open": "session.session:open_session",
-    "read_case": "case",
+    "read_case": "case.case",
     "read_result": "result.dataset",
     "report": "products",
     "report_variants": "products",
@@ -43,7 +43,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "show": "app.show",
     "site": "protection.siting",
     "trajectories": "result.trajectories",
-    "variants": "case_variants",
+    "variants": "case.variants",
     "write_hazard": "analysis.hazard.files",
     "write_result": "result.dataset",
 }

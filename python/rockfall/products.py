@@ -15,7 +15,7 @@ from rockfall.analysis.lines.section import Section, section_of
 from rockfall.analysis.lines.stations import SectionLine
 from rockfall.analysis.models import read_models
 from rockfall.analysis.observations import Observed, read_observed
-from rockfall.case_files import files_behind
+from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import check_page, write_report

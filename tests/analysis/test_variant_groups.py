@@ -16,7 +16,7 @@ from programs import (  # fmt: skip
     same_results,
 )
 from rockfall.analysis import variant_runs
-from rockfall.case_variants import variants
+from rockfall.case.variants import variants
 from rockfall.cli import main
 from rockfall.simulation.merge import join
 

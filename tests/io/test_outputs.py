@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 import rockfall
 import scenes
 from made import PLACE, UTM, leave_pictures_blank, make_raster, refused, write_ascii
-from rockfall.case_files import input_files
+from rockfall.case.files import input_files
 from rockfall.cli import main
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import atomic_folder

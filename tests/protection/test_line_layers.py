@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Lines, barriers and dams of vector layers: the same as typed ones, or refused in one line."""
 
-import io
 import os
 import sys
 
-import f90nml
 import numpy as np
 import pytest
 
@@ -19,8 +17,8 @@ from programs import (
     run_program,
     same_results,
 )
-from rockfall.case import case_in, namelist_text, read_case
-from rockfall.case_files import files_behind, input_files
+from rockfall.case import case_in, read_case
+from rockfall.case.files import files_behind, input_files
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 
@@ -86,15 +84,6 @@ def test_lines_of_a_layer_cost_linear_time(case):
     twice = [*scene.case.line, {**scene.case.line[-1], "name": "line 7"}]
     with pytest.raises(rockfall.RockfallError, match="name = 'line 7': must be unique"):
         case.replace(line=twice)
-
-
-def test_groups_of_a_name_are_written_as_f90nml_has_them(case):
-    x = [1.0, 2.5e-7, -0.0, 1e22, 123456.789012345, 2600689.7770308754, 3.0]
-    group = {"name": 'it\'s "B"', "x": x, "y": [float(k) for k in range(7)], "class": 3}
-    alone = f90nml.Namelist({"barrier": group})
-    alone.indent = 4
-    alone.write(text := io.StringIO())
-    assert namelist_text({}, {"barrier": [group]}) == text.getvalue()
 
 
 @pytest.mark.parametrize("name", FORMATS)

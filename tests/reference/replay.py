@@ -16,12 +16,12 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import f90nml
 import numpy as np
 
 import classical
 import reference
 from reference import Contact, Doubt, Landing, Patch, State, World, exact
+from rockfall.case.text import read_groups
 from rockfall.io.grid import Grid
 
 if TYPE_CHECKING:
@@ -201,7 +201,7 @@ def _ground(given: GroundRule) -> classical.Ground | None:
     """A ground from the numbers of its text; None: the case's impact sets."""
     if not given.text:
         return None
-    values = f90nml.reads(given.text.decode())["ground"]
+    values = read_groups(given.text.decode(), given.name)["ground"]
 
     def scatter(name: str, least: float = 0.0, most: float = 1.0) -> classical.Scatter:
         ends = values.get(f"{name}_min", 0.0), values.get(f"{name}_max", most)

@@ -7,7 +7,6 @@ import shutil
 from fractions import Fraction
 from pathlib import Path
 
-import f90nml
 import numpy as np
 import pytest
 import rasterio
@@ -15,6 +14,8 @@ import rasterio
 import rockfall
 from rockfall.analysis.hazard.study import read_study, run_study
 from rockfall.analysis.model_limits import forest_experiment
+from rockfall.case import read_case
+from rockfall.case.text import read_values
 from rockfall.io.raster import write_geotiff
 from rockfall.lab import talus
 from rockfall.lab.talus import Talus
@@ -25,6 +26,11 @@ CASES = Path(__file__).parents[2] / "cases"
 VAUJANY, PLANE = CASES / "vaujany", CASES / "plane"
 ROAD = CASES / "protected-road"
 RELEASE_Y = 587.5
+
+
+def read(path: Path):
+    """The groups of a namelist file."""
+    return read_values(path.read_bytes(), str(path)).groups
 
 
 def script(path: Path):
@@ -64,9 +70,9 @@ def test_vaujany_mean_gradient_is_38_degrees(slope):
 def test_vaujany_lines_lie_185_and_235_m_down_the_slope(slope):
     s, z = slope
     for name in "case.nml", "case_A.nml":
-        case = f90nml.read(VAUJANY / name)
-        assert case["release"]["y"] == RELEASE_Y
-        for line, along in zip(case["line"], (185, 235), strict=True):
+        case = read_case(VAUJANY / name)
+        assert case.release["y"] == [RELEASE_Y]
+        for line, along in zip(case.line, (185, 235), strict=True):
             assert line["x"] == [1.25, 198.75]  # from the first to the last cell centre
             plan = RELEASE_Y - line["y"][0]
             assert plan == pytest.approx(along * np.cos(np.radians(38)), abs=0.01)
@@ -84,7 +90,8 @@ def test_vaujany_zones_all_have_rows():
 
 
 def test_vaujany_cases_differ_by_the_method_only():
-    a, b = (f90nml.read(VAUJANY / name).todict() for name in ("case_A.nml", "case.nml"))
+    paths = (VAUJANY / name for name in ("case_A.nml", "case.nml"))
+    a, b = ({group.name: group.given for group in read(path)} for path in paths)
     assert (a["surface"].pop("method"), b["surface"].pop("method")) == ("A", "B")
     assert a["case"].pop("title") != b["case"].pop("title")
     assert a["surface"].pop("rg_reading") == "radius"  # of which method B has none
@@ -106,7 +113,7 @@ def test_plane_is_exactly_plane():
 
 def test_plane_matrix_is_that_of_the_closed_form_and_never_adds_energy():
     matrix = script(PLANE / "closed_form.py").MATRIX
-    sets = f90nml.read(PLANE / "plane.nml")["impact_set"]
+    sets = [impact_set.given for impact_set in read(PLANE / "plane.nml")]
     assert [s["ratio"] for s in sets] == [1, 2, 3, 4, 5]
     for s in sets:
         assert np.array_equal(np.reshape(s["mean"], (3, 3)), matrix)

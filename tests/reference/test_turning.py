@@ -8,12 +8,12 @@ The map knows no raster, no patches and no kernel: on a plane a flight has a clo
 import functools
 from pathlib import Path
 
-import f90nml
 import numpy as np
 import pytest
 
 import rockfall
 import scenes
+from rockfall.case.text import read_groups
 
 VAUJANY = Path(__file__).parents[2] / "cases/vaujany"
 RULES = "past_aspect", "to_aspect", "lab"
@@ -139,7 +139,7 @@ def new_headings(rule, heading, incoming, random):
         turn = np.minimum(turn, np.abs(heading))
     after = heading + side * turn
     if rule == "lab":
-        block = f90nml.reads(f"&set {scenes.lateral(2)} /")["set"]
+        block = read_groups(f"&set {scenes.lateral(2)} /", "set")["set"]
         angle = np.degrees(np.arctan2(-incoming[1], incoming[0]))
         shares = [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1]
         u, class_ = random.uniform(size=n), np.digitize(angle, block["incidence"])

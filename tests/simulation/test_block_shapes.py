@@ -21,7 +21,7 @@ from programs import (
 )
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.models import variants
-from rockfall.case_variants import variants as case_variants
+from rockfall.case.variants import variants as case_variants
 from rockfall.cli import main
 from rockfall.html_report.inputs import Parties, input_table
 from rockfall.impact_tables import BLOCK_SHAPES

@@ -52,12 +52,13 @@ module rockfall_f2py
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_namelist, only: namelist_t
+   use rockfall_namelist, only: namelist_t, parse_namelist
+   use rockfall_namelist_json, only: json_of
    use rockfall_values, only: refuse
    use rockfall_case_keys, only: key_text => row_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name, &
-                                 read_keys
-   use rockfall_case, only: case_t, read_case, given_shapes, turning_rule, radius_of_reading, line_groups, &
-                            barrier_strengths
+                                 read_keys, default_keys
+   use rockfall_case, only: case_t, read_case, case_of_keys, given_shapes, turning_rule, radius_of_reading, &
+                            line_groups, barrier_strengths
    use rockfall_covariance, only: find_root => covariance_root
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    use rockfall_state_table, only: array_t, row_text
@@ -76,9 +77,9 @@ module rockfall_f2py
    public :: open_run, open_joined_run, continue_run, merge_run, close_run, advance, array, map, map_passages, &
              settle_sources, restore_sources
    public :: forget_tallies, pack_part, begin_part, unpack_part, forget_part
-   public :: value_fault, run_difference, case_facts, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
+   public :: value_fault, run_difference, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
    public :: largest_block
-   public :: check_maps, check_case, refusal, table_row, read_sets, covariance_root, fields
+   public :: check_maps, values_of, refusal, table_row, read_sets, covariance_root, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
@@ -921,17 +922,42 @@ contains
       first = 0
    end subroutine check_numbers
 
-   !> Check the text of a case: code 0, or a one-line error message.
-   subroutine check_case(text, name, code, message)
-      character(len=*), intent(in) :: text, name
-      integer(c_int), intent(out) :: code
+   !> Values of a text in namelist format as JSON (rockfall_namelist_json), and its length: in `json` are the first
+   !> `room` bytes. Of a "case" they are checked and complete; facts, 1 or 0: it has trees; its sources are points; its
+   !> boulders are those of the layer of sources; of rasters; rebounds follow a table of impacts where nothing else is
+   !> said; boulders can have each of the block shapes. "defaults": every group of a case, whatever the text. "any":
+   !> unknown groups and keys.
+   subroutine values_of(form, text, name, room, facts, json, length, code, message)
+      integer(c_int), intent(in) :: room
+      character(len=*), intent(in) :: form, text, name
+      integer(c_int), intent(out) :: facts(8)
+      integer(c_int8_t), intent(out) :: json(room)
+      integer(c_int), intent(out) :: length, code
       character(len=max_message), intent(out) :: message
+      character(len=:), allocatable :: values
+      type(namelist_t) :: list
       type(case_t) :: case
       type(error_t), allocatable :: error
 
-      call read_case(text, name, case, error)
+      facts = 0
+      json = 0
+      length = 0
+      select case (form)
+      case ("case")
+         call read_keys(text, name, list, error)
+         if (.not. allocated(error)) call case_of_keys(list, name, case, error)
+         if (.not. allocated(error)) facts = merge(1, 0, [case%forest, case%at_points, case%by_feature, &
+                                                          case%by_source, case%by_table, given_shapes(case)])
+      case ("defaults"); call default_keys(list)
+      case default; call parse_namelist(text, name, list, error)
+      end select
+      if (.not. allocated(error)) then
+         values = json_of(list, key_table(:merge(0, n_keys, form == "any")))
+         length = len(values)
+         json(:min(room, length)) = transfer(values(:min(room, length)), json, min(room, length))
+      end if
       call give_error(error, code, message)
-   end subroutine check_case
+   end subroutine values_of
 
    !> One-line error message that refuses a key by a rule, in the text of a valid case, of group `number` of a name.
    subroutine refusal(text, name, group, number, key, rule, message)
@@ -947,19 +973,6 @@ contains
       call refuse(list%group(number), key, rule, error)
       call give_error(error, code, message)
    end subroutine refusal
-
-   !> Facts of a valid case, 1 or 0: it has trees; its sources are points; its boulders are those of the layer of
-   !> sources; of rasters; rebounds follow a table of impacts where nothing else is said.
-   subroutine case_facts(text, facts)
-      character(len=*), intent(in) :: text
-      integer(c_int), intent(out) :: facts(8)
-      type(case_t) :: case
-      type(error_t), allocatable :: error
-
-      call read_case(text, "", case, error)
-      facts = merge(1, 0, [case%forest, case%at_points, case%by_feature, case%by_source, case%by_table, &
-                           given_shapes(case)])
-   end subroutine case_facts
 
    !> Number that a text spells, as in files; NaN if none.
    subroutine decimal(text, value)

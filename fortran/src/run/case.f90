@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Case file: reads the values of its keys (rockfall_case_keys) and checks the rules between keys, group by group. Keys
-!> that no run uses are checked against their table only; case_rules.py has the rules between them.
+!> that no run uses are checked against their table only; case/rules.py has the rules between them.
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -20,7 +20,7 @@ module rockfall_case
    use rockfall_barrier, only: ead_energy, log_capacity
    implicit none
    private
-   public :: case_t, case_line_t, read_case, given_shapes, turning_rule, radius_of_reading, keeps_all
+   public :: case_t, case_line_t, read_case, case_of_keys, given_shapes, turning_rule, radius_of_reading, keeps_all
    public :: line_groups, barrier_strengths
 
    integer(i8), parameter :: keeps_all = huge(1_i8)
@@ -95,7 +95,16 @@ contains
       type(namelist_t) :: list
 
       call read_keys(text, file, list, error)
-      if (allocated(error)) return
+      if (.not. allocated(error)) call case_of_keys(list, file, this, error)
+   end subroutine read_case
+
+   !> Make a case from its checked keys.
+   pure subroutine case_of_keys(list, file, this, error)
+      type(namelist_t), intent(in) :: list
+      character(len=*), intent(in) :: file
+      type(case_t), intent(out) :: this
+      type(error_t), allocatable, intent(out) :: error
+
       this%file = file
       call read_run(list, this, error)
       if (.not. allocated(error)) call read_surface(group_of(list, "surface"), this, error)
@@ -110,7 +119,7 @@ contains
       if (.not. allocated(error)) call read_hazard(group_of(list, "hazard"), this, error)
       if (.not. allocated(error)) call check_effects(list, error)
       this%variants = variant_names(list)
-   end subroutine read_case
+   end subroutine case_of_keys
 
    !> Find a group by name; `complete` has added absent ones.
    pure type(group_t) function group_of(list, name)

@@ -12,7 +12,7 @@ module rockfall_case_keys
    use rockfall_decimal, only: parse_real
    implicit none
    private
-   public :: key_t, key_table, n_keys, row_text, read_keys, check_key, repeatable, broken_rule
+   public :: key_t, key_table, n_keys, row_text, read_keys, default_keys, check_key, repeatable, broken_rule
    public :: map_names, n_maps, many, text_length, max_name, max_real
 
    integer, parameter :: many = 100000                !! maximum number of values in a list
@@ -406,7 +406,16 @@ contains
       end do
    end function is_given
 
-   !> Add absent groups, and the defaults of absent keys.
+   !> Get every group of a case once, with the defaults of its keys.
+   pure subroutine default_keys(list)
+      type(namelist_t), intent(out) :: list
+      type(error_t), allocatable :: error
+
+      call parse_namelist("&"//joined(repeatable, " / &")//" /", "", list, error)
+      call complete(list, "")
+   end subroutine default_keys
+
+   !> Add absent groups, and the defaults of absent keys, which a layer may give in a group that names one.
    pure subroutine complete(list, file)
       type(namelist_t), intent(inout) :: list
       character(len=*), intent(in) :: file
@@ -416,13 +425,14 @@ contains
 
       call parse_namelist(default_case(list), file, defaults, error)
       do d = 1, size(defaults%group)
+         defaults%group(d)%entry%given = .false.
          associate (default => defaults%group(d))
             if (.not. any([repeatable == default%name, list%group%name == default%name])) then
                list%group = [list%group, default]
                cycle
             end if
             do g = 1, size(list%group)
-               if (list%group(g)%name /= default%name) cycle
+               if (list%group(g)%name /= default%name .or. has_key(list%group(g), "file")) cycle
                do e = 1, size(default%entry)
                   if (has_key(list%group(g), trim(default%entry(e)%key))) cycle
                   list%group(g)%entry = [list%group(g)%entry, default%entry(e)]

@@ -33,6 +33,7 @@ module rockfall_namelist
    type :: entry_t
       character(len=name_length) :: key = ""  !! lower case
       integer :: line = 0
+      logical :: given = .true.  !! false: by default
       character(len=:), allocatable :: text    !! from the first value to the last
       type(value_t), allocatable :: value(:)   !! at least one; repeat counts are expanded
    end type entry_t
@@ -122,7 +123,7 @@ contains
          n = n + 1
          call parse_entry(text, file, cursor, entries(n), error)
          if (allocated(error)) return
-         call check_key(entries(:n), location(file, entries(n)%line)//"&"//trim(group%name), error)
+         call check_key(entries(:n), file, group%name, error)
          if (allocated(error)) return
       end do
       if (cursor%pos <= len(text)) then
@@ -149,7 +150,7 @@ contains
       start = cursor
       call take_word(text, cursor)
       word = text(start%pos:cursor%pos - 1)
-      call check_word(word, location(file, start%line), error)
+      call check_word(word, file, start%line, error)
       if (allocated(error)) return
       call skip_blanks(text, cursor)
       if (.not. is_at(text, cursor, "=") .or. len(word) == 0) then
@@ -204,7 +205,7 @@ contains
             cycle
          end if
          start = cursor
-         call take_value(text, location(file, cursor%line), cursor, value, repeats, error)
+         call take_value(text, file, cursor, value, repeats, error)
          if (allocated(error)) return
          call skip_blanks(text, cursor)
          if (is_at(text, cursor, "=") .and. .not. value%quoted) then  ! it was the next key
@@ -224,8 +225,8 @@ contains
    end subroutine parse_values
 
    !> Parse one value with its repeat count. May also consume a word that turns out to be the next key.
-   pure subroutine take_value(text, where, cursor, value, repeats, error)
-      character(len=*), intent(in) :: text, where
+   pure subroutine take_value(text, file, cursor, value, repeats, error)
+      character(len=*), intent(in) :: text, file
       type(cursor_t), intent(inout) :: cursor
       type(value_t), intent(out) :: value
       integer, intent(out) :: repeats
@@ -236,12 +237,12 @@ contains
       value%first = cursor%pos
       call take_word(text, cursor)
       value%last = cursor%pos - 1
-      call check_word(text(value%first:value%last), where, error)
+      call check_word(text(value%first:value%last), file, cursor%line, error)
       if (allocated(error)) return
       star = verify(text(value%first:value%last), digits)
       if (star > 1) then
          if (text(value%first + star - 1:value%first + star - 1) == "*") then
-            call take_repeats(text(value%first:value%first + star - 2), where, repeats, error)
+            call take_repeats(text(value%first:value%first + star - 2), file, cursor%line, repeats, error)
             if (allocated(error)) return
             value%first = value%first + star
          end if
@@ -249,19 +250,19 @@ contains
       if (cursor%pos <= len(text)) value%quoted = scan(text(cursor%pos:cursor%pos), "'""") == 1
       if (value%quoted) then
          if (value%first <= value%last) then
-            call fail(error, where//"expected a blank or comma before " &
+            call fail(error, location(file, cursor%line)//"expected a blank or comma before " &
                       //excerpt(rest_of_line(text, cursor%pos)))
             return
          end if
-         call take_quoted(text, where, cursor, value, error)
+         call take_quoted(text, file, cursor, value, error)
       else if (value%first > value%last) then
-         call fail(error, where//"expected a value at "//excerpt(rest_of_line(text, cursor%pos)))
+         call fail(error, location(file, cursor%line)//"expected a value at "//excerpt(rest_of_line(text, cursor%pos)))
       end if
    end subroutine take_value
 
    !> Parse a quoted text on one line; a doubled quote is a literal quote.
-   pure subroutine take_quoted(text, where, cursor, value, error)
-      character(len=*), intent(in) :: text, where
+   pure subroutine take_quoted(text, file, cursor, value, error)
+      character(len=*), intent(in) :: text, file
       type(cursor_t), intent(inout) :: cursor
       type(value_t), intent(inout) :: value
       type(error_t), allocatable, intent(out) :: error
@@ -275,7 +276,7 @@ contains
          step = scan(text(i:), quote//achar(10))
          i = i + step
          if (step == 0 .or. text(i - 1:i - 1) /= quote) then
-            call fail(error, where//"text without its closing quote: " &
+            call fail(error, location(file, cursor%line)//"text without its closing quote: " &
                       //excerpt(rest_of_line(text, cursor%pos)))
             return
          end if
@@ -286,17 +287,19 @@ contains
       cursor%pos = i
       value%last = i - 2
       if (value%last - value%first + 1 > max_value_length) then
-         call fail(error, where//"text longer than "//integer_text(max_value_length)//" characters")
+         call fail(error, location(file, cursor%line)//"text longer than "//integer_text(max_value_length) &
+                   //" characters")
       else if (i <= len(text)) then
          if (scan(text(i:i), blanks//",/&!") == 0) then
-            call fail(error, where//"expected a blank or comma before " &
+            call fail(error, location(file, cursor%line)//"expected a blank or comma before " &
                       //excerpt(rest_of_line(text, i)))
          end if
       end if
    end subroutine take_quoted
 
-   pure subroutine take_repeats(text, where, repeats, error)
-      character(len=*), intent(in) :: text, where
+   pure subroutine take_repeats(text, file, line, repeats, error)
+      character(len=*), intent(in) :: text, file
+      integer, intent(in) :: line
       integer, intent(out) :: repeats
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: count
@@ -305,7 +308,7 @@ contains
       repeats = 1
       call parse_integer(text, count, status)
       if (status /= decimal_ok .or. count < 1 .or. count > max_repeats) then
-         call fail(error, where//"repeat count "//excerpt(text)//"*: must be 1 to " &
+         call fail(error, location(file, line)//"repeat count "//excerpt(text)//"*: must be 1 to " &
                    //integer_text(max_repeats))
          return
       end if
@@ -313,33 +316,42 @@ contains
    end subroutine take_repeats
 
    !> Reject invalid unquoted words.
-   pure subroutine check_word(word, where, error)
-      character(len=*), intent(in) :: word, where
+   pure subroutine check_word(word, file, line, error)
+      character(len=*), intent(in) :: word, file
+      integer, intent(in) :: line
       type(error_t), allocatable, intent(out) :: error
 
       if (len(word) > max_value_length) then
-         call fail(error, where//"a value longer than "//integer_text(max_value_length)//" characters")
+         call fail(error, location(file, line)//"a value longer than "//integer_text(max_value_length)//" characters")
       else if (scan(word, "(%)") > 0) then
-         call fail(error, where//"'"//excerpt(word)//"': array subscripts, components (%) and " &
+         call fail(error, location(file, line)//"'"//excerpt(word)//"': array subscripts, components (%) and " &
                    //"complex numbers are not supported")
       end if
    end subroutine check_word
 
    !> Check that the last entry does not repeat a key or exceed the maximum number of keys.
-   pure subroutine check_key(entries, where, error)
+   pure subroutine check_key(entries, file, group, error)
       type(entry_t), intent(in) :: entries(:)
-      character(len=*), intent(in) :: where
+      character(len=*), intent(in) :: file, group  !! its name
       type(error_t), allocatable, intent(out) :: error
       integer :: i, n
 
       n = size(entries)
       do i = 1, n - 1
          if (entries(i)%key /= entries(n)%key) cycle
-         call fail(error, where//" "//trim(entries(n)%key)//": given twice in this group " &
+         call fail(error, where()//" "//trim(entries(n)%key)//": given twice in this group " &
                    //"(first in line "//integer_text(entries(i)%line)//")")
          return
       end do
-      if (n > max_keys) call fail(error, where//": more than "//integer_text(max_keys)//" keys")
+      if (n > max_keys) call fail(error, where()//": more than "//integer_text(max_keys)//" keys")
+
+   contains
+
+      pure function where()
+         character(len=:), allocatable :: where
+
+         where = location(file, entries(n)%line)//"&"//trim(group)
+      end function where
    end subroutine check_key
 
    !> Mark groups that share their name, so that messages identify them by line.

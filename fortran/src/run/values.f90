@@ -10,7 +10,7 @@ module rockfall_values
    implicit none
    private
    public :: has_key, value_count, text_of, get_text, get_integer, get_real, get_logical, refuse, refuse_list, &
-             key_location, has_comma, check_names
+             key_location, has_comma, check_names, unquoted, read_logical
 
    integer, parameter :: max_texts = 1000   !! maximum length of a list of texts
 
@@ -314,31 +314,50 @@ contains
       character(len=*), intent(in) :: key
       logical, intent(inout) :: value
       type(error_t), allocatable, intent(out) :: error
+      logical :: switch, is_logical
       integer :: k
 
       call find_single(group, key, k, error)
       if (k == 0 .or. allocated(error)) return
-      select case (lower(written_value(group%entry(k), 1)))
-      case (".true.", ".t.", "true", "t"); value = .true.
-      case (".false.", ".f.", "false", "f"); value = .false.
-      case default; call refuse(group, key, "must be .true. or .false.", error)
-      end select
+      call read_logical(written_value(group%entry(k), 1), switch, is_logical)
+      if (is_logical) value = switch
+      if (.not. is_logical) call refuse(group, key, "must be .true. or .false.", error)
    end subroutine get_logical
 
-   !> Value `i` of entry `k` as text, with doubled quotes undone.
+   pure subroutine read_logical(word, value, is_logical)
+      character(len=*), intent(in) :: word
+      logical, intent(out) :: value, is_logical
+
+      is_logical = .true.
+      value = .false.
+      select case (lower(word))
+      case (".true.", ".t.", "true", "t"); value = .true.
+      case (".false.", ".f.", "false", "f"); value = .false.
+      case default; is_logical = .false.
+      end select
+   end subroutine read_logical
+
    pure subroutine to_text(group, k, i, value, error)
       type(group_t), intent(in) :: group
       integer, intent(in) :: k, i
       character(len=:), allocatable, intent(inout) :: value
       type(error_t), allocatable, intent(out) :: error
-      character(len=:), allocatable :: written
+
+      if (group%entry(k)%value(i)%quoted) then
+         value = unquoted(group%entry(k), i)
+      else
+         call refuse(group, trim(group%entry(k)%key), "must be text in quotes", error, i)
+      end if
+   end subroutine to_text
+
+   !> Quoted value `i` of an entry, with doubled quotes undone.
+   pure function unquoted(entry, i) result(value)
+      type(entry_t), intent(in) :: entry
+      integer, intent(in) :: i
+      character(len=:), allocatable :: value, written
       integer :: n, next
 
-      if (.not. group%entry(k)%value(i)%quoted) then
-         call refuse(group, trim(group%entry(k)%key), "must be text in quotes", error, i)
-         return
-      end if
-      written = written_value(group%entry(k), i)
+      written = written_value(entry, i)
       n = 0
       next = 2
       do while (next < len(written))
@@ -348,7 +367,7 @@ contains
          next = next + 1
       end do
       value = written(:n)
-   end subroutine to_text
+   end function unquoted
 
    pure subroutine to_real(group, k, i, value, error)
       type(group_t), intent(in) :: group

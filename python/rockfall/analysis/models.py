@@ -16,7 +16,7 @@ from rockfall.analysis.line_statistics import line_numbers, sample_numbers
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
 from rockfall.case import Case
-from rockfall.case_zones import case_zones
+from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.grounds import (
     ABSORBS,

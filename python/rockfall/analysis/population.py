@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rockfall.case import Case, keys_of, namelist_value
+from rockfall.case import Case, keys_of
+from rockfall.case.text import literal
 from rockfall.language import Text, say
 
 OF_VOLUMES = (  # keys of &boulder, without the list of volumes, which may be long
@@ -16,9 +17,7 @@ OF_VOLUMES = (  # keys of &boulder, without the list of volumes, which may be lo
 def population_notes(case: Case) -> Iterator[Text]:
     """Notes on the boulders that numbers of a case are of."""
     given = {key: case.boulder[key] for key in keys_of("boulder") if key in case.boulder}
-    volumes = [
-        f"{key} = {namelist_value(value)}" for key, value in given.items() if key in OF_VOLUMES
-    ]
+    volumes = [f"{key} = {literal(value)}" for key, value in given.items() if key in OF_VOLUMES]
     yield say("variants.population", boulders=", ".join(volumes))
     if case.scenario:
         yield say("variants.other_population")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.case import Case
-from rockfall.case_variants import naming_variant, variants
+from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
 from rockfall.language import say
 from rockfall.scene.plausible import implausible

@@ -141,8 +141,6 @@ def _field(key: Key) -> Field:
     elif key.kind == "text" and "," in key.allowed:
         choices = tuple(key.allowed.split(", "))
     default = default_values().get(key.group, {}).get(key.name)
-    if key.most > 1 and default is not None and not isinstance(default, list):
-        default = [default]
     return Field(
         key.name, key.kind, key.most > 1, default, key.allowed, choices, low, high, key.unit,
         key.meaning, bool(key.file), key.most,

@@ -26,8 +26,8 @@ from rockfall.app.pictures import (
 )
 from rockfall.app.places import entry_of, without_files
 from rockfall.case import REPEATABLE, Case, key_table
-from rockfall.case_variants import BASE
-from rockfall.case_zones import case_zones
+from rockfall.case.variants import BASE
+from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.io.raster import read_dem
 from rockfall.language import say, speaking, translated

@@ -14,7 +14,7 @@ from rockfall.app.document import OTHER_SOURCES, Document, Settings, Site, Varia
 from rockfall.app.features import MAX_FEATURES, MAX_VERTICES, Feature
 from rockfall.app.forms import DRAWN, REST, Form, ground_names, layer_forms, settings_forms
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, default_values, given_groups, read_case
-from rockfall.case_variants import variants
+from rockfall.case.variants import variants
 from rockfall.draft.groups import RADIUS, VOLUME
 from rockfall.errors import RockfallError
 from rockfall.io.files import NETCDF, start_of

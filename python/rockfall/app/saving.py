@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from rockfall.app.document import Document, Runnable, Site, runnable
 from rockfall.app.messages import Refused
 from rockfall.app.places import without_files
-from rockfall.case import REPEATABLE, Case, Key, file_keys, given_groups, namelist_text
-from rockfall.case_files import input_files
-from rockfall.case_rules import CHOSEN
-from rockfall.case_variants import BASE, variants
+from rockfall.case import REPEATABLE, Case, Key, file_keys, given_groups
+from rockfall.case.files import input_files
+from rockfall.case.rules import CHOSEN
+from rockfall.case.text import namelist_text
+from rockfall.case.variants import BASE, variants
 from rockfall.errors import RockfallError
 from rockfall.io.crs import plan_wkt
 from rockfall.io.output_files import atomic_folder, overwriting

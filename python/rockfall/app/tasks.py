@@ -17,7 +17,7 @@ from rockfall.app.document import Site
 from rockfall.app.messages import Message, fault_message, text_message
 from rockfall.app.places import without_files
 from rockfall.case import Case, read_case
-from rockfall.case_files import input_files
+from rockfall.case.files import input_files
 from rockfall.errors import RockfallError
 from rockfall.interrupts import Stopped, check_stop, stopped_by
 from rockfall.io.output_files import check_result_path, overwriting

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 
 from rockfall.case import read_case
-from rockfall.case_variants import variants
+from rockfall.case.variants import variants
 from rockfall.cli.given import given_case, scene_of
 from rockfall.cli.messages import DONE
 from rockfall.text.preview import preview

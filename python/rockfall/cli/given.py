@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from rockfall.case import Case, read_case
-from rockfall.case_variants import chosen_variant
+from rockfall.case.variants import chosen_variant
 from rockfall.cli.messages import warn
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene

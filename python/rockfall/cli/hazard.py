@@ -14,7 +14,7 @@ from rockfall.analysis.hazard.segments import Roads
 from rockfall.analysis.hazard.study import Study, read_study, run_study
 from rockfall.analysis.hazard.variables import map_names
 from rockfall.case import Case
-from rockfall.case_files import input_files
+from rockfall.case.files import input_files
 from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
 from rockfall.cli.given import memory_of, overridden, stem_of
 from rockfall.cli.messages import DONE, say, warn

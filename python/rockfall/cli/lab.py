@@ -9,7 +9,7 @@ from collections.abc import Callable
 from math import inf
 from pathlib import Path
 
-from rockfall.case import namelist_text
+from rockfall.case.text import namelist_text
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError, need
 from rockfall.impact_sets import shipped_sets

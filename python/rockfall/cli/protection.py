@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.case_files import files_behind, input_files
+from rockfall.case.files import files_behind, input_files
 from rockfall.cli import design_block
 from rockfall.cli.given import given_options, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE

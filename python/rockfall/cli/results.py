@@ -14,7 +14,7 @@ from rockfall.analysis.hazard.files import DRAWINGS, export_hazard, is_hazard
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
 from rockfall.analysis.variants import compare_variants, difference_maps, write_variants
-from rockfall.case_files import files_behind
+from rockfall.case.files import files_behind
 from rockfall.cli.given import given_options
 from rockfall.cli.messages import DONE, warnings_told
 from rockfall.cli.section import drawn

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from rockfall.analysis.run_until import simulate_until, verdicts_of
 from rockfall.case import Case
-from rockfall.case_files import input_files
+from rockfall.case.files import input_files
 from rockfall.cli.given import overridden, scene_of, stem_of
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError

@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from rockfall.case_files import files_behind
+from rockfall.case.files import files_behind
 from rockfall.cli.given import given_options
 from rockfall.cli.messages import DONE, warnings_told
 from rockfall.errors import RockfallError, need

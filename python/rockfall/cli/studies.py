@@ -16,7 +16,7 @@ from rockfall.analysis.models import run_models, write_models
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.validation import validate
 from rockfall.case import Case
-from rockfall.case_files import input_files
+from rockfall.case.files import input_files
 from rockfall.cli.given import given_case, given_options, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE, say
 from rockfall.errors import RockfallError, need

@@ -17,8 +17,8 @@ from rockfall.analysis.variants import (
     write_variants,
 )
 from rockfall.case import Case, read_case
-from rockfall.case_files import input_files
-from rockfall.case_variants import variants
+from rockfall.case.files import input_files
+from rockfall.case.variants import variants
 from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
 from rockfall.cli.given import memory_of, with_overrides
 from rockfall.cli.messages import DONE, say, warn, warnings_told

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rockfall.case import keys_of
-from rockfall.case_text import Entry, Group, case_text
+from rockfall.case.text import Entry, Group, case_text
 from rockfall.draft.grounds import CHOICES, needs_rocks
 from rockfall.draft.recognise import LINES, SEVERAL, SOURCES, STANDS, TREES, ZONES, Layer
 from rockfall.draft.zones import Zones

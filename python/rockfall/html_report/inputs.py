@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.model_limits import followed_text
 from rockfall.case import FROM_ARRAY, Case, case_of
-from rockfall.case_zones import case_zones
+from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import has

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rockfall.analysis.compare import compare
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.return_levels import return_levels
-from rockfall.case_files import files_behind
+from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.ensemble import (
     PER_LINE,

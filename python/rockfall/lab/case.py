@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from rockfall._lab import lab_f2py as _lab
-from rockfall.case import check_namelist, namelist_text, plain_values
-from rockfall.errors import RockfallError
+from rockfall.case.text import kernel_text, namelist_text, plain_values, read_groups
+from rockfall.errors import RockfallError, check_kernel
 from rockfall.io.files import read_text
 
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
@@ -85,10 +85,8 @@ def read_lab_case(path: str | Path) -> LabCase:
 
 def lab_case_of(text: str, name: str) -> LabCase:
     """Parse a laboratory case from a text."""
-    import f90nml
-
     _check(text, name)
-    return LabCase(name=name, **f90nml.reads(text).todict())
+    return LabCase(name=name, **read_groups(text, name))
 
 
 def _check(text: str, name: str) -> None:
@@ -97,7 +95,7 @@ def _check(text: str, name: str) -> None:
             f"{name}: &lab ground: is for `rockfall lab impact`, which throws blocks at it; this "
             "needs a case of rocks"
         )
-    check_namelist(_lab.check_case, text.encode(), name)
+    check_kernel(*_lab.check_case(*kernel_text(text.encode(), name)))
 
 
 def _like(value: Any, default: Any) -> Any:

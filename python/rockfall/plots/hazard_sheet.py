@@ -16,7 +16,7 @@ from rockfall.analysis.hazard.classes import CLASSES, Matrix
 from rockfall.analysis.hazard.files import HAZARD_COLOURS
 from rockfall.analysis.model_limits import followed_text
 from rockfall.case import case_in
-from rockfall.case_files import read_names
+from rockfall.case.files import read_names
 from rockfall.language import Number, localised, say
 from rockfall.plots.cartography.sheet import (
     INCH,

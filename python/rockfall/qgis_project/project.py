@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from rockfall.case import case_of
-from rockfall.case_files import read_names
+from rockfall.case.files import read_names
 from rockfall.io.raster import write_geotiff
 from rockfall.language import Number, say, speaking, word
 from rockfall.plots.cartography.relief import INDEX, contours_of

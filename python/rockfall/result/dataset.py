@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.case_files import files_behind
+from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError
 from rockfall.io.crs import grid_mapping
 from rockfall.io.files import atomic_write

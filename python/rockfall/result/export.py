@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.case_files import files_behind
+from rockfall.case.files import files_behind
 from rockfall.errors import OUR_FAULT, RockfallError, need
 from rockfall.io.arrays import grid_of
 from rockfall.io.crs import in_plan, plan_wkt

@@ -13,7 +13,7 @@ import numpy as np
 
 from rockfall.analysis.model_limits import forest_text
 from rockfall.case import read_case
-from rockfall.case_text import Entry, Group, case_text
+from rockfall.case.text import Entry, Group, case_text
 from rockfall.draft.dem import read_source
 from rockfall.errors import RockfallError
 from rockfall.io.files import read_text, relative_name

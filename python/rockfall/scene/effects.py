@@ -4,7 +4,8 @@ alone says so."""
 
 from __future__ import annotations
 
-from rockfall.case import given_groups, namelist_value
+from rockfall.case import given_groups
+from rockfall.case.text import literal
 from rockfall.errors import RockfallError
 from rockfall.grounds import IMPACT_SETS, TABLES
 from rockfall.scene.rules.boulders import largest_volumes
@@ -25,9 +26,8 @@ def check_effects(scene: Scene) -> None:
     ):
         value = given.get(group, {}).get(key)
         if not is_used and value is not None:
-            values = map(namelist_value, value if isinstance(value, list) else [value])
             raise RockfallError(
-                f"{case.name}: &{group} {key} = {', '.join(values)}: is only valid with {with_}, "
+                f"{case.name}: &{group} {key} = {literal(value)}: is only valid with {with_}, "
                 "and no ground has that"
             )
     least = case.breakage["min_volume"]

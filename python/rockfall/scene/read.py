@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rockfall.case import FROM_ARRAY, Case, file_keys
-from rockfall.case_variants import check_single
+from rockfall.case.variants import check_single
 from rockfall.errors import RockfallError
 from rockfall.grounds import other_tables
 from rockfall.impact_sets import set_path

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rockfall.case import REPEATABLE, Case
-from rockfall.case_files import group_files
+from rockfall.case.files import group_files
 
 T = TypeVar("T")
 
@@ -110,12 +110,10 @@ class WatchedCase(Case):
         value = super().__getattribute__(name)
         if name in REPEATABLE:
             self._note(name, value)
-        elif name == "_groups":  # all of them, to make a text or another case
-            for group, attrs in {
-                **value,
-                **{key: self.__dict__[key] for key in REPEATABLE},
-            }.items():
-                self._note(group, attrs)
+        elif name in ("_groups", "_given"):  # all of them, to make a text or another case
+            state = self.__dict__
+            for group in (*state["_groups"], *REPEATABLE):
+                self._note(group, state[group] if group in REPEATABLE else state["_groups"][group])
         return value
 
     def __getattr__(self, group: str) -> dict[str, Any]:

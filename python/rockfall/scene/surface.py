@@ -7,7 +7,7 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
-from rockfall.case_zones import case_zones, polygon_zones
+from rockfall.case.zones import case_zones, polygon_zones
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundTable, check_number, find_ground, table_path, usual_ground
 from rockfall.io.grid import NO_ID, Box, row_blocks

@@ -11,8 +11,8 @@ from pathlib import Path
 from string import Template
 
 from rockfall.case import read_case
-from rockfall.case_files import input_files
-from rockfall.case_variants import chosen_variant
+from rockfall.case.files import input_files
+from rockfall.case.variants import chosen_variant
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import atomic_folder, check_outputs
 

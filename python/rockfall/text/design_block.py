@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rockfall.analysis.design_block import REJECTED, DesignBlock
-from rockfall.case_text import Entry, Group, case_text
+from rockfall.case.text import Entry, Group, case_text
 from rockfall.quantities import count, number
 from rockfall.text.table import table
 

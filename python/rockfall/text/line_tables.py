@@ -12,7 +12,7 @@ import numpy as np
 from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.line_statistics import QUANTILES, line_statistics, quantile_name
 from rockfall.analysis.return_levels import LEVELS, return_levels
-from rockfall.case_files import files_behind
+from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import atomic_folder, check_output
 from rockfall.io.tables import write_csv

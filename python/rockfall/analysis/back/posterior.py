@@ -16,7 +16,7 @@ from rockfall.analysis.back.sampling import effective
 from rockfall.analysis.back.study import Back
 from rockfall.analysis.precision.weighted import value_at
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, file_keys
-from rockfall.case_files import input_files
+from rockfall.case.files import input_files
 from rockfall.io.files import relative_name
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv

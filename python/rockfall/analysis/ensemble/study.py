@@ -19,7 +19,7 @@ from rockfall.analysis.line_statistics import line_numbers
 from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import Case
-from rockfall.case_files import files_behind
+from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
 from rockfall.io.output_files import check_output

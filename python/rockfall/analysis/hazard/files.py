@@ -25,7 +25,7 @@ from rockfall.analysis.hazard.zones import (
     zones_by_cell,
     zones_of,
 )
-from rockfall.case_files import files_behind
+from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.io.netcdf import load_dataset, open_netcdf
 from rockfall.io.output_files import atomic_folder

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from rockfall._lab import lab_f2py as _lab
-from rockfall.case import check_namelist, namelist_text, plain_values
-from rockfall.errors import RockfallError
+from rockfall.case.text import kernel_text, namelist_text, plain_values, read_groups
+from rockfall.errors import RockfallError, check_kernel
 from rockfall.io.files import read_text
 from rockfall.io.tables import read_table
 from rockfall.lab.blocks.relief import Spectrum
@@ -100,10 +100,12 @@ def read_block_case(path: str | Path) -> BlockCase:
 
 def block_case_of(text: str, name: str, folder: Path = Path()) -> BlockCase:
     """Parse a case from a text; file names are relative to a folder."""
-    import f90nml
+    _check(text, name)
+    return BlockCase(name=name, folder=folder, **read_groups(text, name))
 
-    check_namelist(_lab.check_block_case, text.encode(), name)
-    return BlockCase(name=name, folder=folder, **f90nml.reads(text).todict())
+
+def _check(text: str, name: str) -> None:
+    check_kernel(*_lab.check_block_case(*kernel_text(text.encode(), name)))
 
 
 class BlockCase:
@@ -128,7 +130,7 @@ class BlockCase:
         }
         for group, values in given.items():  # including unknown keys
             self._groups[group] = {**values, **self._groups.get(group, {})}
-        check_namelist(_lab.check_block_case, self.text().encode(), name)
+        _check(self.text(), name)
         shape, shapes = self.lab["shape"], (*SHAPES, *GIVEN_SHAPES)
         if shape not in shapes:
             raise RockfallError(

@@ -9,8 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rockfall.case import REPEATABLE, Case, given_groups, varied_key
-from rockfall.case_rules import BASE, CHOSEN
+from rockfall.case.case import Case, given_groups
+from rockfall.case.keys import REPEATABLE, varied_key
+from rockfall.case.rules import BASE, CHOSEN
 from rockfall.errors import RockfallError
 
 

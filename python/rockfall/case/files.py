@@ -9,8 +9,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rockfall.case import FROM_ARRAY, REPEATABLE, Case, case_of
-from rockfall.case_zones import case_zones
+from rockfall.case.case import FROM_ARRAY, Case, case_of
+from rockfall.case.keys import REPEATABLE
+from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.grounds import find_operator
 from rockfall.impact_tables import find_table

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rockfall.case import FROM_ARRAY, Case
+from rockfall.case.case import FROM_ARRAY, Case
 from rockfall.errors import RockfallError
 from rockfall.io.layers import EXTENSIONS, read_attributes
 from rockfall.io.zone_table import Zone, read_zone_table, zones_of_polygons

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rockfall.case.keys import keys_of
 from rockfall.limits import MAX_NAME
 
 #: Keys of &variant that choose among the groups of a name.
@@ -35,10 +36,9 @@ class Fault(NamedTuple):
     rule: str
 
 
-def first_fault(groups: Groups, at_points: bool, classes: list[str]) -> Fault | None:
-    """Return the first key that breaks a rule, of a case with sources at points or not; `classes`
-    are those of hazard, rising."""
-    checks = [("ensemble", 1, _ensemble(groups)), ("hazard", 1, _hazard(groups, classes))]
+def first_fault(groups: Groups, at_points: bool) -> Fault | None:
+    """Return the first key that breaks a rule, of a case with sources at points or not."""
+    checks = [("ensemble", 1, _ensemble(groups)), ("hazard", 1, _hazard(groups))]
     for number in range(1, len(groups["scenario"]) + 1):
         checks.append(("scenario", number, _scenario(groups, number, at_points)))
     for number in range(1, len(groups["variant"]) + 1):
@@ -73,7 +73,7 @@ def _ensemble(groups: Groups) -> Broken:
         yield "drop_height_factor", "is only valid with a drop_height"
 
 
-def _hazard(groups: Groups, classes: list[str]) -> Broken:
+def _hazard(groups: Groups) -> Broken:
     """Classes must not decrease with intensity or frequency: then those at both ends of an interval
     of frequencies bound all classes between."""
     hazard = groups["hazard"]
@@ -86,6 +86,7 @@ def _hazard(groups: Groups, classes: list[str]) -> Broken:
         yield "frequency_factor", "must enclose 1"
     if not groups["scenario"]:
         return
+    classes = keys_of("hazard")["matrix"].allowed.split(", ")  # rising
     numbers = np.array([classes.index(word) for word in hazard["matrix"]])
     intensities = len(hazard["thresholds"]) + 1
     if numbers.size != intensities * len(periods):

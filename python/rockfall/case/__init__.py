@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The case: what a run is told. The kernel reads, completes and checks it; here are a view of it, a
+writer, and what other rooms ask of it."""
+
+from rockfall.case.case import (
+    FROM_ARRAY,
+    LINES,
+    Case,
+    Facts,
+    case_in,
+    case_of,
+    facts,
+    given_groups,
+    given_text,
+    read_case,
+)
+from rockfall.case.keys import (
+    REPEATABLE,
+    Key,
+    default_values,
+    file_keys,
+    key_table,
+    keys_of,
+    varied_key,
+)

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The kernel's table of the keys of a case."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, NamedTuple
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case.text import read_values
+
+REPEATABLE = tuple(_core.fields("repeatable_group").decode().split())  # groups that are lists
+
+
+class Key(NamedTuple):
+    """A row of the table of keys; `default` is text as in a case file, "required" or "absent"."""
+
+    group: str
+    name: str
+    kind: str
+    most: int
+    default: str
+    allowed: str
+    unit: str
+    meaning: str
+    file: str  # kind of file: raster, layer, raster layer (either), table, sets; ""
+
+    @property
+    def is_varied(self) -> bool:
+        """Return True for a key of &variant that takes the place of one of another group."""
+        return self.group == "variant" and varied_key(self.name) is not None
+
+
+@cache
+def key_table() -> tuple[Key, ...]:
+    """Every key of a case file, in order."""
+    rows: list[Key] = []
+    while text := _core.table_row("keys", len(rows) + 1).decode().strip():
+        group, name, kind, most, *rest = text.split("|")
+        rows.append(Key(group, name, kind, int(most), *rest))
+    return tuple(rows)
+
+
+@cache
+def keys_of(group: str) -> dict[str, Key]:
+    """Keys of a group by name, in order."""
+    return {key.name: key for key in key_table() if key.group == group}
+
+
+@cache
+def varied_key(name: str) -> tuple[str, str] | None:
+    """Group and key whose value a key of &variant replaces; None for its other keys."""
+    group, _, key = name.partition("_")
+    keys = {(row.group, row.name) for row in key_table()}
+    return (group, key) if (group, key) in keys else None
+
+
+def file_keys() -> list[Key]:
+    """The keys that name files."""
+    return [key for key in key_table() if key.file]
+
+
+@cache
+def default_values() -> dict[str, dict[str, Any]]:
+    """Default values of each group, which are not to be changed."""
+    return {group.name: group.usual for group in read_values(b"", "", "defaults").groups}

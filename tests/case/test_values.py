@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Namelist text is read by the kernel alone: its values arrive in their types, with those that are
+given told from defaults, and what Python writes reads as equal values."""
+
+import pickle
+import re
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+
+import rockfall
+from rockfall.case import REPEATABLE, default_values, given_groups, key_table
+from rockfall.case.text import Entry, Group, case_text, namelist_text, read_groups, read_values
+
+ROOT = Path(__file__).parents[2]
+CASE = """
+&case boulders = +007, title = "it's ""rough"" \\ " /
+&terrain dem = 'a''b.tif' / ! a comment, with & and /
+&Surface uniform_rg = 3*.5, method = 'A' /
+&boulder volume = 'list', volumes = 2*1d0, 1.5E+2 +3. 00.50e-03 /
+&release x = 1, 2 Y = 3 -.5 steep_cells = F drop_height = 45 /
+&impact table = 'talus' /
+&line name = 'road', x = 0, 1 y = 2*3 /
+&dam file = 'dams.gpkg', slope = 30 /
+&dam x = 0, 1, y = 0, 0, height = 2 /
+&output maps = 'passages', kept = 50 /
+"""
+TEXTS = some.text(
+    some.characters(exclude_categories=["Cs", "Cc"]) | some.just("\t"), min_size=1, max_size=40
+)
+REALS = some.floats(allow_nan=False, allow_infinity=False)
+
+
+def read(text):
+    return read_values(text.encode(), "text", "case")
+
+
+def groups(text):
+    return {group.name: group for group in read(text).groups if group.name not in REPEATABLE}
+
+
+def test_values_have_the_types_of_their_keys():
+    found = groups(CASE)
+    assert found["case"].given == {"boulders": 7, "title": 'it\'s "rough" \\ '}
+    assert found["terrain"].given == {"dem": "a'b.tif"}
+    assert found["boulder"].given["volumes"] == [1.0, 1.0, 150.0, 3.0, 0.0005]
+    release = found["release"].given
+    assert release == {
+        "x": [1.0, 2.0], "y": [3.0, -0.5], "steep_cells": False, "drop_height": 45.0,
+    }  # fmt: skip
+    assert type(release["drop_height"]) is float and type(release["x"][0]) is float
+    assert found["output"].given == {"maps": ["passages"], "kept": 50}
+
+
+def test_what_is_given_is_told_from_defaults():
+    found = groups(CASE)
+    assert "seed" not in found["case"].given and found["case"].usual["seed"] == 1
+    assert found["impact"].given == {"table": "talus"}
+    assert found["impact"].usual["form"] == "table"  # which a table brings with it
+    assert not found["flight"].given and found["flight"].usual == {"gravity": 9.81}
+    assert groups(CASE + "&flight gravity = 9.81 /")["flight"].usual == {}
+
+
+def test_a_layer_may_give_what_has_a_default():
+    layer, dam = (group for group in read(CASE).groups if group.name == "dam")
+    assert layer.all() == {"file": "dams.gpkg", "slope": 30.0}
+    assert dam.usual == {"crest_width": 0.0, "slope": 45.0, "allow_coarse": False}
+
+
+def test_every_default_of_the_table_is_handed_out():
+    for key in key_table():
+        usual = default_values()[key.group].get(key.name)
+        assert (usual is None) == (key.default in ("required", "absent")), key
+        if usual is not None:
+            assert read_groups(f"&{key.group} {key.name} = {key.default} /", "default") == {
+                key.group: {key.name: usual if key.most == 1 or len(usual) > 1 else usual[0]}
+            }
+
+
+def test_another_value_leaves_defaults_to_the_kernel():
+    """A case that names a table follows it; one that also has its form by default would not."""
+    case = rockfall.Case(
+        case={"boulders": 1}, surface={"uniform_mean_radius": 0.3}, boulder={"volume_mean": 1.0},
+        release={"x": [0.0], "y": [0.0]},
+    )  # fmt: skip
+    assert case.impact["form"] == "matrix"
+    assert case.replace(impact={"table": "talus"}).impact["form"] == "table"
+    again = case.replace(impact={"table": "talus"}).replace(impact={"table": None})
+    assert again == case and given_groups(again) == given_groups(case)
+
+
+@given(
+    some.dictionaries(
+        some.from_regex(r"\A[a-z][a-z0-9_]{0,9}\Z"),
+        some.booleans() | TEXTS | REALS | some.integers(-(2**63) + 1, 2**63 - 1)
+        | some.lists(REALS, min_size=2, max_size=30) | some.lists(TEXTS, min_size=2, max_size=5),
+        min_size=1, max_size=8,
+    )
+)  # fmt: skip
+def test_what_is_written_reads_as_equal_values(values):
+    for text in (
+        namelist_text({"group": values}),
+        namelist_text({}, {"group": [values]}, indent=2),
+        case_text(["head"], [Group("group", [Entry(*item, "why / &") for item in values.items()])],
+                  ["foot"]),
+    ):  # fmt: skip
+        found = read_groups(text, "text")
+        assert found == {"group": values}
+        assert repr(sorted(found["group"].items())) == repr(sorted(values.items()))  # types, -0.0
+
+
+@given(
+    some.from_regex(r"\A[+-]?([0-9]{1,25}\.?[0-9]{0,25}|\.[0-9]{1,25})([eEdD][+-]?[0-9]{1,3})?\Z")
+)
+def test_a_real_is_the_nearest_double_however_it_is_spelled(word):
+    exact = Decimal(word.lower().replace("d", "e"))
+    nearest = float(exact)
+    text = f"&case boulders = 1 / &terrain dem = 'a' / &surface uniform_mean_radius = 1 / \
+             &boulder volume_mean = 1 / &release x = {word}, y = 1 /"
+    if abs(nearest) > 1e12:
+        with pytest.raises(rockfall.RockfallError, match="&release x"):
+            read(text)
+    else:
+        found = groups(text)["release"].given["x"]
+        assert repr(found) == repr([nearest])
+
+
+def test_long_lists_arrive_whole():
+    """Repeat counts make much of a short text."""
+    found = groups(
+        "&case boulders = 1 / &terrain dem = 'a' / &surface uniform_mean_radius = 1 / "
+        "&boulder volume = 'list', volumes = 100000*0.125 / &release x = 1, y = 1 /"
+    )
+    assert found["boulder"].given["volumes"] == 100000 * [0.125]
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "cases").glob("*/*.nml")), ids=str)
+def test_shipped_files_are_read_and_written_again(path):
+    """Cases, impact sets and cases of the laboratory, with whatever groups they have."""
+
+    def read(text):
+        found = read_values(text, str(path)).groups
+        names = sorted({group.name for group in found})
+        return {name: [group.given for group in found if group.name == name] for name in names}
+
+    found = read(path.read_bytes())
+    assert found and read(namelist_text({}, found).encode()) == found
+
+
+def test_a_case_can_be_copied_by_pickle():
+    case = rockfall.read_case(ROOT / "cases/vaujany/case.nml")
+    assert pickle.loads(pickle.dumps(case)) == case
+
+
+def test_arrays_and_paths_are_values():
+    case = rockfall.read_case(ROOT / "cases/vaujany/case.nml")
+    places = {"x": np.array([1.5, 2.5]), "y": (np.float32(3), np.int64(4))}
+    other = case.replace(line=[{"name": "L", **places}], terrain={"dem": Path("other") / "dem.tif"})
+    assert other.line == [{"name": "L", "x": [1.5, 2.5], "y": [3.0, 4.0]}]
+    assert other.terrain["dem"] == str(Path("other/dem.tif"))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("&case boulders = 1\n sed = 2 /", "text: line 2: &case sed: unknown key; known: title, "),
+        ("&case boulders = 1 /\n\n&cases /", "text: line 3: &cases: unknown group; known: &case"),
+        ("&case seed = 1, seed = 2 /", "text: line 1: &case seed: given twice in this group"),
+        ("&case boulders = 1.5 /", "text: &case boulders = 1.5: must be an integer"),
+        ("&case title = 1 /", "text: &case title = 1: must be text in quotes"),
+        (
+            "&case boulders = 1 /\n&case seed = 2 /",
+            "text: line 1: &case: a case has one such group",
+        ),
+        ("&case boulders = 1", "text: line 1: &case is not closed by /"),
+        ("&case title = 'a\x07' /", "text: line 1: character code 7 is not text"),
+        ("&case title = 'a\0' /", "text: character code 0 is not text"),
+        ("", "text: &terrain dem is missing"),
+    ],
+)
+def test_faults_name_their_place_and_what_is_allowed(text, said):
+    with pytest.raises(rockfall.RockfallError, match="^" + re.escape(said)):
+        read(text)
