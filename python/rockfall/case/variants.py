@@ -12,6 +12,7 @@ from typing import Any
 from rockfall.case.case import Case, given_groups
 from rockfall.case.keys import REPEATABLE, varied_key
 from rockfall.case.rules import BASE, CHOSEN
+from rockfall.case.text import namelist_text
 from rockfall.errors import RockfallError
 
 
@@ -96,7 +97,7 @@ def _contents(case: Case) -> str:
     """Contents of a case as text, without its title."""
     groups = given_groups(case)
     groups["case"] = {key: own for key, own in groups["case"].items() if key != "title"}
-    return repr((groups, [getattr(case, group) for group in REPEATABLE]))
+    return namelist_text(groups, {group: getattr(case, group) for group in REPEATABLE})
 
 
 @contextmanager
