@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 import rockfall
-from rockfall.case import REPEATABLE, default_values, given_groups, key_table
+from rockfall.case import REPEATABLE, broken_rule, default_values, given_groups, key_table
 from rockfall.case.text import Entry, Group, case_text, namelist_text, read_groups, read_values
 
 ROOT = Path(__file__).parents[2]
@@ -79,6 +79,18 @@ def test_every_default_of_the_table_is_handed_out():
             assert read_groups(f"&{key.group} {key.name} = {key.default} /", "default") == {
                 key.group: {key.name: usual if key.most == 1 or len(usual) > 1 else usual[0]}
             }
+
+
+def test_limits_of_a_key_are_those_by_which_its_numbers_are_refused():
+    limited = [key for key in key_table() if key.low is not None and key.kind == "real"]
+    assert len(limited) > 50
+    for key in limited:
+        inside = key.low if not key.allowed.startswith("> ") else 1e-9
+        assert not broken_rule(key.group, key.name, inside), key
+        assert broken_rule(key.group, key.name, key.low - 1), key
+        if key.high is not None:
+            assert key.allowed in broken_rule(key.group, key.name, 1.5 * key.high + 1), key
+            assert not broken_rule(key.group, key.name, key.high), key
 
 
 def test_another_value_leaves_defaults_to_the_kernel():

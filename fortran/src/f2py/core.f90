@@ -56,7 +56,7 @@ module rockfall_f2py
    use rockfall_namelist_json, only: json_of
    use rockfall_values, only: refuse
    use rockfall_case_keys, only: key_text => row_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name, &
-                                 read_keys, default_keys
+                                 read_keys, default_keys, limits_of
    use rockfall_case, only: case_t, read_case, case_of_keys, given_shapes, turning_rule, radius_of_reading, &
                             line_groups, barrier_strengths
    use rockfall_covariance, only: find_root => covariance_root
@@ -79,7 +79,7 @@ module rockfall_f2py
    public :: forget_tallies, pack_part, begin_part, unpack_part, forget_part
    public :: value_fault, run_difference, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
    public :: largest_block
-   public :: check_maps, values_of, refusal, table_row, read_sets, covariance_root, fields
+   public :: check_maps, values_of, key_limits, refusal, table_row, read_sets, covariance_root, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
@@ -921,6 +921,14 @@ contains
       end do
       first = 0
    end subroutine check_numbers
+
+   !> Lowest and highest number that key k of a case may have; NaN: no such limit.
+   subroutine key_limits(k, limits)
+      integer(c_int), intent(in) :: k
+      real(c_double), intent(out) :: limits(2)
+
+      limits = limits_of(key_table(k))
+   end subroutine key_limits
 
    !> Values of a text in namelist format as JSON (rockfall_namelist_json), and its length: in `json` are the first
    !> `room` bytes. Of a "case" they are checked and complete; facts, 1 or 0: it has trees; its sources are points; its

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Keys of a case file: every group and key, its default and allowed values, in one table used by both programs.
 module rockfall_case_keys
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, joined, nearest_names
@@ -12,7 +12,8 @@ module rockfall_case_keys
    use rockfall_decimal, only: parse_real
    implicit none
    private
-   public :: key_t, key_table, n_keys, row_text, read_keys, default_keys, check_key, repeatable, broken_rule
+   public :: key_t, key_table, n_keys, row_text, read_keys, default_keys, check_key, repeatable, broken_rule, &
+             limits_of
    public :: map_names, n_maps, many, text_length, max_name, max_real
 
    integer, parameter :: many = 100000                !! maximum number of values in a list
@@ -600,6 +601,15 @@ contains
          if (allocated(error)) return
       end do
    end subroutine check_reals
+
+   !> Lowest and highest number of a key; NaN where there is no limit but that of all numbers.
+   pure function limits_of(key) result(limits)
+      type(key_t), intent(in) :: key
+      real(wp) :: limits(2)
+
+      limits = ieee_value(limits, ieee_quiet_nan)
+      if (key%kind == "real" .or. key%kind == "integer") limits = range_of(key%allowed, limits)
+   end function limits_of
 
    !> Rule that a number of a key violates; "" if none.
    pure function broken_rule(key, value) result(rule)

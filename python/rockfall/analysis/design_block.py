@@ -20,7 +20,7 @@ from rockfall.analysis.block_survey import Survey, Volumes, read_survey, survey_
 from rockfall.analysis.generalised_pareto import Fit, best_of, fit_gpd, lowest_valid
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.return_levels import BARTLETT, MAX_PERIOD, MAX_SHAPE, THRESHOLDS
-from rockfall.case import key_table
+from rockfall.case import broken_rule, key_table
 from rockfall.errors import RockfallError
 from rockfall.limits import Z
 from rockfall.quantities import number
@@ -395,10 +395,8 @@ def _beyond_keys(scenario: dict[str, Any]) -> str | None:
     """Value that the table of keys does not allow."""
     for key in key_table():
         if key.group == "scenario" and isinstance(value := scenario.get(key.name), float):
-            low, _, high = key.allowed.partition(" to ")
-            limits = (float(low), float(high)) if high else (1e-12, 1e12)
-            if not limits[0] <= value <= limits[1]:
-                return f"{key.name} = {value:.3g}: must be {limits[0]:g} to {limits[1]:g}"
+            if rule := broken_rule(key.group, key.name, value):
+                return f"{key.name} = {value:.3g}: {rule}"
     return None
 
 

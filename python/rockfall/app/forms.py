@@ -4,7 +4,6 @@ features by layer, with their units and ranges from the kernel's table; and chec
 
 from __future__ import annotations
 
-import re
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -30,7 +29,6 @@ DRAWN = {
 GROUND_KEYS = {("surface", "ground")}  # name a ground, and would open a file of another name
 PLACES = OF_LAYER - {"name"}  # keys of lines that are no attributes of features
 REST = "rest"  # attribute of zone polygons that fill the terrain around those drawn
-_RANGE = re.compile(r"(>=?) ([0-9.e+-]+)|([0-9.e+-]+) to ([0-9.e+-]+)")
 
 
 class Field(NamedTuple):
@@ -74,7 +72,7 @@ def layer_forms(case: Case, zones: bool, grounds: tuple[str, ...] | None) -> dic
     """Fields of the features of each layer; `zones`: whether zones are drawn; `grounds` as in
     `settings_forms`."""
     keys = {(key.group, key.name): key for key in key_table()}
-    text = Key("", "name", "text", 1, "absent", "", "", "", "")
+    text = Key("", "name", "text", 1, "absent", "", "", "")
     names = ("density", "drop_height")
     groups = {"density": "boulder", "drop_height": "release"}
     law = _field(keys["boulder", "volume"])._replace(choices=LAWS, default=None)
@@ -83,7 +81,9 @@ def layer_forms(case: Case, zones: bool, grounds: tuple[str, ...] | None) -> dic
     sources |= {name: _attribute(keys[groups[name], name]) for name in names}
     sources["block_shape"] = _attribute(keys["boulder", "block_shape"])
     sources |= {
-        axis: _field(Key("", axis, "real", 1, "absent", "> 0", "m", "measured axis of blocks", ""))
+        axis: _field(
+            Key("", axis, "real", 1, "absent", "> 0", "m", "measured axis of blocks", low=0)
+        )
         for axis in AXES
     }
     velocity = _attribute(keys["release", "velocity"])
@@ -105,7 +105,7 @@ def _zone_form(
     grounds: tuple[str, ...] | None,
 ) -> Form:
     """Fields of zones: their number in a table, or what they are made of."""
-    number = _field(Key("", "zone", "integer", 1, "absent", "", "", "", ""))
+    number = _field(Key("", "zone", "integer", 1, "absent", "", "", ""))
     if "table" in case.surface:
         return {"zone": number, "name": name}
     radius = _attribute(keys["surface", "uniform_mean_radius"])
@@ -134,7 +134,6 @@ def _attribute(key: Key) -> Field:
 @cache
 def _field(key: Key) -> Field:
     """Field of a key of the table."""
-    low, high = _limits(key.allowed)
     choices: tuple[str, ...] | None = None
     if (key.group, key.name) == ("output", "maps"):
         choices = tuple(MAP)
@@ -142,17 +141,9 @@ def _field(key: Key) -> Field:
         choices = tuple(key.allowed.split(", "))
     default = default_values().get(key.group, {}).get(key.name)
     return Field(
-        key.name, key.kind, key.most > 1, default, key.allowed, choices, low, high, key.unit,
-        key.meaning, bool(key.file), key.most,
+        key.name, key.kind, key.most > 1, default, key.allowed, choices, key.low, key.high,
+        key.unit, key.meaning, bool(key.file), key.most,
     )  # fmt: skip
-
-
-def _limits(allowed: str) -> tuple[float | None, float | None]:
-    """Limits of a range; (None, None) if the text is none."""
-    if not (match := _RANGE.match(allowed)):
-        return None, None
-    low, high = match[2] or match[3], match[4]
-    return float(low), None if high is None else float(high)
 
 
 def check_value(field: Field, value: Any, **place: str) -> Any:

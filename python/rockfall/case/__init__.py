@@ -17,6 +17,7 @@ from rockfall.case.case import (
 from rockfall.case.keys import (
     REPEATABLE,
     Key,
+    broken_rule,
     default_values,
     file_keys,
     key_table,

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from functools import cache
+from math import isnan
 from typing import Any, NamedTuple
 
 from rockfall._core import rockfall_f2py as _core
@@ -23,7 +24,9 @@ class Key(NamedTuple):
     allowed: str
     unit: str
     meaning: str
-    file: str  # kind of file: raster, layer, raster layer (either), table, sets; ""
+    file: str = ""  # kind of file: raster, layer, raster layer (either), table, sets
+    low: float | None = None  # limits of numbers, if there are any
+    high: float | None = None
 
     @property
     def is_varied(self) -> bool:
@@ -36,8 +39,12 @@ def key_table() -> tuple[Key, ...]:
     """Every key of a case file, in order."""
     rows: list[Key] = []
     while text := _core.table_row("keys", len(rows) + 1).decode().strip():
-        group, name, kind, most, *rest = text.split("|")
-        rows.append(Key(group, name, kind, int(most), *rest))
+        group, name, kind, most, default, allowed, unit, meaning, file = text.split("|")
+        limits = _core.key_limits(len(rows) + 1).tolist()
+        low, high = (None if isnan(end) else end for end in limits)
+        rows.append(
+            Key(group, name, kind, int(most), default, allowed, unit, meaning, file, low, high)
+        )
     return tuple(rows)
 
 
@@ -53,6 +60,11 @@ def varied_key(name: str) -> tuple[str, str] | None:
     group, _, key = name.partition("_")
     keys = {(row.group, row.name) for row in key_table()}
     return (group, key) if (group, key) in keys else None
+
+
+def broken_rule(group: str, name: str, number: float) -> str:
+    """Rule of a key that a number breaks; empty if it may be."""
+    return _core.check_numbers(group, name, [number])[1].decode().strip()
 
 
 def file_keys() -> list[Key]:

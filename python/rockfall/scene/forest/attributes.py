@@ -31,12 +31,12 @@ NAMES = {  # the first is that of the case; English, German, French, Italian
     "density_factor": ("density_factor", "remaining", "restanteil", "part_restante",
                        "parte_restante"),
 }  # fmt: skip
-_CONIFERS = keys_of("forest")["uniform_conifers"].allowed
+_CONIFERS = keys_of("forest")["uniform_conifers"]
 LIMITS: dict[str, Any] = {  # minimum, maximum, and the rule in words
     "stems": (0.0, MAX_DENSITY, f"0 to {MAX_DENSITY:,.0f} stems a hectare"),
     "dbh_mean": (1e-2, MAX_DBH, f"> 0 and at most {MAX_DBH:g} cm"),
     "dbh_std": (0.0, MAX_DBH, f"0 to {MAX_DBH:g} cm"),
-    "conifers": (*map(float, _CONIFERS.split(" to ")), f"{_CONIFERS} %"),
+    "conifers": (_CONIFERS.low, _CONIFERS.high, f"{_CONIFERS.allowed} %"),
     "density_factor": (0.0, 1.0, "0 to 1"),
 }
 
