@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as some
 
 import rockfall
 from rockfall.case import REPEATABLE, broken_rule, default_values, given_groups, key_table
 from rockfall.case.text import Entry, Group, case_text, namelist_text, read_groups, read_values
+from rockfall.impact_sets import shipped_sets
+from rockfall.scene.coefficients import open_sets
 
 ROOT = Path(__file__).parents[2]
 CASE = """
@@ -33,6 +35,11 @@ TEXTS = some.text(
     some.characters(exclude_categories=["Cs", "Cc"]) | some.just("\t"), min_size=1, max_size=40
 )
 REALS = some.floats(allow_nan=False, allow_infinity=False)
+#: The same values each time, however slow the machine is.
+untimed = settings(
+    max_examples=50, deadline=None, derandomize=True, database=None,
+    suppress_health_check=[*HealthCheck],
+)  # fmt: skip
 
 
 def read(text):
@@ -105,6 +112,7 @@ def test_another_value_leaves_defaults_to_the_kernel():
     assert again == case and given_groups(again) == given_groups(case)
 
 
+@untimed
 @given(
     some.dictionaries(
         some.from_regex(r"\A[a-z][a-z0-9_]{0,9}\Z"),
@@ -125,6 +133,7 @@ def test_what_is_written_reads_as_equal_values(values):
         assert repr(sorted(found["group"].items())) == repr(sorted(values.items()))  # types, -0.0
 
 
+@untimed
 @given(
     some.from_regex(r"\A[+-]?([0-9]{1,25}\.?[0-9]{0,25}|\.[0-9]{1,25})([eEdD][+-]?[0-9]{1,3})?\Z")
 )
@@ -197,3 +206,10 @@ def test_arrays_and_paths_are_values():
 def test_faults_name_their_place_and_what_is_allowed(text, said):
     with pytest.raises(rockfall.RockfallError, match="^" + re.escape(said)):
         read(text)
+
+
+def test_a_file_of_sets_is_not_read_up_to_a_zero(tmp_path):
+    path = tmp_path / "sets.nml"
+    path.write_bytes(shipped_sets()["vaujany-observed"].read_bytes() + b"\0 &more /")
+    with pytest.raises(rockfall.RockfallError, match="sets.nml: character code 0 is not text"):
+        open_sets(path).read("past_aspect")

@@ -107,7 +107,7 @@ def _like(value: Any, default: Any) -> Any:
 
 def names_ground(text: str, name: str) -> bool:
     """Return True if the text of a case names a ground, and so belongs to the block laboratory."""
-    return bool(_lab.names_ground(text.encode() or b"\n", name.encode()))
+    return bool(_lab.names_ground(*kernel_text(text.encode(), name)))
 
 
 class LabCase:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
+from rockfall.case.text import kernel_text
 from rockfall.errors import check_kernel
 from rockfall.io.files import check_text_file
 
@@ -44,7 +45,7 @@ class SetFile(NamedTuple):
         """Numbers of the set, with all that a turning rule needs, and the number of draws in the
         file. Raises a RockfallError that names file, group and key."""
         *values, ranges, draws, code, message = _core.read_sets(
-            self.text or b"\n", self.name.encode(), turning, self.draw
+            *kernel_text(self.text, self.name), turning, self.draw
         )
         check_kernel(code, message)
         return Coefficients(*values, *np.moveaxis(ranges, -1, 0)), draws
