@@ -14,14 +14,7 @@ LEVELS = [
     ["errors", "interrupts", "language", "limits", "system", "version"],
     ["io"],
     ["field", "terrain"],
-    [
-        "case",
-        "grounds",
-        "impact_sets",
-        "impact_tables",
-        "quantities",
-        "result",
-    ],
+    ["case", "grounds", "quantities", "result"],
     ["scene"],
     ["simulation"],
     ["analysis"],
@@ -38,7 +31,7 @@ LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 #: Compiled modules, and where they may be called.
 DOORS = {
     "_core": re.compile(
-        r"case\.(case|keys|text)|errors|grounds|limits|scene\..*|simulation\..*|result\.(variables|run_arrays)"
+        r"case\.(case|keys|text)|errors|grounds\.grounds|limits|scene\..*|simulation\..*|result\.(variables|run_arrays)"
     ),
     "_lab": re.compile(r"lab\..*"),
 }

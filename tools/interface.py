@@ -23,7 +23,7 @@ from rockfall.case import REPEATABLE, key_table
 from rockfall.cli.arguments import make_parser
 from rockfall.cli.messages import DONE, FAULT, REFUSED
 from rockfall.grounds import models, other_tables, parameters, shipped_grounds
-from rockfall.impact_sets import shipped_sets
+from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.quantities import QUANTITIES
 from rockfall.result import variables
 from rockfall.result.validate import ALWAYS, known_variables

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from rockfall.impact_tables import ENSEMBLE, save_ensemble, save_table
+from rockfall.grounds.impact_tables import ENSEMBLE, save_ensemble, save_table
 from rockfall.lab.blocks.case import BlockCase, draws_of, grounds
 from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.blocks.shapes import SHAPES

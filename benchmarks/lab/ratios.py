@@ -19,7 +19,7 @@ import xarray as xr
 
 import rockfall
 from benchmarks.lab.plane import plane
-from rockfall.impact_tables import save_table
+from rockfall.grounds.impact_tables import save_table
 from rockfall.lab.sequences import open_sequences
 from rockfall.lab.tables import table_of
 from rockfall.result.trajectories import vertices_of

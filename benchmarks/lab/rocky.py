@@ -23,7 +23,7 @@ import xarray as xr
 import rockfall
 from benchmarks.lab.plane import plane
 from benchmarks.machine import machine
-from rockfall.impact_tables import save_table
+from rockfall.grounds.impact_tables import save_table
 from rockfall.lab.case import LabCase, lab_case_of
 from rockfall.lab.sequences import open_sequences, run_sequences
 from rockfall.lab.tables import table_of

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from benchmarks.lab.sizes import SHAPE, on_plane
 from benchmarks.machine import machine
-from rockfall.impact_tables import save_table
+from rockfall.grounds.impact_tables import save_table
 from rockfall.lab.blocks.case import BlockCase, grounds
 from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.tables import KEPT, table_of

@@ -18,7 +18,7 @@ import numpy as np
 import rockfall
 from benchmarks.lab.plane import plane
 from benchmarks.machine import machine
-from rockfall.impact_tables import save_table
+from rockfall.grounds.impact_tables import save_table
 from rockfall.lab.blocks.case import BlockCase, grounds
 from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.tables import table_of

@@ -23,7 +23,7 @@ import rockfall
 from benchmarks.lab.ratios import PARTS
 from benchmarks.machine import machine
 from benchmarks.physics.observed import CASES, LINES, QUANTITIES, measure
-from rockfall.impact_tables import save_table
+from rockfall.grounds.impact_tables import save_table
 from rockfall.lab.sequences import open_sequences
 from rockfall.lab.tables import KEPT, table_of
 

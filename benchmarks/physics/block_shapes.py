@@ -23,7 +23,7 @@ from benchmarks.machine import NOTHING, ROOT, machine
 from cases.tschamut.make_case import HALVES, make
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.validation import RUN_OUT, numbers_beside
-from rockfall.impact_tables import BLOCK_SHAPES
+from rockfall.grounds.impact_tables import BLOCK_SHAPES
 
 
 def ways(folder: Path) -> Iterator[tuple[str, str, dict[str, Any]]]:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from rockfall.grounds import other_tables, shipped_grounds
-from rockfall.impact_tables import table_names
+from rockfall.grounds.impact_tables import table_names
 
 ROCKS = 0.2  # R_m of the matrix [m]
 OBSTACLES = 0.1  # height of the obstacles on classical grounds, which rockyfor3d heeds [m]

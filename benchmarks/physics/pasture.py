@@ -16,7 +16,7 @@ from benchmarks.machine import machine
 from benchmarks.physics.laws import table
 from benchmarks.physics.runaway import SLOPES, beyond
 from benchmarks.physics.tschamut import described, observed, simulated, terrain
-from rockfall.impact_tables import save_table
+from rockfall.grounds.impact_tables import save_table
 from rockfall.lab.blocks.case import BlockCase
 from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.blocks.shapes import SHAPES

@@ -30,7 +30,7 @@ from benchmarks.physics.observed import CASES, measure
 from benchmarks.physics.pasture import make
 from benchmarks.physics.runaway import SLOPES, beyond
 from benchmarks.physics.tschamut import described, observed, simulated, terrain
-from rockfall.impact_tables import FIELDS, open_table
+from rockfall.grounds.impact_tables import FIELDS, open_table
 from rockfall.io.tables import read_table
 from rockfall.lab.blocks.shapes import SHAPES
 

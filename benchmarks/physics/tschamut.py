@@ -24,7 +24,7 @@ import rockfall
 from benchmarks.machine import machine
 from benchmarks.physics.laws import Law, add_laws, matrix, table
 from rockfall.analysis.validation import distribution_numbers
-from rockfall.impact_tables import save_table
+from rockfall.grounds.impact_tables import save_table
 from rockfall.io.grid import Grid
 from rockfall.io.tables import read_table
 from rockfall.lab.blocks.case import BlockCase

@@ -39,7 +39,7 @@ from benchmarks.machine import ROOT, machine
 from benchmarks.stability import mutators
 from made import write_ascii
 from rockfall import cli
-from rockfall.impact_sets import shipped_sets
+from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
 from rockfall.scene.prepare import prepare

@@ -16,9 +16,9 @@ from rockfall.analysis.model_limits import (
     model_remarks,
     set_remarks,
 )
+from rockfall.grounds.impact_sets import shipped_sets
+from rockfall.grounds.impact_tables import shipped_tables
 from rockfall.html_report.validity import warnings
-from rockfall.impact_sets import shipped_sets
-from rockfall.impact_tables import shipped_tables
 from rockfall.language import speaking, translated
 from rockfall.result.variables import STATUS
 from rockfall.scene.read import read_scene

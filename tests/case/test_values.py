@@ -15,7 +15,7 @@ from hypothesis import strategies as some
 import rockfall
 from rockfall.case import REPEATABLE, broken_rule, default_values, given_groups, key_table
 from rockfall.case.text import Entry, Group, case_text, namelist_text, read_groups, read_values
-from rockfall.impact_sets import shipped_sets
+from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.scene.coefficients import open_sets
 
 ROOT = Path(__file__).parents[2]

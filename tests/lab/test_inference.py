@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cases.vaujany import infer
-from rockfall.impact_sets import shipped_sets
+from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.lab.sets import read_sets
 
 NAMES = "bourrier2009", "vaujany-observed"

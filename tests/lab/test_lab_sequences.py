@@ -13,7 +13,7 @@ from made import refused
 from programs import refuses
 from rockfall.cli import lab as cli
 from rockfall.cli import main
-from rockfall.impact_tables import FIELDS, open_table
+from rockfall.grounds.impact_tables import FIELDS, open_table
 from rockfall.lab import remake
 from rockfall.lab import sequences as module
 from rockfall.lab.case import LabCase, lab_case_of, read_lab_case

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
-from rockfall.impact_sets import shipped_sets
+from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.lab.case import read_lab_case
 from rockfall.lab.sets import read_sets
 from rockfall.scene.coefficients import covariance_root

@@ -21,7 +21,7 @@ from rockfall.grounds import (
     parameters,
     shipped_grounds,
 )
-from rockfall.impact_tables import table_names
+from rockfall.grounds.impact_tables import table_names
 from rockfall.scene.read import read_scene
 from scenes import CALM_SETS, grid, make_case, rough, sets
 

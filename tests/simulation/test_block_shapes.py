@@ -23,8 +23,8 @@ from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.models import variants
 from rockfall.case.variants import variants as case_variants
 from rockfall.cli import main
+from rockfall.grounds.impact_tables import BLOCK_SHAPES
 from rockfall.html_report.inputs import Parties, input_table
-from rockfall.impact_tables import BLOCK_SHAPES
 from rockfall.result.dataset import put_netcdf
 from rockfall.scene.plausible import implausible
 from rockfall.scene.prepare import prepare

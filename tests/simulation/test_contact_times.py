@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rockfall
-from rockfall.impact_tables import FIELDS, open_table, shipped_tables
+from rockfall.grounds.impact_tables import FIELDS, open_table, shipped_tables
 from rockfall.result.motion import motion_of
 from scenes import grid
 

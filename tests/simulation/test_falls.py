@@ -11,7 +11,7 @@ import rockfall
 import scenes
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import case_of
-from rockfall.impact_tables import ENSEMBLE, open_table, shipped_tables, table_names
+from rockfall.grounds.impact_tables import ENSEMBLE, open_table, shipped_tables, table_names
 from rockfall.lab.blocks.case import BlockCase
 from rockfall.lab.blocks.contacts import run_throws
 from rockfall.lab.blocks.shapes import SHAPES

@@ -12,7 +12,7 @@ from programs import refuses
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain
 from rockfall.case import given_groups
 from rockfall.errors import RockfallError
-from rockfall.impact_tables import open_tables, shipped_tables
+from rockfall.grounds.impact_tables import open_tables, shipped_tables
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from same import same, same_numbers

@@ -15,7 +15,7 @@ from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import case_of
 from rockfall.cli import main
-from rockfall.impact_tables import (
+from rockfall.grounds.impact_tables import (
     FIELDS,
     ensemble_names,
     open_table,

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Table of impacts as bytes, as passed to the kernel and stored in scene files (docs/impact_tables.md): a first line,
 !> counts, and the concatenated arrays, in native byte order. Users have a netCDF file;
-!> python/rockfall/impact_tables.py packs it.
+!> python/rockfall/grounds/impact_tables.py packs it.
 module rockfall_packed_table
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use rockfall_kinds, only: wp, sp, i4

@@ -20,8 +20,8 @@ import numpy as np
 
 from rockfall.analysis.run_out import falls_and_distances, mean_slopes
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, block_radius, other_tables, repose
-from rockfall.impact_sets import shipped_sets
-from rockfall.impact_tables import find_table, open_table, shipped_tables
+from rockfall.grounds.impact_sets import shipped_sets
+from rockfall.grounds.impact_tables import find_table, open_table, shipped_tables
 from rockfall.io.tables import read_table
 from rockfall.language import Text, say, word
 from rockfall.limits import fraction_limits

@@ -30,7 +30,7 @@ from rockfall.grounds import (
     usual_ground,
     usual_name,
 )
-from rockfall.impact_tables import table_names
+from rockfall.grounds.impact_tables import table_names
 from rockfall.io.netcdf import load_dataset
 from rockfall.language import packed, say, unpacked
 from rockfall.quantities import percent

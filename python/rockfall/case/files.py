@@ -14,7 +14,7 @@ from rockfall.case.keys import REPEATABLE
 from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.grounds import find_operator
-from rockfall.impact_tables import find_table
+from rockfall.grounds.impact_tables import find_table
 from rockfall.io.raster_file import raster_file, raster_files
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from pathlib import Path
 from rockfall.case.text import namelist_text
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError, need
-from rockfall.impact_sets import shipped_sets
-from rockfall.impact_tables import save_table, shipped_tables
+from rockfall.grounds.impact_sets import shipped_sets
+from rockfall.grounds.impact_tables import save_table, shipped_tables
 from rockfall.interrupts import exit_status
 from rockfall.io.output_files import check_output, overwriting
 from rockfall.io.raster import read_dem

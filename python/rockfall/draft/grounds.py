@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from rockfall.draft.recognise import Layer
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundTable, shipped_grounds
-from rockfall.impact_sets import shipped_sets
-from rockfall.impact_tables import shipped_tables, table_names
+from rockfall.grounds.impact_sets import shipped_sets
+from rockfall.grounds.impact_tables import shipped_tables, table_names
 from rockfall.io.zone_table import RADII
 
 #: Terms of the field: their meaning, and prefixes of words that name such zones in English, German,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockfall.errors import RockfallError
-from rockfall.impact_tables import ImpactTable, open_tables
+from rockfall.grounds.impact_tables import ImpactTable, open_tables
 from rockfall.io.files import read_text
 from rockfall.lab.blocks.case import block_case_of
 from rockfall.lab.blocks.contacts import run_throws

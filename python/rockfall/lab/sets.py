@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.impact_sets import shipped_sets
+from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.io.files import read_text
 from rockfall.lab.lateral import Lateral
 from rockfall.lab.setfile import ERROR_MARK

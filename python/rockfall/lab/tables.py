@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.impact_tables import FIELDS, INPUTS, KINDS, MAPPED, ImpactTable
+from rockfall.grounds.impact_tables import FIELDS, INPUTS, KINDS, MAPPED, ImpactTable
 from rockfall.lab.case import lab_case_of
 from rockfall.limits import MAX_HELD
 from rockfall.version import __version__

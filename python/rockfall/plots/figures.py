@@ -17,7 +17,7 @@ from rockfall.analysis.lines.profile import line_profile
 from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
-from rockfall.impact_sets import set_path
+from rockfall.grounds.impact_sets import set_path
 from rockfall.io.output_files import atomic_folder, check_outputs
 from rockfall.lab.sets import read_sets
 from rockfall.language import say, say_count

@@ -15,7 +15,7 @@ from rockfall.case import FROM_ARRAY, Case, file_keys
 from rockfall.case.variants import check_single
 from rockfall.errors import RockfallError
 from rockfall.grounds import other_tables
-from rockfall.impact_sets import set_path
+from rockfall.grounds.impact_sets import set_path
 from rockfall.io.arrays import check_known, from_array
 from rockfall.io.grid import Box, Grid
 from rockfall.io.layers import EXTENSIONS

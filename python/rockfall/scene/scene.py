@@ -13,7 +13,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.grounds import TABLES, GroundRule, grounds_by_shape
-from rockfall.impact_tables import BLOCK_SHAPES, possible_shapes
+from rockfall.grounds.impact_tables import BLOCK_SHAPES, possible_shapes
 from rockfall.io.grid import Box, Grid
 from rockfall.io.input_warnings import InputWarning
 from rockfall.scene.coefficients import Coefficients, SetFile

@@ -15,7 +15,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case, facts, keys_of
 from rockfall.errors import RockfallError
-from rockfall.impact_tables import BLOCK_SHAPES, BY_SOURCE
+from rockfall.grounds.impact_tables import BLOCK_SHAPES, BY_SOURCE
 from rockfall.io.layers import attribute, named_attribute, plain
 from rockfall.io.tables import decimal
 from rockfall.result.variables import fields

@@ -14,7 +14,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case, facts
 from rockfall.errors import RockfallError
 from rockfall.grounds import TABLES, GroundRule
-from rockfall.impact_tables import BLOCK_SHAPES, BY_SOURCE
+from rockfall.grounds.impact_tables import BLOCK_SHAPES, BY_SOURCE
 from rockfall.io.grid import NO_ID, Box, Grid, row_blocks
 from rockfall.io.layers import EXTENSIONS, numbered_polygons, read_points
 from rockfall.io.tables import read_columns

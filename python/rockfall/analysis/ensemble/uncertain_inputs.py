@@ -13,8 +13,8 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.grounds import TABLES, GroundRule, ensemble_grounds, find_operator, usual_name
-from rockfall.impact_sets import set_path
-from rockfall.impact_tables import ENSEMBLE, ensemble_names, table_names
+from rockfall.grounds.impact_sets import set_path
+from rockfall.grounds.impact_tables import ENSEMBLE, ensemble_names, table_names
 from rockfall.io.tables import check_columns, read_table
 from rockfall.scene.coefficients import SetFile, draws_in
 from rockfall.scene.layers import file_checksum

@@ -12,7 +12,7 @@ import numpy as np
 
 from rockfall.case import default_values, given_groups
 from rockfall.grounds import ABSORBS, TABLES, repose, usual_key
-from rockfall.impact_tables import tables_by_shape
+from rockfall.grounds.impact_tables import tables_by_shape
 from rockfall.io.input_warnings import InputWarning
 from rockfall.language import Text, say
 from rockfall.quantities import percent

@@ -15,8 +15,8 @@ from typing import NamedTuple
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
-from rockfall.impact_sets import find_set, shipped_sets
-from rockfall.impact_tables import (
+from rockfall.grounds.impact_sets import find_set, shipped_sets
+from rockfall.grounds.impact_tables import (
     BLOCK_SHAPES,
     ImpactTable,
     ensemble_names,
