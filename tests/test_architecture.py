@@ -14,7 +14,14 @@ LEVELS = [
     ["errors", "interrupts", "language", "limits", "system", "version"],
     ["io"],
     ["field", "terrain"],
-    ["case", "grounds", "quantities", "result"],
+    [
+        "case",
+        "grounds",
+        "impact_sets",
+        "impact_tables",
+        "quantities",
+        "result",
+    ],
     ["scene"],
     ["simulation"],
     ["analysis"],
@@ -31,7 +38,8 @@ LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 #: Compiled modules, and where they may be called.
 DOORS = {
     "_core": re.compile(
-        r"case\.(case|keys|text)|errors|grounds\.grounds|limits|scene\..*|simulation\..*|result\.(variables|run_arrays)"
+        r"case\.(case|keys|text)|errors|grounds|limits|scene\..*|simulation\..*"
+        r"|result\.(ground_strength|run_arrays|variables)"
     ),
     "_lab": re.compile(r"lab\..*"),
 }

@@ -2,68 +2,119 @@
 """Make the tables of impacts that are shipped with the program, from its laboratory of blocks and,
 `rocky-slope`, from that of rocks:
 
-    python tools/ship_tables.py [GROUND ... | rocky-slope]
+    python tools/ship_tables.py [--contacts FOLDER] [ploughed-compact ... | rocky-slope]
 
-A minute and a half each, on two cores, `rocky-slope` an hour; `rockfall lab remake` makes one again
-from what it says itself. A table of blocks has a part for each of their sizes. Of a ground whose
-values evidence leaves open, each shape comes with an ensemble: draws of these values
-(data/lab_draws.csv, made by benchmarks.physics.posterior).
+A plane has a file for each shape and slope of the relief, with a part for each strength of the
+ground over rho_b g R_b: so one plane serves all sizes of boulders and all soils (theory, chapter
+5). A plane takes up to half an hour on one core, `rocky-slope` two hours; `rockfall lab remake`
+makes one file again from what it says itself. Contacts are kept in FOLDER, and not thrown again.
 """
 
-import sys
-from collections.abc import Iterator
+import argparse
 from pathlib import Path
+from typing import NamedTuple
 
 import xarray as xr
 
-from rockfall.grounds.impact_tables import ENSEMBLE, save_ensemble, save_table
-from rockfall.lab.blocks.case import BlockCase, draws_of, grounds
+from rockfall.grounds.impact_tables import USUAL_WEIGHT, save_table
+from rockfall.io.files import atomic_write
+from rockfall.io.netcdf import load_dataset
+from rockfall.lab.blocks.case import CONSTANTS, DENSITY, BlockCase, restitution_of
 from rockfall.lab.blocks.contacts import run_throws
-from rockfall.lab.blocks.shapes import SHAPES
 from rockfall.lab.case import read_lab_case
 from rockfall.lab.sequences import run_sequences
 from rockfall.lab.tables import table_of
 
 ROOT = Path(__file__).resolve().parents[1]
-SIZES, THROWS, SEED = (0.2, 0.35, 0.6, 1.05, 1.8), 1_000, 1  # R_b [m]; throws of each
-SIZES_OF_DRAW, THROWS_OF_DRAW = (0.2, 0.6, 1.8), 500
-KEPT_OF_DRAW = 10_200
-ROCKS = "rocky-slope"
 FOLDER = ROOT / "python" / "rockfall" / "data" / "impact_tables"
+ROCKS = "rocky-slope"
+GROUNDS = {"ploughed": "meadow", "hard": "rock"}  # whose other values the laboratory takes
+RADIUS = 0.4  # R_b of the blocks: restitution at 5 m/s is that at 2.5 sqrt(g R_b) [m]
+SPEED = 0.6, 10.0, 42.0  # of throws: 0.3 to 21 sqrt(g R_b) [m/s]
+KEPT = 3_000  # contacts of each part that become records
 
 
-def contacts_of(ground: str) -> Iterator[tuple[str, list[xr.Dataset]]]:
-    """The tables of a ground, by name, and the contacts that each is made from."""
-    if ground == ROCKS:
-        yield ROCKS, [run_sequences(read_lab_case(ROOT / "cases" / ROCKS / "throws.nml"))]
+class Plane(NamedTuple):
+    """Parts of a plane: strengths of the ground over rho_b g R_b, and slopes of the relief."""
+
+    strengths: tuple[float, ...]
+    reliefs: tuple[float, ...]  # [degree]
+    throws: int  # of each part
+    seed: int  # of the first part
+
+
+PLOUGHED = tuple(1.5 * 2.0**k for k in range(10))
+HARD = 12.0, 30.0, 75.0, 190.0, 470.0, 1200.0, 3000.0
+PLANES = {
+    "ploughed-compact": Plane(PLOUGHED, (7.0, 9.0, 11.5, 14.0, 16.5, 19.0, 22.0), 600, 1000),
+    "hard-compact": Plane(HARD, (10.0, 13.0, 16.0, 19.0), 600, 1500),
+    "ploughed-elongated": Plane(PLOUGHED, (7.0, 10.0, 13.0, 16.0, 19.0, 22.0), 400, 2000),
+    "hard-elongated": Plane(HARD, (11.0, 16.0), 400, 2500),
+    "ploughed-platy": Plane(PLOUGHED, (7.0, 10.0, 13.0, 16.0, 19.0, 22.0), 400, 3000),
+    "hard-platy": Plane(HARD, (11.0, 16.0), 400, 3500),
+}
+SEEDS_OF_STRENGTH = 20  # from one strength to the next
+
+
+def part_case(name: str, column: int, row: int) -> BlockCase:
+    """Case of the laboratory of one part of a plane."""
+    model, shape = name.split("-")
+    plane = PLANES[name]
+    pressure = float(f"{plane.strengths[column] * USUAL_WEIGHT * RADIUS:.6g}")
+    seed = plane.seed + SEEDS_OF_STRENGTH * column + row
+    return BlockCase(
+        lab={"ground": GROUNDS[model], "shape": shape, "throws": plane.throws, "seed": seed},
+        block={"radius": RADIUS, "density": DENSITY},
+        ground={
+            **CONSTANTS[model], "yield_pressure": pressure, "relief": plane.reliefs[row],
+            "restitution": restitution_of(pressure, DENSITY), "fitted_radius": RADIUS,
+            "yield_exponent": 0.0, "rest_angle": 0.0,
+        },
+        throw={"speed": [*SPEED]},
+    )  # fmt: skip
+
+
+def contacts_of(case: BlockCase, path: Path | None) -> xr.Dataset:
+    """Contacts of a case, kept in a file, if any."""
+    if path and path.exists():
+        found = load_dataset(path)
+        if found.attrs["lab_case"] != case.text():
+            raise SystemExit(f"{path}: is of another case: remove it")
+        return found
+    data = run_throws(case)
+    if path:
+        with atomic_write(path) as part:
+            data.to_netcdf(part)
+    return data
+
+
+def make(name: str, folder: Path | None) -> None:
+    """Make the files of a plane, or of the table of rocks."""
+    if name == ROCKS:
+        case = read_lab_case(ROOT / "cases" / ROCKS / "throws.nml")
+        save_table(table_of([run_sequences(case)]), FOLDER / f"{ROCKS}.nc")
         return
-    for shape in SHAPES:
-        case = BlockCase(lab={"ground": ground, "shape": shape, "throws": THROWS, "seed": SEED})
-        yield f"{ground}-{shape}", [run_throws(case.at_radius(size)) for size in SIZES]
-
-
-def make_ensemble(ground: str, shape: str, path: Path) -> None:
-    """The draws of a ground, each with a seed of its own."""
-    tables = []
-    for number, values in enumerate(draws_of(ground), start=1):
-        lab = {"ground": ground, "shape": shape, "throws": THROWS_OF_DRAW, "seed": SEED + number}
-        case = BlockCase(lab=lab, ground=values)
-        contacts = [run_throws(case.at_radius(size)) for size in SIZES_OF_DRAW]
-        tables.append(table_of(contacts, KEPT_OF_DRAW))
-    save_ensemble(tables, path)
+    plane = PLANES[name]
+    for row, relief in enumerate(plane.reliefs):
+        parts = [
+            contacts_of(
+                part_case(name, column, row),
+                folder and folder / f"{name}-{strength:g}-{relief:g}.nc",
+            )
+            for column, strength in enumerate(plane.strengths)
+        ]
+        path = FOLDER / f"{name}-{relief:g}.nc"
+        save_table(table_of(parts, KEPT * len(parts)), path)
+        print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB", flush=True)
 
 
 def main() -> None:
-    for ground in sys.argv[1:] or [*grounds(), ROCKS]:
-        made = []
-        for name, contacts in contacts_of(ground):
-            made.append(FOLDER / f"{name}.nc")
-            save_table(table_of(contacts), made[-1])
-        for shape in SHAPES if draws_of(ground) else ():
-            made.append(FOLDER / f"{ground}{ENSEMBLE}-{shape}.nc")
-            make_ensemble(ground, shape, made[-1])
-        for path in made:
-            print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB", flush=True)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--contacts", type=Path)
+    parser.add_argument("names", nargs="*", default=[*PLANES])
+    given = parser.parse_args()
+    for name in given.names:
+        make(name, given.contacts)
 
 
 if __name__ == "__main__":

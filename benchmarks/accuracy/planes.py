@@ -26,8 +26,8 @@ from rockfall.analysis.line_statistics import line_numbers
 from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.analysis.precision.intervals import sources
 from rockfall.errors import RockfallError
+from rockfall.grounds import table_names
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.grounds.impact_tables import table_names
 from rockfall.io.files import atomic_write
 from rockfall.io.grid import Grid
 from rockfall.lab.sets import Sets, read_sets

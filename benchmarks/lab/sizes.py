@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A shipped table of blocks for boulders of all sizes, beside tables thrown at their size:
+"""A plane of tables for boulders of all sizes, compared with tables thrown at their size:
 
     python -m benchmarks.lab.sizes talus [--radii 0.35 0.6 1 1.8 3] [--slopes 30 34 38]
 
-A table of a size is thrown with blocks of that R_b, on the ground as they meet it (theory, eq.
-5.25). Prints for compact boulders on planes the fraction that passes 200 m, with a standard error,
-and the mean speed there, by both.
+A table of a size is thrown with blocks of that R_b, on the ground as they meet it, all of one
+strength; the plane of tables chooses between parts (theory, eq. 5.25). Prints for compact boulders
+on planes the fraction that passes 200 m, with a standard error, and the mean speed there, by both.
 """
 
 import argparse
@@ -39,7 +39,10 @@ def on_plane(table: str, radius: float, slope: float, folder: Path) -> str:
         case={"boulders": BOULDERS, "seed": 7},
         impact={"form": "table", "table": table},
         surface={"uniform_mean_radius": 0.1},
-        boulder={"volume": "fixed", "volume_mean": 4 / 3 * np.pi * radius**3, "density": DENSITY},
+        boulder={
+            "volume": "fixed", "volume_mean": 4 / 3 * np.pi * radius**3, "density": DENSITY,
+            "ground_strength_sigma": 0.0,
+        },
         release={
             "x": [width / 2], "y": [top], "drop_height": 0.5,
             "velocity": [0.0, -SPEED * np.cos(angle), -SPEED * np.sin(angle)],
@@ -63,7 +66,9 @@ def main() -> None:
     given = parser.parse_args()
     warnings.simplefilter("ignore")  # a table asks for no rocks
     print(machine())
-    print("| R_b [m] | relief [degree] | slope | by the shipped table | by a table of this size |")
+    print(
+        "| R_b [m] | relief [degree] | slope | by the plane of tables | by a table of this size |"
+    )
     print("|---|---|---|---|---|")
     lab = {"ground": given.ground, "shape": SHAPE, "throws": given.throws}
     for radius in given.radii:

@@ -3,7 +3,7 @@
 
     python -m benchmarks.physics.field [--site tschamut vaujany impacts mel-de-la-niva]
         [--data FOLDER] [--half calibration|held-out|all] [--seeds 301 302 303]
-        [--tables FOLDER] [--throws 1000] [--platrock PYTHON] [--law NAME=TABLE] [--ground ROW]
+        [--platrock PYTHON] [--law NAME=TABLE] [--ground ROW]
         [--write]
 
 For each place and quantity that was observed prints one table in Markdown: mean, standard
@@ -14,15 +14,12 @@ the last digit shown. Means within 10 % of what was observed, and deviations wit
 
 Data are downloaded (pip install 'rockfall[field]') or taken from FOLDER, as rockfall.field.download
 says. Only the half of Tschamut that calibrates is run unless --half says otherwise: what was chosen
-before looking at the other half stands in docs/validation/field/protocol.md. Tables of impacts with
-0.7 and 1.4 times the relief of the ground are made on the way, and kept in FOLDER of --tables:
-remove them when the laboratory has changed. PYTHON is one that has PlatRock (benchmarks.speed.
-platrock); without it that row is left out, and the output says so. --write puts the tables in their
-places on docs/validation/field/every_law.md.
+before looking at the other half stands in docs/validation/field/protocol.md. PYTHON is one that has
+PlatRock (benchmarks.speed.platrock); without it that row is left out, and the output says so.
+--write puts the tables in their places on docs/validation/field/every_law.md.
 """
 
 import argparse
-import os
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -38,8 +35,7 @@ import xarray as xr
 import rockfall
 from benchmarks.machine import NOTHING, ROOT, machine
 from benchmarks.physics import impacts, platrock_runs
-from benchmarks.physics.laws import Law, add_laws, ground, matrix, table
-from benchmarks.physics.pasture import make as make_table
+from benchmarks.physics.laws import Law, add_laws, changed_ground, ground, matrix, table
 from benchmarks.physics.tschamut import SHAPE_OF_BLOCK
 from cases.tschamut.make_case import HALVES, make
 from rockfall.analysis.lines.values import line_values
@@ -61,9 +57,8 @@ from rockfall.analysis.validation import (
 )
 from rockfall.errors import RockfallError
 from rockfall.field.download import fetch
+from rockfall.grounds import shipped_rows, yielding_ground
 from rockfall.io.files import atomic_write
-from rockfall.lab.blocks.case import grounds
-from rockfall.lab.blocks.shapes import SHAPES
 from rockfall.lab.talus import CELL, NORTH, WEST, Talus, zones
 from rockfall.quantities import QUANTITIES
 
@@ -98,29 +93,18 @@ class Part:
     shape: str
 
 
-def relief_laws(name: str, shapes: Sequence[str], folder: Path, throws: int) -> Iterator[Law]:
-    """Tables of a ground with other reliefs for blocks of these shapes, made unless they exist."""
-    folder.mkdir(parents=True, exist_ok=True)
+def relief_laws(name: str) -> Iterator[Law]:
+    """A ground with other reliefs."""
+    own = yielding_ground(shipped_rows().rows[name])[1]
     for factor in RELIEFS:
-        relief = factor * grounds()[name]["relief"]
-        stem = f"{name}-r{relief:g}-{throws}"
-        for shape in shapes:
-            make_table(folder / f"{stem}-{shape}.nc", name, shape, {"relief": relief}, throws)
-        seen = os.path.relpath(folder, ROOT / "cases" / "site")  # from a case: names are short
-        yield table(f"table {name}, relief x {factor:g}={seen}/{stem}-{{shape}}.nc")
+        yield changed_ground(f"table {name}, relief x {factor:g}", name, relief=factor * own.relief)
 
 
-def site_laws(
-    given: argparse.Namespace,
-    tables: Sequence[str],
-    rows: Sequence[str],
-    shapes: Sequence[str] = ("compact",),
-) -> list[Law]:
+def site_laws(given: argparse.Namespace, tables: Sequence[str], rows: Sequence[str]) -> list[Law]:
     """The matrix, tables, the first of these with other reliefs, classical grounds, and those that
     were asked for besides."""
-    reliefs = relief_laws(tables[0], shapes, given.tables, given.throws)
     shipped = [table(f"table {name}={name}") for name in tables]
-    return [matrix(), *shipped, *reliefs, *map(ground, rows), *given.law]
+    return [matrix(), *shipped, *relief_laws(tables[0]), *map(ground, rows), *given.law]
 
 
 def rows_of(name: str, runs: Sequence[dict]) -> list[dict[str, Any]]:
@@ -153,7 +137,7 @@ def pasture(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
         folder = Path(name)
         make(given.half, given.data, folder)
         parts = pasture_parts(folder)
-        for law in site_laws(given, PASTURE_TABLES, ON_PASTURE, tuple(SHAPES)):
+        for law in site_laws(given, PASTURE_TABLES, ON_PASTURE):
             runs = []
             for seed in given.seeds:
                 pairs = []
@@ -328,7 +312,6 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs="+", default=[301, 302, 303])
     parser.add_argument("--slopes", type=int, default=SLOPES, help="of Vaujany")
     parser.add_argument("--boulders", type=int, default=1000, help="of each source but at Tschamut")
-    parser.add_argument("--tables", type=Path, default=ROOT / "out" / "field-tables")
     parser.add_argument("--throws", type=int, default=1000, help="of the laboratory, for a table")
     parser.add_argument("--platrock", type=Path, help="a Python that has PlatRock")
     parser.add_argument("--write", action="store_true", help="put the tables on their page")

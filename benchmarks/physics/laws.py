@@ -16,8 +16,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from rockfall.grounds import other_tables, shipped_grounds
-from rockfall.grounds.impact_tables import table_names
+from rockfall.grounds import (
+    GroundTable,
+    other_tables,
+    shipped_grounds,
+    shipped_rows,
+    table_names,
+    yielding_ground,
+)
 
 ROCKS = 0.2  # R_m of the matrix [m]
 OBSTACLES = 0.1  # height of the obstacles on classical grounds, which rockyfor3d heeds [m]
@@ -77,7 +83,21 @@ def ground(text: str) -> Law:
     if roughness:
         path = _roughened(path, float(roughness))
     surface = {"ground": row, "ground_table": str(path)}
-    return Law(text, {"impact": {"form": "matrix"}, "surface": surface}, OBSTACLES / 2)
+    keys = {"impact": {"form": "matrix"}, "surface": surface}
+    if row in GroundTable(path).yielding:
+        return Law(text, keys | {"boulder": {"block_shape": "{shape}"}})
+    return Law(text, keys, OBSTACLES / 2)
+
+
+def changed_ground(name: str, ground: str, **values: float) -> Law:
+    """A shipped ground by tables of impacts with other values: strength, relief, ..."""
+    model, own = yielding_ground(shipped_rows().rows[ground])
+    row = own._asdict() | values
+    path = Path(_folder().name) / f"{name}.csv"
+    head, cells = ",".join(row), ",".join(map(repr, row.values()))
+    path.write_text(f"name,model,source,{head}\nown,{model},tried,{cells}\n")
+    keys = {"impact": {"form": "matrix"}, "surface": {"ground": "own", "ground_table": str(path)}}
+    return Law(name, keys | {"boulder": {"block_shape": "{shape}"}})
 
 
 @cache

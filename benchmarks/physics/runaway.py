@@ -3,7 +3,7 @@
 on planes of 30 to 45 degrees over 400 m, and their mean maximum speed, by laws:
 
     python -m benchmarks.physics.runaway [--law NAME=TABLE ...] [--ground ROW ...]
-        [--boulders 400] [--radius 0.4] [--terrain DEM ...]
+        [--boulders 400] [--radius 0.4] [--slopes 30 34 38 42 45] [--terrain DEM ...]
 
 Laws are those of benchmarks.physics.laws. The matrix with R_m = 0.2 m is always run. R_b = 0.4 m,
 released at 5 m/s. With --terrain on real ones in place of planes: two boulders
@@ -64,16 +64,17 @@ def main() -> None:
     parser.add_argument("--terrain", nargs="+", default=[])
     add_laws(parser)
     parser.add_argument("--boulders", type=int, default=400)
+    parser.add_argument("--slopes", type=float, nargs="+", default=SLOPES)
     parser.add_argument("--radius", type=float, default=RADIUS, help="R_b on planes [m]")
     given = parser.parse_args()
     print(machine())
-    columns = given.terrain or [f"{slope} degrees" for slope in SLOPES]
+    columns = given.terrain or [f"{slope:g} degrees" for slope in given.slopes]
     print("| law | " + " | ".join(Path(one).stem for one in columns) + " |")
     print("|---" * (1 + len(columns)) + "|")
     for law in [matrix(), *given.law]:
         found = [beyond_on(terrain, law) for terrain in given.terrain]
         found = found or [
-            beyond(law, slope, given.boulders, radius=given.radius) for slope in SLOPES
+            beyond(law, slope, given.boulders, radius=given.radius) for slope in given.slopes
         ]
         cells = [f"{part:.2f}, {speed:.0f} m/s" for part, speed in found]
         print(f"| {law.name} | " + " | ".join(cells) + " |", flush=True)

@@ -3,16 +3,18 @@
 was observed, 27.5 degrees or more (Evans and Hungr 1993; docs/validation/field/protocol.md):
 
     python -m benchmarks.physics.shadow [--talus TABLE ...] [--plain TABLE ...] [--boulders 500]
-        [--radii 0.35 0.6 1.05 1.8]
+        [--radii 0.35 0.6 1.05 1.8] [--slopes 35 5]
 
 The angle is from the horizontal, of the line from the top of the talus to a boulder. Prints for
 each ground of the talus (a table of impacts; the matrix with rocks of 0.2 m and `rocky-slope` are
 always run), of the plain below it and each R_b [m] the parts of the boulders that leave the talus
-and that pass 27.5 degrees, and the angles that 50, 5 and 1 % of the boulders pass.
+and that pass 27.5 degrees, and the angles that 50, 5 and 1 % of the boulders pass. The talus
+falls by 200 m. --slopes are those of the talus and of the plain [degree].
 """
 
 import argparse
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,27 +24,28 @@ from benchmarks.machine import machine
 from rockfall.io.grid import Grid
 
 ANGLE = 27.5  # [degree]
-FACE, TALUS, PLAIN = (100.0, 70.0), (200.0, 35.0), 5.0  # height [m] and slope [degree]
+FACE, TALUS = (100.0, 70.0), 200.0  # height [m] and slope [degree]; height
+SLOPES = 35.0, 5.0  # of the talus and the plain [degree]
 BEYOND, WIDTH, CELL = 700.0, 400.0, 2.5  # [m]
 ROCKS, SEED = 0.2, 7
 
 
-def profile() -> tuple[np.ndarray, np.ndarray]:
+def profile(slopes: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """Elevation [m] and zone of the rows, north first."""
-    lengths = [height / np.tan(np.radians(slope)) for height, slope in (FACE, TALUS)]
+    lengths = [height / np.tan(np.radians(slope)) for height, slope in (FACE, (TALUS, slopes[0]))]
     ends = np.cumsum([20.0, *lengths, BEYOND])  # a flat top
-    falls = np.tan(np.radians([0.0, FACE[1], TALUS[1], PLAIN]))
+    falls = np.tan(np.radians([0.0, FACE[1], *slopes]))
     s = CELL * (np.arange(int(ends[-1] / CELL)) + 0.5)
     z = np.interp(s, [0.0, *ends], 1000 - np.cumsum([0.0, *(falls * np.diff([0.0, *ends]))]))
     return z, 1 + np.searchsorted(ends[1:3], s)
 
 
 def stops(
-    talus: str, plain: str, radius: float, boulders: int, folder: Path
+    talus: str, plain: str, slopes: Sequence[float], radius: float, boulders: int, folder: Path
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where boulders come to rest: angles [degree], 90 of those still on the face, and whether
-    below the foot of the talus."""
-    z, zone = profile()
+    """Where boulders come to rest: angles [degree], 90 of those that stay above the foot of the
+    talus, and whether below it."""
+    z, zone = profile(slopes)
     rows, columns = len(z), int(WIDTH / CELL)
     groups = {
         "case": {"title": "shadow", "seed": SEED, "boulders": boulders},
@@ -73,13 +76,14 @@ def stops(
     top_z = np.interp(rows * CELL - top, CELL * (np.arange(rows) + 0.5), z)
     x, y, stop_z = (result[f"stop_{one}"].values for one in "xyz")
     away = np.hypot(x - result.start_x.values, top - y)
-    return np.where(y < top, np.degrees(np.arctan2(top_z - stop_z, away)), 90.0), y < foot
+    return np.where(y < foot, np.degrees(np.arctan2(top_z - stop_z, away)), 90.0), y < foot
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--talus", nargs="+", default=["talus"])
     parser.add_argument("--plain", nargs="+", default=["talus", "meadow"])
+    parser.add_argument("--slopes", type=float, nargs=2, default=SLOPES)
     parser.add_argument("--boulders", type=int, default=500)
     parser.add_argument("--radii", type=float, nargs="+", default=[0.35, 0.6, 1.05, 1.8])
     given = parser.parse_args()
@@ -91,7 +95,9 @@ def main() -> None:
     for talus, plain in pairs:
         for radius in given.radii:
             with tempfile.TemporaryDirectory() as folder:
-                angles, gone = stops(talus, plain, radius, given.boulders, Path(folder))
+                angles, gone = stops(
+                    talus, plain, given.slopes, radius, given.boulders, Path(folder)
+                )
             parts = [f"{part.mean():.3f}" for part in (gone, angles < ANGLE)]
             passed = [f"{np.quantile(angles, q):.1f}" for q in (0.5, 0.05, 0.01)]
             names = [talus or "matrix, R_m 0.2 m", plain or "the same", f"{radius:g}"]

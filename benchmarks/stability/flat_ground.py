@@ -14,7 +14,7 @@ import numpy as np
 
 import rockfall
 from benchmarks.machine import machine
-from rockfall.grounds.impact_tables import table_names
+from rockfall.grounds import table_names
 from rockfall.io.grid import Grid
 from rockfall.lab.blocks.shapes import SHAPES
 

@@ -23,6 +23,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "export_project": "products",
     "export_tables": "products",
     "figures": "products",
+    "ground_strength": "result.ground_strength",
     "hazard": "analysis.hazard.study",
     "import_rockyfor3d": "rockyfor3d.imported",
     "line_profile": "analysis.lines.profile",

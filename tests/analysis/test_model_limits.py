@@ -2,7 +2,7 @@
 """What must be said of the model is said before a run and after it: by which rebounds it came
 about, that forest is not validated, what lies beyond what the model was made from."""
 
-import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from rockfall.analysis.model_limits import (
     set_remarks,
 )
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.grounds.impact_tables import shipped_tables
+from rockfall.grounds.impact_tables import USUAL_WEIGHT, open_table, plane_files, save_table
 from rockfall.html_report.validity import warnings
 from rockfall.language import speaking, translated
 from rockfall.result.variables import STATUS
@@ -459,29 +459,41 @@ STAND = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.
 @pytest.mark.parametrize(
     ("table", "volume", "said"),
     [
-        ("talus", 60.0, True), ("talus", 40.0, False), ("rocky-slope", 60.0, False),
-        ("own.nc", 60.0, True),
+        ("own.nc", 60.0, True), ("own.nc", 40.0, False), ("rocky-slope", 60.0, False),
+        ("in-proportion.nc", 60.0, False),
     ],
 )  # fmt: skip
 def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(tmp_path, table, volume, said):
-    shutil.copy(shipped_tables()["talus-compact"], tmp_path / "own.nc")
+    """Of ground whose strength is not in proportion to R_b: on that all sizes are alike."""
+    write_tables(tmp_path)
     law = {"impact": {"form": "table", "table": table}, "boulder": {"volume_mean": volume}}
     texts = remarks(*on_grounds(tmp_path, {}, **law))
     assert any("larger than R_b = 2.25 m" in text for text in texts) == said, texts
+
+
+def write_tables(folder):
+    """Tables whose largest blocks are of R_b = 1.8 m: of ground of one strength, or in proportion
+    to R_b."""
+    (row, *_) = plane_files("ploughed", "compact").values()
+    table = open_table(row)
+    strength = USUAL_WEIGHT * 1.8 / table.size[-1]
+    for name, radius in ("own.nc", 0.0), ("in-proportion.nc", 1.8):
+        ground = table.ground._replace(strength=strength, strength_radius=radius)
+        save_table(replace(table, ground=ground), folder / name)
 
 
 def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path):
     """The user's own table is at hand for the run alone; without its number the one of a result of
     before, or none, is taken from the table at hand."""
     own = tmp_path / "own.nc"
-    shutil.copy(shipped_tables()["talus-compact"], own)
+    write_tables(tmp_path)
     law = {"impact": {"form": "table", "table": "own.nc"}, "boulder": {"volume_mean": 60.0}}
     case, result = on_grounds(tmp_path, {}, **law)
     before = result.drop_vars("ground_block_radius")
     for held, said in ((result, [True, True]), (before, [True, False])):
         for is_there, is_said in zip((True, False), said, strict=True):
             if is_there:
-                shutil.copy(shipped_tables()["talus-compact"], own)
+                write_tables(tmp_path)
             else:
                 own.unlink()
             large = [text for text in remarks(case, held) if "larger than R_b = 2.25 m" in text]

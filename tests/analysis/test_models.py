@@ -71,7 +71,7 @@ def test_each_model_is_run_as_it_would_be_alone(case, found):
 
 
 def test_rocks_choose_the_ground_and_named_grounds_stay(case):
-    small, large = (SHIPPED.ground(name) for name in ROCKS["rockyfor3d"])
+    small, large = (SHIPPED.ground(name, case) for name in ROCKS["rockyfor3d"])
     scene = with_rocks(read_scene(case), small, large)
     assert [one.name for one in scene.grounds] == ["soil_3", "soil_4", "road"]
     assert scene.rasters.material_ground.tolist() == [1, 2, 3]
@@ -96,7 +96,7 @@ def test_sizes_may_come_in_any_way(tmp_path, way):
         ids = np.where(np.arange(80) < 40, 0, 6)[:, None] + np.zeros((1, 60), int)
         make_raster(tmp_path / "soil.tif", ids.astype("i2"), nodata=0, crs="EPSG:32632")
         surface["ground_map"] = "soil.tif"
-    small, large = (SHIPPED.ground(name) for name in ROCKS["pfeiffer_bowen"])
+    small, large = (SHIPPED.ground(name, case) for name in ROCKS["pfeiffer_bowen"])
     scene = with_rocks(read_scene(case.replace(surface=surface)), small, large)
     names = [one.name for one in scene.grounds]
     if way == "uniform":
@@ -160,7 +160,7 @@ def test_grounds_that_cover_everything_are_varied(case):
     assert found.names == ("grounds of the case", *UNSIZED)
     assert found.notes[0].startswith("no rocks have a size that the impact sets can take")
     scene = read_scene(case)
-    small, large = (SHIPPED.ground(name) for name in ROCKS["constant"])
+    small, large = (SHIPPED.ground(name, case) for name in ROCKS["constant"])
     varied = with_rocks(scene, small, large, {"road", "meadow"})
     names = [varied.grounds[k - 1].name for k in varied.rasters.material_ground]
     assert names == ["constant_talus", "constant_talus", "soil_0"]

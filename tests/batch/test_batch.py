@@ -23,6 +23,7 @@ from programs import (
 from rockfall.cli import main
 from rockfall.io.grid import Grid
 from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
 
 CASE = "ready/case.nml"
 
@@ -48,19 +49,21 @@ def test_parts_of_both_programs_join_to_the_run(of, batch, tmp_path):
 
 
 def test_the_blocks_of_tables_go_with_the_parts_of_both_programs(batch, tmp_path):
-    """Of a table by R_b; a classical ground has none."""
+    """Of ground of one strength; a classical ground has none."""
     names = np.where(np.arange(60) < 25, 1, -1) + np.zeros((80, 1), "i2")
     make_raster(tmp_path / "grounds.tif", names.astype("i2"), crs="EPSG:32632", nodata=-1)
     (tmp_path / "grounds.csv").write_text(
-        "name,id,model,r_n,r_t,source\nice,1,constant,0.3,0.8,by hand\n"
+        "name,id,model,r_n,r_t,strength,relief,source\nice,1,constant,0.3,0.8,,,by hand\n"
+        "firm,,ploughed,,,1e6,13,by hand\n"
     )
-    own = {"ground_map": "grounds.tif", "ground_table": "grounds.csv", "ground": "talus"}
+    own = {"ground_map": "grounds.tif", "ground_table": "grounds.csv", "ground": "firm"}
     case = make_full_case(tmp_path, impact={"form": "table"}, surface=own)
     prepare(case, tmp_path / "ready")
     assert batch(CASE, "-o", "part.nc", cwd=tmp_path).returncode == 0
     merged = rockfall.merge([tmp_path / "part.nc"])
     radii = dict(zip(merged["ground"].values, merged["ground_block_radius"].values, strict=True))
-    assert radii["talus"] == 1.8 and np.isnan(radii["ice"])
+    (firm,) = (one for one in read_scene(case).grounds if one.name == "firm")
+    assert radii["firm"] == firm.block_radius > 0.5 and np.isnan(radii["ice"])
     same_results(merged, rockfall.run(case))
 
 

@@ -13,7 +13,7 @@ from rockfall.analysis.model_limits import model_warnings
 from rockfall.case import read_case
 from rockfall.cli import main
 from rockfall.draft.grounds import GROUNDS, recognised
-from rockfall.grounds.impact_tables import table_names
+from rockfall.grounds import table_names
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 

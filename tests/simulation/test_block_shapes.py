@@ -23,7 +23,7 @@ from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.models import variants
 from rockfall.case.variants import variants as case_variants
 from rockfall.cli import main
-from rockfall.grounds.impact_tables import BLOCK_SHAPES
+from rockfall.grounds.impact_tables import BLOCK_SHAPES, plane_files
 from rockfall.html_report.inputs import Parties, input_table
 from rockfall.result.dataset import put_netcdf
 from rockfall.scene.plausible import implausible
@@ -39,7 +39,7 @@ SHARES = [0.5, 0.3, 0.2]
 MIX = {"volume": "lognormal", "volume_mean": 0.6, "volume_std": 0.4}
 MIX |= {"block_shape": [*BLOCK_SHAPES], "block_shape_share": SHARES}
 SHAPES_OF_MIX = ("block_shape", "block_shape_share")
-ZONES = "zone,mean_radius,ground\n1,,talus\n2,0.3,rocky-slope\n3,0.3,\n4,,rock-platy\n"
+ZONES = "zone,mean_radius,ground\n1,,talus\n2,0.3,rocky-slope\n3,0.3,\n4,,own.nc\n"
 #: Variables that a run sums over all boulders, and maps, which differ between parts of one.
 ROWS = ("volume", "stop_x", "stop_y", "stop_z", "path_length", "travel_time", "speed_max",
         "jump_height_max", "status", "impacts", "line_speed", "line_passing_height")  # fmt: skip
@@ -66,8 +66,10 @@ def same_by_the_program(case, result, folder):
 
 
 def mixed_case(folder, boulder=MIX, **groups):
-    """A case by tables of one for each shape, of one for all, fixed by name, and by impact sets."""
+    """A case by tables of one for each shape, of one for all, in a file, and by impact sets."""
     (folder / "zones.csv").write_text(ZONES)
+    rows = [*plane_files("hard", "platy").values()]
+    (folder / "own.nc").write_bytes(rows[0].read_bytes())
     surface = {"zones": "(array)", "table": "zones.csv"}
     return case_in(folder, surface=surface, boulder=boulder, **{**place(), **groups})
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import rockfall
-from rockfall.grounds.impact_tables import FIELDS, open_table, shipped_tables
+from rockfall.grounds import shipped_rows, yielding_ground
+from rockfall.grounds.impact_tables import FIELDS, open_table, plane_table, shipped_tables
 from rockfall.result.motion import motion_of
 from scenes import grid
 
@@ -14,39 +15,52 @@ G = 9.81
 #: Ground, gradient and R_b [m]: flatter than the rest angle, so that all boulders that stop rest.
 CONTACTS = [
     ("talus", 0.0, 0.57), ("talus", 0.3, 0.57), ("talus", 0.3, 0.05), ("talus", 0.55, 3.0),
-    ("talus", 0.7, 0.27), ("meadow", 0.2, 0.4), ("meadow", 0.45, 1.8), ("meadow-platy", 0.3, 0.8),
+    ("talus", 0.7, 0.27), ("meadow", 0.2, 0.4), ("meadow", 0.45, 1.8), ("meadow platy", 0.3, 0.8),
     ("soft-soil", 0.3, 0.27), ("vegetated-soil", 0.4, 5.0), ("compact", 0.35, 1.05),
-    ("compact-elongated", 0.1, 0.1), ("rock", 0.25, 0.35), ("rocky-slope", 0.3, 0.57),
+    ("compact elongated", 0.1, 0.1), ("rock", 0.25, 0.35), ("rocky-slope", 0.3, 0.57),
     ("rocky-slope", 0.75, 2.0),
 ]  # fmt: skip
 
 
 def thrown(table, gradient, radius):
     """Recorded boulders that are thrown at 8 m/s down a plane."""
+    name, _, shape = table.partition(" ")
     y = np.mgrid[99:-1:-1, 0:40][0] * 2.5
     z = 500 + gradient * y
     case = rockfall.Case(
-        case={"boulders": 60, "seed": 5}, impact={"form": "table", "table": table},
-        boulder={"volume": "fixed", "volume_mean": 4 / 3 * np.pi * radius**3, "density": 2700.0},
+        case={"boulders": 60, "seed": 5}, impact={"form": "table", "table": name},
+        boulder={"volume": "fixed", "volume_mean": 4 / 3 * np.pi * radius**3, "density": 2700.0,
+                 "block_shape": shape or None, "ground_strength_sigma": 0.0},
         surface={"uniform_mean_radius": radius / 3}, output={"trajectories": 60},
         release={"x": [50.0], "y": [230.0], "drop_height": 0.5, "velocity": [0.0, -8.0, 0.0]},
     )  # fmt: skip
     return rockfall.run(case, dem=z, transform=grid(z, 2.5))
 
 
+def table_met(table, radius):
+    """The table that boulders of a size meet."""
+    name, _, shape = table.partition(" ")
+    if name in shipped_tables():
+        return open_table(shipped_tables()[name])
+    model, ground = yielding_ground(shipped_rows().rows[name])
+    return plane_table(model, shape or "compact", ground, np.array([radius, radius]))
+
+
 def durations(table, radius):
     """Durations [s] that the records of a table have for boulders of a size."""
-    (record,) = [open_table(shipped_tables()[name]) for name in (table, f"{table}-compact")
-                 if name in shipped_tables()]  # fmt: skip
-    duration = record.record[:, FIELDS.index("duration")].astype(float)
-    unit = np.sqrt(G * radius)
-    bins = (len(record.first) - 1) // len(record.size)
-    flights = int(np.prod(record.bins["flight"]))
-    known = [duration * unit / G]  # of those that roll on, or are copied
-    for part, speed2 in enumerate(record.speed2):
-        if speed2 > 0:  # of those from flights, at equal speed with R_b
-            own = slice(record.first[part * bins], record.first[part * bins + flights])
-            known.append(duration[own] * unit / G * unit / np.sqrt(speed2))
+    table = table_met(table, radius)
+    duration = table.record[:, FIELDS.index("duration")].astype(float)
+    unit = np.sqrt(radius / G)
+    parts = len(table.size) * len(table.relief)
+    bins = (len(table.first) - 1) // parts
+    flights = int(np.prod(table.bins["flight"]))
+    known = [duration * unit]  # of those that roll on, or are copied
+    if table.ground.strength:  # of those from flights, at equal speed over that at which it yields
+        size = table.ground.sizes(np.array(radius))
+        for part in range(parts):
+            own = slice(table.first[part * bins], table.first[part * bins + flights])
+            stretch = np.sqrt(size / table.size[part % len(table.size)])
+            known.append(duration[own] * unit * stretch)
     return np.unique(np.concatenate(known))
 
 

@@ -12,7 +12,8 @@ from programs import refuses
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain
 from rockfall.case import given_groups
 from rockfall.errors import RockfallError
-from rockfall.grounds.impact_tables import open_tables, shipped_tables
+from rockfall.grounds import draws_of, ensemble_grounds
+from rockfall.grounds.impact_tables import plane_files
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from same import same, same_numbers
@@ -140,23 +141,25 @@ def test_a_row_and_the_table_of_all_else_may_not_share_a_name(tmp_path):
 
 
 def test_a_file_of_a_table_is_a_ground(tmp_path):
-    (tmp_path / "own.nc").write_bytes(shipped_tables()["talus-compact"].read_bytes())
+    (row, *_) = plane_files("ploughed", "compact").values()
+    (tmp_path / "own.nc").write_bytes(row.read_bytes())
     assert models(tmp_path, {"ground": "own.nc"}) == ["impact_table"]
 
 
 def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
     """Each draw is the run by its sets and its table."""
     write_sets(tmp_path / "other.nml", *sets(1.5))
-    ground = {"ground": "meadow"}
+    ground = {"ground": "talus"}
     case = case_in(
         tmp_path, surface=SIZE | ground, output={"maps": None}, case={"boulders": 40},
-        ensemble={"sets": ["sets.nml", "other.nml", "meadow-ensemble"], "runs": 8}, **place(),
+        ensemble={"sets": ["sets.nml", "other.nml", "talus-ensemble"], "runs": 8}, **place(),
     )  # fmt: skip
     inputs = Uncertain(read_scene(case, dem=rough(), transform=grid(rough())))
-    tables = open_tables(shipped_tables()["meadow-ensemble-compact"])
+    tables = [rule.text for rule in ensemble_grounds(case, "talus-ensemble")]
+    assert len({*tables}) == len(draws_of("talus")) > 1
     drawn = [inputs._set(which).arrays for which in range(len(inputs.sets))]
     assert [(Path(one["sets"].name).name, one["grounds"][0].text) for one in drawn] == [
-        (name, table.pack()) for name in ("sets.nml", "other.nml") for table in tables
+        (name, table) for name in ("sets.nml", "other.nml") for table in tables
     ]
 
 

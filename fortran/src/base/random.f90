@@ -8,10 +8,11 @@ module rockfall_random
    private
    public :: random_key_t, random_key, philox4x32, last_counter, random_words, uniform, side_of
    public :: normal_table_t, normal_table, normal, normal_quantile
-   public :: for_release, for_impact, for_ground, for_forest, for_tree, for_breakage, purpose_bit
+   public :: for_release, for_impact, for_ground, for_forest, for_tree, for_breakage, for_strength, purpose_bit
    public :: fragment_number, boulder_number
    public :: words_per_block
-   public :: volume_word, shape_word, rebound_words, turn_word, obstacle_word, ratio_word, roughness_word
+   public :: volume_word, shape_word, deviate_word, column_word, row_word, rebound_words, turn_word, obstacle_word
+   public :: ratio_word, roughness_word
    public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word
    public :: tree_class_word, tree_within_word, cone_word, around_word
 
@@ -21,11 +22,14 @@ module rockfall_random
    integer(i8), parameter :: for_forest = 11  !! counter: cell, stem; stem 0 gives the number of stems
    integer(i8), parameter :: for_tree = 12    !! counter: boulder, number of this tree among those hit
    integer(i8), parameter :: for_breakage = 13  !! counter: fragment
+   integer(i8), parameter :: for_strength = 14  !! counter: boulder; the same for its fragments
    integer, parameter :: purpose_bit = 24  !! of the purpose in the counter's last word; lower bits count its blocks
 
    !> Index of the word used for each quantity within a draw. Changing them changes results.
    integer, parameter :: volume_word = 1        !! of for_release: volume
    integer, parameter :: shape_word = 2         !! of for_release: shape of the block, among several
+   integer, parameter :: deviate_word = 1       !! of for_strength: normal of the strength of the ground
+   integer, parameter :: column_word = 2, row_word = 3  !! of for_strength: choices between parts of a table of impacts
    integer, parameter :: rebound_words = 3      !! of for_impact: words 1 to 3 are the normals of V_t, V_n, W
    integer, parameter :: normal_restitution_word = 1      !! of for_impact, for a classical rebound: R_n,
    integer, parameter :: tangential_restitution_word = 2  !! R_t,

@@ -8,8 +8,9 @@ module rockfall_boulder
                               words_per_block, volume_word
    implicit none
    private
-   public :: boulder_t, source_boulder_t, feature_t, volume_distribution_t, release_t, draw_boulder, boulder_of
-   public :: list_item, max_volume, mean_volume, feature_of
+   public :: boulder_t, soil_draw_t, source_boulder_t, feature_t, volume_distribution_t, release_t, draw_boulder
+   public :: boulder_of
+   public :: list_item, max_volume, usual_volumes, mean_volume, feature_of
    public :: source_of, first_of, last_of, released_by, inertia_factor, sphere_radius, kinetic_energy
    public :: fixed_volume, normal_volume, uniform_volume, lognormal_volume, list_volume, pareto_volume, distributions
 
@@ -37,6 +38,12 @@ module rockfall_boulder
       real(wp) :: radius = 0  !! R_b [m]
       real(wp) :: mass = 0    !! [kg]
    end type boulder_t
+
+   !> Draws of a boulder for the ground under it, on its whole way.
+   type :: soil_draw_t
+      real(wp) :: deviate = 0.0_wp  !! standard normal: strength of the ground [-]
+      real(wp) :: column = 0.5_wp, row = 0.5_wp  !! uniform in (0, 1): choice between parts of a table of impacts [-]
+   end type soil_draw_t
 
    !> Boulder specified by a source.
    type :: source_boulder_t
@@ -202,6 +209,22 @@ contains
       case default; volume = distribution%mean
       end select
    end function max_volume
+
+   !> Range of the volumes of all but few boulders [m3].
+   pure function usual_volumes(distribution) result(limits)
+      type(volume_distribution_t), intent(in) :: distribution
+      real(wp) :: limits(2)
+      real(wp), parameter :: few = 3.7_wp  !! one in 10,000 is beyond so many standard deviations [-]
+
+      select case (distribution%kind)
+      case (normal_volume)
+         limits = max(0.001_wp*distribution%mean, distribution%mean + [-few, few]*distribution%std)
+      case (lognormal_volume); limits = [lognormal(distribution, -few), lognormal(distribution, few)]
+      case (uniform_volume, pareto_volume); limits = [distribution%min, distribution%max]
+      case (list_volume); limits = [minval(distribution%list), maxval(distribution%list)]
+      case default; limits = distribution%mean
+      end select
+   end function usual_volumes
 
    !> Mean volume [m3]; for a normal distribution, which is truncated at zero, an upper bound.
    pure real(wp) function mean_volume(distribution) result(volume)

@@ -3,20 +3,21 @@
 !> without its linearity. A contact finds the bin of its velocity, draws one of the bin's records, and scales it to
 !> its own velocity by the least-squares map of the bin.
 !>
-!> Velocities are scaled by U = sqrt(g R_b), times by sqrt(R_b/g), lengths by R_b: contacts that agree in the scaled
-!> quantities, and in the ratio of the speed to the yield speed of the ground, are similar.
+!> Velocities are scaled by U = sqrt(g R_b), times by sqrt(R_b/g), lengths by R_b. On ground that yields, contacts are
+!> similar that agree in the scaled quantities, in the strength of the ground over rho_b g R_b, and in its relief: size,
+!> density and strength of the ground are one axis.
 module rockfall_impact_table
    use, intrinsic :: iso_c_binding, only: c_float
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i8
-   use rockfall_math, only: logarithm, tangent
-   use rockfall_boulder, only: boulder_t
+   use rockfall_math, only: logarithm, exponential, power, tangent
+   use rockfall_boulder, only: soil_draw_t
    implicit none
    private
-   public :: impact_table_t, bins_t, approach_t, outcome_t, index_records, has_ratios, largest_block, beyond_ratios, &
-             find_part, drawn_part, begin_draw, follow_sequence, is_copied, compare_scales, bin_keys, key_bin, &
-             bins_before, whole_bin, find_window, is_held, nearest_record, prefetch_record, transfer_record, &
-             exceeds_table, scaled_energy
+   public :: impact_table_t, yielding_ground_t, bins_t, approach_t, outcome_t, index_records, has_ratios
+   public :: largest_block, beyond_ratios, find_part, begin_draw, followed_record, is_copied, bin_keys, key_bin
+   public :: bins_before, whole_bin, find_window, is_held, nearest_record, prefetch_record, transfer_record
+   public :: exceeds_table, scaled_energy
    public :: record_fields, t_in, n_in, w_in, speed_in, height_in, along_out, across_out, n_out, w_out, duration_out, &
              advance_out, rise_out, pull_along, pull_across, exit_code, follower, map_fields, along_map, n_map, w_map, &
              low, high, edge_vector, flies, rolls_on, stops
@@ -39,6 +40,7 @@ module rockfall_impact_table
    !> Map of a bin, with the range of its inputs: the numbers before each row of n_inputs, for the velocity along, V_n
    !> and W; and before the range, W over V.
    integer, parameter :: along_map = 0, n_map = 4, w_map = 8, low = 12, high = 16, map_fields = 20
+   real(wp), parameter :: usual_weight = 2700*9.81_wp  !! of boulders [N/m3]
    integer, parameter :: window = 6      !! 1/window of a bin is eligible for a slow contact: see find_window
    integer, parameter :: fewest = 16     !! or so many: boulders that land alike are not to hang on one or two
    integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken
@@ -67,13 +69,24 @@ module rockfall_impact_table
       real(wp), allocatable :: third_edge(:, :, :, :)   !! (n(3) - 1 and more, n(2), n(1), parts)
    end type bins_t
 
+   !> Ground of a table, as boulders meet it.
+   type :: yielding_ground_t
+      real(wp) :: rest_angle = 90.0_wp      !! on steeper ground a boulder that stops rolls on [degrees]
+      real(wp) :: strength = 0.0_wp         !! median pressure at which it yields; 0: never [Pa]
+      real(wp) :: strength_sigma = 0.0_wp   !! standard deviation of its logarithm from boulder to boulder [-]
+      real(wp) :: strength_radius = 0.0_wp  !! R_b of that strength, which is in proportion to R_b; 0: it is not [m]
+      real(wp) :: relief = 0.0_wp           !! slope of its relief [degrees],
+      real(wp) :: relief_radius = 1.0_wp    !! for boulders of this R_b [m]
+      real(wp) :: hurst = 1.0_wp            !! exponent: the slope goes with R_b**(hurst - 1) [-]
+   end type yielding_ground_t
+
    type :: impact_table_t
-      ! Of each part, made from boulders of one size; a table may have a single one:
-      real(wp), allocatable :: size(:)     !! increasing: R_b [m] if the absolute speed is a key, else R_b/R_m [-]
-      real(wp), allocatable :: speed(:)    !! sqrt(g R_b) in the laboratory if the absolute speed is a key, else 0 [m/s]
-      real(wp) :: density = 1.0_wp         !! of the laboratory's blocks [kg/m3]
+      ! Parts by columns and rows, a row after the other; a table may have a single one:
+      real(wp), allocatable :: size(:)     !! of each column, increasing: R_b/R_m, or, if the ground yields, rho_b g R_b
+                                           !! over its strength [-]
+      real(wp), allocatable :: relief(:)   !! of each row, increasing: slope of the relief of the ground [degrees]
       real(wp) :: inertia = 0.4_wp         !! of the laboratory's blocks, I/(m R_b**2) [-]
-      real(wp) :: rest_angle = 90.0_wp     !! of its ground: on steeper ground a boulder that stops rolls on [degrees]
+      type(yielding_ground_t) :: ground    !! that it serves
       type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
       integer, allocatable :: first(:)     !! first record of each bin, and end; flights before rolls, by part
       real(wp), allocatable :: map(:, :)        !! (map_fields, bins)
@@ -84,7 +97,7 @@ module rockfall_impact_table
       integer, allocatable :: place(:)          !! where those of each bin begin, and end
       real(wp), allocatable :: fastest(:)       !! speed key of the fastest record of incidence and spin, of each bin
       real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
-      real(wp), allocatable :: step(:)          !! logarithm of the size of the next part over that of each [-], and 0
+      real(wp), allocatable :: step(:)          !! logarithm of the next size over each [-], and 0
       real(wp) :: hold = 0.0_wp                 !! tangent of the rest angle; 0 where nothing rests [-]
    end type impact_table_t
 
@@ -94,8 +107,9 @@ module rockfall_impact_table
       real(wp) :: speed             !! sqrt(V_t**2 + V_n**2) [-]
       real(wp) :: height = 0.0_wp   !! above the mean ground, of a block that rolls [-]
       logical :: rolling = .false.  !! continues a contact that was cut
-      real(wp) :: key               !! factor from V**2 to the speed key, from `begin_draw` [-]
-      real(wp) :: stretch           !! ratio of its duration to that of the record, likewise [-]
+      real(wp) :: key               !! factor from V**2 to the speed key, so that rho_b V_n**2/(2 p_y) is that of the
+                                    !! record: size over strength of the boulder, over that of its part [-]
+      real(wp) :: stretch           !! ratio of its duration to that of the record, sqrt(key) [-]
       real(wp) :: inertia           !! I/(m R_b**2) [-]
       real(wp) :: pull(2)           !! gravity along the heading, and across it towards the descent, over g [-]
       integer :: next = 0           !! record that followed that of the previous contact; 0: none
@@ -131,7 +145,7 @@ contains
       call drop_fast_followers(table%record)
       bins = size(table%first) - 1
       table%pull_across = table%record(pull_across, :)
-      if (table%rest_angle < 90) table%hold = tangent(table%rest_angle)
+      if (table%ground%rest_angle < 90) table%hold = tangent(table%ground%rest_angle)
       table%step = [logarithm(table%size(2:)/table%size(:size(table%size) - 1)), 0.0_wp]
       table%flights%total = product(table%flights%n)
       table%rolls%total = product(table%rolls%n)
@@ -162,7 +176,7 @@ contains
 
       allocate (table%fastest(bins), source=huge(1.0_wp))
       speeds = table%flights%n(3)
-      do part = 1, size(table%size)
+      do part = 1, size(table%size)*size(table%relief)
          do bin = bins_before(table, part, .false.) + 1, bins_before(table, part, .true.), speeds
             associate (speed => table%record(speed_in, table%first(bin):table%first(bin + speeds) - 1))
                table%fastest(bin:bin + speeds - 1) = real(maxval(speed), wp)**2
@@ -191,21 +205,22 @@ contains
       part_size = ((table%first(bin + 1) - table%first(bin) - 1)/(marks*vector) + 1)*vector
    end function part_size
 
-   !> Return whether a table has parts for R_b/R_m, from the number of its parts and the speed of one.
-   pure logical function has_ratios(parts, speed)
-      integer, intent(in) :: parts
-      real(wp), intent(in) :: speed  !! as in impact_table_t, or its square
+   !> Return whether a table has parts for R_b/R_m, from the number of its columns and the strength of its ground [Pa].
+   pure logical function has_ratios(columns, strength)
+      integer, intent(in) :: columns
+      real(wp), intent(in) :: strength
 
-      has_ratios = parts > 1 .and. .not. speed > 0
+      has_ratios = columns > 1 .and. .not. strength > 0
    end function has_ratios
 
-   !> R_b of the largest blocks of a table [m], from its sizes and speeds; NaN if size does not matter, or is R_b/R_m.
-   pure real(wp) function largest_block(sizes, speeds)
-      real(wp), intent(in) :: sizes(:)
-      real(wp), intent(in) :: speeds(:)  !! as in impact_table_t, or their squares
+   !> R_b of the largest boulders that a column of a table serves, at the median strength [m]; NaN if size does not
+   !> matter, or is R_b/R_m.
+   pure real(wp) function largest_block(largest_size, strength, strength_radius)
+      real(wp), intent(in) :: largest_size               !! of a column [-]
+      real(wp), intent(in) :: strength, strength_radius  !! as in yielding_ground_t [Pa], [m]
 
       largest_block = ieee_value(0.0_wp, ieee_quiet_nan)
-      if (any(speeds > 0)) largest_block = maxval(sizes)
+      if (strength > 0 .and. .not. strength_radius > 0) largest_block = largest_size*strength/usual_weight
    end function largest_block
 
    !> Return whether a ratio R_b/R_m is outside those of a table, so that its smallest or largest serves in its place.
@@ -214,86 +229,96 @@ contains
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
 
       beyond_ratios = .false.
-      if (.not. has_ratios(size(table%size), table%speed(1))) return
+      if (.not. has_ratios(size(table%size), table%ground%strength)) return
       beyond_ratios = ratio < table%size(1) .or. ratio > table%size(size(table%size))
    end function beyond_ratios
 
-   !> Find the part of a table below the size of a boulder, and how far above it the boulder is.
-   pure subroutine find_part(table, radius, ratio, part, excess)
+   !> Find the part of a table that serves a boulder: of the two columns beside its size one, and of the two rows beside
+   !> its relief one, with probabilities that interpolate linearly in the logarithm of the size and in the relief. A
+   !> boulder that meets strong ground does so on its whole way, and on all grounds (theory, eq. 5.25).
+   pure subroutine find_part(table, radius, density, gravity, ratio, soil, part, key)
       type(impact_table_t), intent(in) :: table
-      real(wp), intent(in) :: radius   !! R_b [m]
-      real(wp), intent(in) :: ratio    !! R_b/R_m [-]
+      real(wp), intent(in) :: radius, density, gravity  !! R_b [m], of the boulder [kg/m3], [m/s2]
+      real(wp), intent(in) :: ratio                     !! R_b/R_m [-]
+      type(soil_draw_t), intent(in) :: soil
       integer, intent(out) :: part
-      real(wp), intent(out) :: excess  !! logarithm of its size over that of the part; 0 below it [-]
-      real(wp) :: own
+      real(wp), intent(out) :: key                      !! as in approach_t [-]
+      real(wp) :: own, strength
+      integer :: column, row
 
-      part = 1
-      excess = 0
-      if (size(table%size) == 1) return
-      own = merge(ratio, radius, has_ratios(size(table%size), table%speed(1)))
-      do while (part < size(table%size) - 1)
-         if (own < table%size(part + 1)) exit
-         part = part + 1
-      end do
-      associate (low => table%size(part), high => table%size(part + 1))
-         if (own >= high) then
-            part = part + 1
-         else if (own > low) then
-            excess = logarithm(own/low)
+      column = 1
+      row = 1
+      own = ratio
+      associate (ground => table%ground)
+         if (ground%strength > 0) then
+            strength = ground%strength
+            if (ground%strength_radius > 0) strength = strength*(radius/ground%strength_radius)
+            if (ground%strength_sigma > 0) strength = strength*exponential(ground%strength_sigma*soil%deviate)
+            own = density*gravity*radius/strength
          end if
+         if (size(table%size) > 1) then
+            column = place_below(table%size, own)
+            if (own > table%size(column)) then
+               if (soil%column*table%step(column) < logarithm(own/table%size(column))) column = column + 1
+            end if
+         end if
+         if (size(table%relief) > 1) row = drawn_row(table%relief, relief_at(ground, radius), soil%row)
+         key = 1
+         if (ground%strength > 0) key = own/table%size(column)
       end associate
+      part = (row - 1)*size(table%size) + column
    end subroutine find_part
 
-   !> Part of a table for a contact: the next smaller or larger one, with the probability given by interpolation linear
-   !> in the logarithm of the size.
-   pure integer function drawn_part(table, part, excess, u)
-      type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: part     !! from find_part
-      real(wp), intent(in) :: excess  !! likewise
-      real(wp), intent(in) :: u       !! uniform in (0, 1) [-]
+   !> Index of the last value that is not above `x`, at least 1, at most the last but one.
+   pure integer function place_below(values, x) result(k)
+      real(wp), intent(in) :: values(:)  !! increasing
+      real(wp), intent(in) :: x
 
-      drawn_part = part + merge(1, 0, u*table%step(part) < excess)
-   end function drawn_part
-
-   !> Part to which a record belongs.
-   pure integer function part_of(table, record) result(part)
-      type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: record
-      integer :: bins
-
-      bins = (size(table%first) - 1)/size(table%size)
-      do part = 1, size(table%size) - 1
-         if (record < table%first(part*bins + 1)) exit
+      k = 1
+      do while (k < size(values) - 1)
+         if (x < values(k + 1)) exit
+         k = k + 1
       end do
-   end function part_of
+   end function place_below
 
-   !> Find the bin of a contact, and its record if that is the one that followed in the laboratory; compare the scales
-   !> of boulder and block.
-   pure subroutine begin_draw(table, boulder, unit, in, part, bin, record)
+   pure integer function drawn_row(relief, own, u) result(row)
+      real(wp), intent(in) :: relief(:), own  !! of the rows; of the ground [degrees]
+      real(wp), intent(in) :: u               !! uniform in (0, 1) [-]
+
+      row = place_below(relief, own)
+      if (u*(relief(row + 1) - relief(row)) < own - relief(row)) row = row + 1
+   end function drawn_row
+
+   !> Slope of the relief that a boulder meets [degrees].
+   pure real(wp) function relief_at(ground, radius) result(relief)
+      type(yielding_ground_t), intent(in) :: ground
+      real(wp), intent(in) :: radius  !! R_b [m]
+
+      relief = ground%relief
+      if (ground%hurst < 1 .or. ground%hurst > 1) &
+         relief = relief*power(radius/ground%relief_radius, ground%hurst - 1)
+   end function relief_at
+
+   !> Find the bin of a contact, and its record if that is the one that followed in the laboratory.
+   pure subroutine begin_draw(table, part, in, bin, record)
       type(impact_table_t), intent(in) :: table
-      type(boulder_t), intent(in) :: boulder
-      real(wp), intent(in) :: unit      !! sqrt(g R_b) [m/s]
-      type(approach_t), intent(inout) :: in  !! its `key` and `stretch` are set
-      integer, intent(inout) :: part    !! from drawn_part, unless a record decides
+      integer, intent(in) :: part       !! from find_part
+      type(approach_t), intent(in) :: in
       integer, intent(out) :: bin       !! bin of the contact; 0: the boulder is like the block of the record
       integer, intent(out) :: record    !! or 0, to be drawn from the bin by nearest_record
 
-      call follow_sequence(table, in, part, record)
-      call compare_scales(table%speed(part), table%density, unit, boulder%mass/boulder%volume, in%key, in%stretch)
+      record = followed_record(table, in)
       bin = contact_bin(table, part, in)
       if (record > 0) bin = merge(0, bin, is_copied(table, record))
    end subroutine begin_draw
 
-   !> Find the record of a contact if that is the one that followed in the laboratory.
-   pure subroutine follow_sequence(table, in, part, record)
+   !> Record of a contact if that is the one that followed in the laboratory, or 0.
+   pure integer function followed_record(table, in) result(record)
       type(impact_table_t), intent(in) :: table
-      type(approach_t), intent(in) :: in  !! without `key` and `stretch`
-      integer, intent(inout) :: part      !! as in begin_draw
-      integer, intent(out) :: record      !! likewise
+      type(approach_t), intent(in) :: in
 
       record = merge(in%next, 0, continues_sequence(table, in))
-      if (record > 0) part = part_of(table, record)
-   end subroutine follow_sequence
+   end function followed_record
 
    !> Return whether a record that followed is copied, not scaled: the relief governs its motion.
    pure logical function is_copied(table, record)
@@ -660,16 +685,4 @@ contains
       exceeds_table = merge(1.0_wp, 0.0_wp, key3 > fastest)
       exceeds_table = merge(0.0_wp, exceeds_table, copies > 0)
    end function exceeds_table
-
-   !> Scale factors between a boulder and the laboratory's blocks if the ground yields at an absolute speed: the key is
-   !> the speed there, adjusted for density, so that S = rho_b V_n**2/(2 p_y) is equal.
-   elemental subroutine compare_scales(lab_unit, lab_density, unit, density, key, stretch)
-      real(wp), intent(in) :: lab_unit, lab_density  !! as in impact_table_t: speed of its part [m/s], density [kg/m3]
-      real(wp), intent(in) :: unit                   !! sqrt(g R_b) [m/s]
-      real(wp), intent(in) :: density                !! of the boulder [kg/m3]
-      real(wp), intent(out) :: key, stretch          !! as in approach_t [-]
-
-      stretch = unit/merge(lab_unit, unit, lab_unit > 0)
-      key = stretch*stretch*(density/merge(lab_density, density, lab_unit > 0))
-   end subroutine compare_scales
 end module rockfall_impact_table

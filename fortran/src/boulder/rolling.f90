@@ -51,8 +51,8 @@ module rockfall_rolling
       real(wp) :: normal = 0.0_wp  !! V_n [m/s]
       real(wp) :: height = 0.0_wp  !! of its centre above the mean ground, over R_b [-]
       real(wp) :: lift = 0.0_wp    !! rise of its centre since it landed, over R_b [-]
-      integer :: part = 1          !! part of the table for its size, or the one below
-      real(wp) :: excess = 0.0_wp  !! logarithm of its size over that of this part [-]
+      integer :: part = 1          !! part of the table that serves it
+      real(wp) :: key = 1.0_wp     !! as in approach_t [-]
       logical :: beyond = .false.  !! its ratio is outside those of the table
    end type touch_t
 

@@ -5,24 +5,23 @@ module rockfall_table_contact
    use rockfall_kinds, only: wp
    use rockfall_random, only: words_per_block
    use rockfall_terrain, only: terrain_t, gradient, steepness_of
-   use rockfall_boulder, only: boulder_t
+   use rockfall_boulder, only: boulder_t, soil_draw_t
    use rockfall_flight, only: landing_t
    use rockfall_rolling, only: roll_t, touch_t, find_slide
    use rockfall_direction, only: unit_vector, random_heading, along_aspect, shortest
    use rockfall_local_frame, only: in_local_frame, signed_w
-   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, find_part, drawn_part, beyond_ratios, &
+   use rockfall_impact_table, only: impact_table_t, approach_t, outcome_t, find_part, beyond_ratios, &
                                     begin_draw, whole_bin, find_window, is_held, nearest_record, transfer_record, &
                                     exceeds_table, scaled_energy, mean_speed, flies, rolls_on, stops
    implicit none
    private
-   public :: table_contact_t, table_contact, record_u, part_u, side_u
+   public :: table_contact_t, table_contact, record_u, side_u
    ! Its steps:
    public :: update_touch, end_touch, keeps_sequence, resolve_on_plane, find_pull, find_record, apply_record, &
              limit_energy, after_fall, scale_to_energy, compute_departure, takeoff_height, velocity_after
 
-   !> Use of the random numbers of a contact: the record; the part of the table; side or heading, where the ground gives
-   !> none.
-   integer, parameter :: record_u = 1, part_u = 2, side_u = 3
+   !> Use of the random numbers of a contact: the record; side or heading, where the ground gives none.
+   integer, parameter :: record_u = 1, side_u = 3
 
    !> Rise over R_b up to which a boulder whose last contact was cut is still in it [-]: the laboratory records higher
    !> rises as flights.
@@ -85,7 +84,7 @@ contains
       call find_pull(g(1), g(2), cosine, t(1), t(2), t(3), u(side_u), in%pull(1), in%pull(2), side)
       in%v = contact%v_in*(1/unit)
       in%speed = sqrt(in%v(1)*in%v(1) + in%v(2)*in%v(2))
-      call find_record(table, boulder, inertia, unit, u(part_u), touch, in, bin, record, contact%fast)
+      call find_record(table, inertia, touch, in, bin, record, contact%fast)
       if (record == 0) then
          call whole_bin(table, bin, from, n)
          if (is_held(in%speed)) call find_window(table, bin, in%pull(1), from, n)
@@ -121,11 +120,13 @@ contains
 
    !> Keep the state of the previous contact if it still applies: the boulder is still in that contact if it has hardly
    !> risen since; a different ground ends the sequence of records, and has another part of a table for its size.
-   pure subroutine update_touch(table, ground, ratio, radius, jump_height, touch)
+   pure subroutine update_touch(table, ground, ratio, boulder, soil, gravity, jump_height, touch)
       type(impact_table_t), intent(in) :: table  !! of the ground
       integer, intent(in) :: ground
       real(wp), intent(in) :: ratio        !! R_b/R_m [-]
-      real(wp), intent(in) :: radius       !! R_b [m]
+      type(boulder_t), intent(in) :: boulder
+      type(soil_draw_t), intent(in) :: soil
+      real(wp), intent(in) :: gravity      !! [m/s2]
       real(wp), intent(in) :: jump_height  !! since the previous contact [m]
       type(touch_t), intent(inout) :: touch
       integer :: stays, rolling  ! 1 or 0
@@ -135,9 +136,9 @@ contains
          touch%ground = ground
          touch%ratio = ratio
          touch%beyond = beyond_ratios(table, ratio)
-         call find_part(table, radius, ratio, touch%part, touch%excess)
+         call find_part(table, boulder%radius, boulder%mass/boulder%volume, gravity, ratio, soil, touch%part, touch%key)
       end if
-      stays = merge(0, 1, jump_height > max_rise*radius)  ! branches would be mispredicted
+      stays = merge(0, 1, jump_height > max_rise*boulder%radius)  ! branches would be mispredicted
       rolling = merge(1, 0, touch%rolling)
       touch%next = touch%next*max(stays, 1 - rolling)
       touch%rolling = rolling*stays > 0
@@ -214,23 +215,21 @@ contains
    end subroutine find_pull
 
    !> Find the bin of a contact, and its record if it need not be drawn from the bin.
-   pure subroutine find_record(table, boulder, inertia, unit, u, touch, in, bin, record, fast)
+   pure subroutine find_record(table, inertia, touch, in, bin, record, fast)
       type(impact_table_t), intent(in) :: table
-      type(boulder_t), intent(in) :: boulder
-      real(wp), intent(in) :: inertia, unit         !! as in table_contact [-], sqrt(g R_b) [m/s]
-      real(wp), intent(in) :: u                     !! uniform in (0, 1), for the part of the table [-]
+      real(wp), intent(in) :: inertia               !! as in table_contact [-]
       type(touch_t), intent(in) :: touch
       type(approach_t), intent(inout) :: in         !! v, speed, and pull on entry; complete on return
       integer, intent(out) :: bin, record           !! as from begin_draw
       logical, intent(out) :: fast                  !! as in table_contact_t
-      integer :: part
 
       in%next = touch%next
       in%height = touch%height
       in%rolling = touch%rolling
       in%inertia = inertia
-      part = drawn_part(table, touch%part, touch%excess, u)
-      call begin_draw(table, boulder, unit, in, part, bin, record)
+      in%key = touch%key
+      in%stretch = sqrt(touch%key)
+      call begin_draw(table, touch%part, in, bin, record)
       fast = .false.
       if (bin > 0) fast = exceeds_table(table%fastest(bin), in%key*(in%speed*in%speed), 0.0_wp) > 0
    end subroutine find_record

@@ -18,8 +18,8 @@ module rockfall_f2py
    use rockfall_decimal, only: parse_real, decimal_ok
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_terrain, only: terrain_t, is_known_at, max_elevation
-   use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor, boulder_t, sphere_radius, kinetic_energy, &
-                               distributions
+   use rockfall_boulder, only: first_of, last_of, source_of, inertia_factor, boulder_t, sphere_radius, usual_volumes, &
+                               kinetic_energy, distributions
    use rockfall_block_shape, only: block_shapes, block_axes, shape_of_axes
    use rockfall_shape, only: shape_volume, shape_inertia, shapes, sphere
    use rockfall_surface, only: size_weights
@@ -32,12 +32,14 @@ module rockfall_f2py
    use rockfall_bounds, only: check_sources, boulder_count, max_volumes, max_tree_hits
    use rockfall_scene, only: feature_fields, object_reach
    use rockfall_flights, only: lanes
-   use rockfall_impact_table, only: largest_of_table => largest_block, max_held_speed
+   use rockfall_impact_table, only: yielding_ground_t, largest_of_table => largest_block, max_held_speed
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model, &
-                               model_of_table => table_model, max_grounds
+                               model_of_table => table_model, read_yielding, max_grounds
    use rockfall_reach, only: block_side, update_block_minima, reach_box
    use rockfall_stand, only: stems_in_cell, stem_numbers, thinning_numbers
-   use rockfall_random, only: random_key
+   use rockfall_random, only: random_key, normal_table_t, normal_table
+   use rockfall_boulder, only: soil_draw_t
+   use rockfall_draws, only: drawn_soil
    use rockfall_sources, only: usual_threshold, keep_steep_cells, surface_ratios, proportional_part
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_min_count, map_thin_below, &
                                    fraction_limit, limit_rank, z_95, min_for_mean, min_for_std, max_columns
@@ -77,9 +79,10 @@ module rockfall_f2py
    public :: open_run, open_joined_run, continue_run, merge_run, close_run, advance, array, map, map_passages, &
              settle_sources, restore_sources
    public :: forget_tallies, pack_part, begin_part, unpack_part, forget_part
-   public :: value_fault, run_difference, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
+   public :: value_fault, run_difference, usual_radii, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
+   public :: strength_deviates
    public :: largest_block
-   public :: check_maps, values_of, key_limits, refusal, table_row, read_sets, covariance_root, fields
+   public :: check_maps, values_of, key_limits, check_ground, refusal, table_row, read_sets, covariance_root, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
@@ -967,6 +970,35 @@ contains
       call give_error(error, code, message)
    end subroutine values_of
 
+   !> Strength of the ground under boulders of these numbers, as a standard normal number (theory, eq. 5.25a).
+   subroutine strength_deviates(seed, number, deviate, n)
+      integer(c_int64_t), intent(in) :: seed
+      integer(c_int), intent(in) :: n
+      integer(c_int64_t), intent(in) :: number(n)
+      real(c_double), intent(out) :: deviate(n)
+      type(soil_draw_t) :: soil
+      type(normal_table_t) :: table
+      integer :: k
+
+      table = normal_table()
+      do k = 1, n
+         soil = drawn_soil(random_key(seed), table, number(k))
+         deviate(k) = soil%deviate
+      end do
+   end subroutine strength_deviates
+
+   !> Check the row of a table of grounds that a plane of tables of impacts serves.
+   subroutine check_ground(text, name, code, message)
+      character(len=*), intent(in) :: text, name
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+      type(yielding_ground_t) :: ground
+      type(error_t), allocatable :: error
+
+      call read_yielding(text, name, ground, error)
+      call give_error(error, code, message)
+   end subroutine check_ground
+
    !> One-line error message that refuses a key by a rule, in the text of a valid case, of group `number` of a name.
    subroutine refusal(text, name, group, number, key, rule, message)
       character(len=*), intent(in) :: text, name, group, key, rule
@@ -981,6 +1013,17 @@ contains
       call refuse(list%group(number), key, rule, error)
       call give_error(error, code, message)
    end subroutine refusal
+
+   !> Range of R_b of all but few boulders of a case, where it alone says their volumes [m].
+   subroutine usual_radii(text, radii)
+      character(len=*), intent(in) :: text
+      real(c_double), intent(out) :: radii(2)
+      type(case_t) :: case
+      type(error_t), allocatable :: error
+
+      call read_case(text, "", case, error)
+      radii = sphere_radius(usual_volumes(case%volumes))
+   end subroutine usual_radii
 
    !> Number that a text spells, as in files; NaN if none.
    subroutine decimal(text, value)
@@ -1022,22 +1065,22 @@ contains
       ranks = [limit_rank(level, n, per_cluster, -1), limit_rank(level, n, per_cluster, 1)]
    end subroutine limit_ranks
 
-   !> Model of a table of impacts, from the number of its parts and g R_b of one, if the speed is a key.
-   subroutine table_model(parts, speed2, text)
-      integer(c_int), intent(in) :: parts
-      real(c_double), intent(in) :: speed2
+   !> Model of a table of impacts, from the number of its columns and the strength of its ground [Pa].
+   subroutine table_model(columns, strength, text)
+      integer(c_int), intent(in) :: columns
+      real(c_double), intent(in) :: strength
       character(len=max_list), intent(out) :: text
 
-      text = model_names(model_of_table(parts, speed2))
+      text = model_names(model_of_table(columns, strength))
    end subroutine table_model
 
-   !> R_b of the largest blocks of a table of impacts [m], from R_b and g R_b of its parts; NaN: none.
-   subroutine largest_block(sizes, speeds, n, radius)
-      integer(c_int), intent(in) :: n
-      real(c_double), intent(in) :: sizes(n), speeds(n)
+   !> R_b of the largest blocks of a table of impacts [m], from its largest size, the strength of its ground [Pa] and
+   !> the R_b of that [m]; NaN: none.
+   subroutine largest_block(size, strength, strength_radius, radius)
+      real(c_double), intent(in) :: size, strength, strength_radius
       real(c_double), intent(out) :: radius
 
-      radius = largest_of_table(sizes, speeds)
+      radius = largest_of_table(size, strength, strength_radius)
    end subroutine largest_block
 
    !> Height of the top edge [m] and capacity [J] of each line of a case, evaluation lines first, then barriers; zero

@@ -15,7 +15,7 @@ module rockfall_part_file
                                    record_status, is_ok, mark_damaged, fail_damaged, transfer, length_of, text_of, &
                                    integers_of, real_of
    use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, statuses
-   use rockfall_impact_table, only: largest_block
+   use rockfall_impact_table, only: impact_table_t, largest_block
    use rockfall_block_shape, only: block_shapes
    use rockfall_ground, only: ground_t
    use rockfall_scene_type, only: n_grounds
@@ -159,11 +159,18 @@ contains
       call record_status(file, nf90_put_att(file%id, nf90_global, "grounds", names))
       radii = ieee_value(1.0_wp, ieee_quiet_nan)
       do k = 1, size(grounds)
-         if (allocated(grounds(k)%table)) radii(k) = largest_block(grounds(k)%table%size, grounds(k)%table%speed)
+         if (allocated(grounds(k)%table)) radii(k) = largest_of(grounds(k)%table)
       end do
       call record_status(file, nf90_put_att(file%id, nf90_global, "ground_models", models))
       call record_status(file, nf90_put_att(file%id, nf90_global, "ground_block_radius", radii))
    end subroutine describe_grounds
+
+   !> R_b of the largest blocks of a table [m].
+   pure real(wp) function largest_of(table)
+      type(impact_table_t), intent(in) :: table
+
+      largest_of = largest_block(maxval(table%size), table%ground%strength, table%ground%strength_radius)
+   end function largest_of
 
    !> 0-based first column and row, and numbers of columns and rows of the maps.
    pure function window_of(run) result(window)

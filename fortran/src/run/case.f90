@@ -61,6 +61,7 @@ module rockfall_case
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
       real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! of each of block_shapes; all 0: given by sources [-]
+      real(wp) :: strength_sigma = -1.0_wp       !! of all grounds with tables, as in impact_table_t; < 0: of each [-]
       logical :: by_source = .false.             !! sources specify their boulders; volumes are factors
       logical :: by_feature = .false.            !! the layer of the sources gives all volumes
       logical :: source_density = .false.        !! sources also give their density
@@ -189,6 +190,8 @@ contains
       this%stop_speed = real_of(group, "stop_speed")
       if (has_key(group, "rest_angle")) this%rest_angle = real_of(group, "rest_angle")
       this%impact_limit = int(integer_of(group, "impact_limit"))
+      group = group_of(list, "boulder")
+      if (has_key(group, "ground_strength_sigma")) this%strength_sigma = real_of(group, "ground_strength_sigma")
    end subroutine read_run
 
    !> Rule of turning_t from `&impact turning`.

@@ -68,7 +68,8 @@ contains
       do g = 1, size(list%group)
          if (list%group(g)%name == "impact") by_table = by_table .or. text_of(list%group(g), "form") == "table"
       end do
-      call only_with(group, [character(len=key_length) :: "block_shape", "block_shape_share", "block_axes"], by_table, &
+      call only_with(group, [character(len=key_length) :: "block_shape", "block_shape_share", "block_axes", &
+                            "ground_strength_sigma"], by_table, &
                      "a table of impacts: &impact form = 'table', or a ground", error)
       if (has_key(group, "rock_density") .and. is_changed(group, "density") .and. .not. allocated(error)) &
          call refuse(group, "density", "is not valid together with rock_density, which gives it", error)

@@ -125,6 +125,9 @@ module rockfall_case_keys
             in_scene), &
       key_t("boulder", "block_shape_share", "real", many, "absent", "0 to 1", "", &
             "of each shape in block_shape, together 1; absent: equal shares", in_scene), &
+      key_t("boulder", "ground_strength_sigma", "real", 1, "absent", "0 to 1.5", "", &
+            "standard deviation, from boulder to boulder, of the logarithm of the strength of grounds with tables; " &
+            //"absent: that of each"), &
       key_t("boulder", "d1", "text", 1, "absent", "", "", &
             "source: raster of one of the three sides of boulders [m]", in_scene, "raster"), &
       key_t("boulder", "d2", "text", 1, "absent", "", "", "of the second [m]", in_scene, "raster"), &

@@ -15,40 +15,46 @@ module rockfall_grounds
    use rockfall_classical_rebound, only: classical_t, scatter_t, scatter, by_sets, rockyfor3d, &
                                          pfeiffer_bowen, bourrier_hungr, constant, absorbing, by_table, by_ratio_table
    use rockfall_ground, only: ground_t, rest_slope_of
-   use rockfall_impact_table, only: has_ratios
-   use rockfall_packed_table, only: is_packed_table, read_packed_table
+   use rockfall_impact_table, only: yielding_ground_t, has_ratios
+   use rockfall_packed_table, only: table_start, read_packed_table
    use rockfall_case_keys, only: key_t, check_key, row_text
    use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
    private
-   public :: read_ground, read_stochastic, rest_angle_of_rocks, ground_parameter, model_names, table_model, max_grounds
-   public :: rocks_of_model
+   public :: read_ground, read_yielding, read_stochastic, rest_angle_of_rocks, ground_parameter, model_names
+   public :: table_model, max_grounds, rocks_of_model
 
    integer, parameter :: max_grounds = huge(1_i1)  !! of a scene: their numbers are bytes
 
    !> Models, in the order of their numbers.
    character(len=*), parameter :: model_names(*) = [character(len=14) :: "impact_sets", "rockyfor3d", &
                                                     "pfeiffer_bowen", "bourrier_hungr", "constant", "absorbs", &
-                                                    "impact_table", "ratio_table"]
+                                                    "impact_table", "ratio_table", "ploughed", "hard"]
+   !> Grounds of the laboratory of blocks, in rows of a table of grounds: a plane of tables serves each (theory, chapter
+   !> 5).
+   character(len=*), parameter :: yielding(*) = [character(len=8) :: "ploughed", "hard"]
    !> Rock data that a model requires: none; a size, possibly zero; a positive size.
    integer, parameter :: no_rocks = 0, any_rocks = 1, some_rocks = 2
    integer, parameter :: rocks_of_model(size(model_names)) = &
-                         [some_rocks, any_rocks, no_rocks, no_rocks, no_rocks, no_rocks, no_rocks, some_rocks]
+                         [some_rocks, any_rocks, no_rocks, no_rocks, no_rocks, no_rocks, no_rocks, some_rocks, &
+                          no_rocks, no_rocks]
 
    !> Parameter as a key, with the models that use it.
    type :: parameter_t
       type(key_t) :: key
-      character(len=64) :: models
+      character(len=72) :: models
    end type parameter_t
 
    character(len=*), parameter :: with_r_n = "rockyfor3d, pfeiffer_bowen, constant", &
                                   with_r_t = "pfeiffer_bowen, bourrier_hungr, constant", &
-                                  all_classical = "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant"
+                                  classical = "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant", &
+                                  yields = "ploughed, hard"
    real(wp), parameter :: min_divisor = 0.01_wp  !! of R_n in models that divide by it, and of half_speed [m/s]
 
    type(parameter_t), parameter :: table(*) = [ &
       parameter_t(key_t("ground", "model", "text", 1, "required", &
-                        "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbs", "", "of the rebound"), ""), &
+                        "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbs, ploughed, hard", "", &
+                        "of the rebound; ploughed, hard: by the plane of tables of such ground"), ""), &
       parameter_t(key_t("ground", "r_n", "real", 1, "required", "0 to 1", "", &
                         "normal restitution"), with_r_n), &
       parameter_t(key_t("ground", "r_n_std", "real", 1, "0.0", "0 to 1", "", &
@@ -71,11 +77,23 @@ module rockfall_grounds
       parameter_t(key_t("ground", "obstacle_spread", "real", 1, "0.1", "0 to 1", "", &
                         "obstacles differ by up to this fraction from their size"), "rockyfor3d"), &
       parameter_t(key_t("ground", "roughness_angle", "real", 1, "0.0", "0 to 45", "degree", &
-                        "the ground is tilted against the way by up to this angle, at random"), all_classical), &
+                        "the ground is tilted against the way by up to this angle, at random"), classical), &
       parameter_t(key_t("ground", "min_hop", "real", 1, "0.0", "0 to 10", "radii", &
-                        "a boulder that rolls is thrown so far, while it has the energy"), all_classical), &
+                        "a boulder that rolls is thrown so far, while it has the energy"), classical), &
+      parameter_t(key_t("ground", "strength", "real", 1, "required", "1000 to 1e9", "Pa", &
+                        "pressure at which the ground yields, the median"), yields), &
+      parameter_t(key_t("ground", "strength_sigma", "real", 1, "0.0", "0 to 1.5", "", &
+                        "standard deviation, from boulder to boulder, of the logarithm of strength"), yields), &
+      parameter_t(key_t("ground", "strength_radius", "real", 1, "0.0", "0 to 100", "m", &
+                        "R_b of that strength, if it is in proportion to R_b; 0: it is the same for all"), yields), &
+      parameter_t(key_t("ground", "relief", "real", 1, "required", "0 to 45", "degree", &
+                        "slope of the relief at the scale of the boulder, standard deviation"), yields), &
+      parameter_t(key_t("ground", "relief_radius", "real", 1, "1.0", "0.01 to 100", "m", &
+                        "R_b of that relief, if hurst is not 1"), yields), &
+      parameter_t(key_t("ground", "hurst", "real", 1, "1.0", "0 to 2", "", &
+                        "exponent of the relief, whose slope goes with R_b**(hurst - 1)"), yields), &
       parameter_t(key_t("ground", "rest_angle", "real", 1, "38.0", "0 to 90", "degree", &
-                        "steepest slope on which a boulder comes to rest; 90: any"), all_classical)]
+                        "steepest slope on which a boulder comes to rest; 90: any"), classical//", "//yields)]
 
 contains
 
@@ -97,13 +115,17 @@ contains
       type(ground_t), intent(inout) :: ground
       type(error_t), allocatable, intent(out) :: error
       type(namelist_t) :: list
+      integer :: start
 
-      if (is_packed_table(text)) then
+      start = table_start(text)
+      if (start > 0) then
          allocate (ground%table)
-         call read_packed_table(text, file, ground%table, error)
+         call read_packed_table(text(start:), file, ground%table, error)
          if (allocated(error)) return
-         ground%classical%model = table_model(size(ground%table%size), ground%table%speed(1))
-         ground%rest_slope = rest_slope_of(ground%table%rest_angle)
+         if (start > 1) call read_yielding(text(:start - 1), file, ground%table%ground, error)
+         if (allocated(error)) return
+         ground%classical%model = table_model(size(ground%table%size), ground%table%ground%strength)
+         ground%rest_slope = rest_slope_of(ground%table%ground%rest_angle)
          return
       end if
       call parse_namelist(text, file, list, error)
@@ -117,12 +139,32 @@ contains
       end if
    end subroutine read_ground
 
-   !> Model of a table of impacts, from the number of its parts and the speed of one.
-   pure integer function table_model(parts, speed)
-      integer, intent(in) :: parts
-      real(wp), intent(in) :: speed  !! as in impact_table_t, or its square
+   !> Read the ground of a table from a row of a table of grounds.
+   pure subroutine read_yielding(text, file, ground, error)
+      character(len=*), intent(in) :: text, file
+      type(yielding_ground_t), intent(out) :: ground
+      type(error_t), allocatable, intent(out) :: error
+      type(namelist_t) :: list
+      character(len=:), allocatable :: model
 
-      table_model = merge(by_ratio_table, by_table, has_ratios(parts, speed))
+      call parse_namelist(text, file, list, error)
+      if (.not. allocated(error)) call check_names(list, table%key%group, table%key%name, [""], "", error)
+      if (.not. allocated(error)) call check_parameters(list%group(1), model, error)
+      if (allocated(error)) return
+      associate (group => list%group(1))
+         ground = yielding_ground_t(value_of(group, "rest_angle"), value_of(group, "strength"), &
+                                    value_of(group, "strength_sigma"), value_of(group, "strength_radius"), &
+                                    value_of(group, "relief"), value_of(group, "relief_radius"), &
+                                    value_of(group, "hurst"))
+      end associate
+   end subroutine read_yielding
+
+   !> Model of a table of impacts, as in has_ratios.
+   pure integer function table_model(columns, strength)
+      integer, intent(in) :: columns
+      real(wp), intent(in) :: strength  !! [Pa]
+
+      table_model = merge(by_ratio_table, by_table, has_ratios(columns, strength))
    end function table_model
 
    !> Read and factor impact sets, with their lateral deviations.
@@ -157,15 +199,8 @@ contains
       type(classical_t), intent(out) :: classical
       type(error_t), allocatable, intent(out) :: error
       character(len=:), allocatable :: model
-      integer :: k
 
-      model = ""
-      call check_key(group, table(1)%key, error)
-      if (.not. allocated(error)) call get_text(group, "model", model, error)
-      do k = 2, size(table)
-         if (allocated(error)) return
-         call check_parameter(group, table(k), model, error)
-      end do
+      call check_parameters(group, model, error)
       if (allocated(error)) return
       classical%model = findloc(model_names == model, .true., dim=1)  ! gfortran 12 mishandles different text lengths
       select case (classical%model)
@@ -187,6 +222,22 @@ contains
       if (allocated(error) .or. any(classical%model == [rockyfor3d, absorbing])) return
       call read_scatter(group, "r_t", 0.0_wp, numbers, classical%tangential, error)
    end subroutine read_classical
+
+   !> Check all parameters of a model, and return its name.
+   pure subroutine check_parameters(group, model, error)
+      type(group_t), intent(in) :: group
+      character(len=:), allocatable, intent(out) :: model
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      model = ""
+      call check_key(group, table(1)%key, error)
+      if (.not. allocated(error)) call get_text(group, "model", model, error)
+      do k = 2, size(table)
+         if (allocated(error)) return
+         call check_parameter(group, table(k), model, error)
+      end do
+   end subroutine check_parameters
 
    !> Check that a parameter is given and within its range if the model needs it, and absent otherwise.
    pure subroutine check_parameter(group, parameter, model, error)

@@ -455,6 +455,7 @@ contains
          if (allocated(error)) return
       end do
       scene%ground_drawn = scene%ground_drawn .or. any(grounds%classical%roughness > 0)
+      scene%has_tables = any([(allocated(grounds(k)%table), k=1, size(grounds))])
       call move_alloc(grounds, scene%grounds)
    end subroutine set_grounds
 
@@ -474,6 +475,8 @@ contains
          ground%rest_slope = scene%rest_slope
       end if
       if (case%rest_angle >= 0) ground%rest_slope = scene%rest_slope
+      if (.not. allocated(ground%table)) return
+      if (case%strength_sigma >= 0) ground%table%ground%strength_sigma = case%strength_sigma
    end subroutine set_ground_of
 
    !> Distance from the path of a boulder within which maps may show hits [cells].

@@ -100,6 +100,7 @@ contains
             result%boulder = fragment_of(from%result%boulder, scratch%split%volume(k))
             result%source = from%result%source
             result%block_shape = from%result%block_shape
+            result%soil = from%result%soil
             result%start = from%result%start
             result%impacts = from%result%impacts
             result%path_length = from%result%path_length

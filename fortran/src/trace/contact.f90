@@ -120,7 +120,8 @@ contains
       real(wp) :: before
 
       before = squared_length(v) + inertia_factor*omega_r*omega_r
-      call update_touch(ground_data%table, ground, ratio, result%boulder%radius, landing%jump_height, scratch%touch)
+      call update_touch(ground_data%table, ground, ratio, result%boulder, result%soil, scene%gravity, &
+                        landing%jump_height, scratch%touch)
       call table_contact(scene%dem, scene%gravity, ground_data%table, result%boulder, inertia_of(scene, number), &
                          u, landing, v, flight%heading, omega_r, scratch%touch, roll, contact)
       call count_outcome(rebound_t(contact%v_out, forced=contact%limited), scratch%touch%beyond, &

@@ -2,14 +2,15 @@
 !> Random numbers of a boulder in its scene: block shape, rebounds, and ground properties.
 module rockfall_draws
    use rockfall_kinds, only: wp, i8
-   use rockfall_random, only: random_words, uniform, for_release, for_impact, for_ground, words_per_block, &
-                              volume_word, shape_word
-   use rockfall_boulder, only: volume_distribution_t, list_volume, list_item
+   use rockfall_random, only: random_key_t, normal_table_t, random_words, uniform, normal, for_release, for_impact, &
+                              for_ground, for_strength, words_per_block, volume_word, shape_word, deviate_word, &
+                              column_word, row_word
+   use rockfall_boulder, only: soil_draw_t, volume_distribution_t, list_volume, list_item
    use rockfall_block_shape, only: drawn_shape
    use rockfall_scene_type, only: scene_t
    implicit none
    private
-   public :: block_shape_of, impact_words, ground_uniforms
+   public :: block_shape_of, drawn_soil, impact_words, ground_uniforms
 
 contains
 
@@ -32,6 +33,17 @@ contains
       end if
       shape = drawn_shape(scene%shapes, uniform(word(shape_word)))
    end function block_shape_of
+
+   !> Ground under a boulder, on its whole way.
+   pure type(soil_draw_t) function drawn_soil(key, table, number) result(soil)
+      type(random_key_t), intent(in) :: key
+      type(normal_table_t), intent(in) :: table
+      integer(i8), intent(in) :: number
+      integer(i8) :: word(words_per_block)
+
+      word = random_words(key, for_strength, number, 0_i8, 0_i8)
+      soil = soil_draw_t(normal(table, word(deviate_word)), uniform(word(column_word)), uniform(word(row_word)))
+   end function drawn_soil
 
    !> Random words of a rebound.
    pure function impact_words(scene, number, impact) result(word)

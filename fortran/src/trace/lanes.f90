@@ -168,7 +168,7 @@ contains
          call prepare_scratch(scene, maps, scratch(k))
          pool%free(k) = k
       end do
-      if (has_tables(scene)) allocate (by_table)
+      if (scene%has_tables) allocate (by_table)
       do
          call refill(scene, first, step, results, next, deadline, pool, active, scratch, flights)
          if (flights%n == 0) exit
@@ -234,18 +234,6 @@ contains
          if (n >= 0) sets%set(n + 1:n + impact_ratios) = scene%grounds(ground)%sets
       end do
    end function all_sets
-
-   !> Return whether any ground has a table of impacts.
-   pure logical function has_tables(scene)
-      type(scene_t), intent(in) :: scene
-      integer :: ground
-
-      has_tables = .false.
-      if (.not. allocated(scene%grounds)) return
-      do ground = 1, size(scene%grounds)
-         has_tables = has_tables .or. allocated(scene%grounds(ground)%table)
-      end do
-   end function has_tables
 
    !> Fill the free lanes with the next boulders.
    subroutine refill(scene, first, step, results, next, deadline, pool, active, scratch, flights)
@@ -495,8 +483,8 @@ contains
             if (sets%offset(c%ground(k)) < 0) then
                if (allocated(scene%grounds(c%ground(k))%table)) &
                   call add_contact(by_table, k, scene%grounds(c%ground(k))%table, c%ground(k), result%boulder, &
-                                   inertia_of(scene, c%number(k)), c%ratio(k), l%jump_height(k), c%w(k), &
-                                   c%heading1(k), c%heading2(k), pool%touch(lane))
+                                   result%soil, scene%gravity, inertia_of(scene, c%number(k)), c%ratio(k), &
+                                   l%jump_height(k), c%w(k), c%heading1(k), c%heading2(k), pool%touch(lane))
                cycle
             end if
             call find_impact_set(scene, c%ratio(k), u_ground, set, c%outside(k))

@@ -3,7 +3,7 @@
 module rockfall_outcome
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, patch_t, in_window
-   use rockfall_boulder, only: boulder_t, kinetic_energy
+   use rockfall_boulder, only: boulder_t, soil_draw_t, kinetic_energy
    use rockfall_impact, only: rebound_t
    implicit none
    private
@@ -39,6 +39,7 @@ module rockfall_outcome
       integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds outside the fitted ranges
       integer :: source = 0                !! 1..
       integer :: block_shape = 0           !! as in shape_mix_t; 0: the scene has only one
+      type(soil_draw_t) :: soil = soil_draw_t()  !! if a ground has a table
       real(wp) :: start(3) = 0.0_wp, stop(3) = 0.0_wp  !! local coordinates [m]
       integer :: stop_cell(2) = 0          !! column, row; only valid with a contact
       integer :: trees_hit = 0             !! repeated hits of a tree count

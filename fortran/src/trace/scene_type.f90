@@ -32,6 +32,7 @@ module rockfall_scene_type
       type(surface_t) :: surface
       type(impact_set_t) :: sets(impact_ratios)
       logical :: between_ratios = .false.  !! a ratio between two sets selects either at random
+      logical :: has_tables = .false.      !! a ground has a table of impacts
       logical :: ground_drawn = .false.    !! ground properties are random: additional words per impact
       integer :: turning = past_aspect     !! rule, as in turning_t
       type(lateral_t), allocatable :: lateral(:)  !! per ratio; only for by_lab

@@ -10,7 +10,7 @@ module rockfall_start
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, at_rest, left_window
    use rockfall_scratch, only: scratch_t, contact_t, with_maps, with_all, clear_scratch, record_vertex
-   use rockfall_draws, only: block_shape_of
+   use rockfall_draws, only: block_shape_of, drawn_soil
    implicit none
    private
    public :: start_boulder, start_piece, energy_head, end_boulder
@@ -37,6 +37,7 @@ contains
       end if
       if (level >= with_all .and. allocated(scene%of_source)) &
          result%boulder = boulder_of(scene%of_source(result%source), result%boulder%volume)
+      if (level >= with_all .and. scene%has_tables) result%soil = drawn_soil(scene%key, scene%table, number)
       call set_first_flight(scene, result%source, flight)
       result%start = [flight%x, flight%y, flight%z]
       result%speed_max = squared_length(flight%v)  ! the square root is taken at the end

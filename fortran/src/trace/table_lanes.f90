@@ -10,20 +10,20 @@ module rockfall_table_lanes
    use rockfall_kinds, only: wp, sp, i8
    use rockfall_random, only: words_per_block, uniform
    use rockfall_terrain, only: terrain_t, patch_t, slope_at, gradient
-   use rockfall_boulder, only: boulder_t
+   use rockfall_boulder, only: boulder_t, soil_draw_t
    use rockfall_rolling, only: roll_t, touch_t, find_slide, slide_on_patch, walk_patches, falls_away, &
                                time_slide
    use rockfall_direction, only: shortest
    use rockfall_local_frame, only: signed_w
-   use rockfall_impact_table, only: impact_table_t, bins_t, approach_t, drawn_part, follow_sequence, is_copied, &
-                                    compare_scales, bin_keys, bins_before, exceeds_table, whole_bin, find_window, &
+   use rockfall_impact_table, only: impact_table_t, bins_t, approach_t, followed_record, is_copied, &
+                                    bin_keys, bins_before, exceeds_table, whole_bin, find_window, &
                                     is_held, nearest_record, speed_scale, input_change, mapped_shift, own_duration, &
                                     own_reach, own_velocity, held_longer, takes_shift, allowed_energy, t_in, n_in, &
                                     w_in, speed_in, height_in, along_out, across_out, n_out, w_out, duration_out, &
                                     advance_out, rise_out, pull_along, pull_across, exit_code, follower, &
                                     record_fields, map_fields, along_map, n_map, w_map, low, high, flies, rolls_on, &
                                     stops
-   use rockfall_table_contact, only: record_u, part_u, side_u, update_touch, resolve_on_plane, find_pull, &
+   use rockfall_table_contact, only: record_u, side_u, update_touch, resolve_on_plane, find_pull, &
                                      limit_energy, after_fall, scale_to_energy, compute_departure, takeoff_height, &
                                      keeps_sequence
    use rockfall_line, only: boxes_touch
@@ -53,7 +53,7 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: t1 = 0, t2 = 0, t3 = 0        !! unit tangent [-]
       real(wp), dimension(lanes) :: side = 0, pull = 0            !! of the descent; gravity along tangent, over g [-]
       real(wp), dimension(lanes) :: v1_in = 0, v2_in = 0, v3_in = 0, speed_in = 0  !! as in approach_t [-]
-      real(wp), dimension(lanes) :: lab_unit = 0, lab_density = 1 !! of its part, as in compare_scales
+      real(wp), dimension(lanes) :: key = 1                       !! as in approach_t [-]
       real(wp), dimension(lanes) :: fastest = 0                   !! as in impact_table_t
       real(wp), dimension(lanes) :: key1 = 0, key2 = 0, key3 = 0, over1 = 1, over2 = 1  !! as in bin_keys
       real(wp), dimension(lanes) :: fast = 0                      !! as in table_contact_t: 1 or 0
@@ -123,12 +123,15 @@ contains
    end subroutine clear_batch
 
    !> Add a contact.
-   subroutine add_contact(b, k, table, ground, boulder, inertia, ratio, jump_height, w, heading1, heading2, touch)
+   subroutine add_contact(b, k, table, ground, boulder, soil, gravity, inertia, ratio, jump_height, w, heading1, &
+                          heading2, touch)
       type(table_batch_t), intent(inout) :: b
       integer, intent(in) :: k                    !! its index
       type(impact_table_t), intent(in) :: table   !! of its ground
       integer, intent(in) :: ground
       type(boulder_t), intent(in) :: boulder
+      type(soil_draw_t), intent(in) :: soil
+      real(wp), intent(in) :: gravity             !! [m/s2]
       real(wp), intent(in) :: inertia, ratio      !! I/(m R_b**2), R_b/R_m [-]
       real(wp), intent(in) :: jump_height, w      !! of the flight [m], W [m/s]
       real(wp), intent(in) :: heading1, heading2  !! after the previous contact, of any length
@@ -145,7 +148,7 @@ contains
       b%w(k) = w
       b%before1(k) = heading1
       b%before2(k) = heading2
-      call update_touch(table, ground, ratio, boulder%radius, jump_height, touch)
+      call update_touch(table, ground, ratio, boulder, soil, gravity, jump_height, touch)
       b%touches(k) = merge(1.0_wp, 0.0_wp, touch%rolling)
       b%pressed(k) = touch%normal
    end subroutine add_contact
@@ -248,8 +251,7 @@ contains
       do ground = 1, size(scene%grounds)
          last = first(2*ground + 1) - 1
          if (first(2*ground - 1) > last) cycle
-         call find_parts(scene%grounds(ground)%table, b%landing(first(2*ground - 1):last), l%lane, word(:, part_u), &
-                         touch, b)
+         call find_parts(scene%grounds(ground)%table, b%landing(first(2*ground - 1):last), l%lane, touch, b)
       end do
       call find_keys(l, b)
       b%record_at = c_loc(b%no_record)
@@ -266,52 +268,49 @@ contains
    end subroutine draw_records
 
    !> Find the parts of the table, and the records that followed in the laboratory.
-   subroutine find_parts(table, contact, lane, word, touch, b)
+   subroutine find_parts(table, contact, lane, touch, b)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: contact(:)          !! contacts by this table
       integer, intent(in) :: lane(lanes)         !! of each contact
-      integer(i8), intent(in) :: word(lanes)
       type(touch_t), intent(in) :: touch(lanes)  !! of each lane
       type(table_batch_t), intent(inout) :: b
       type(approach_t) :: in
-      integer :: m, k, part
+      integer :: m, k
 
       do m = 1, size(contact)
          k = contact(m)
          associate (kept => touch(lane(k)))
-            part = drawn_part(table, kept%part, kept%excess, uniform(word(k)))
             in%v = [b%v1_in(k), b%v2_in(k), b%v3_in(k)]
             in%speed = b%speed_in(k)
             in%pull = [b%pull(k), b%pull_across(k)]
             in%height = kept%height
             in%rolling = kept%rolling
             in%next = kept%next
-            call follow_sequence(table, in, part, b%record(k))
+            b%record(k) = followed_record(table, in)
             b%lift(k) = kept%lift
             b%height(k) = kept%height
+            b%part(k) = kept%part
+            b%key(k) = kept%key
          end associate
          b%copies(k) = merge(1.0_wp, 0.0_wp, is_copied(table, max(1, b%record(k))))
          b%copies(k) = min(b%copies(k), real(b%record(k), wp))  ! none if it did not follow
-         b%part(k) = part
-         b%lab_unit(k) = table%speed(part)
-         b%lab_density(k) = table%density
          b%hold(k) = table%hold
       end do
    end subroutine find_parts
 
-   !> Compare the scales of boulders and blocks, and find the keys of their bins.
+   !> Find the keys of the bins.
    subroutine find_keys(l, b)
       type(landings_t), intent(in) :: l
       type(table_batch_t), intent(inout) :: b
-      real(wp) :: key, stretch, rolling, key1, over1, key2, over2, key3
+      real(wp) :: rolling, key1, over1, key2, over2, key3
       integer :: k
 
-      !$omp simd private(key, stretch, rolling, key1, over1, key2, over2, key3)
+      !$omp simd private(rolling, key1, over1, key2, over2, key3)
       do k = 1, padded(l%n)
          rolling = b%touches(k)
-         call compare_scales(b%lab_unit(k), b%lab_density(k), b%unit(k), b%mass(k)/b%volume(k), key, stretch)
-         call bin_keys(b%v2_in(k), b%v3_in(k), b%speed_in(k), b%height(k), key, rolling, key1, over1, key2, over2, key3)
-         b%stretch(k) = stretch
+         call bin_keys(b%v2_in(k), b%v3_in(k), b%speed_in(k), b%height(k), b%key(k), rolling, key1, over1, &
+                       key2, over2, key3)
+         b%stretch(k) = sqrt(b%key(k))
          b%key1(k) = key1
          b%over1(k) = over1
          b%key2(k) = key2

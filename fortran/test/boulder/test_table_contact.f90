@@ -6,7 +6,7 @@ program test_table_contact
    use rockfall_math, only: degree
    use rockfall_random, only: words_per_block
    use rockfall_terrain, only: terrain_t, terrain, locate, height
-   use rockfall_boulder, only: boulder_t, inertia_factor
+   use rockfall_boulder, only: boulder_t, soil_draw_t, inertia_factor
    use rockfall_flight, only: landing_t
    use rockfall_rolling, only: roll_t, touch_t
    use rockfall_impact_table, only: impact_table_t, index_records, record_fields, map_fields, t_in, n_in, w_in, &
@@ -17,7 +17,7 @@ program test_table_contact
    implicit none
    integer, parameter :: n = 20
    real(wp), parameter :: cell = 100.0_wp, gravity = 9.81_wp, near = 1.0e-12_wp
-   real(wp), parameter :: lab_radius = 0.4_wp, density = 2700.0_wp, pi = acos(-1.0_wp)
+   real(wp), parameter :: lab_radius = 0.4_wp, density = 2700.0_wp, strength = 2.0e6_wp, pi = acos(-1.0_wp)
    real(wp), parameter :: radii(*) = [0.05_wp, 0.2_wp, 0.57_wp, 3.0_wp]
    real(wp), parameter :: speeds(*) = [1.0e-7_wp, 1.0e-3_wp, 0.02_wp, 0.3_wp, 1.0_wp, 2.5_wp, 30.0_wp]  ! over U
    real(wp), target :: z(n, n)
@@ -49,13 +49,13 @@ contains
    !> A table with one bin for each kind of contact; the first record begins with a flight.
    subroutine set_table(record, by_speed)
       real(wp), intent(in) :: record(:, :)  !! (record_fields, records), the others for boulders that roll
-      logical, intent(in) :: by_speed       !! the ground yields at an absolute speed
+      logical, intent(in) :: by_speed       !! the ground yields
       integer :: k
 
       table = impact_table_t()
-      table%size = [lab_radius]
-      table%speed = [merge(sqrt(gravity*lab_radius), 0.0_wp, by_speed)]
-      table%density = density
+      table%ground%strength = merge(strength, 0.0_wp, by_speed)
+      table%size = [density*gravity*lab_radius/strength]
+      table%relief = [0.0_wp]
       table%flights%n = 1
       allocate (table%flights%first_edge(0, 1), table%flights%second_edge(0, 1, 1), &
                 table%flights%third_edge(0, 1, 1, 1))
@@ -90,7 +90,7 @@ contains
       v = along*[0.0_wp, -cos(slope*degree), -sin(slope*degree)] &
           + normal*[0.0_wp, -sin(slope*degree), cos(slope*degree)]
       u = 0.5_wp
-      call update_touch(table, 1, 1.0_wp, radius, 0.0_wp, touch)
+      call update_touch(table, 1, 1.0_wp, boulder, soil_draw_t(), gravity, 0.0_wp, touch)
       call table_contact(dem, gravity, table, boulder, inertia_factor, u, landing, v, [0.0_wp, -1.0_wp], w, touch, &
                          roll, contact)
    end subroutine touch_plane

@@ -21,7 +21,7 @@ import numpy as np
 from rockfall.analysis.run_out import falls_and_distances, mean_slopes
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, block_radius, other_tables, repose
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.grounds.impact_tables import find_table, open_table, shipped_tables
+from rockfall.grounds.impact_tables import open_table, own_table, shipped_tables
 from rockfall.io.tables import read_table
 from rockfall.language import Text, say, word
 from rockfall.limits import fraction_limits
@@ -191,7 +191,7 @@ def _largest_thrown(tables: Iterable[GroundRebounds], case: Case) -> Iterator[fl
     """R_b [m] of the largest blocks that each table was thrown with, as the result says; of a
     result without this, as the table at hand says."""
     for table in tables:
-        radius, path = table.block_radius, find_table(case, table.name)
+        radius, path = table.block_radius, own_table(case, table.name)
         if np.isnan(radius) and path:
             radius = block_radius(open_table(path))
         if not np.isnan(radius):

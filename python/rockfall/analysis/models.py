@@ -26,11 +26,11 @@ from rockfall.grounds import (
     GroundTable,
     find_ground,
     shipped_grounds,
+    table_names,
     table_path,
     usual_ground,
     usual_name,
 )
-from rockfall.grounds.impact_tables import table_names
 from rockfall.io.netcdf import load_dataset
 from rockfall.language import packed, say, unpacked
 from rockfall.quantities import percent
@@ -179,7 +179,7 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
         return
     shipped = GroundTable(shipped_grounds())
     rocks = {
-        model: (shipped.ground(small), shipped.ground(large))
+        model: (shipped.ground(small, case), shipped.ground(large, case))
         for model, (small, large) in ROCKS.items()
     }
     if 0 < unsized < 1:

@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 from rockfall.app.messages import Refused
 from rockfall.case import REPEATABLE, Case, Key, default_values, key_table, keys_of
-from rockfall.grounds import GroundTable, table_path
+from rockfall.grounds import GroundTable, table_names, table_path
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.grounds.impact_tables import table_names
 from rockfall.language import say
 from rockfall.result.variables import MAP
 from rockfall.scene.frames import GROUPS

@@ -14,7 +14,7 @@ from rockfall.case.keys import REPEATABLE
 from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.grounds import find_operator
-from rockfall.grounds.impact_tables import find_table
+from rockfall.grounds.impact_tables import own_table
 from rockfall.io.raster_file import raster_file, raster_files
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
         if operator := find_operator(case, name)[0]:  # its reader reports missing files
             yield operator
     elif kind == "impact_table":
-        if case.impact["form"] == "table" and (operator := find_table(case, name)):
+        if case.impact["form"] == "table" and (operator := own_table(case, name)):
             yield operator
     elif kind == "table":
         yield path

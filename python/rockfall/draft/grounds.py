@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 
 from rockfall.draft.recognise import Layer
 from rockfall.errors import RockfallError
-from rockfall.grounds import GroundTable, shipped_grounds
+from rockfall.grounds import models, shipped_rows, table_names
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.grounds.impact_tables import shipped_tables, table_names
+from rockfall.grounds.impact_tables import tables_of_all_shapes
 from rockfall.io.zone_table import RADII
 
 #: Terms of the field: their meaning, and prefixes of words that name such zones in English, German,
@@ -73,7 +73,7 @@ def _of_word(word: str) -> str:
 
 def check_ground(name: str, where: str) -> None:
     """Refuse a name that is no shipped ground."""
-    shipped = {*GroundTable(shipped_grounds()).rows, *table_names(), *shipped_sets()}
+    shipped = {*shipped_rows().rows, *table_names(), *shipped_sets()}
     if name not in shipped:
         raise RockfallError(
             f"{where}: no ground '{name}': must be {CHOICES}, or another of docs/grounds.md"
@@ -82,11 +82,9 @@ def check_ground(name: str, where: str) -> None:
 
 def needs_rocks(ground: str) -> bool:
     """Return True for a shipped ground that needs the size of its rocks."""
-    table = GroundTable(shipped_grounds())
-    if ground in table.rows:
-        return table.ground(ground).rocks > 0
-    # of tables only those by R_b/R_m are called without a shape
-    return ground in shipped_sets() or ground in shipped_tables()
+    if row := shipped_rows().rows.get(ground):
+        return models()[row.cells["model"]] > 0
+    return ground in shipped_sets() or ground in tables_of_all_shapes()
 
 
 @dataclass

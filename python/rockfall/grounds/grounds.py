@@ -7,24 +7,26 @@ from __future__ import annotations
 import importlib.resources
 import math
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case
-from rockfall.errors import RockfallError
+from rockfall.case import Case, facts
+from rockfall.errors import RockfallError, check_kernel
 from rockfall.grounds.impact_sets import find_set, shipped_sets
 from rockfall.grounds.impact_tables import (
     BLOCK_SHAPES,
     ImpactTable,
-    ensemble_names,
-    find_table,
+    YieldingGround,
     open_table,
-    open_tables,
-    table_names,
-    tables_by_shape,
+    own_table,
+    plane_table,
+    possible_shapes,
+    tables_of_all_shapes,
 )
 from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
@@ -34,9 +36,20 @@ IMPACT_SETS = "impact_sets"  # model of a ground outside the table of grounds
 BLOCK_TABLE = "impact_table"  # model of a table of impacts of blocks on their own ground
 RATIO_TABLE = "ratio_table"  # model of a table of impacts by R_b/R_m
 TABLES = BLOCK_TABLE, RATIO_TABLE  # models of tables of impacts
+YIELDING = "ploughed", "hard"  # models of rows that a plane of tables of impacts serves
+ENSEMBLE = "-ensemble"  # suffix of the name of an ensemble
+ANY_RADIUS = 0.02, 20.0  # of boulders whose volumes the case does not know [m]
 ABSORBS = "absorbs"  # model of a ground without rebound
 MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum number per scene
 WORDS = ("name", "id", "model", "meaning", "source")  # text columns
+
+
+class Plane(NamedTuple):
+    """What chooses the parts of a plane of tables of impacts for a ground."""
+
+    model: str  # one of YIELDING
+    ground: YieldingGround
+    radii: tuple[float, float]  # least and largest usual R_b [m]
 
 
 class GroundRule(NamedTuple):
@@ -50,7 +63,7 @@ class GroundRule(NamedTuple):
     file: str = ""  # source of the content, for messages
     rest_angle: float | None = None  # [degree]; None: not given, that of rocky ground holds
     block_radius: float = math.nan  # R_b [m] of the largest blocks of its table; NaN: no such
-    draw: int = 0  # index of its table in an ensemble
+    plane: Plane | None = None  # that its table was taken from
 
     @property
     def rocks(self) -> int:
@@ -153,23 +166,109 @@ class GroundTable:
                 row.refuse("id", "must be unique among grounds")
             self.names[int(number)] = name
 
-    def ground(self, name: str) -> GroundRule:
-        """A row of the table. The kernel checks its numbers."""
+    def ground(self, name: str, case: Case) -> GroundRule:
+        """A row of the table, for the boulders of a case. The kernel checks its numbers."""
         row = self.rows[name]
         model = row.choice("model", _columns()[0].allowed.split(", "))
-        given = [parameter.name for parameter in parameters() if row.cells.get(parameter.name)]
-        for column in given:
-            row.number(column)
-        values = "".join(f" {column} = {row.cells[column]}" for column in given)
-        text = f"&ground model = '{model}'{values} /".encode()
-        rest_angle = row.number("rest_angle") if "rest_angle" in given else None
-        return GroundRule(name, model, text, row.where, rest_angle)
+        numbers = _numbers(row)
+        text = _row_text(model, {key: row.cells[key] for key in numbers})
+        if model in YIELDING:
+            return _plane_rule(name, model, text, numbers, row.where, case)
+        return GroundRule(name, model, text.encode(), row.where, numbers.get("rest_angle"))
+
+    @property
+    def yielding(self) -> list[str]:
+        """Names of the rows that planes of tables of impacts serve."""
+        return [name for name, row in self.rows.items() if row.cells["model"] in YIELDING]
+
+
+def _numbers(row: Row) -> dict[str, float]:
+    """Given numbers of a row."""
+    names = (parameter.name for parameter in parameters())
+    return {name: row.number(name) for name in names if row.cells.get(name)}
+
+
+def yielding_ground(row: Row) -> tuple[str, YieldingGround]:
+    """Model and values of a row that a plane of tables serves."""
+    return row.cells["model"], YieldingGround(**{"rest_angle": repose(), **_numbers(row)})
+
+
+def _row_text(model: str, numbers: Mapping[str, float | str]) -> str:
+    values = "".join(f" {name} = {value}" for name, value in numbers.items())
+    return f"&ground model = '{model}'{values} /"
+
+
+def _plane_rule(
+    name: str, model: str, text: str, numbers: Mapping[str, float], where: str, case: Case
+) -> GroundRule:
+    """Ground that a plane of tables serves, for the boulders of a case. The kernel's refusals come
+    first: parts are chosen by valid numbers alone."""
+    check_kernel(*_core.check_ground(text.encode(), where.encode()))
+    ground = YieldingGround(**{"rest_angle": repose(), **numbers})
+    sigma = case.boulder.get("ground_strength_sigma", ground.strength_sigma)
+    plane = Plane(model, ground._replace(strength_sigma=sigma), usual_radii(case))
+    shape = (possible_shapes(case) or BLOCK_SHAPES)[0]
+    return _of_plane(
+        GroundRule(name, BLOCK_TABLE, text.encode(), where, ground.rest_angle), plane, shape
+    )
+
+
+def _of_plane(rule: GroundRule, plane: Plane, shape: str) -> GroundRule:
+    """Return the same ground by the tables of a block shape."""
+    table = plane_table(plane.model, shape, plane.ground, np.array(plane.radii))
+    row = rule.text.partition(b"\n")[0]
+    text = row + b"\n" + table.pack()
+    return rule._replace(text=text, plane=plane, block_radius=block_radius(table))
+
+
+def usual_radii(case: Case) -> tuple[float, float]:
+    """Least and largest R_b [m] of all but few boulders of a case."""
+    given = facts(case, "boulder", "release", "breakage")
+    low, high = _core.usual_radii(case.text().encode()).tolist()
+    if given.by_raster or given.by_layer or not {"points", "polygons"}.isdisjoint(case.release):
+        low, high = ANY_RADIUS
+    return (ANY_RADIUS[0] if case.breakage["at"] != "none" else low), high
+
+
+@cache
+def shipped_rows() -> GroundTable:
+    """The shipped table of grounds."""
+    return GroundTable(shipped_grounds())
+
+
+def table_names() -> list[str]:
+    """Names of shipped grounds by tables of impacts, for each block shape or for all."""
+    return sorted([*shipped_rows().yielding, *tables_of_all_shapes()])
+
+
+@cache
+def draws_of(name: str) -> list[dict[str, float]]:
+    """Values of each draw of a shipped ground that evidence leaves uncertain; may be empty."""
+    _, columns, rows = read_table(_draws())
+    return [
+        {key: row.number(key) for key in columns if key != "ground"}
+        for row in rows
+        if row.text("ground") == name
+    ]
+
+
+def _draws() -> Path:
+    return shipped_grounds().with_name("ground_draws.csv")
+
+
+def ensemble_names() -> list[str]:
+    """Names of shipped ensembles of grounds, which only `&ensemble sets` accepts."""
+    return [name + ENSEMBLE for name in shipped_rows().yielding if draws_of(name)]
 
 
 def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
     """File of the random operator with a name, shipped or next to the case, and whether it is a
     table of impacts."""
-    if table := find_table(case, name):
+    if name in ensemble_names():
+        return _draws(), True
+    if name in shipped_rows().yielding:
+        return shipped_grounds(), True
+    if table := own_table(case, name):
         return table, True
     return find_set(case, name), False
 
@@ -178,7 +277,7 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
     """Ground with a given name: a row of the table of grounds, a table of impacts, or impact sets.
     `where` is the place of the name, for messages."""
     if name in table.rows:
-        return table.ground(name)
+        return table.ground(name, case)
     path, is_table = find_operator(case, name)
     if path is None:
         rows, tables, sets = map(", ".join, (table.rows, table_names(), shipped_sets()))
@@ -192,7 +291,7 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
             f"{where} = '{name}': is an ensemble of tables of impacts, for &ensemble sets"
         )
     if is_table:
-        return table_ground(name, path)
+        return table_ground(case, name)
     check_text_file(path)
     if len(name) > MAX_NAME:
         raise RockfallError(f"{where} = '{name}': must be at most {MAX_NAME} characters")
@@ -214,8 +313,8 @@ def usual_ground(case: Case) -> GroundRule:
     if case.impact["form"] == "matrix":
         return GroundRule(case.impact["sets"])
     name = case.impact["table"]
-    if path := find_table(case, name):
-        return table_ground(name, path)
+    if find_operator(case, name)[1] and name not in ensemble_names():
+        return table_ground(case, name)
     names = ", ".join(table_names())
     raise RockfallError(
         f"{case.name}: &impact table = '{name}': no such table of impacts, and no file .nc; "
@@ -223,29 +322,38 @@ def usual_ground(case: Case) -> GroundRule:
     )
 
 
-def table_ground(name: str, path: Path) -> GroundRule:
-    """Ground of a table of impacts in a file."""
-    return _ground_of(name, path, open_table(path))
-
-
-def ensemble_grounds(name: str, path: Path) -> list[GroundRule]:
-    """Grounds of all draws of an ensemble of tables; for a single table, one."""
-    return [
-        _ground_of(name, path, table)._replace(draw=k) for k, table in enumerate(open_tables(path))
-    ]
-
-
-def _ground_of(name: str, path: Path, table: ImpactTable) -> GroundRule:
+def table_ground(case: Case, name: str) -> GroundRule:
+    """Ground by tables of impacts with a name that find_operator knows."""
+    path = own_table(case, name)
+    if path is None:
+        return shipped_rows().ground(name, case)
     if len(name) > MAX_NAME:
         raise RockfallError(f"ground '{name}': must be at most {MAX_NAME} characters")
-    model = _core.table_model(len(table.size), table.speed2[0]).decode().strip()
-    text = table.pack()
-    return GroundRule(name, model, text, str(path), table.rest_angle, block_radius(table))
+    table = open_table(path)
+    model = _core.table_model(len(table.size), table.ground.strength).decode().strip()
+    angle, radius = table.ground.rest_angle, block_radius(table)
+    return GroundRule(name, model, table.pack(), str(path), angle, radius)
+
+
+def ensemble_grounds(case: Case, name: str) -> list[GroundRule]:
+    """Grounds of all draws of an ensemble; of a single table, one."""
+    if name not in ensemble_names():
+        return [table_ground(case, name)]
+    ground = name.removesuffix(ENSEMBLE)
+    row = shipped_rows().rows[ground]
+    model, own = row.cells["model"], _numbers(row)
+    drawn = [own | values for values in draws_of(ground)]
+    return [
+        _plane_rule(ground, model, _row_text(model, numbers), numbers, str(_draws()), case)
+        for numbers in drawn
+    ]
 
 
 def block_radius(table: ImpactTable) -> float:
     """R_b [m] of the largest blocks of a table; NaN if size does not matter, or is R_b/R_m."""
-    return float(_core.largest_block(table.size, table.speed2))
+    ground = table.ground
+    largest = float(table.size.max())
+    return float(_core.largest_block(largest, ground.strength, ground.strength_radius))
 
 
 def block_axes() -> dict[str, tuple[float, ...]]:
@@ -262,12 +370,11 @@ def grounds_by_shape(
     rules = [*grounds]
     serving = [[*range(1, len(rules) + 1)] for _ in BLOCK_SHAPES]
     for k, ground in enumerate(grounds):
-        files = tables_by_shape(ground.name, ground.file)
-        needed = [shape for shape in BLOCK_SHAPES if shape in shapes and shape in files]
+        if ground.plane is None:
+            continue
+        needed = [shape for shape in BLOCK_SHAPES if shape in shapes]
         for shape in needed:
-            rule = ground
-            if str(files[shape]) != ground.file:
-                rule = ensemble_grounds(ground.name, files[shape])[ground.draw]
+            rule = _of_plane(ground, ground.plane, shape)
             if shape == needed[0]:
                 rules[k] = rule
             else:

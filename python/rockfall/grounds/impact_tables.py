@@ -6,23 +6,21 @@ from __future__ import annotations
 
 import importlib.resources
 import os
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rockfall.case import Case, facts, keys_of
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write
-from rockfall.io.netcdf import load_dataset, open_netcdf, write_compressed
+from rockfall.io.netcdf import load_dataset, write_compressed
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-FIRST_LINE = b"rockfall impact table 3\n"
+FIRST_LINE = b"rockfall impact table 4\n"
 FIELDS = (
     "vt_in", "vn_in", "w_in", "speed_in", "height_in", "along_out", "across_out", "vn_out", "w_out",
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
@@ -33,36 +31,52 @@ BY_SOURCE = "source"  # block_shape that sources give
 BLOCK_SHAPES = tuple(
     shape for shape in keys_of("boulder")["block_shape"].allowed.split(", ") if shape != BY_SOURCE
 )
-ENSEMBLE = "-ensemble"  # suffix of the name of an ensemble
+USUAL_WEIGHT = 2700.0 * 9.81  # of boulders [N/m3]
+SIZE = "R_b/R_m, or rho_b g R_b over the strength of ground that yields"
+BY_BIN = "map", "low", "high"  # arrays over bins
 KINDS = "flight", "roll"
-OF_PART = {  # a number for each part
-    "size": "R_b [m] if speed2 is given, else R_b/R_m; 0: it does not matter",
-    "speed2": "g R_b of the blocks [m2 s-2] if the speed itself is a key, else 0",
-    "fastest": "V^2 of the fastest record, over g R_b",
-}
-SCALES = "density", "inertia", "rest_angle"  # scalars of a table
 EDGES = tuple(f"{kind}_edge_{key}" for kind in KINDS for key in (1, 2, 3))
+MARGIN = 3.3  # standard deviations of the strength that the parts of a table allow for
+
+
+class YieldingGround(NamedTuple):
+    """Ground that a table serves, as a row of a table of grounds gives it (docs/grounds.md)."""
+
+    rest_angle: float = 90.0  # stopped boulders roll on where it is steeper [degree]
+    strength: float = 0.0  # median pressure at which it yields; 0: never [Pa]
+    strength_sigma: float = 0.0  # standard deviation of its logarithm between boulders [-]
+    strength_radius: float = 0.0  # R_b of that strength, if in proportion to R_b; else 0 [m]
+    relief: float = 0.0  # slope of its relief, standard deviation [degree],
+    relief_radius: float = 1.0  # for this R_b [m]
+    hurst: float = 1.0  # exponent: the slope goes with R_b**(hurst - 1)
+
+    def sizes(self, radius: np.ndarray) -> np.ndarray:
+        """rho_b g R_b over the strength of the ground, of usual boulders of radii R_b [m]."""
+        scale = radius / self.strength_radius if self.strength_radius else np.ones_like(radius)
+        return USUAL_WEIGHT * radius / (self.strength * scale)
+
+    def reliefs(self, radius: np.ndarray) -> np.ndarray:
+        """Slopes of the relief that boulders of radii R_b [m] meet [degree]."""
+        return self.relief * (radius / self.relief_radius) ** (self.hurst - 1)
 
 
 @dataclass(frozen=True)
 class ImpactTable:
-    """Records of contacts in bins (theory, chapter 5), in parts of one size of boulders. Edges:
-    (part, bins of the keys before, edges); `map` (bin, MAPPED, INPUTS), `low` and `high`
-    (bin, INPUTS), `record` (record, FIELDS) in the order of their bins, bin b from `first[b]` on,
-    counted from 0."""
+    """Records of contacts in bins (theory, chapter 5), in parts by size of the boulders and relief
+    of the ground, a row of one relief after the other. Edges: (part, bins of the keys before,
+    edges); `map` (bin, MAPPED, INPUTS), `low` and `high` (bin, INPUTS), `record` (record, FIELDS)
+    in the order of their bins, bin b from `first[b]` on, counted from 0."""
 
-    size: np.ndarray  # (part): R_b [m] if the speed itself is a key, else R_b/R_m [-]
-    speed2: np.ndarray  # (part): g R_b of the laboratory, if the speed is a key; else 0 [m2/s2]
-    fastest: np.ndarray  # (part): V^2 of the fastest incoming record, over g R_b [-]
+    size: np.ndarray  # (column): R_b/R_m, or rho_b g R_b over the strength of ground that yields
+    relief: np.ndarray  # (row): slope of the relief [degree]
     edges: dict[str, np.ndarray]
     first: np.ndarray
     map: np.ndarray
     low: np.ndarray
     high: np.ndarray
     record: np.ndarray
-    density: float  # of its blocks [kg/m3]
-    inertia: float  # I/(m R_b^2) [-]
-    rest_angle: float  # of the ground: stopped boulders roll on where it is steeper [degree]
+    inertia: float  # I/(m R_b^2)
+    ground: YieldingGround
     attrs: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -75,11 +89,12 @@ class ImpactTable:
 
     def pack(self) -> bytes:
         """Table in packed form for the kernel."""
-        counts = [len(self.size), *self.bins["flight"], *self.bins["roll"], len(self.record)]
-        scales = [getattr(self, name) for name in SCALES]
+        sizes = len(self.size), len(self.relief)
+        counts = [*sizes, *self.bins["flight"], *self.bins["roll"], len(self.record)]
         parts = [
-            np.array(counts, "i4"), *(getattr(self, name).astype("f8") for name in OF_PART),
-            np.array(scales, "f8"), *(self._packed_edges(kind) for kind in KINDS),
+            np.array(counts, "i4"), self.size.astype("f8"), self.relief.astype("f8"),
+            np.array([self.inertia, *self.ground], "f8"),
+            *(self._packed_edges(kind) for kind in KINDS),
             (self.first + 1).astype("i4"),
             np.concatenate(
                 [self.map.reshape(len(self.map), -1), self.low, self.high], axis=1
@@ -92,11 +107,75 @@ class ImpactTable:
         """Edges by part; within it each edge before those of the next key in its bin."""
         first, second, third = (self.edges[f"{kind}_edge_{key}"] for key in (1, 2, 3))
         edges: list[np.ndarray] = []
-        for part in range(len(self.size)):
+        for part in range(len(first)):
             edges.append(first[part])
             for i, row in enumerate(second[part]):
                 edges += [row, third[part, i].ravel()]
         return np.concatenate(edges).astype("f8")
+
+    def columns(self, low: float, high: float) -> ImpactTable:
+        """The parts of the columns that serve sizes from `low` to `high`, of a single row."""
+        kept = _around(self.size, low, high)
+        per_part = (len(self.first) - 1) // len(self.size)
+        bins = slice(kept.start * per_part, kept.stop * per_part)
+        first = self.first[bins.start : bins.stop + 1]
+        record = self.record[first[0] : first[-1]].copy()
+        follower = record[:, FIELDS.index("follower")]
+        follower[follower > 0] -= first[0]
+        return replace(
+            self, size=self.size[kept], first=first - first[0], record=record,
+            edges={name: values[kept] for name, values in self.edges.items()},
+            map=self.map[bins], low=self.low[bins], high=self.high[bins],
+        )  # fmt: skip
+
+
+def _around(values: np.ndarray, low: float, high: float) -> slice:
+    """Places of increasing values that enclose a range, or are the nearest to it."""
+    last = len(values) - 1
+    first = min(max(int(np.searchsorted(values, low, "right")) - 1, 0), last)
+    return slice(first, max(first, min(int(np.searchsorted(values, high)), last)) + 1)
+
+
+def joined_rows(rows: Sequence[ImpactTable], ground: YieldingGround) -> ImpactTable:
+    """Table of a ground with these rows, of equal columns and bins."""
+    before = np.cumsum([0, *(len(row.record) for row in rows)])
+    records = [row.record.copy() for row in rows]
+    for record, start in zip(records, before, strict=False):
+        follower = record[:, FIELDS.index("follower")]
+        follower[follower > 0] += start
+    whole: dict[str, Any] = {
+        name: np.concatenate([getattr(row, name) for row in rows]) for name in BY_BIN
+    }
+    firsts = [row.first[:-1] + start for row, start in zip(rows, before, strict=False)]
+    return ImpactTable(
+        size=rows[0].size, relief=np.concatenate([row.relief for row in rows]),
+        edges={name: np.concatenate([row.edges[name] for row in rows]) for name in EDGES},
+        first=np.append(np.concatenate(firsts), before[-1]), record=np.concatenate(records),
+        inertia=float(np.mean([row.inertia for row in rows])), ground=ground, **whole,
+    )  # fmt: skip
+
+
+def plane_table(model: str, shape: str, ground: YieldingGround, radii: np.ndarray) -> ImpactTable:
+    """Parts of a plane of tables of impacts that boulders of R_b from radii[0] to radii[1] [m] can
+    meet on a ground, whose `strength` varies by MARGIN."""
+    files = plane_files(model, shape)
+    reliefs = np.array(list(files))
+    sizes, slopes = np.sort(ground.sizes(radii)), np.sort(ground.reliefs(radii))
+    spread = float(np.exp(MARGIN * ground.strength_sigma))
+    rows = [open_table(files[relief]) for relief in reliefs[_around(reliefs, *slopes)].tolist()]
+    low, high = sizes[0] / spread, sizes[1] * spread
+    return joined_rows([row.columns(low, high) for row in rows], ground)
+
+
+@cache
+def plane_files(model: str, shape: str) -> dict[float, Path]:
+    """Files of the rows of a plane by relief [degree], in increasing order."""
+    files = {
+        float(name.rpartition("-")[2]): path
+        for name, path in shipped_tables().items()
+        if name.startswith(f"{model}-{shape}-")
+    }
+    return dict(sorted(files.items()))
 
 
 def save_table(table: ImpactTable, path: str | Path) -> None:
@@ -105,18 +184,12 @@ def save_table(table: ImpactTable, path: str | Path) -> None:
         _write(table, part)
 
 
-def save_ensemble(tables: Sequence[ImpactTable], path: str | Path) -> None:
-    """Write draws of a table as netCDF, one group each: 1, 2, ..."""
-    with atomic_write(path) as part:
-        for number, table in enumerate(tables, start=1):
-            _write(table, part, group=str(number), mode="w" if number == 1 else "a")
-
-
-def _write(table: ImpactTable, path: Path, **where: Any) -> None:
+def _write(table: ImpactTable, path: Path) -> None:
     import xarray as xr
 
     data: dict[str, Any] = {
-        **{name: ("part", getattr(table, name), {"long_name": OF_PART[name]}) for name in OF_PART},
+        "size": ("column", table.size, {"long_name": SIZE}),
+        "relief": ("row", table.relief, {"long_name": "slope of the relief", "units": "degree"}),
         "first": ("bin_end", table.first.astype("i4"), {"long_name": "first record of each bin"}),
         "map": (("bin", "mapped", "input"), table.map.astype("f4")),
         "low": (("bin", "input"), table.low.astype("f4")),
@@ -127,9 +200,9 @@ def _write(table: ImpactTable, path: Path, **where: Any) -> None:
         data[name] = (dims, values.astype("f4"))
     for k, name in enumerate(FIELDS):
         data[name] = ("record", table.record[:, k])
-    scales = {name: getattr(table, name) for name in SCALES}
+    scales = {"inertia": table.inertia, **table.ground._asdict()}
     dataset = xr.Dataset(data, attrs={"title": "table of impacts", **scales, **table.attrs})
-    write_compressed(dataset, path, 9, **where)
+    write_compressed(dataset, path, 9)
 
 
 @cache
@@ -139,97 +212,55 @@ def shipped_tables() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.nc"))}
 
 
-def table_names() -> list[str]:
-    """Names of shipped tables in cases: without the shape, which is that of the boulder."""
-    return [name for name in _names() if not name.endswith(ENSEMBLE)]
-
-
-def ensemble_names() -> list[str]:
-    """Names of shipped ensembles of tables, which only `&ensemble sets` accepts."""
-    return [name for name in _names() if name.endswith(ENSEMBLE)]
-
-
-def _names() -> list[str]:
-    endings = tuple(f"-{shape}" for shape in BLOCK_SHAPES)
-    names = {
-        name.rsplit("-", 1)[0] if name.endswith(endings) else name for name in shipped_tables()
-    }
-    return sorted(names)
-
-
 def possible_shapes(case: Case) -> list[str]:
     """Block shapes that a case gives its boulders: with a share above zero, or by their axes."""
     given = facts(case, "boulder")
     return [shape for shape in BLOCK_SHAPES if getattr(given, f"is_{shape}")]
 
 
-def find_table(case: Case, name: str) -> Path | None:
-    """File of the table with a name: shipped, for the first block shape of the case if there are
-    several, or next to the case; None if there is none."""
-    shipped = shipped_tables()
-    for full_name in (name, f"{name}-{(possible_shapes(case) or BLOCK_SHAPES)[0]}"):
-        if full_name in shipped:
-            return shipped[full_name]
+def own_table(case: Case, name: str) -> Path | None:
+    """File of a table of impacts that a case names: shipped for all shapes, or next to the case;
+    None if there is none."""
+    if name in tables_of_all_shapes():
+        return shipped_tables()[name]
     if name.endswith(".nc") and os.path.isfile(case.path(name)):
         return case.path(name)
     return None
 
 
-def tables_by_shape(name: str, path: str | Path) -> dict[str, Path]:
-    """Files of the tables of a ground by block shape, given its name and the file of one of them;
-    {} if it has one table for all shapes."""
-    stem, _, shape = Path(path).stem.rpartition("-")
-    shipped = shipped_tables()
-    if shape not in BLOCK_SHAPES or name == f"{stem}-{shape}" or Path(path) not in shipped.values():
-        return {}
-    files = {shape: shipped.get(f"{stem}-{shape}") for shape in BLOCK_SHAPES}
-    return {shape: file for shape, file in files.items() if file is not None}
+@cache
+def tables_of_all_shapes() -> list[str]:
+    """Names of shipped tables that are no rows of planes."""
+    return [name for name in shipped_tables() if not re.search(r"-[0-9.]+$", name)]
 
 
-def open_table(path: str | Path) -> ImpactTable:
-    """Read the table of a file written by `save_table`."""
-    tables = open_tables(path)
-    if len(tables) > 1:
-        raise RockfallError(
-            f"{path}: holds {len(tables)} draws of a table, which &ensemble sets takes; one alone "
-            "is no ground"
-        )
-    return tables[0]
-
-
-def open_tables(path: str | Path) -> tuple[ImpactTable, ...]:
-    """Read all draws of a file written by `save_ensemble`, or the single table of another file. A
-    file is read once, and again when it has been replaced."""
-    state = os.stat(path)
-    return _read_tables(os.path.abspath(path), path, (state.st_ino, state.st_mtime_ns))
-
-
-@lru_cache(maxsize=32)
-def _read_tables(place: str, path: str | Path, state: tuple[int, int]) -> tuple[ImpactTable, ...]:
-    """Read all tables of a file; the first and last arguments are cache keys."""
+@lru_cache(maxsize=64)
+def _read_table(place: str, path: str | Path, state: tuple[int, int]) -> ImpactTable:
+    """Read the table of a file; the first and last arguments are cache keys."""
     try:
-        with open_netcdf(path) as file:
-            groups: list[str | None] = list(file.groups) or [None]
-        tables = [load_dataset(path, group=group) for group in groups]
+        data = load_dataset(path)
     except RockfallError:
         raise
     except (OSError, ValueError, RuntimeError) as error:
         raise RockfallError(
             f"{path}: is not a netCDF file of a table of impacts: {error}"
         ) from error
-    return tuple(_table(data, path) for data in tables)
-
-
-def _table(data: xr.Dataset, path: str | Path) -> ImpactTable:
-    arrays = {*OF_PART, "first", "map", "low", "high", *EDGES, *FIELDS}
-    if not (arrays <= set(data.variables) and set(SCALES) <= set(data.attrs)):
+    arrays = {"size", "relief", "first", *BY_BIN, *EDGES, *FIELDS}
+    numbers = {"inertia", *YieldingGround._fields}
+    if not (arrays <= set(data.variables) and numbers <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a table of impacts of this version: make it again")
-    record = np.stack([data[name].values for name in FIELDS], axis=1).astype("f4")
-    first, shift, low, high = (data[name].values for name in ("first", "map", "low", "high"))
-    edges = {name: data[name].values for name in EDGES}
-    attrs = {str(name): value for name, value in data.attrs.items() if name not in SCALES}
-    scales = {name: float(data.attrs[name]) for name in SCALES}
-    size, speed2, fastest = (data[name].values for name in OF_PART)
+    ground = YieldingGround(*(float(data.attrs[name]) for name in YieldingGround._fields))
     return ImpactTable(
-        size, speed2, fastest, edges, first, shift, low, high, record, **scales, attrs=attrs
-    )
+        **{name: data[name].values for name in ("size", "relief", "first", *BY_BIN)},
+        edges={name: data[name].values for name in EDGES},
+        record=np.stack([data[name].values for name in FIELDS], axis=1).astype("f4"),
+        inertia=float(data.attrs["inertia"]), ground=ground,
+        attrs={str(name): value for name, value in data.attrs.items() if name not in numbers},
+    )  # fmt: skip
+
+
+def open_table(path: str | Path) -> ImpactTable:
+    """Read the table of a file written by `save_table`. A file is read once, and again when it has
+    been replaced."""
+    state = os.stat(path)
+    return _read_table(os.path.abspath(path), path, (state.st_ino, state.st_mtime_ns))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockfall.errors import RockfallError
-from rockfall.grounds.impact_tables import ImpactTable, open_tables
+from rockfall.grounds.impact_tables import ImpactTable, open_table
 from rockfall.io.files import read_text
 from rockfall.lab.blocks.case import block_case_of
 from rockfall.lab.blocks.contacts import run_throws
@@ -32,8 +32,8 @@ def remake(
     """Reproduce each set file or table. Yields its path, its origin if that is not a laboratory
     case, and the first line in which the reproduction differs; "" if none does."""
     for path, source in {Path(path): _source(Path(path)) for path in paths}.items():
-        if isinstance(source, list):
-            same = all(_is_made_again(path, table, threads, progress) for table in source)
+        if isinstance(source, ImpactTable):
+            same = _is_made_again(path, source, threads, progress)
             yield path, "", "" if same else "its numbers"
             continue
         if isinstance(source, Contacts):
@@ -74,9 +74,9 @@ def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> I
             yield run_sequences(lab_case_of(text, str(path)), progress=progress, threads=threads)
 
 
-def _source(path: Path) -> Contacts | list[ImpactTable] | tuple[LabCase, str]:
+def _source(path: Path) -> Contacts | ImpactTable | tuple[LabCase, str]:
     if path.suffix == ".nc":
-        return list(open_tables(path))
+        return open_table(path)
     return contacts_behind(path, read_text(path)) or origin(path)
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.grounds.impact_tables import FIELDS, INPUTS, KINDS, MAPPED, ImpactTable
+from rockfall.grounds.impact_tables import (
+    FIELDS,
+    INPUTS,
+    KINDS,
+    MAPPED,
+    ImpactTable,
+    YieldingGround,
+)
+from rockfall.lab.blocks.case import block_case_of
 from rockfall.lab.case import lab_case_of
 from rockfall.limits import MAX_HELD
 from rockfall.version import __version__
@@ -22,7 +31,10 @@ if TYPE_CHECKING:
 
 FLIGHT, ROLLING = 0, 1  # entries
 ROLLS_ON = 1  # an exit
-BINS = {"flight": (4, 4, 12), "roll": (6, 4, 1)}  # by each key, if there are enough records
+BINS: dict[str, tuple[int, ...]] = {  # by each key, if there are enough records
+    "flight": (4, 4, 12),
+    "roll": (6, 4, 1),
+}
 ENOUGH = 24  # records per bin; with fewer, the number of bins is reduced
 KEPT = 32_000  # maximum contacts per table
 ALONE = 2 / 3  # of them, on rocks, need no contact before them
@@ -47,82 +59,106 @@ class _Contacts:
         return self.record[:, FIELDS.index(name)]
 
 
+@dataclass(frozen=True)
+class _Part:
+    """Contacts of one size of boulders on one relief."""
+
+    size: float  # as in ImpactTable
+    relief: float  # [degree]
+    data: xr.Dataset
+
+
 def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
-    """Make a table from contacts: a part for each R_b/R_m, which a column or an attribute gives, or
-    for each R_b if the ground yields, by files of one size each. At most `kept` contacts become
-    records; bins and maps use all. Raises a RockfallError where contacts are too few, or files do
-    not belong together."""
-    parts = sorted(_parts(files), key=lambda part: part[0])
-    sizes_of_parts = [size for size, _ in parts]
-    if len(set(sizes_of_parts)) < len(parts) or (0.0 in sizes_of_parts and len(parts) > 1):
-        raise RockfallError("contacts: files of boulders of the same size, or without one")
+    """Make a table from contacts: a part for each R_b/R_m, which a column or an attribute gives;
+    or, if the ground yields, for each size over strength and relief, by files of one of each. At
+    most `kept` contacts become records; bins and maps use all. Raises a RockfallError where
+    contacts are too few, or files do not belong together."""
+    parts, columns, rows = _grid(_parts(files))
     for name in ALIKE:
-        if len({str(data.attrs[name]) for _, data in parts}) > 1:
+        if len({str(part.data.attrs[name]) for part in parts}) > 1:
             raise RockfallError(f"contacts: files that differ in {name} do not make one table")
-    tried = [_dimensionless(data) for _, data in parts]
-    sizes = {
-        kind: [_bins_for(kind, int(_of_kind(contacts, kind).sum())) for contacts in tried]
-        for kind in KINDS
-    }
+    tried = [_dimensionless(part.data) for part in parts]
     edges: dict[str, list[np.ndarray]] = {}
     bins: list[_Bin] = []
     sizes_of_bins: list[int] = []
     records: list[np.ndarray] = []
     chosen = _chosen(tried, kept, rocks="ratio" in files[0])
     for k, contacts in enumerate(tried):
-        rows: list[np.ndarray] = []
+        kept_rows: list[np.ndarray] = []
         for kind in KINDS:
-            own, all_have = sizes[kind][k], np.max(sizes[kind], axis=0)
-            groups, of_kind = _padded(*_sort_into_bins(contacts, kind, own), all_have)
+            own = _bins_for(kind, int(_of_kind(contacts, kind).sum()))
+            groups, of_kind = _padded(*_sort_into_bins(contacts, kind, own), BINS[kind])
             bins += [_bin(contacts.record[group], kind) for group in groups]
-            rows += [_kept_rows(contacts, group, chosen[k]) for group in groups]
+            kept_rows += [_kept_rows(contacts, group, chosen[k]) for group in groups]
             for key, values in enumerate(of_kind, start=1):
                 edges.setdefault(f"{kind}_edge_{key}", []).append(values)
-        sizes_of_bins += [len(group) for group in rows]
-        records.append(_with_followers(contacts, np.concatenate(rows), sum(map(len, records))))
-    first = parts[0][1].attrs
+        sizes_of_bins += [len(group) for group in kept_rows]
+        before = sum(map(len, records))
+        records.append(_with_followers(contacts, np.concatenate(kept_rows), before))
     return ImpactTable(
-        np.array(sizes_of_parts),
-        np.array([_speed2(data) for _, data in parts]),
-        np.array([_fastest(contacts) for contacts in tried]),
-        {name: np.stack(values).astype("f4") for name, values in edges.items()},
-        np.cumsum([0, *sizes_of_bins]).astype("i4"),
-        np.stack([bin_.map for bin_ in bins]).astype("f4"),
-        np.stack([bin_.low for bin_ in bins]).astype("f4"),
-        np.stack([bin_.high for bin_ in bins]).astype("f4"),
-        np.concatenate(records),
-        float(first["density"]),
-        float(np.mean([data.attrs["inertia_factor"] for _, data in parts])),
-        float(first["rest_angle"]),
-        _provenance([data for _, data in parts]) | {"kept": kept},
+        size=columns,
+        relief=rows,
+        edges={name: np.stack(values).astype("f4") for name, values in edges.items()},
+        first=np.cumsum([0, *sizes_of_bins]).astype("i4"),
+        map=np.stack([bin_.map for bin_ in bins]).astype("f4"),
+        low=np.stack([bin_.low for bin_ in bins]).astype("f4"),
+        high=np.stack([bin_.high for bin_ in bins]).astype("f4"),
+        record=np.concatenate(records),
+        inertia=float(np.mean([part.data.attrs["inertia_factor"] for part in parts])),
+        ground=_ground(parts[0].data),
+        attrs=_provenance([part.data for part in parts]) | {"kept": kept},
     )
 
 
-def _parts(files: Sequence[xr.Dataset]) -> list[tuple[float, xr.Dataset]]:
-    """Contacts of each size of boulders: R_b/R_m, or R_b [m] on a ground that yields; 0: it does
-    not matter."""
+def _parts(files: Sequence[xr.Dataset]) -> list[_Part]:
+    """Contacts by size and relief; size 0: it does not matter."""
     parts = []
     for data in files:
         if "ratio" in data:
-            ratios = np.unique(data["ratio"].values)
             parts += [
-                (float(ratio), data.isel(contact=data["ratio"].values == ratio)) for ratio in ratios
+                _Part(float(ratio), 0.0, data.isel(contact=data["ratio"].values == ratio))
+                for ratio in np.unique(data["ratio"].values)
             ]
+        elif (strength := float(data.attrs["yield_pressure"])) > 0:
+            numbers = (float(data.attrs[name]) for name in ("density", "gravity", "radius"))
+            relief = block_case_of(data.attrs["lab_case"], "contacts").ground["relief"]
+            parts.append(_Part(math.prod(numbers) / strength, relief, data))
         else:
-            size = data.attrs["radius"] if _speed2(data) > 0 else data.attrs.get("ratio", 0.0)
-            parts.append((float(size), data))
+            parts.append(_Part(float(data.attrs.get("ratio", 0.0)), 0.0, data))
     return parts
 
 
-def _speed2(data: xr.Dataset) -> float:
-    """g R_b if the ground yields, so that the speed itself matters; else 0 [m2/s2]."""
-    yields = float(data.attrs["yield_pressure"]) > 0
-    return float(data.attrs["gravity"]) * float(data.attrs["radius"]) if yields else 0.0
+def _grid(parts: Sequence[_Part]) -> tuple[list[_Part], np.ndarray, np.ndarray]:
+    """Parts in the order of a table, sizes of its columns and reliefs of its rows: all of both, or
+    sizes alone, whose relief goes with them."""
+    columns = np.unique([part.size for part in parts])
+    rows = np.unique([part.relief for part in parts])
+    if len(parts) == len(columns):
+        rows = rows[:1]
+    places = {(part.relief, part.size) for part in parts}
+    if len(places) < len(parts) or len(parts) != len(columns) * len(rows):
+        raise RockfallError(
+            "contacts: files must be of different sizes over strength, or of all pairs of some "
+            "sizes and reliefs"
+        )
+    if columns[0] == 0 and len(parts) > 1:
+        raise RockfallError("contacts: files of boulders without a size make no table together")
+    return sorted(parts, key=lambda part: (part.relief * (len(rows) > 1), part.size)), columns, rows
 
 
-def _fastest(contacts: _Contacts) -> float:
-    """V^2 of the fastest contact from a flight."""
-    return float((contacts["speed_in"][_of_kind(contacts, "flight")] ** 2).max())
+def _ground(data: xr.Dataset) -> YieldingGround:
+    """Ground of a table: that of the laboratory."""
+    rest_angle = float(data.attrs["rest_angle"])
+    if not float(data.attrs["yield_pressure"]) > 0:
+        return YieldingGround(rest_angle)
+    ground = block_case_of(data.attrs["lab_case"], "contacts").ground
+    grows, radius = ground["yield_exponent"], float(data.attrs["radius"])
+    if grows not in (0, 1):
+        raise RockfallError(f"contacts: yield_exponent = {grows:g}: must be 0 or 1 for a table")
+    return YieldingGround(
+        rest_angle, ground["yield_pressure"], strength_radius=radius * grows,
+        relief=ground["relief"],
+    )  # fmt: skip
 
 
 def _provenance(files: list[xr.Dataset]) -> dict[str, str | int]:
@@ -330,7 +366,7 @@ def _with_followers(contacts: _Contacts, rows: np.ndarray, before: int) -> np.nd
 
 
 def _padded(
-    groups: list[np.ndarray], edges: list[np.ndarray], sizes: np.ndarray
+    groups: list[np.ndarray], edges: list[np.ndarray], sizes: tuple[int, ...]
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Pad the bins of each part to a common number with unreachable ones of one contact each."""
     own = [edge.shape[-1] + 1 for edge in edges]

@@ -9,7 +9,14 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.case.zones import case_zones, polygon_zones
 from rockfall.errors import RockfallError
-from rockfall.grounds import GroundTable, check_number, find_ground, table_path, usual_ground
+from rockfall.grounds import (
+    GroundRule,
+    GroundTable,
+    check_number,
+    find_ground,
+    table_path,
+    usual_ground,
+)
 from rockfall.io.grid import NO_ID, Box, row_blocks
 from rockfall.io.layers import EXTENSIONS, burn_polygons
 from rockfall.io.raster import read_elevations
@@ -70,7 +77,8 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
     else:
         usual = usual_ground(case)
         of_cells = table.names.values() if "ground_map" in surface else ()
-        if usual.name in table.rows and usual.name in {*of_cells, *(zone.ground for zone in named)}:
+        others = {*of_cells, *(zone.ground for zone in named)}
+        if usual.name in table.rows and usual.name in others and _differs(usual, table, case):
             raise RockfallError(
                 f"{case.name}: &impact: '{usual.name}' is also a row of {table.path}: rename that"
             )
@@ -81,7 +89,9 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
     if zones and len(named) == len(zones) and all(zone.ground != usual.name for zone in named):
         del by_name[usual.name]
     if "ground_map" in surface:
-        by_name |= {key: table.ground(key) for key in table.names.values() if key not in by_name}
+        by_name |= {
+            key: table.ground(key, case) for key in table.names.values() if key not in by_name
+        }
     check_number(by_name.values(), str(table.path))
     rasters.grounds = tuple(by_name.values())
     numbers = {name: k for k, name in enumerate(by_name, start=1)}
@@ -89,6 +99,11 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
         of_zones = [numbers[zone.ground or usual.name] for zone in zones.values()]
         rasters.material_ground = np.array(of_zones, np.int8)
     return zones, dict(table.names)
+
+
+def _differs(ground: GroundRule, table: GroundTable, case: Case) -> bool:
+    """Return True if a ground is another one than the row of its name."""
+    return ground.text != table.ground(ground.name, case).text
 
 
 def _read_cell_grounds(inputs: Inputs, rasters: Rasters, box: Box, ids: dict[int, str]) -> None:

@@ -12,9 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.grounds import TABLES, GroundRule, ensemble_grounds, find_operator, usual_name
+from rockfall.grounds import (
+    ENSEMBLE,
+    TABLES,
+    GroundRule,
+    ensemble_grounds,
+    ensemble_names,
+    find_operator,
+    table_names,
+    usual_name,
+)
 from rockfall.grounds.impact_sets import set_path
-from rockfall.grounds.impact_tables import ENSEMBLE, ensemble_names, table_names
 from rockfall.io.tables import check_columns, read_table
 from rockfall.scene.coefficients import SetFile, draws_in
 from rockfall.scene.layers import file_checksum
@@ -120,7 +128,7 @@ class Uncertain:
                     else f"{case.name}: &ensemble sets = '{name}': is a table of impacts, and "
                     f"{ground} is none: it can stand in for a table alone"
                 )
-            stand_ins.setdefault(ground, []).extend(ensemble_grounds(name, path))
+            stand_ins.setdefault(ground, []).extend(ensemble_grounds(case, name))
         if not (files or stand_ins):
             return []
         together = [

@@ -2,13 +2,12 @@
 """Cases of the block laboratory: blocks, ground and throws.
 
 A namelist file whose group &lab names a ground; the groups &block, &ground and &throw change single
-values. Names, defaults and limits of the physics are the kernel's; those of the grounds are in
-data/lab_grounds.csv.
+values. Names, defaults and limits of the physics are the kernel's; strength and relief of the
+grounds are in data/grounds.csv.
 """
 
 from __future__ import annotations
 
-import importlib.resources
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -19,6 +18,8 @@ import numpy as np
 from rockfall._lab import lab_f2py as _lab
 from rockfall.case.text import kernel_text, namelist_text, plain_values, read_groups
 from rockfall.errors import RockfallError, check_kernel
+from rockfall.grounds import shipped_rows, yielding_ground
+from rockfall.grounds.impact_tables import YieldingGround
 from rockfall.io.files import read_text
 from rockfall.io.tables import read_table
 from rockfall.lab.blocks.relief import Spectrum
@@ -38,35 +39,53 @@ WHOLE = "count", "patches"
 GIVEN_SHAPES = {"axes": "0.5, 0.4, 0.3", "points": "'FILE.csv'"}
 
 
+#: What the laboratory takes for all grounds of a model (docs/impact_tables.md): of them contacts
+#: depend little.
+CONSTANTS: dict[str, dict[str, Any]] = {
+    "ploughed": {
+        "plough": True,
+        "friction": 0.5,
+        "soil_density": 1800.0,
+        "longest": 32.0,
+        "hurst": 0.8,
+    },
+    "hard": {
+        "plough": False,
+        "friction": 0.6,
+        "soil_density": 0.0,
+        "longest": 32.0,
+        "hurst": 0.8,
+    },
+}
+STIFFNESS = 120.0  # of the foundation, times R_b over the yield pressure
+DENSITY = 2700.0  # of the usual block [kg/m3]
+
+
 @cache
 def grounds() -> dict[str, dict[str, Any]]:
     """Values of &ground of each shipped ground, by name."""
-    path = Path(str(importlib.resources.files("rockfall") / "data" / "lab_grounds.csv"))
-    _, _, rows = read_table(path)
+    rows = shipped_rows()
+    return {name: ground_values(*yielding_ground(rows.rows[name])) for name in rows.yielding}
+
+
+def ground_values(model: str, ground: YieldingGround) -> dict[str, Any]:
+    """Values of &ground of a ground that yields, at its median strength."""
+    grows = bool(ground.strength_radius)
+    radius = ground.strength_radius or ground.relief_radius
     return {
-        row.text("name"): {
-            **{key: row.number(key, 0, 1e12) for key in names("ground") if key != "plough"},
-            "plough": row.choice("plough", ("true", "false")) == "true",
-            "relief": row.number("relief", 0, 45),
-            "longest": row.number("longest", 0, 1e3),
-            "rest_angle": row.number("rest_angle", 0, 90),
-            "yield_exponent": row.number("yield_exponent", 0, 1),
-            "fitted_radius": row.number("fitted_radius", 0.01, 100),
-        }
-        for row in rows
+        **CONSTANTS[model],
+        "yield_pressure": ground.strength,
+        "restitution": restitution_of(ground.strength, DENSITY),
+        "relief": float(ground.reliefs(np.array(radius))),
+        "rest_angle": ground.rest_angle,
+        "yield_exponent": float(grows),
+        "fitted_radius": radius,
     }
 
 
-@cache
-def draws_of(name: str) -> list[dict[str, float]]:
-    """Values of &ground of each draw of a ground that evidence leaves uncertain; may be empty."""
-    path = Path(str(importlib.resources.files("rockfall") / "data" / "lab_draws.csv"))
-    _, columns, rows = read_table(path)
-    return [
-        {key: row.number(key, 0, 1e12) for key in columns if key != "ground"}
-        for row in rows
-        if row.text("ground") == name
-    ]
+def restitution_of(pressure: float, density: float) -> float:
+    """Restitution at 5 m/s, as the laboratory defines it, of ground of STIFFNESS."""
+    return float(f"{(0.06 * pressure / density) ** 0.25 / STIFFNESS**0.5:.4g}")
 
 
 @cache
@@ -161,14 +180,14 @@ class BlockCase:
         return BlockCase(name=self.name, folder=self.folder, **(kept | changed))
 
     def at_radius(self, radius: float) -> BlockCase:
-        """Copy with blocks of another R_b [m], on the ground as they meet it (theory, eq.
-        5.25)."""
+        """Copy with blocks of another R_b [m], on the ground as they meet it: of the same relief,
+        over R_b, and as strong, or stronger in proportion."""
         ground, factor = self.ground, radius / self.ground["fitted_radius"]
-        relief = round(ground["relief"] * factor ** (ground["hurst"] - 1), 2)
-        pressure = ground["yield_pressure"] * factor ** ground["yield_exponent"]
+        growth = factor ** ground["yield_exponent"]
+        pressure = ground["yield_pressure"] * growth
         met = {
-            "relief": relief,
             "yield_pressure": float(f"{pressure:.6g}"),
+            "restitution": float(f"{ground['restitution'] * growth**0.25:.4g}"),
             "fitted_radius": radius,
         }
         return self.replace(block={"radius": radius}, ground=met)

@@ -12,7 +12,6 @@ import numpy as np
 
 from rockfall.case import default_values, given_groups
 from rockfall.grounds import ABSORBS, TABLES, repose, usual_key
-from rockfall.grounds.impact_tables import tables_by_shape
 from rockfall.io.input_warnings import InputWarning
 from rockfall.language import Text, say
 from rockfall.quantities import percent
@@ -288,7 +287,7 @@ def _shapes(scene: Scene) -> Iterator[InputWarning]:
         yield InputWarning("&boulder block_axes", say("input.axes_apart", ratio=ratio))
     if keys := [key for key in ("block_shape", "block_axes") if key in given]:
         tables = [ground for ground in scene.grounds if ground.model in TABLES]
-        if not any(tables_by_shape(ground.name, ground.file) for ground in tables):
+        if all(ground.plane is None for ground in tables):
             names = ", ".join(ground.name for ground in tables)
             yield InputWarning(f"&boulder {keys[0]}", say("input.one_table", names=names))
 

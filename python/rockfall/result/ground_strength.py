@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Strength of the ground under each boulder of a result."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import case_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def ground_strength(result: xr.Dataset) -> xr.DataArray:
+    """Strength of the ground under each boulder, (boulder,), as a standard normal number z: a
+    ground by tables of impacts yields at its median times exp(strength_sigma z) (theory, eq.
+    5.25a). It follows from the seed and the number of the boulder.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml").replace(case={"boulders": 5})
+    >>> rockfall.ground_strength(rockfall.run(case)).dims
+    ('boulder',)
+    """
+    numbers = result["boulder"].astype("i8")
+    if "boulder" not in result.coords:  # a part of a run
+        numbers = numbers + int(result.attrs["boulder_first"])
+    deviates = _core.strength_deviates(case_of(result).case["seed"], np.asarray(numbers))
+    return (
+        numbers.copy(data=deviates)
+        .rename("ground_strength")
+        .assign_attrs(
+            long_name="strength of the ground under the boulder, standard normal", units="1"
+        )
+    )
