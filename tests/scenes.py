@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Terrain, impact sets and cases that tests make."""
 
+from pathlib import Path
+
 import numpy as np
 
 import rockfall
 from rockfall.io.grid import Grid
 from rockfall.result import variables
+
+#: Factors of standards, which are not shipped: numbers for tests alone.
+FACTORS = Path(__file__).with_name("factors.csv")
 
 
 def rough(nx=60, ny=80, cell=5.0, gradient=0.8, relief=3.0, seed=1, dtype="f8"):

@@ -26,9 +26,9 @@ def numbers(seed: int) -> Iterator[tuple[str, float]]:
     """What one seed gives."""
     results = {name: run(name, seed) for name in ("road", "net", "dam")}
     bare = rockfall.design(results["road"], residual=0.02)
-    net = bare.demand.set_index("line").loc["net"]
+    came = bare.demand.set_index("line").loc["net", "n"]
     loads = bare.loads.set_index(["line", "quantity"]).loc["net"]
-    yield "come to the line of the net [%]", 100 * net["n"] / results["road"].sizes["boulder"]
+    yield "come to the line of the net [%]", 100 * came / results["road"].sizes["boulder"]
     for name, result in results.items():
         road = np.isfinite(result["line_speed"].values[0])
         yield f"reach the road, {name}.nml [%]", 100 * road.mean()
@@ -39,8 +39,6 @@ def numbers(seed: int) -> Iterator[tuple[str, float]]:
         yield f"{level} of the total energy at the net [kJ]", loads[level]["energy_total"] / 1000
         yield f"{level} of the passing height at the net [m]", loads[level]["passing_height"]
         yield f"{level} of the same, normal [m]", loads[level]["normal_height"]
-    yield "E_d at the net, UNI [kJ]", net["E_d"] / 1000
-    yield "height needed at the net, UNI [m]", net["height_needed"]
     chosen = bare.choices.set_index(["line", "ead_class"]).loc[("net", CLASS)]
     yield f"height of class {CLASS} that 2 % pass [m]", chosen["height"]
     others = crossings(run("road", 1000 + seed), 1)

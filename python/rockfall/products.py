@@ -95,6 +95,7 @@ def report(
     section: Any = None,
     section_layer: str | None = None,
     section_within: float = 10.0,
+    factors: Place = None,
 ) -> Path:
     """Write a result (a Dataset, or its netCDF file) as one offline HTML page, or as a PDF, by the
     extension of `path`.
@@ -106,8 +107,8 @@ def report(
     number), `client` and `author` on page 1, which is made to be signed, and the date `dem_date` of
     the survey of the terrain; `hazard`, a file hazard.nc, adds its zones, `models`, a file
     models.nc of `rockfall models`, the spread over rebound models; `section`, a line as in
-    `section`, with `section_layer` and `section_within` [m], the figure of a section along it.
-    Returns the path of the page.
+    `section`, with `section_layer` and `section_within` [m], the figure of a section along it;
+    `factors`, a table as in `design`, what a standard requires. Returns the path of the page.
     Invalid inputs or outputs raise a RockfallError, missing terrain gives a UserWarning.
 
     >>> import rockfall
@@ -117,7 +118,7 @@ def report(
     """
     path = Path(path)
     line = [section] if isinstance(section, str | Path) else []
-    others = [*line, *(data for data in (hazard, models) if data is not None)]
+    others = [*line, *(data for data in (hazard, models, factors) if data is not None)]
     check_page(path, [*_given(result, dem, observed, basemap), *others])
     catalogue(language)
     zones = None if hazard is None else read_hazard(hazard)
@@ -134,7 +135,9 @@ def report(
     cut = None
     if section is not None:
         cut = _section(drawn.result, drawn.terrain, section, section_layer, section_within)
-    write_report(drawn.result, path, *drawn[1:], view, language, parties, zones, spread, cut)
+    write_report(
+        drawn.result, path, *drawn[1:], view, language, parties, zones, spread, cut, factors
+    )
     return path
 
 

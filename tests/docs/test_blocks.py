@@ -165,6 +165,7 @@ def site(tmp_path_factory):
     files["deposit.csv"] = "volume\n" + "".join(f"{row.partition(',')[0]}\n" for row in rows)
     for name, text in files.items():
         Path(name).write_text(text)
+    shutil.copy(scenes.FACTORS, "mine.csv")
     source = np.zeros((NY, NX))
     source[5, 20:28] = 1
     make_rockyfor3d("DIR", 1100 - 0.75 * down + 0 * ones, source)

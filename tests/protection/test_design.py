@@ -3,6 +3,8 @@
 
 import math
 import re
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,19 +14,27 @@ import rockfall
 from made import refused
 from rockfall.analysis.line_statistics import sample_numbers
 from rockfall.analysis.precision.intervals import Sources
+from rockfall.case import case_of
 from rockfall.cli import main
+from rockfall.language import speaking
 from rockfall.limits import EAD_ENERGY
 from rockfall.protection.crossings import Crossings, crossings, passes, quantile
 from rockfall.protection.demand import ABOVE, class_for, demand
-from rockfall.protection.factors import NEEDED, Conditions, read_factors, shipped
+from rockfall.protection.factors import DECIDES, NEEDED, Conditions, read_factors
 from rockfall.protection.selection import choices, height_for, read_costs
 from rockfall.quantities import number
-from rockfall.text.design import check_row, choice_rows, demand_rows, design_text
-from scenes import grid, make_case, rough, sets
+from rockfall.text.design import check_row, choice_rows, demand_rows, design_text, factor_lines
+from scenes import FACTORS, grid, make_case, rough, sets
 
+design = partial(rockfall.design, factors=FACTORS)
 WELL_KNOWN = {"survey": "good", "blocks": "good", "calibration": "back-analysed"}
 LINE = {"name": "road", "x": [0.0, 300.0], "y": [280.0, 280.0]}
 BOULDERS = 600
+
+
+def known(*standard, **conditions):
+    """Factors of the table for tests."""
+    return read_factors(Conditions(*standard, **conditions), FACTORS)
 
 
 def run(folder, z=None, barrier=(), **groups):
@@ -71,7 +81,7 @@ def drawn(n, seed=3):
 
 def test_uni_by_hand():
     """20 m/s, 1 m3 of 2600 kg/m3, the centre 3 m above the ground, a site that is well known."""
-    row = demand(equal(), read_factors(Conditions(**WELL_KNOWN)), 2600.0)
+    row = demand(equal(), known(**WELL_KNOWN), 2600.0)
     assert row["v_d"] == pytest.approx(20.808)  # 20 x 1.02 x 1.02
     assert row["m_d"] == pytest.approx(2652.0)  # 2600 x 1.02 x 1.00
     assert row["E_d"] == pytest.approx(574_122.0, abs=0.1)  # 2652 x 20.808^2 / 2
@@ -83,7 +93,7 @@ def test_uni_by_hand():
 
 
 def test_what_is_not_known_costs_more():
-    row = demand(equal(), read_factors(Conditions()), 2600.0)
+    row = demand(equal(), known(), 2600.0)
     assert row["E_d"] == pytest.approx(0.5 * 2860 * 24.2**2)
     assert row["h_d"] == pytest.approx(3.63)
     assert row["ead_class"] == 4  # 837 kJ > 1000 / 1.2
@@ -91,7 +101,7 @@ def test_what_is_not_known_costs_more():
 
 def test_the_mass_is_that_of_the_densest_boulder_that_came():
     """Where a layer of sources says other densities than the case, whatever the case says."""
-    factors = read_factors(Conditions(**WELL_KNOWN))
+    factors = known(**WELL_KNOWN)
     energy = np.where(np.arange(100) == 7, 1.5, 1.0) * 5.2e5  # one of 3900 kg/m3
     for density in 2600.0, 1000.0, 5000.0:
         row = demand(equal()._replace(energy_translational=energy), factors, density)
@@ -102,31 +112,31 @@ def test_the_mass_is_that_of_the_densest_boulder_that_came():
 
 
 def test_onr_by_hand():
-    row = demand(equal(), read_factors(Conditions("ONR", consequence="CC3")), 2600.0)
+    row = demand(equal(), known("ONR", consequence="CC3"), 2600.0)
     assert row["E_d"] == pytest.approx(575_000)  # the total energy x 1.15
     assert row["h_d"] == pytest.approx(3.9)
     assert row["ead_class"] == 3
 
 
 def test_the_free_border_is_half_a_metre_of_small_blocks():
-    row = demand(equal(), read_factors(Conditions(**WELL_KNOWN)), 2600.0, volume=0.1)
+    row = demand(equal(), known(**WELL_KNOWN), 2600.0, volume=0.1)
     assert row["f_min"] == 0.5
     assert row["m_d"] == pytest.approx(265.2)
 
 
 @pytest.mark.parametrize(("volume", "is_far"), [(500.0, True), (0.001, True), (2.0, False)])
 def test_a_design_block_far_from_the_boulders_is_told(result, volume, is_far):
-    told = [text for text in rockfall.design(result, volume=volume).warnings if "block" in text]
+    told = [text for text in design(result, volume=volume).warnings if "block" in text]
     assert len(told) == is_far
     assert not is_far or told[0].startswith(f"the design block of {volume:g} m3 is far from the ")
-    assert not [text for text in rockfall.design(result).warnings if "design block" in text]
+    assert not [text for text in design(result).warnings if "design block" in text]
 
 
 def test_classes_are_those_of_the_kernel():
     energies = [100, 250, 500, 1000, 1500, 2000, 3000, 4500]
     assert [energy / 1000 for energy in EAD_ENERGY] == energies
-    mel = read_factors(Conditions())
-    sel = read_factors(Conditions(limit_state="SEL"))
+    mel = known()
+    sel = known(limit_state="SEL")
     assert class_for(83.3e3, mel) == 0 and class_for(100e3 / 1.2, mel) == 1
     assert class_for(333e3, sel) == 3 and class_for(334e3, sel) == 4
     assert class_for(10e3, sel) == 1  # class 0 has no SEL
@@ -134,11 +144,41 @@ def test_classes_are_those_of_the_kernel():
     assert math.isnan(class_for(math.nan, mel))
 
 
-def test_every_factor_that_is_shipped_names_its_source():
-    for standard in NEEDED:
-        known = read_factors(Conditions(standard))
-        assert all(known.sources.values())
-        assert "gamma_E" in known.unconfirmed
+def test_without_factors_the_sheet_lists_what_to_fill_in(file, tmp_path, capsys):
+    """Loads and choices are those of a sheet with factors; no check of a barrier passes."""
+    net = run(tmp_path, line=[], barrier=[LINE | {"height": 90.0, "class": 7}])
+    sheet, full = rockfall.design(net), design(net)
+    assert sheet.loads.equals(full.loads) and sheet.choices.equals(full.choices)
+    assert sheet.demand["E_d"].isna().all() and sheet.demand["ead_class"].isna().all()
+    row = sheet.checks.iloc[0]
+    assert row["verdict"] == "undecided: height, energy" and row["over"] == full.checks["over"][0]
+    conditions = {"gamma_E": "MEL", "energy_share": "MEL", "gamma_tr": "literature"}
+    conditions |= dict.fromkeys(("gamma_dp", "gamma_vol"), "poor")
+    names = [f"{name} ({conditions[name]})" if name in DECIDES else name for name in NEEDED["UNI"]]
+    for language, begins in (("en", "Requirements of UNI are left open"),
+                             ("de", "Anforderungen nach UNI bleiben offen"),
+                             ("fr", "Exigences selon UNI non calculées"),
+                             ("it", "Requisiti secondo UNI non calcolati")):  # fmt: skip
+        with speaking(language):
+            (line,) = factor_lines(sheet.factors)
+        assert line.startswith(begins) and line.endswith(f": {', '.join(names)}")
+        assert "(--factors)" in line
+    folder = tmp_path / "open"
+    assert main(["design", str(file), "-o", str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert "Requirements of UNI are left open" in said and "E_d" not in said
+    table = pd.read_csv(folder / "design_factors.csv")
+    assert table["factor"].tolist() == NEEDED["UNI"] and table["value"].isna().all()
+    given = pd.read_csv(FACTORS).drop(columns=["value", "source"])
+    assert len(table.merge(given)) == len(table)  # each row is one of a complete table
+    unfilled = str(folder / "design_factors.csv")
+    assert main(["design", str(file), "--factors", unfilled]) == 2
+    assert f"{unfilled}: line 2: value = : must be a number" in capsys.readouterr().err
+    needs = f"needs --factors TABLE.csv, with UNI: {', '.join(names)}"
+    with refused(f"along road {needs}"):
+        rockfall.design(net, along="road")
+    with refused(f"site {needs}"):
+        rockfall.site(case_of(net), "road")
 
 
 def test_quantiles_are_those_of_line_statistics(result):
@@ -195,7 +235,7 @@ def test_more_capacity_or_height_never_lets_more_pass():
 
 def test_a_barrier_of_the_sheet_lets_those_pass_that_it_says(result, tmp_path):
     came = crossings(result, 0)
-    chosen = rockfall.design(result, residual=0.02).choices
+    chosen = design(result, residual=0.02).choices
     best = chosen[chosen["cheapest"]].iloc[0]
     k, height = int(best["ead_class"]), float(best["height"])
     net = run(tmp_path, line=[], barrier=[LINE | {"height": height, "class": k}])
@@ -203,7 +243,7 @@ def test_a_barrier_of_the_sheet_lets_those_pass_that_it_says(result, tmp_path):
     outcome = net["barrier_outcome"].values[0]
     assert ((outcome > 0) == crossed).all()  # it changes nothing above it
     assert ((outcome[crossed] > 1) == passes(came, height, EAD_ENERGY[k])).all()
-    row = rockfall.design(net).checks.iloc[0]
+    row = design(net).checks.iloc[0]
     assert row["residual"] == best["residual"] <= 0.02
     assert row["over"] + row["through"] == round(best["residual"] * came.n)
 
@@ -212,7 +252,7 @@ def test_checks_say_what_fails(result, tmp_path):
     low = LINE | {"name": "low", "height": 0.5, "class": 7}
     weak = LINE | {"name": "weak", "x": [0.0, 300.0], "y": [285.0, 285.0], "height": 90.0,
                    "class": 0}  # fmt: skip
-    checks = rockfall.design(run(tmp_path, barrier=[low, weak])).checks.set_index("line")
+    checks = design(run(tmp_path, barrier=[low, weak])).checks.set_index("line")
     assert list(checks.index) == ["low", "weak"]
     assert not checks.loc["low", "height_holds"] and checks.loc["low", "energy_holds"]
     assert checks.loc["weak", "height_holds"] and not checks.loc["weak", "energy_holds"]
@@ -221,13 +261,13 @@ def test_checks_say_what_fails(result, tmp_path):
 
 def test_a_check_that_the_interval_straddles_is_undecided(result, tmp_path):
     """Whether 600 boulders tell depends on how near the barrier is to what is asked."""
-    asked = rockfall.design(result).demand.iloc[0]
+    asked = design(result).demand.iloc[0]
     low, value, high = (asked[f"height_needed{end}"] for end in ("_low", "", "_high"))
     assert low < value < high
     heights = 0.9 * low, (low + value) / 2, (value + high) / 2, 1.1 * high
     for height, holds, certain in zip(heights, "nnyy", "ynny", strict=True):
         net = run(tmp_path, line=[], barrier=[LINE | {"height": height, "class": 7}])
-        row = rockfall.design(net).checks.iloc[0]
+        row = design(net).checks.iloc[0]
         assert (row["height_holds"], row["height_certain"]) == (holds == "y", certain == "y")
         verdict = check_row(row.to_dict())[-1]
         said = {"ny": "no: height", "nn": "undecided: height", "yn": "undecided: height"}
@@ -236,7 +276,7 @@ def test_a_check_that_the_interval_straddles_is_undecided(result, tmp_path):
 
 
 def test_what_is_needed_is_never_shown_as_less(result):
-    sheet = rockfall.design(result, residual=0.02)
+    sheet = design(result, residual=0.02)
     asked, chosen = sheet.demand.iloc[0].to_dict(), sheet.choices.to_dict("records")
     rows = {row[0].strip(): row[1] for row in demand_rows(asked, "UNI")}
     for title, name, factor in (
@@ -263,13 +303,13 @@ def test_rounding_up(value, plain, up):
 
 
 def test_windows_cover_the_line_and_are_blank_where_few_come(result):
-    sheet = rockfall.design(result, along="road", width=40.0, min_boulders=50)
+    sheet = design(result, along="road", width=40.0, min_boulders=50)
     along = sheet.along
     assert along["start"].tolist() == [0, 40, 80, 120, 160, 200, 240, 280]
     assert along["end"].iloc[-1] == 300
     assert along["n"].sum() == sheet.demand["n"][0] == crossings(result, 0).n
     assert (along["E_d"].isna() == (along["n"] < 50)).all() and along["E_d"].notna().any()
-    whole = rockfall.design(result, along="road", width=1000.0).along
+    whole = design(result, along="road", width=1000.0).along
     assert whole["E_d"].tolist() == sheet.demand["E_d"].tolist()
 
 
@@ -282,7 +322,7 @@ def test_prices_decide_on_the_cheapest(tmp_path):
     assert rows[2]["cost"] == 30  # 2.5 m is too low
     neutral = choices(came, 0.0)
     assert [row["cost"] for row in neutral if row["cheapest"]] == [500 * 3.0]
-    assert read_costs(shipped("design_costs_example.csv"))
+    assert read_costs(Path(rockfall.__file__).parent / "data" / "design_costs_example.csv")
 
 
 @pytest.mark.parametrize(("heights", "told", "no"), [
@@ -297,14 +337,14 @@ def test_prices_of_heights_in_another_unit(result, heights, told, no, tmp_path):
     table.write_text(f"class,height,cost\n3,{low:g},500\n4,{high:g},900\n")
     if no:
         with refused(f"{table}: {no}"):
-            rockfall.design(result, costs=table)
+            design(result, costs=table)
         return
-    doubts = [text for text in rockfall.design(result, costs=table).warnings if "prices" in text]
+    doubts = [text for text in design(result, costs=table).warnings if "prices" in text]
     assert len(doubts) == bool(told) and all(text.startswith(told) for text in doubts)
 
 
 def test_a_design_says_which_boulders_its_numbers_are_of(result, tmp_path):
-    sheet = rockfall.design(result)
+    sheet = design(result)
     own = "Numbers are of the boulders of the case: volume = 'normal', volume_mean = 0.8, "
     assert len(sheet.population) == 1 and sheet.population[0].startswith(own)
     assert sheet.population[0] in design_text(sheet)
@@ -313,7 +353,7 @@ def test_a_design_says_which_boulders_its_numbers_are_of(result, tmp_path):
     case = make_case(tmp_path, *sets(), terrain={}, boulder=volumes, line=[LINE],
                      release={"x": 150.0, "y": 380.0})  # fmt: skip
     case = case.replace(case={"boulders": 20}, scenario=scenario)
-    other = rockfall.design(rockfall.run(case, dem=rough(), transform=grid(rough())))
+    other = design(rockfall.run(case, dem=rough(), transform=grid(rough())))
     assert other.population[0].startswith(own)
     assert "another population: do not compare" in other.population[1]
     assert other.population[1] in design_text(other)
@@ -321,7 +361,7 @@ def test_a_design_says_which_boulders_its_numbers_are_of(result, tmp_path):
 
 def test_nobody_comes(tmp_path):
     line = LINE | {"y": [398.0, 398.0]}  # above the release
-    sheet = rockfall.design(run(tmp_path, line=[line]), along="road")
+    sheet = design(run(tmp_path, line=[line]), along="road")
     assert sheet.demand["n"][0] == 0 and math.isnan(sheet.demand["E_d"][0])
     assert not sheet.choices["cheapest"].any() and sheet.along["E_d"].isna().all()
     high = sheet.demand["fraction_high"][0]  # Wilson's upper limit of none
@@ -334,28 +374,30 @@ def test_nobody_comes(tmp_path):
 
 def test_what_is_refused(result, tmp_path):
     with refused("along = 'rail': no such line; lines: road"):
-        rockfall.design(result, along="rail")
+        design(result, along="rail")
     for residual in (-0.1, 1.0, math.nan):
         with refused(f"residual = {residual}: must be >= 0 and < 1"):
-            rockfall.design(result, residual=residual)
+            design(result, residual=residual)
     with refused("standard = 'DIN': must be UNI, ONR"):
-        rockfall.design(result, standard="DIN")
+        design(result, standard="DIN")
     with refused("survey = 'fair': must be good, poor"):
-        rockfall.design(result, survey="fair")
+        design(result, survey="fair")
     with refused("width = 0: must be > 0 m"):
-        rockfall.design(result, along="road", width=0)
+        design(result, along="road", width=0)
     with refused("volume = -1.0: must be > 0 m3"):
-        rockfall.design(result, volume=-1.0)
+        design(result, volume=-1.0)
     with refused("design: the result has no evaluation lines and no barriers"):
-        rockfall.design(run(tmp_path, line=[]))
+        design(run(tmp_path, line=[]))
     with refused("design: the result has no boulders"):
-        rockfall.design(result.isel(boulder=slice(0)))
+        design(result.isel(boulder=slice(0)))
 
 
 @pytest.mark.parametrize(
     "change, message",
     [
         (("UNI,gamma_gamma,,1.00", "UNI,gamma_g,,1.00"), "UNI: has no factor gamma_gamma"),
+        (("UNI,gamma_tr,literature", "UNI,gamma_tr,book"),
+         "UNI: has no factor gamma_tr literature"),
         (("UNI,gamma_dp,good,1.02", "UNI,gamma_dp,good,-1"),
          "line 5: value = -1: must be a number >= 0"),
         (("standard,factor", "norm,factor"),
@@ -364,7 +406,7 @@ def test_what_is_refused(result, tmp_path):
 )  # fmt: skip
 def test_a_table_of_factors_that_is_wrong(change, message, tmp_path):
     table = tmp_path / "factors.csv"
-    table.write_text(shipped("design_factors.csv").read_text().replace(*change))
+    table.write_text(FACTORS.read_text().replace(*change))
     with refused(f"{table}: {message}"):
         read_factors(Conditions(survey="good"), table)
 
@@ -372,9 +414,10 @@ def test_a_table_of_factors_that_is_wrong(change, message, tmp_path):
 def test_the_command_prints_and_writes(file, tmp_path, capsys):
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     folder = tmp_path / "sheet"
-    assert main(["design", str(file), "--along", "road", "-o", str(folder)]) == 0
+    words = ["design", str(file), "--along", "road", "--factors", str(FACTORS)]
+    assert main([*words, "-o", str(folder)]) == 0
     said = capsys.readouterr().out
-    assert "EAD 340059 class" in said and "Unconfirmed" in said
+    assert "EAD 340059 class" in said and "Factors: quantile_speed 0.95, " in said
     names = ["along", "checks", "choices", "demand", "factors", "loads"]
     assert sorted(path.stem for path in folder.glob("*.csv")) == [f"design_{n}" for n in names]
     assert (folder / "design_along.png").stat().st_size > 10_000
@@ -408,7 +451,7 @@ def test_what_rests_on_unconfirmed_rebounds_is_never_said_to_hold(tmp_path):
         ("forest", {"forest": stand}, "back-analysed"),
     ):  # fmt: skip
         net = run(tmp_path, line=[], barrier=nets, **groups)
-        sheet = rockfall.design(net, calibration=calibration)
+        sheet = design(net, calibration=calibration)
         high, low = (check_row(row)[-1] for row in sheet.checks.to_dict("records"))
         assert low.startswith("no") or low == "no boulder comes"
         found[name] = high

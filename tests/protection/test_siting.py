@@ -6,6 +6,7 @@ import csv
 import gc
 import math
 import weakref
+from functools import partial
 
 import numpy as np
 import pytest
@@ -27,11 +28,12 @@ from rockfall.protection.siting import (
 )
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.siting import siting_text
-from scenes import grid, make_case, rough, sets
+from scenes import FACTORS, grid, make_case, rough, sets
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
 Z = rough()
+site = partial(rockfall.site, factors=FACTORS)
 ROAD = {"name": "road", "x": [0.0, 300.0], "y": [180.0, 180.0]}
 TERRAIN = {"dem": Z, "transform": grid(Z)}
 
@@ -49,7 +51,7 @@ def case(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(case):
-    return rockfall.site(case, "road", every=40.0, to=220.0, max_height=8.0, **TERRAIN)
+    return site(case, "road", every=40.0, to=220.0, max_height=8.0, **TERRAIN)
 
 
 def at(found, name):
@@ -72,7 +74,7 @@ def test_numbers_are_those_of_a_run_with_that_line_alone(case, found):
     for name, quantity in ("energy_q95", "energy_total"), ("height_q95", "passing_height"):
         for end in ("", "_low", "_high"):
             assert row[name + end] == rows.loc[quantity, f"q95{end}"]
-    sheet = rockfall.design(result).demand.iloc[0]
+    sheet = rockfall.design(result, factors=FACTORS).demand.iloc[0]
     for name in ("E_d", "E_d_high", "height_needed", "height_needed_low", "ead_class"):
         assert row[name] == sheet[name]
     assert row["n"] == sheet["n"]
@@ -97,7 +99,7 @@ def test_what_passes_around_a_short_alignment_counts(case):
     comes, met = np.isfinite(result["line_time"].values)
     layer = make_layer(case.folder / "short.gpkg", [shapely.LineString([(140, 300), (160, 300)])],
                        crs=None, name=["short"])  # fmt: skip
-    found = rockfall.site(case, "road", candidates=layer, **TERRAIN)
+    found = site(case, "road", candidates=layer, **TERRAIN)
     row = at(found, "short")
     assert row["bypass"] == (comes & ~met).sum() / comes.sum() > 0.5
     assert row["remaining"] >= row["bypass"]
@@ -121,7 +123,7 @@ def test_a_layer_and_a_frame_are_the_same(case):
     layer = make_layer(case.folder / "drawn.gpkg", shapes, crs=None, name=names)
     frame = Frame({"geom": shapes, "name": names})
     frame.crs = CRS.from_epsg(32632)
-    one, other = (rockfall.site(case, "road", candidates=of, **TERRAIN) for of in (layer, frame))
+    one, other = (site(case, "road", candidates=of, **TERRAIN) for of in (layer, frame))
     assert one.table["alignment"].tolist() == ["lower", "upper"]
     assert one.table.equals(other.table)
 
@@ -153,7 +155,7 @@ def test_limits_decide_over_the_interval(found, case):
         assert row["fits"] == (YES if high else NO if low else UNDECIDED), row["alignment"]
     row = at(found, "road +160 m")
     between = (row["height_needed_low"] + row["height_needed"]) / 2
-    again = rockfall.site(case, "road", every=160.0, to=160.0, max_height=between, **TERRAIN)
+    again = site(case, "road", every=160.0, to=160.0, max_height=between, **TERRAIN)
     row = at(again, "road +160 m")
     assert (row["fits"], row["fails"], row["choice"]) == (UNDECIDED, "height", BEST)
     assert "not certain to be within the limits (height)" in siting_text(again)
@@ -166,14 +168,14 @@ def test_cost_is_that_of_the_cheapest_that_suffices(case, found, tmp_path):
     prices = tmp_path / "prices.csv"
     prices.write_text(f"class,height,cost\n{k},{high - 0.1},10\n{k},{high + 9},90\n"
                       f"{k + 1},{high + 9},80\n{k - 1},{high + 9},5\n")  # fmt: skip
-    priced = rockfall.site(case, "road", every=160.0, to=160.0, costs=prices, **TERRAIN)
+    priced = site(case, "road", every=160.0, to=160.0, costs=prices, **TERRAIN)
     assert at(priced, "road +160 m")["cost"] == 80 * 300.0
 
 
 def test_runs_in_turn_find_the_same(case, found):
     """900 boulders with 3 rows of 96 bytes: the line, and two alignments at a time."""
     memory = 2 * 96 * 900 * 3
-    turns = rockfall.site(
+    turns = site(
         case, "road", every=40.0, to=220.0, max_height=8.0, memory=memory, **TERRAIN
     )  # fmt: skip
     assert turns.table.equals(found.table) and turns.come == found.come
@@ -184,7 +186,7 @@ def test_runs_in_turn_find_the_same(case, found):
     for given in ({"memory": 2 * 96 * 900}, {"memory": 1.0}):
         with refused("site: 900 boulders at 2 lines take 0.00017 GB: more than half of the memory; "
                      "give fewer boulders"):  # fmt: skip
-            rockfall.site(case, "road", every=40.0, to=220.0, **given, **TERRAIN)
+            site(case, "road", every=40.0, to=220.0, **given, **TERRAIN)
 
 
 def test_lines_are_let_go_between_runs(case, monkeypatch):
@@ -199,7 +201,7 @@ def test_lines_are_let_go_between_runs(case, monkeypatch):
         return result
 
     monkeypatch.setattr("rockfall.protection.siting.run_scene", counted)
-    rockfall.site(case, "road", every=100.0, to=200.0, memory=2 * 96 * 900 * 2, **TERRAIN)
+    site(case, "road", every=100.0, to=200.0, memory=2 * 96 * 900 * 2, **TERRAIN)
     assert len(alive) == 4  # three alignments, and the best
 
 
@@ -207,7 +209,7 @@ def test_the_table_says_what_is_printed(case):
     """Where rebounds are unconfirmed nothing is proven; the choice is that under them."""
     ground = case.replace(surface={"uniform_mean_radius": 0.25, "ground": "soil_6"})
     about = {"every": 100.0, "to": 200.0, "max_height": 40.0}
-    found = rockfall.site(ground, "road", max_bypass=1.0, **about, **TERRAIN)
+    found = site(ground, "road", max_bypass=1.0, **about, **TERRAIN)
     assert (found.table["unconfirmed"] == "rebounds").all()
     assert YES not in {*found.table["fits"]} and UNDECIDED in {*found.table["fits"]}
     assert (found.table["choice"] == BEST).sum() == 1
@@ -234,14 +236,14 @@ def test_a_doubt_never_turns_a_refusal():
 
 
 def test_directions(case):
-    east = rockfall.site(case, "road", every=10.0, to=10.0, direction=90.0, **TERRAIN)
+    east = site(case, "road", every=10.0, to=10.0, direction=90.0, **TERRAIN)
     np.testing.assert_allclose(east.alignments[1].x, [10.0, 310.0])
     np.testing.assert_allclose(east.alignments[1].y, [180.0, 180.0])
-    down = rockfall.site(case, "road", every=50.0, to=50.0, direction=180.0, **TERRAIN)
+    down = site(case, "road", every=50.0, to=50.0, direction=180.0, **TERRAIN)
     assert "no alignment is higher than road: give the direction in which the slope rises" in (
         down.notes
     )
-    beyond = rockfall.site(case, "road", every=150.0, to=450.0, **TERRAIN)
+    beyond = site(case, "road", every=150.0, to=450.0, **TERRAIN)
     assert beyond.table["distance"].tolist() == [0.0, 150.0]  # the terrain ends at 220 m
     assert beyond.notes[0] == "alignments beyond 150 m are outside the terrain: left out"
     assert not down.notes[0].endswith("left out")
@@ -261,15 +263,16 @@ def test_refusals(case):
         ({"volume": 0.0}, "volume = 0.0: must be > 0 m3"),
     ):
         with refused(message):
-            rockfall.site(case, given.pop("line", "road"), **given, **TERRAIN)
+            site(case, given.pop("line", "road"), **given, **TERRAIN)
     ring = [{"name": "ring", "x": [0.0, 9.0, 0.0, 0.0], "y": [180.0, 180.0, 190.0, 180.0]}]
     with refused("case: line 'ring' does not tell on which side its sources are: give the "
                  "direction [degree from north] in which it is to be shifted"):  # fmt: skip
-        rockfall.site(case.replace(line=ring), "ring", **TERRAIN)
+        site(case.replace(line=ring), "ring", **TERRAIN)
 
 
 def test_command(place, capsys):
     words = ["site", "case.nml", "--line", "L", "--every", "10", "--to", "30", "--max-height", "9"]
+    words += ["--factors", str(FACTORS)]
     assert main([*words, "--max-class", "7", "-o", "out"]) == 0
     said = capsys.readouterr().out
     assert "Best: L" in said and "height at most 9 m, class at most 7" in said
@@ -281,6 +284,6 @@ def test_command(place, capsys):
     assert pyogrio.read_info("out/siting.gpkg")["features"] == 4
     assert main([*words, "-o", "out"]) == 2
     assert "already exists" in capsys.readouterr().err
-    assert main(["site", "case.nml", "--line", "M", "-o", "new"]) == 2
+    assert main(["site", "case.nml", "--line", "M", "--factors", str(FACTORS), "-o", "new"]) == 2
     assert "line = 'M': no such line; lines: L" in capsys.readouterr().err
     assert not (place / "new").exists()

@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 from rockfall.errors import RockfallError
 
 _Commands = argparse._SubParsersAction  # no public name in argparse
+FACTORS = "numbers of the standard: standard, factor, condition, value, source (docs/design.md)"
 _RULES = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
 
 
@@ -350,6 +351,7 @@ def _add_results(commands: _Commands) -> None:
     _option(report, "--hazard HAZARD.nc", Path, "its zones, too")
     text = "of `rockfall models`: the spread over rebound models, on page 1"
     _option(report, "--models MODELS.nc", Path, text)
+    _option(report, "--factors CSV", Path, FACTORS)
     text = "a section along this line, as in `rockfall section`"
     _option(report, "--section X,Y", str, text, nargs="+")
     _option(report, "--section-layer NAME", str, "of a file with several layers")
@@ -461,8 +463,7 @@ def _add_conditions(command: argparse.ArgumentParser) -> None:
         command.add_argument(f"--{key}", metavar=key.upper().replace("-", "_"), help=text)
     text = "of the design block; default: a quantile of those that come"
     _option(command, "--volume M3", float, text)
-    text = "standard, factor, condition, value, source; default: the shipped table"
-    _option(command, "--factors CSV", Path, text)
+    _option(command, "--factors CSV", Path, FACTORS)
     text = "class, height, cost of a metre; default: class energy times height"
     _option(command, "--costs CSV", Path, text)
 

@@ -25,7 +25,7 @@ from rockfall.plots.along_figures import along_figure
 from rockfall.plots.siting_figure import siting_figure
 from rockfall.plots.style import save
 from rockfall.protection.design import Design, design
-from rockfall.protection.factors import COLUMNS, DECIDES, Conditions
+from rockfall.protection.factors import COLUMNS, Conditions
 from rockfall.protection.siting import CONDITIONS, Siting, site
 from rockfall.result.dataset import read_result, write_result
 from rockfall.result.export import crs_wkt, write_geopackage
@@ -191,13 +191,12 @@ def _joined(sheets: Mapping[str, Design], name: str) -> pd.DataFrame:
 
 
 def _factor_table(sheet: Design) -> pd.DataFrame:
-    """Factors with their sources, as `--factors` reads them."""
+    """Factors with their sources, as `--factors` reads them; without, a table to fill in."""
     import pandas as pd
 
-    conditions = sheet.factors.conditions
+    factors = sheet.factors
     rows = [
-        (conditions.standard, name, getattr(conditions, DECIDES.get(name, ""), ""), value,
-         sheet.factors.sources[name])
-        for name, value in sheet.factors.values.items()
-    ]  # fmt: skip
+        (factors.conditions.standard, name, factors.condition(name), value, factors.sources[name])
+        for name, value in factors.values.items()
+    ]
     return pd.DataFrame(rows, columns=COLUMNS)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 IMPRINT = ("language", "project", "client", "author")  # of a page
 SECTION = ("section_layer", "section_within")  # in a report with a section
-REPORTED = (*IMPRINT, "dem_date", "hazard", "models")  # in a report
+REPORTED = (*IMPRINT, "dem_date", "hazard", "models", "factors")  # in a report
 
 
 def export_command(arguments: argparse.Namespace) -> int:

@@ -109,6 +109,7 @@ def write_report(
     hazard: xr.Dataset | None = None,
     models: Models | None = None,
     section: Section | None = None,
+    factors: str | Path | None = None,
 ) -> None:
     """Write the page of a result to `path` (.html, or .pdf) atomically; other arguments are as in
     `report`."""
@@ -117,7 +118,7 @@ def write_report(
     on_paper = is_pdf(path)
     drawn = result, terrain, observed, look, view and not on_paper, on_paper
     with speaking(language):
-        page = report(*drawn, parties, hazard, models, section)
+        page = report(*drawn, parties, hazard, models, section, factors)
     write_page(page, path)
 
 
@@ -162,6 +163,7 @@ def report(
     hazard: xr.Dataset | None = None,
     models: Models | None = None,
     section: Section | None = None,
+    factors: str | Path | None = None,
 ) -> str:
     """Page of a result as text, in the language in force. The same result gives the same text.
 
@@ -170,11 +172,12 @@ def report(
     tables; `look` has limits between classes of maps and a basemap. `view` adds a three-dimensional
     view of the terrain, and needs `terrain`. With `on_paper` all maps are figures. `hazard`, from
     `rockfall.hazard`, adds its zones; `models`, from `rockfall.analysis.models`, the spread over
-    rebound models; `section`, from `rockfall.section`, its figure.
+    rebound models; `section`, from `rockfall.section`, its figure; `factors` is a table with the
+    numbers of a standard, as in `rockfall.design`.
     """
     result = flat_maps(result)
     rows, levels = rows_of(result), return_levels(result)
-    sheet = design(result) if rows and has_rows(result) else None
+    sheet = design(result, factors=factors) if rows and has_rows(result) else None
     ranges = range_tables(result, rows)
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     drawn = figures(result, terrain, observed, look, DRAWN_LINES)

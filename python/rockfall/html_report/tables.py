@@ -208,9 +208,11 @@ def design_tables(sheet: Design) -> Iterator[Table]:
         if asked["n"]:
             loads = sheet.loads[sheet.loads["line"] == asked["line"]].to_dict("records")
             head, *rows = load_rows(loads)
-            _, *design = demand_rows(asked, standard)
-            rows += [[name, value, "", ""] for name, value in design]
-            caption = say("tables.loads_caption", line=asked["line"], standard=standard)
+            caption = say("tables.loads_alone", line=asked["line"])
+            if not sheet.factors.open:
+                _, *design = demand_rows(asked, standard)
+                rows += [[name, value, "", ""] for name, value in design]
+                caption = say("tables.loads_caption", line=asked["line"], standard=standard)
             yield Table(caption, head, rows)
     if len(sheet.checks):
         rows = [check_row(row) for row in sheet.checks.to_dict("records")]

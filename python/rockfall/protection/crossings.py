@@ -52,8 +52,9 @@ def crossings(result: xr.Dataset, line: int) -> Crossings:
 
 
 def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, float, float]:
-    """Quantile and the limits of its 95 % interval, as in line statistics; NaN without values."""
-    if not values.size:
+    """Quantile and the limits of its 95 % interval, as in line statistics; NaN without values, or
+    for a level that is not known."""
+    if not values.size or np.isnan(level):
         return np.nan, np.nan, np.nan
     ordered = np.sort(values)
     value = float(np.quantile(ordered, level))

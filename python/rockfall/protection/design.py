@@ -96,8 +96,9 @@ def design(
     `along` names a line to be cut into windows of `width` [m]; one to which fewer than
     `min_boulders`
     boulders come is blank. `residual` is the fraction of the boulders that may pass, `volume` [m3]
-    the design block, `factors` and `costs` are tables in place of the shipped ones, and
-    `conditions` are those of `rockfall.protection.factors.Conditions`.
+    the design block, `factors` a table with the numbers of the standard, without which its
+    requirements are left open, `costs` one of prices, and `conditions` are those of
+    `rockfall.protection.factors.Conditions`.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -105,6 +106,8 @@ def design(
     """
     _check(result, along, width, min_boulders, residual, volume)
     standard = read_factors(conditions_of(conditions), factors)
+    if along is not None:
+        standard.require(f"along {along}")
     prices = read_costs(costs) if costs is not None else None
     case = case_of(result)
     how = standard, case.boulder["density"], volume

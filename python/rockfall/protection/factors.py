@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Partial factors of the standards: a shipped table with the source of each number, which may be
-replaced."""
+"""Partial factors of the standards, from a table of the user: none is shipped, because no text of a
+standard was read."""
 
 from __future__ import annotations
 
-import importlib.resources
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,6 @@ from rockfall.errors import RockfallError
 from rockfall.io.tables import check_columns, read_table
 
 COLUMNS = ["standard", "factor", "condition", "value", "source"]
-UNCONFIRMED = "unconfirmed"  # in a source
 BACK_ANALYSED = "back-analysed"  # of the rebound: fitted to observations of the slope
 
 #: Condition that selects the row of a factor; other factors have a single row.
@@ -46,9 +44,21 @@ class Conditions:
     consequence: str = "CC2"  # of a failure: CC1, CC2, CC3
 
 
+#: What each condition may be.
+ALLOWED = {
+    "standard": tuple(NEEDED),
+    "survey": ("good", "poor"),
+    "blocks": ("good", "poor"),
+    "calibration": (BACK_ANALYSED, "literature"),
+    "limit_state": ("MEL", "SEL"),
+    "consequence": ("CC1", "CC2", "CC3"),
+}
+
+
 @dataclass(frozen=True)
 class Factors:
-    """The factors of a standard under the given conditions, with their sources."""
+    """The factors of a standard under the given conditions, NaN if not given, with their
+    sources."""
 
     conditions: Conditions
     values: dict[str, float]
@@ -57,34 +67,41 @@ class Factors:
     def __getitem__(self, name: str) -> float:
         return self.values[name]
 
+    def condition(self, name: str) -> str:
+        """Condition that selects the row of a factor, or ""."""
+        return getattr(self.conditions, DECIDES[name]) if name in DECIDES else ""
+
     @property
-    def unconfirmed(self) -> list[str]:
-        """Factors for which the standard itself, or the work that quotes it, has not been read."""
-        return [name for name, source in self.sources.items() if UNCONFIRMED in source]
+    def open(self) -> str:
+        """Names of the factors to fill in, with their conditions; "" if they are given."""
+        names = (name for name, value in self.values.items() if math.isnan(value))
+        return ", ".join(
+            f"{name} ({self.condition(name)})" if name in DECIDES else name for name in names
+        )
 
-
-def shipped(name: str) -> Path:
-    """Path of a shipped table."""
-    return Path(str(importlib.resources.files("rockfall") / "data" / name))
+    def require(self, what: str) -> None:
+        """Refuse to do without factors."""
+        if self.open:
+            standard = self.conditions.standard
+            raise RockfallError(f"{what} needs --factors TABLE.csv, with {standard}: {self.open}")
 
 
 def read_factors(conditions: Conditions, path: str | Path | None = None) -> Factors:
-    """Factors of a standard under these conditions, from the shipped table or a replacement."""
-    path = path or shipped("design_factors.csv")
-    if conditions.standard not in NEEDED:
-        raise RockfallError(f"standard = '{conditions.standard}': must be {', '.join(NEEDED)}")
-    rows = _rows(path, conditions.standard)
-    values, sources = {}, {}
-    for name in NEEDED[conditions.standard]:
-        by_condition = rows.get(name, {})
-        decides = DECIDES.get(name)
-        condition = getattr(conditions, decides) if decides else ""
-        if condition not in by_condition:
-            if not by_condition or not decides:
-                raise RockfallError(f"{path}: {conditions.standard}: has no factor {name}")
-            raise RockfallError(f"{decides} = '{condition}': must be {', '.join(by_condition)}")
-        values[name], sources[name] = by_condition[condition]
-    return Factors(conditions, values, sources)
+    """Factors of a standard under these conditions, from a table; without one they are left
+    open."""
+    for key, allowed in ALLOWED.items():
+        if (given := getattr(conditions, key)) not in allowed:
+            raise RockfallError(f"{key} = '{given}': must be {', '.join(allowed)}")
+    names = NEEDED[conditions.standard]
+    factors = Factors(conditions, dict.fromkeys(names, math.nan), dict.fromkeys(names, ""))
+    rows = {} if path is None else _rows(path, conditions.standard)
+    for name in names if path is not None else ():
+        condition = factors.condition(name)
+        if condition not in rows.get(name, {}):
+            row = " ".join(filter(None, [name, condition]))
+            raise RockfallError(f"{path}: {conditions.standard}: has no factor {row}")
+        factors.values[name], factors.sources[name] = rows[name][condition]
+    return factors
 
 
 def _rows(path: str | Path, standard: str) -> dict[str, dict[str, tuple[float, str]]]:

@@ -125,6 +125,7 @@ def site(
     limits = _limits(max_height, max_class, max_bypass)
     conditions = {key: given.pop(key) for key in CONDITIONS & given.keys()}
     standard = read_factors(conditions_of(conditions), factors)
+    standard.require("site")
     prices = read_costs(costs) if costs is not None else None
     if volume is not None and not 0 < volume < math.inf:
         raise RockfallError(f"volume = {volume}: must be > 0 m3")

@@ -51,7 +51,8 @@ def _lines(design: Design) -> Iterator[str]:
                 for table in (design.loads, design.choices)
             )
             yield aligned(load_rows(loads))
-            yield aligned(demand_rows(asked, design.factors.conditions.standard))
+            if not design.factors.open:
+                yield aligned(demand_rows(asked, design.factors.conditions.standard))
             yield aligned(choice_rows(choices, design.residual))
 
 
@@ -132,11 +133,12 @@ def _along(along: pd.DataFrame) -> Iterator[list[str]]:
 
 
 def factor_lines(factors: Factors) -> Iterator[Text]:
-    """Partial factors, with those to be confirmed marked."""
+    """Partial factors, or which ones are to be filled in."""
+    if factors.open:
+        yield say("design.open", standard=factors.conditions.standard, names=factors.open)
+        return
     values = (f"{name} {localised(f'{value:.4g}')}" for name, value in factors.values.items())
     yield say("design.factors", values=", ".join(values))
-    if unconfirmed := factors.unconfirmed:
-        yield say("design.unconfirmed_factors", names=", ".join(unconfirmed))
 
 
 def shown(row: Mapping[str, Any], name: str, factor: float = 1.0, *, up: bool = False) -> str:
