@@ -18,9 +18,8 @@ from rockfall.analysis.observations import Observed, read_observed
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.inputs import Parties
-from rockfall.html_report.page import check_page, write_report
+from rockfall.html_report.page import check_page, is_pdf, write_report
 from rockfall.html_report.spread import check_models
-from rockfall.html_report.terrain_view import check_view
 from rockfall.html_report.variants_page import Given, write_variants_page
 from rockfall.io.grid import Grid
 from rockfall.io.output_files import atomic_folder
@@ -84,7 +83,7 @@ def report(
     observed: Files = (),
     basemap: Place = None,
     limits: Sequence[str] = (),
-    view: bool = False,
+    view: Any = None,
     language: str = "en",
     project: str = "",
     client: str = "",
@@ -102,13 +101,14 @@ def report(
 
     `dem` is the terrain under maps (default: the case's, if it exists), `observed` are CSV files of
     observations drawn with the result, `basemap` is a raster image under maps, `limits` are those
-    of classes ("kJ=30,300"), and `view` adds a three-dimensional view of the terrain with
-    trajectories. The page is in `language` (en, de, fr or it), and names `project` (its name or
-    number), `client` and `author` on page 1, which is made to be signed, and the date `dem_date` of
-    the survey of the terrain; `hazard`, a file hazard.nc, adds its zones, `models`, a file
-    models.nc of `rockfall models`, the spread over rebound models; `section`, a line as in
-    `section`, with `section_layer` and `section_within` [m], the figure of a section along it;
-    `factors`, a table as in `design`, what a standard requires. Returns the path of the page.
+    of classes ("kJ=30,300"), and `view`, from `rockfall.show`, adds a map to explore and
+    trajectories in three dimensions. The page is in `language` (en, de, fr or it), and names
+    `project` (its name or number), `client` and `author` on page 1, which is made to be signed, and
+    the date `dem_date` of the survey of the terrain; `hazard`, a file hazard.nc, adds its zones,
+    `models`, a file models.nc of `rockfall models`, the spread over rebound models; `section`, a
+    line as in `section`, with `section_layer` and `section_within` [m], the figure of a section
+    along it; `factors`, a table as in `design`, what a standard requires. Returns the path of the
+    page.
     Invalid inputs or outputs raise a RockfallError, missing terrain gives a UserWarning.
 
     >>> import rockfall
@@ -123,8 +123,8 @@ def report(
     catalogue(language)
     zones = None if hazard is None else read_hazard(hazard)
     spread = None if models is None else read_models(models)
-    if view:
-        check_view()
+    if view is not None and is_pdf(path):
+        raise RockfallError(f"{path}: a PDF has no view in three dimensions")
     drawn = _drawn(result, dem, observed, basemap, limits)
     if zones is not None:
         check_same_case(drawn.result, zones, str(hazard))
@@ -136,7 +136,16 @@ def report(
     if section is not None:
         cut = _section(drawn.result, drawn.terrain, section, section_layer, section_within)
     write_report(
-        drawn.result, path, *drawn[1:], view, language, parties, zones, spread, cut, factors
+        drawn.result,
+        path,
+        *drawn[1:],
+        "" if view is None else view.page,
+        language,
+        parties,
+        zones,
+        spread,
+        cut,
+        factors,
     )
     return path
 

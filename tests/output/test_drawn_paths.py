@@ -15,9 +15,7 @@ import rockfall
 from made import make_raster
 from rockfall.app.pictures import trajectory_message
 from rockfall.case import case_of
-from rockfall.html_report.terrain_view import CLEAR, COARSE, traces
 from rockfall.io.grid import Grid
-from rockfall.plots.extent import reached
 from rockfall.result.motion import motion_of
 from rockfall.terrain.height import height
 from scenes import make_case, rough, sets
@@ -62,13 +60,6 @@ def drawn(request, tmp_path_factory):
 def of_curves(result, _):
     curves = rockfall.trajectories(result)
     return np.column_stack([np.concatenate([one[axis] for one in curves]) for axis in range(3)])
-
-
-def of_report(result, _):
-    paths = traces(result, TERRAIN)[-1]
-    points = np.array([paths[axis] for axis in "xyz"], float).T
-    west, _, south, _ = reached(result, TERRAIN)
-    return points[np.isfinite(points).all(axis=1)] + (west, south, 0.0)
 
 
 class Shown:
@@ -137,7 +128,6 @@ def of_drawing(_, folder):
 VIEWS = {
     "rockfall.trajectories": (of_curves, 0.01),
     "window": (of_window, 0.01),
-    "report in 3-D": (of_report, COARSE + CLEAR + 0.15),
     "GeoPackage trajectories": (of_geopackage("trajectories"), 0.06),
     "GeoPackage flights": (of_geopackage("flights"), 0.06),
     "KML trajectories": (of_kml("trajectories"), 0.06),

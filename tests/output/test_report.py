@@ -2,7 +2,6 @@
 """The report: its sentences and tables say what the result holds, and a browser can show it."""
 
 import hashlib
-import json
 import re
 import shutil
 import sys
@@ -29,6 +28,7 @@ from rockfall.analysis.precision.intervals import (
     sources,
 )
 from rockfall.analysis.run_until import Rule, Verdict, verdicts_of
+from rockfall.app.server import PAGE
 from rockfall.case import case_of
 from rockfall.cli import main
 from scenes import grid, make_case, rough, sets
@@ -54,7 +54,6 @@ from rockfall.html_report.summary import (  # noqa: E402
     technical,
 )
 from rockfall.html_report.tables import line_tables, precision_table  # noqa: E402
-from rockfall.html_report.terrain_view import VERTICES, traces  # noqa: E402
 from rockfall.html_report.validity import SHIPPED, cautions, warnings  # noqa: E402
 from rockfall.language import LANGUAGES, speaking  # noqa: E402
 from rockfall.plots.figures import figures  # noqa: E402
@@ -780,28 +779,39 @@ def test_the_pointer_tells_place_and_value(browser, page, result):
     assert output.text == f"x {x:.1f} m, y {y:.1f} m: {int(result['passages'].max())} boulders"
 
 
-def test_the_view_has_ground_lines_and_trajectories_over_it(result):
-    z, cells = rough(), grid(rough())
-    surface, *rest = traces(result, (z, cells))
-    assert len(surface["z"]) <= VERTICES and len(surface["z"][0]) == len(surface["x"])
-    assert np.nanmax(np.array(surface["z"], float)) <= z.max() + 0.1
-    assert [one["name"] for one in rest[: result.sizes["line"]]] == list(result["line"].values)
-    paths = [one for one in rest if one["name"] == "trajectories"]
-    recorded = "trajectory_x" in result and result.sizes["trajectory_vertex"] > 0
-    assert len(paths) == recorded
-    json.dumps([surface, *rest], allow_nan=False)  # JSON has no NaN
-
-
-def test_a_page_with_a_view_carries_its_library(result, monkeypatch):
-    plotly = pytest.importorskip("plotly.offline", reason="the view extra is not installed")
+def test_a_page_carries_the_view_that_it_is_given(result, monkeypatch):
+    """Packed, and with the hash by which its script may run."""
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     leave_pictures_blank(monkeypatch)
-    page = report(result, (rough(), grid(rough())), view=True)
-    packed = re.search(r'id="terrain-library">([^<]+)<', page)[1]
-    library = zlib.decompress(b64decode(packed))
-    assert library.decode() == plotly.get_plotlyjs()
-    checksum = b64encode(hashlib.sha256(library).digest()).decode()
-    assert f"'sha256-{checksum}'" in page and len(page) < 4_000_000
+    view = "<!doctype html><div id='app'></div><script>const a = '<\\/script>';</script>"
+    page = report(result, (rough(), grid(rough())), view=view)
+    packed = re.search(r'id="terrain-page">([^<]+)<', page)[1]
+    assert zlib.decompress(b64decode(packed)).decode() == view
+    checksum = b64encode(hashlib.sha256(b"const a = '<\\/script>';").digest()).decode()
+    assert f"'sha256-{checksum}'" in page
+    assert 'id="terrain-page"' not in report(result, (rough(), grid(rough())))
+
+
+def test_the_view_of_show_runs_within_the_page(browser, stored):
+    """Allowed by the rules of the page, which let no other script run."""
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    if not (PAGE / "app.js").is_file():
+        pytest.skip("the page of the window is not built: ./run page")
+    assert main(["report", "out.nc", "--3d"]) == 0
+    opened(browser, stored / "out.html", 1280)
+    button = browser.find_element(By.CSS_SELECTOR, "#terrain button")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
+    button.click()
+    wait = WebDriverWait(browser, 120)
+    wait.until(lambda _: browser.find_elements(By.CSS_SELECTOR, "#terrain iframe"))
+    browser.switch_to.frame(browser.find_element(By.CSS_SELECTOR, "#terrain iframe"))
+    wait.until(lambda _: browser.execute_script("return Boolean(window.rockfall?.batch)"))
+    assert browser.find_elements(By.CSS_SELECTOR, "canvas")
+    browser.switch_to.default_content()
+    said = [entry for entry in browser.get_log("browser") if entry["source"] != "rendering"]
+    assert said == []  # software WebGL warns of itself
 
 
 def test_the_report_on_paper(result, monkeypatch, tmp_path):
@@ -817,7 +827,8 @@ def test_the_report_on_paper(result, monkeypatch, tmp_path):
     ("arguments", "package", "message"),
     [
         (["--pdf"], "weasyprint", "a PDF needs the pdf extra"),
-        (["--3d"], "plotly", "a view in three dimensions needs the view extra"),
+        (["--3d"], "shapely", "a view needs the app extra"),
+        (["--3d", "--pdf"], "", "out.pdf: a PDF has no view in three dimensions"),
         (["--pdf", "-o", "a.html"], "", "a.html: output name must end in .pdf"),
         (["--limits", "kJ=3,1"], "", "--limits kJ=3,1: must be unit=limit"),
         (["--basemap", "o.tif"], "", "o.tif: a basemap needs a result whose terrain has a CRS"),

@@ -56,26 +56,26 @@ def show(result: xr.Dataset | str | Path, language: str = "en") -> View:
 
 
 class View:
-    """A view of a result, from `rockfall.show`."""
+    """A view of a result, from `rockfall.show`; `page` is its text."""
 
     def __init__(self, messages: list[Message]) -> None:
         held = [
             json.loads(message) if isinstance(message, str) else base64.b64encode(message).decode()
             for message in messages
         ]
-        self._page = _page(json.dumps(held, ensure_ascii=False))
+        self.page = _page(json.dumps(held, ensure_ascii=False))
 
     def _repr_html_(self) -> str:
         """Frame with the page, for a notebook."""
         style = f"width: 100%; height: {HEIGHT}px; border: 0"
-        return f'<iframe srcdoc="{html.escape(self._page)}" style="{style}"></iframe>'
+        return f'<iframe srcdoc="{html.escape(self.page)}" style="{style}"></iframe>'
 
     def save(self, path: str | Path) -> Path:
         """Write the page to a file, which needs nothing else; returns its path."""
         path = Path(path)
         check_output(path)
         with atomic_write(path) as part:
-            part.write_text(self._page, encoding="utf-8")
+            part.write_text(self.page, encoding="utf-8")
         return path
 
 

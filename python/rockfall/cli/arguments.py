@@ -343,9 +343,8 @@ def _add_results(commands: _Commands) -> None:
     report = result("report", "write a result as one HTML page, to be read offline, or as PDF")
     _option(report, "-o --output FILE", Path, "default: OUT.html")
     _switch(report, "--pdf", "a PDF in place of the page")
-    report.add_argument(
-        "--3d", dest="view", action="store_true", help="the terrain in three dimensions, too"
-    )
+    text = "a map to explore and trajectories in three dimensions"
+    report.add_argument("--3d", dest="view", action="store_true", help=text)
     _add_imprint(report, "on page 1")
     _option(report, "--dem-date TEXT", str, "date of the survey of the DEM", default="")
     _option(report, "--hazard HAZARD.nc", Path, "its zones, too")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -196,7 +197,10 @@ def report_command(arguments: argparse.Namespace) -> int:
         if arguments.section:
             named["section"] = drawn(arguments.section, "--section")
             named |= {key: getattr(arguments, key) for key in SECTION}
-        print(report(given, path, view=arguments.view, **named, **_beside(arguments)))
+        view = None
+        if arguments.view:
+            view = import_module("rockfall.app.show").show(given, arguments.language)
+        print(report(given, path, view=view, **named, **_beside(arguments)))
     return DONE
 
 

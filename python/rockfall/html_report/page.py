@@ -16,6 +16,7 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
+from rockfall.html_report.embedded_view import embedded
 from rockfall.html_report.ensemble import (
     PER_LINE,
     range_answers,
@@ -65,7 +66,6 @@ from rockfall.html_report.tables import (
     provenance,
     stand_tables,
 )
-from rockfall.html_report.terrain_view import terrain_view
 from rockfall.html_report.validity import cautions, sets_of, warnings
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import check_output
@@ -103,7 +103,7 @@ def write_report(
     terrain: Terrain | None = None,
     observed: Any = None,
     look: Look | None = None,
-    view: bool = False,
+    view: str = "",
     language: str = "en",
     parties: Parties = NOBODY,
     hazard: xr.Dataset | None = None,
@@ -116,7 +116,7 @@ def write_report(
     path = Path(path)
     check_page(path, files_behind(result))
     on_paper = is_pdf(path)
-    drawn = result, terrain, observed, look, view and not on_paper, on_paper
+    drawn = result, terrain, observed, look, view, on_paper
     with speaking(language):
         page = report(*drawn, parties, hazard, models, section, factors)
     write_page(page, path)
@@ -157,7 +157,7 @@ def report(
     terrain: Terrain | None = None,
     observed: Any = None,
     look: Look | None = None,
-    view: bool = False,
+    view: str = "",
     on_paper: bool = False,
     parties: Parties = NOBODY,
     hazard: xr.Dataset | None = None,
@@ -169,8 +169,8 @@ def report(
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
     `rockfall.analysis.observations.read_observed`, is compared with the result in figures and
-    tables; `look` has limits between classes of maps and a basemap. `view` adds a three-dimensional
-    view of the terrain, and needs `terrain`. With `on_paper` all maps are figures. `hazard`, from
+    tables; `look` has limits between classes of maps and a basemap. `view` is the page of a view of
+    the result, from `rockfall.show`. With `on_paper` all maps are figures. `hazard`, from
     `rockfall.hazard`, adds its zones; `models`, from `rockfall.analysis.models`, the spread over
     rebound models; `section`, from `rockfall.section`, its figure; `factors` is a table with the
     numbers of a standard, as in `rockfall.design`.
@@ -231,7 +231,7 @@ def report(
         angle=list(angle(result)),
         cautions=cautions(result, rows, levels),
         map_section=None if on_paper else map_section(result, terrain, look),
-        view=terrain_view(result, terrain) if view and terrain is not None else None,
+        view=embedded(view) if view else None,
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=[
             *(design_tables(sheet) if sheet else ()),

@@ -187,13 +187,11 @@
 
   const terrain = document.getElementById("terrain");
   terrain?.querySelector("button").addEventListener("click", async () => {
-    const [code, data] = await Promise.all(["library", "data"].map((name) =>
-      inflated(document.getElementById(`terrain-${name}`).textContent).text()));
-    terrain.replaceChildren();
+    const frame = document.createElement("iframe");
+    frame.title = terrain.textContent;
+    frame.srcdoc = await inflated(document.getElementById("terrain-page").textContent).text();
+    terrain.replaceChildren(frame);
     terrain.classList.add("shown");
-    document.head.append(Object.assign(document.createElement("script"), { textContent: code }));
-    const { traces, layout } = JSON.parse(data);
-    window.Plotly.newPlot(terrain, traces, layout, { displayModeBar: false, responsive: true });
   });
 
   const dialog = document.querySelector("dialog");
