@@ -20,7 +20,6 @@ import pandas as pd
 import xarray as xr
 
 import rockfall
-from benchmarks.lab.ratios import PARTS
 from benchmarks.machine import machine
 from benchmarks.physics.observed import CASES, LINES, QUANTITIES, measure
 from rockfall.grounds.impact_tables import save_table
@@ -28,6 +27,7 @@ from rockfall.lab.sequences import open_sequences
 from rockfall.lab.tables import KEPT, table_of
 
 ALL = 10**9  # records
+PARTS = 5  # of the throws, left out one after the other
 
 
 def errors(files: list[xr.Dataset], seeds: range, boulders: int, kept: int = KEPT) -> np.ndarray:
