@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,6 +14,7 @@ import numpy as np
 from rockfall.analysis.line_statistics import QUANTILES, QUANTITIES, numbers, quantile_name
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import CROSSED, boulders_needed, half_width
+from rockfall.analysis.precision.samples import Sample
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
@@ -41,7 +43,8 @@ MIN_GROWTH, MAX_GROWTH, NEAR = 1.05, 4.0, 1.25
 SHORT, MARGIN = 0.8, 1.02  # fraction of the need: of a distant one, of a near one
 USELESS = 0.3  # below this ratio of the boulders' error to the limit, more boulders do not help
 
-STATISTICS = ("mean", "std", *map(quantile_name, QUANTILES))
+LEVELS = {quantile_name(level): level for level in QUANTILES}
+STATISTICS = ("mean", "std", *LEVELS)
 FORM = "QUANTITY.STATISTIC@LINE<PERCENT% or fraction@LINE<PERCENT%"
 
 
@@ -193,7 +196,8 @@ def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
     """Verdict on a rule; the need follows from the width. If the sources are sampled, the part due
     to their differences does not decrease with more boulders."""
     n = line_samples.boulders / max(line_samples.sources, 1)
-    row = numbers(line_samples.sample(rule.line, rule.quantity), rule.quantity)
+    sample = line_samples.sample(rule.line, rule.quantity)
+    row = numbers(sample, rule.quantity)
     width = half_width(row, rule.statistic)
     crossed = np.inf if rule.statistic == "fraction" else row["n"]
     if width <= rule.limit and crossed >= CROSSED:
@@ -201,14 +205,28 @@ def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
     if not row["n"] or not np.isfinite(width):
         few = line_samples.sampled and 1 < line_samples.sources < MIN_FOR_MEAN <= row["n"]
         return Verdict(rule, False, width, np.inf if few else np.nan)
-    error, limit = width, rule.limit
+    limit = rule.limit
     if line_samples.sampled and line_samples.sources > 1:
-        alone = numbers(line_samples.given().sample(rule.line, rule.quantity), rule.quantity)
-        error = half_width(alone, rule.statistic)
-        limit = math.sqrt(max(0.0, limit**2 - max(0.0, width**2 - error**2)))
+        sample = line_samples.given().sample(rule.line, rule.quantity)
+        row = numbers(sample, rule.quantity)
+        within = half_width(row, rule.statistic)
+        limit = math.sqrt(max(0.0, limit**2 - max(0.0, width**2 - within**2)))
+    error = _expected_width(sample, row, rule.statistic)
     if limit > 0:
-        return Verdict(rule, False, width, boulders_needed(n, error, limit, crossed))
+        need = max(n, boulders_needed(n, error, limit, crossed))
+        return Verdict(rule, False, width, need)
     return Verdict(rule, False, width, np.inf if error < USELESS * rule.limit else np.nan)
+
+
+def _expected_width(sample: Sample, row: Mapping[str, float], statistic: str) -> float:
+    """Relative half-width of an interval, for quantiles without the chance that makes theirs narrow
+    or wide: runs that went by it were a third too long."""
+    level, width = LEVELS.get(statistic), half_width(row, statistic)
+    if level is None or not 0 < width < np.inf:
+        return width
+    value = row[statistic]
+    low, high = sample.fitted_between(level, sample.effective_below(value))
+    return (high - low) / 2 / abs(value)
 
 
 def read_rules(text: str, lines: list[str]) -> list[Rule]:

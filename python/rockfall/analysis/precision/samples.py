@@ -8,6 +8,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from rockfall.analysis.precision.intervals import (
 from rockfall.limits import MIN_FOR_STD, SAMPLE_BITS, SAMPLE_COARSE, SAMPLE_EDGES
 
 OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
+FITTED, FITTED_POINTS = 3.0, 41  # window of a fit over the interval's, and its points
 LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)  # of bins, in units; 1: a single number
 
 
@@ -53,6 +55,27 @@ class Sample(ABC):
     @abstractmethod
     def between(self, level: float, effective: float) -> tuple[float, float]:
         """Order statistics that enclose a quantile, as in `between_ranks`."""
+
+    def fitted_between(self, level: float, effective: float) -> tuple[float, float]:
+        """Values expected at the ranks that enclose a quantile, from many more around them: their
+        logarithms fitted by normal scores. Two order statistics in a tail are a few values apart,
+        and their distance is off by a fifth where this one is off by a tenth."""
+        ranks = np.clip(ranks_around(self.n, level, effective), 0.5, self.n + 0.5)
+        middle = 1 + level * (self.n - 1)
+        ends = np.clip(middle + FITTED * (ranks - middle), 1, self.n)
+        window = np.linspace(float(ends[0]), float(ends[1]), FITTED_POINTS)
+        values = self.quantile((window - 1) / max(1, self.n - 1))
+        is_positive = bool((values > 0).all())
+        slope, constant = np.polyfit(
+            self._scores(window), np.log(values) if is_positive else values, 1
+        )
+        low, high = constant + slope * self._scores(ranks)
+        return (math.exp(low), math.exp(high)) if is_positive else (low, high)
+
+    def _scores(self, ranks: np.ndarray) -> np.ndarray:
+        """Normal scores of ranks from 1."""
+        levels = np.clip((ranks - 0.5) / self.n, 0.25 / self.n, 1 - 0.25 / self.n)
+        return np.array([NormalDist().inv_cdf(level) for level in levels])
 
     @abstractmethod
     def largest(self, n: int) -> np.ndarray:
