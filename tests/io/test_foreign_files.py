@@ -109,6 +109,7 @@ FOREIGN = {
     "o.asc": (b"LASF\0\0", "a point cloud", "rockfall dem makes a DEM of it"),
     "q.asc": (b"ncols: 3\nnrows: 2\n", "an ESRI ASCII grid with another header", "its first line"),
     "r.asc": (b"# made\nncols 3\n", "an ESRI ASCII grid with another header", "its first line"),
+    "s.tif": (b"PK\x03\x04" + bytes(22) + b"\0\0\0\0doc.kml", "zipped KML", "unpack it"),
     "p.tif": (b'{"type": "FeatureCollection"', "JSON", "a raster is needed"),
 }
 
@@ -248,16 +249,19 @@ def zipped(*names):
     ("a.gml", '<?xml version="1.0"?><wfs:FeatureCollection/>', "is XML"),
     ("a.rts", bytes(8 * 56), "trajectories are not read: give samples and stops as CSV"),
     ("a.PTS", "x,y\n1,2\n", "trajectories are not read: give samples and stops as CSV"),
-    ("a.txt", '{"type": "FeatureCollection", "features": []}', "is GeoJSON, no table in CSV: name"),
+    ("a.txt", '{"type": "FeatureCollection", "features": []}', "is JSON, no table in CSV: if it"),
     ("a.csv", "<!DOCTYPE html><html>", "is a web page, no table in CSV: the download failed"),
-    ("a.xlsx", zipped("[Content_Types].xml"), "is a spreadsheet or an archive, no table in CSV: "),
+    ("a.xlsx", zipped("[Content_Types].xml"), "is a spreadsheet (.xlsx), no table in CSV: "),
     ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1", "is a spreadsheet of Excel 97"),
     ("a.csv", "x,y\n1,2\n".encode("utf-16"), "is text in UTF-16, no table in CSV: save it as"),
     ("a.csv.gz", gzip.compress(b"x,y\n1,2\n", mtime=0),
         "is compressed (gzip), no table in CSV: unpack it"),
     ("a.db", b"SQLite format 3\x00", "is a GeoPackage, no table in CSV: name it .gpkg"),
     ("a.dat", b"\x00\x00\x27\x0a", "is a shapefile, no table in CSV: name it .shp"),
-    ("a.pdf", b"%PDF-1.7", "is a PDF"),
+    ("a.pdf", b"%PDF-1.7", "is a PDF, no table in CSV: save the table as CSV"),
+    ("a.zip", zipped("a.csv"), "is a ZIP archive, no table in CSV: unpack it"),
+    ("a.7z", b"7z\xbc\xaf\x27\x1c", "is a 7z archive, no table in CSV: unpack it"),
+    ("a.png", b"\x89PNG\r\n", "is a picture (PNG), no table in CSV: save the table as CSV"),
 ])  # fmt: skip
 def test_tables_that_are_none_are_named(name, start, message):
     Path(name).write_bytes(start if isinstance(start, bytes) else start.encode())

@@ -8,36 +8,25 @@ import shlex
 from pathlib import Path
 
 from rockfall.errors import RockfallError
+from rockfall.io import file_kinds as kinds
 from rockfall.io.point_text import first_line, is_row
 
-_UNPACK = "unpack it"
 _CONVERT = "make a GeoTIFF of it: "
-#: First bytes, what a file is, and the cure.
-_STARTS = (
-    (b"DSAA", "a Surfer text grid", _CONVERT),
-    (b"LASF", "a point cloud", "rockfall dem makes a DEM of it"),
-    (b"PK\x03\x04", "a ZIP archive", _UNPACK),
-    (b"\x1f\x8b", "compressed (gzip)", _UNPACK),
-    (b"7z\xbc\xaf\x27\x1c", "a 7z archive", _UNPACK),
-    (b"Rar!", "a RAR archive", _UNPACK),
-    (b"BZh", "compressed (bzip2)", _UNPACK),
-    (b"\xfd7zXZ", "compressed (xz)", _UNPACK),
-    (b"SQLite format 3", "a GeoPackage", _CONVERT),
-    (b"GRIB", "a GRIB file", _CONVERT),
-    (b"\x00\x00\x00\x0cjP", "a JPEG 2000 image", _CONVERT),
-    (b"\x89PNG", "a picture (PNG)", "a GeoTIFF with elevations is needed"),
-    (b"\xff\xd8\xff", "a picture (JPEG)", "a GeoTIFF with elevations is needed"),
-    (b"%PDF", "a PDF", "a GeoTIFF with elevations is needed"),
-    (b"\x00\x00\x27\x0a", "a shapefile", "a raster is needed"),
-    (b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
-    (b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
-)
-#: First lines of texts.
-_LINES = (
-    (r"<!doctype html|<html", "a web page", "the download failed"),
-    (r"north:", "a GRASS text grid", _CONVERT),
-    (r'\{\s*("|$)', "JSON", "a raster is needed"),
-)
+#: Cures; files of other kinds may be rasters that are read.
+_CURES = {
+    **dict.fromkeys((*kinds.ARCHIVES, kinds.KMZ), "unpack it"),
+    **dict.fromkeys(
+        (kinds.SURFER, kinds.GRASS, kinds.GEOPACKAGE, kinds.GRIB, kinds.JPEG_2000), _CONVERT
+    ),
+    **dict.fromkeys((kinds.PNG, kinds.JPEG, kinds.PDF), "a GeoTIFF with elevations is needed"),
+    **dict.fromkeys(
+        (kinds.SHAPEFILE, kinds.JSON, kinds.KML, kinds.GPX, kinds.XLSX, kinds.XLS),
+        "a raster is needed",
+    ),
+    kinds.CLOUD: "rockfall dem makes a DEM of it",
+    kinds.UTF_16: "save it as UTF-8",
+    kinds.HTML: "the download failed",
+}
 #: Rasters with a header in another file: extension, that of the header, and the name.
 _HEADED = (
     (".sdat", ".sgrd", "a SAGA grid"),
@@ -63,9 +52,9 @@ def check_foreign(path: str, start: bytes) -> None:
 
 def _kind(file: Path, start: bytes) -> tuple[str, str]:
     """Name of the kind of a file, and the cure; "" if it is unknown."""
-    for first, what, cure in _STARTS:
-        if start.startswith(first):
-            return what, cure
+    kind = kinds.kind_of(start)
+    if kind in _CURES:
+        return kind.name, _CURES[kind]
     suffix = file.suffix.lower()
     for data, header, what in _HEADED:
         if suffix == data and file.with_suffix(header).exists():
@@ -73,9 +62,6 @@ def _kind(file: Path, start: bytes) -> tuple[str, str]:
         if suffix == header == ".sgrd":
             return what, _CONVERT
     line = first_line(start)
-    for pattern, what, cure in _LINES:
-        if re.match(pattern, line, re.IGNORECASE):
-            return what, cure
     if is_row(line) or {"x", "y", "z"} <= set(re.split(r"[\s,;]+", line.lower())):
         made = file.with_name(f"{file.stem}_dem.tif")
         command = shlex.join(["rockfall", "dem", str(file), "-o", str(made)])
