@@ -39,13 +39,15 @@ def slope() -> tuple[np.ndarray, Grid]:
     return np.tile(z[:, None], (1, COLUMNS)), Grid(0.0, ROWS * CELL, CELL, COLUMNS, ROWS)
 
 
-def reaching(sets: str, ratio: str, boulders: int) -> tuple[np.ndarray, np.ndarray]:
-    """Fraction of the boulders of each class of volume that reach the road, and its error."""
+def reaching(
+    boulders: int, classes: int = CLASSES, seed: int = 1, **impact: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Number of boulders of each class of volume, and the fraction that reaches the road."""
     z, grid = slope()
     case = rockfall.Case(
-        case={"boulders": boulders, "seed": 1},
+        case={"boulders": boulders, "seed": seed},
         surface={"uniform_mean_radius": ROCKS},
-        impact={"sets": sets, "ratio": ratio},
+        impact=impact,
         boulder={
             "volume": "uniform", "volume_min": SMALLEST, "volume_max": LARGEST, "density": 2700.0,
         },
@@ -55,11 +57,10 @@ def reaching(sets: str, ratio: str, boulders: int) -> tuple[np.ndarray, np.ndarr
     )  # fmt: skip
     result = rockfall.run(case, dem=z, transform=grid)
     part = (result.volume.values - SMALLEST) / (LARGEST - SMALLEST)
-    of_class = np.minimum((CLASSES * part).astype(int), CLASSES - 1)
-    number = np.bincount(of_class, minlength=CLASSES)
+    of_class = np.minimum((classes * part).astype(int), classes - 1)
+    number = np.bincount(of_class, minlength=classes)
     passed = np.isfinite(result.line_speed.values[0])
-    fraction = np.bincount(of_class, passed, CLASSES) / number
-    return fraction, np.sqrt(fraction * (1 - fraction) / number)
+    return number, np.bincount(of_class, passed, classes) / number
 
 
 @styled
@@ -85,7 +86,9 @@ def main() -> None:
     print(machine())
     found = {}
     for name, ratio in product(SETS, COLOURS):
-        found[name, ratio] = fraction, error = reaching(name, ratio, given.boulders)
+        number, fraction = reaching(given.boulders, sets=name, ratio=ratio)
+        error = np.sqrt(fraction * (1 - fraction) / number)
+        found[name, ratio] = fraction, error
         step = np.diff(fraction) / np.hypot(error[1:], error[:-1])
         print(f"{name}, {ratio}: largest step {np.abs(step).max():.1f} standard errors")
     save(draw(found), given.folder / "volumes.png", dpi=130)

@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-import rockfall
-from scenes import grid
+pytest.importorskip("matplotlib", reason="the report extra is not installed")
 
-CELL, COLUMNS, ROWS = 5.0, 40, 80
+from benchmarks.accuracy import volumes  # noqa: E402 - draws
+
 VOLUMES, BOULDERS = 200, 40_000
 
 
@@ -17,23 +17,7 @@ VOLUMES, BOULDERS = 200, 40_000
 def reaching(**impact):
     """Number of boulders and fraction that reaches the road, by class of volume: 0.1 to 4 m3, on
     rocks of 0.2 m; R_b/R_m = 1.4 to 4.9."""
-    gradient = np.tan(np.radians(np.where(np.arange(ROWS) < 42, 38.0, 25.0)))
-    z = 600 - CELL * np.concatenate(([0.0], np.cumsum(gradient[:-1])))
-    z = np.tile(z[:, None], (1, COLUMNS))
-    case = rockfall.Case(
-        case={"boulders": BOULDERS, "seed": 5},
-        surface={"uniform_mean_radius": 0.2},
-        impact=impact,
-        boulder={"volume": "uniform", "volume_min": 0.1, "volume_max": 4.0},
-        release={"x": CELL * COLUMNS / 2, "y": CELL * ROWS - 10, "drop_height": 2.0},
-        line=[{"name": "road", "x": [0.0, CELL * COLUMNS], "y": [CELL * ROWS - 300] * 2}],
-        output={"rebounds": False},
-    )
-    result = rockfall.run(case, dem=z, transform=grid(z, CELL))
-    of_class = ((result.volume.values - 0.1) / 3.9 * VOLUMES).astype(int).clip(0, VOLUMES - 1)
-    number = np.bincount(of_class, minlength=VOLUMES)
-    passed = np.isfinite(result.line_speed.values[0])
-    return number, np.bincount(of_class, passed, VOLUMES) / number
+    return volumes.reaching(BOULDERS, VOLUMES, seed=5, **impact)
 
 
 def rising(number, fraction):
@@ -68,8 +52,8 @@ def test_sets_that_are_not_smooth_are_told():
 def test_a_step_of_the_volume_is_a_step_of_the_reach_by_the_nearest_set_only(ratio):
     """Beside R_b/R_m = 4.5, by the sets of spheres, of which those of 4 and 5 differ most."""
     number, fraction = reaching(sets="laboratory-spheres", ratio=ratio)
-    edges = 0.1 + 3.9 / VOLUMES * np.arange(VOLUMES + 1)
-    at = np.searchsorted(edges, 4 / 3 * np.pi * (4.5 * 0.2) ** 3)
+    edges = np.linspace(volumes.SMALLEST, volumes.LARGEST, VOLUMES + 1)
+    at = np.searchsorted(edges, 4 / 3 * np.pi * (4.5 * volumes.ROCKS) ** 3)
     below, above = slice(at - 11, at - 1), slice(at, at + 10)
     step = fraction[below].mean() - fraction[above].mean()
     error = np.sqrt(0.5 / number[below].sum())

@@ -272,16 +272,17 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     elif case.impact["form"] == "table":
         yield f"table {usual_name(case)}", own
     method = case.surface["method"]
+    named = {zone.ground for zone in case_zones(case).values()}
+    tables = {ground.name for ground in own.grounds if ground.model in TABLES}
+    shapes = {} if named & tables else NO_SHAPES  # which are refused where no ground has a table
     for way in (method, "AB".replace(method, "")):
         surface = {"method": way, "ground": None}
-        for shapes in {}, NO_SHAPES:
-            try:
-                own_case = case.replace(impact={"form": "matrix"}, surface=surface, boulder=shapes)
-                scene = read_scene(own_case)
-            except RockfallError:  # no sizes for this method, or block shapes and no table
-                continue
-            yield f"impact sets, method {way}", scene
-            break
+        by_sets = case.replace(impact={"form": "matrix"}, surface=surface, boulder=shapes)
+        try:
+            scene = read_scene(by_sets)
+        except RockfallError:  # no sizes for this method
+            continue
+        yield f"impact sets, method {way}", scene
 
 
 def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
