@@ -14,7 +14,7 @@ module rockfall_crossings
    public :: crossing_t, crossings_t, crossing, record_crossings, start_crossings, clear_crossings, keep_crossings, &
              outcome_at, find_entry
 
-   !> First crossing of an evaluation line.
+   !> First crossing of an evaluation line; at a barrier that is hit, that of the hit.
    type :: crossing_t
       logical :: crossed = .false.
       integer(i1) :: outcome = 0       !! outcome at the barrier (rockfall_barrier); 0: not hit

@@ -51,7 +51,23 @@ contains
          call find_tree(scene%forest, result%boulder%radius, flight, spans, scratch%felled, obstacle)
       if (allocated(scene%lines)) &
          call record_crossings(scene, gravity, result, flight, landing, omega_r, scratch%crossings, obstacle%time)
+      if (obstacle%kind == barrier) &
+         call record_hit(scene%barriers(obstacle%number)%line, scratch%crossings, &
+                         crossing(scene, gravity, result, flight, obstacle%time, omega_r))
    end subroutine find_obstacle
+
+   !> Record the crossing at which a barrier is hit in place of earlier ones, at which the boulder passed over it: the
+   !> load of a barrier is that of the hit.
+   pure subroutine record_hit(line, crossings, hit)
+      integer, intent(in) :: line  !! its index
+      type(crossings_t), intent(inout) :: crossings
+      type(crossing_t), intent(in) :: hit
+      integer :: k
+
+      call find_entry(crossings, line, k)
+      crossings%at(k) = hit
+      crossings%at(k)%line = line
+   end subroutine record_hit
 
    !> Find the first barrier hit by a flight, if it is hit before `obstacle`.
    pure subroutine find_barrier(scene, gravity, result, flight, landing, omega_r, crossings, obstacle)
@@ -148,6 +164,9 @@ contains
          turned = rotated(turned, impact%sine, impact%cosine)
          heading = rotated(heading, impact%sine, impact%cosine)
       else
+         call find_entry(scratch%crossings, scene%barriers(obstacle%number)%line, k)
+         scratch%crossings%at(k)%v = v  ! exact, where that of a roll is a mean
+         scratch%crossings%at(k)%omega = omega_r/result%boulder%radius
          loss = min(energy, scene%barriers(obstacle%number)%capacity)
          result%energy%barriers = result%energy%barriers + loss
       end if
@@ -162,11 +181,8 @@ contains
       else if (result%trees_hit >= scene%max_impacts) then
          result%status = impact_limit
       end if
-      if (obstacle%kind == barrier) then
-         call find_entry(scratch%crossings, scene%barriers(obstacle%number)%line, k)
-         scratch%crossings%at(k)%outcome = &
-            int(merge(stopped_there, broken_through, result%status == stopped_by_barrier), i1)
-      end if
+      if (obstacle%kind == barrier) scratch%crossings%at(k)%outcome = &
+         int(merge(stopped_there, broken_through, result%status == stopped_by_barrier), i1)
       call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
    end subroutine hit_obstacle
 
