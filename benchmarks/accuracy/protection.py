@@ -46,6 +46,7 @@ def script(name: str) -> ModuleType:
 def cases(folder: Path) -> dict[str, rockfall.Case]:
     """The three of the folder, and the net without forest."""
     names = "bare", "forest", "forest-and-net"
+    shutil.copy(PLACE / "zones.csv", folder)
     found = {name: rockfall.read_case(shutil.copy(PLACE / f"{name}.nml", folder)) for name in names}
     net = found["forest-and-net"].barrier
     road = found["forest-and-net"].line

@@ -21,6 +21,8 @@ import rockfall
 from rockfall.protection.dams import dams_of
 
 CASE = Path(__file__).parents[2] / "cases" / "protected-road"
+SURFACE = {"ground": None, "uniform_mean_radius": 0.25}  # boulders that jump
+IMPACT = {"sets": "laboratory-spheres", "ratio": "nearest"}
 SLOPES = (35.0, 60.0)  # degrees, of faces
 WIDE = 240.0  # [m] of the terrain
 ORIGIN = (0.0, 360.0)
@@ -40,7 +42,7 @@ def reached(cell: float, boulders: int, dam: list[dict]) -> tuple[float, list]:
     ny, nx = round(ORIGIN[1] / cell), round(WIDE / cell)
     z = np.repeat(profile((np.arange(ny) + 0.5) * cell)[:, None], nx, axis=1)
     transform = Affine(cell, 0.0, ORIGIN[0], 0.0, -cell, ORIGIN[1])
-    case = rockfall.read_case(CASE / "road.nml")
+    case = rockfall.read_case(CASE / "road.nml").replace(surface=SURFACE, impact=IMPACT)
     road = [case.line[0] | {"x": [5.0, 235.0]}]
     result = rockfall.run(
         case.replace(case={"boulders": boulders // 8}, line=road, dam=dam, output={"maps": None}),

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes a wooded slope above a road: `dem.tif` (m) and `stems.tif` (stems a hectare).
+"""Makes a wooded slope above a road: `dem.tif` (m), `stems.tif` (stems a hectare) and `zones.tif`
+(ids of zones.csv).
 
 `python cases/forested-slope/make_terrain.py [FOLDER]` writes them beside this script, or to a
 folder. From the north: 16 m of cliff at 60 degrees, a slope that flattens from 38 to 31 degrees, a
@@ -59,11 +60,18 @@ def stems() -> np.ndarray:
     return np.where(wooded, STEMS, 0.0).astype("f4")
 
 
+def zones() -> np.ndarray:
+    """Ids of zones.csv, (NY, NX), north first: scree, forest floor, road and meadow."""
+    ids = np.select([south() < FOREST[0], south() < FOOT, south() < ROAD], [1, 2, 3], 4)
+    return np.broadcast_to(ids, (NY, NX)).astype("u1")
+
+
 def write(folder: Path, *slope: float) -> None:
-    """The two rasters of the slope, or of another (`elevation`)."""
+    """The three rasters of the slope, or of another (`elevation`)."""
     folder.mkdir(parents=True, exist_ok=True)
     write_geotiff(folder / "dem.tif", elevation(*slope), GRID)
     write_geotiff(folder / "stems.tif", stems(), GRID)
+    write_geotiff(folder / "zones.tif", zones(), GRID)
 
 
 if __name__ == "__main__":

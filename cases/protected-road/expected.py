@@ -13,7 +13,7 @@ import rockfall
 from rockfall.protection.crossings import crossings, passes
 
 HERE = Path(__file__).parent
-CLASS = 3  # of the height for a residual
+CLASS = 2  # of the height for a residual
 
 
 def run(name: str, seed: int, **changes):
