@@ -677,11 +677,11 @@ def test_an_ensemble_says_the_limits_of_its_model_as_a_run_does(tmp_path, monkey
         for make in (rockfall.run_ensemble, rockfall.run)
     )
     remarks = [*remark_lines(run)]
-    assert any("were drawn from tables of impacts" in line for line in remarks)
+    assert any("followed impact tables" in line for line in remarks)
     *_, mark = (line for line in ensemble_summary(found).splitlines() if "unchanged case:" in line)
     assert ensemble_summary(found).partition(f"{mark}\n")[2].splitlines() == remarks
     page, _ = first_page(found, monkeypatch)
-    assert "were drawn from tables of impacts" in page
+    assert "followed impact tables" in page
 
 
 def test_inputs_stand_in_the_order_of_their_shares(tmp_path):

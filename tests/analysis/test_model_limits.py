@@ -2,6 +2,7 @@
 """What must be said of the model is said before a run and after it: by which rebounds it came
 about, that forest is not validated, what lies beyond what the model was made from."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,13 +14,15 @@ from rockfall.analysis.model_limits import (
     faster_than_observed,
     forest_experiment,
     forest_text,
+    joint_warnings,
     model_remarks,
     set_remarks,
 )
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.grounds.impact_tables import USUAL_WEIGHT, open_table, plane_files, save_table
 from rockfall.html_report.validity import warnings
-from rockfall.language import speaking, translated
+from rockfall.language import LANGUAGES, say, speaking, translated
+from rockfall.quantities import part_of_boulders, part_of_rebounds
 from rockfall.result.variables import STATUS
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -28,6 +31,34 @@ from rockfall.text.summary import summary
 from scenes import grid, make_case, rough, sets
 
 POINT = {"x": 1.0, "y": 1.0}
+
+
+#: Values of a long warning of each message.
+TYPICAL = {
+    "mean": 2.345, "most": 20, "limit": 0.8, "bare": 95.0, "forest": 34.0, "bare_here": 98.5,
+    "forest_here": 48.1, "radius": 2.25, "line": "road", "slow": 2.0, "distance": 10.0,
+    "names": "vaujany-observed", "lines": "road (5, and 12 that might have)", "least": 0.01,
+    "grounds": "talus, meadow, vegetated-soil", "fraction": "1.2 %",
+}  # fmt: skip
+WARNINGS = (
+    "breakage", "broke", "cut_short", "faster", "forest", "impact_limit", "large_blocks", "logs",
+    "lost", "max_fragments", "no_legs", "not_kept", "observed_set", "outside_angle", "outside_both",
+    "outside_range", "outside_speed", "outside_speed_both", "outside_table", "outside_tables",
+    "outside_thrown", "paper_set", "rolling", "spheres_set", "stayed", "tables", "fines",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("name", WARNINGS)
+def test_a_warning_has_at_most_25_words(name, language):
+    with speaking(language):
+        counts = {"part": part_of_boulders(8797, 20000)}
+        counts |= dict.fromkeys(("followed", "drawn"), part_of_rebounds(8797, 20000))
+        table = {"name": "rocky-slope", "low": 1.0, "high": 8.0}
+        text = say(f"model.{name}", **TYPICAL | counts | table)
+    numbers = re.sub(r"(?<=\d)[\u202f\xa0 ](?=\d{3})", "", text)
+    words = [word for word in numbers.replace("\u202f", " ").split() if re.search(r"\w|%", word)]
+    assert len(words) <= 25 and ";" not in text, (len(words), text)
 
 
 def values(rebounds=1000, outside=(0, 0, 0), speed=(1.0,) * 100):
@@ -207,7 +238,7 @@ def test_without_lines_all_who_leave_the_terrain_are_said(tmp_path):
     assert text.startswith("2 of 100 boulders (2.0 %) left the known terrain before they")
     for language in "de", "fr", "it":
         with speaking(language):
-            assert "dem --fill" in translated(text) and "known" not in translated(text)
+            assert "2" in translated(text) and "known" not in translated(text)
 
 
 def test_who_reaches_the_limit_of_contacts_is_said(tmp_path):
@@ -313,8 +344,8 @@ def test_sets_of_spheres_are_said_to_err_on_the_unsafe_side(tmp_path, grounds, s
     case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": "laboratory-spheres"})
     found = [*set_remarks(values() | (counted if grounds else {}), case)]
     followed = (
-        " followed laboratory-spheres, from spheres thrown at spheres: on talus mean speeds 12 %, "
-        "energies 26 % too low, on pasture run-outs 72 % too short (docs/impact_sets.md)"
+        " followed laboratory-spheres, from spheres: on talus speeds 12 %, energies 26 %, on "
+        "pasture run-outs 72 % too low"
     )
     assert [one.text for one in found] == [part + followed for part in said]
     assert all(one.is_warning for one in found)
@@ -323,7 +354,7 @@ def test_sets_of_spheres_are_said_to_err_on_the_unsafe_side(tmp_path, grounds, s
 def test_the_set_of_observed_boulders_has_a_remark_of_its_own(tmp_path):
     case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": "vaujany-observed"})
     (found,) = set_remarks(values(), case)
-    assert "fitted to 100 boulders" in found.text and found.is_warning
+    assert "fitted on talus: on soil" in found.text and found.is_warning
     grounds = {
         "ground": ["vaujany-observed", "laboratory-spheres"], "ground_model": ["impact_sets"] * 2,
         "rebounds_by_ground": [250, 750],
@@ -363,7 +394,7 @@ def test_who_rolls_past_a_line_is_said_to_lower_its_quantiles(tmp_path, angle, s
     )  # fmt: skip
     result = run_scene(read_scene(case, dem=z, transform=grid(z)))
     texts = [one.text for one in model_remarks(result, case)]
-    rolling = [text for text in texts if "rolling from rock to rock" in text]
+    rolling = [text for text in texts if "roll slower than" in text]
     assert np.isfinite(result.line_speed.values).any(axis=1).all()
     assert [text.partition(":")[0] for text in rolling] == ["slope"] * said
 
@@ -380,7 +411,7 @@ def test_who_rolls_on_smooth_ground_is_said_to_lower_quantiles(tmp_path):
     z = 0.65 * y
     result = run_scene(read_scene(case, dem=z, transform=grid(z)))
     assert np.isfinite(result.line_speed.values).all()
-    assert any("rolling from rock to rock" in one.text for one in model_remarks(result, case))
+    assert any("roll slower than" in one.text for one in model_remarks(result, case))
 
 
 # ---- which rebounds
@@ -405,9 +436,8 @@ def test_classical_rebounds_are_named_with_what_they_are_worth(tmp_path):
     text, *more = remarks(case, result)
     n = int(result.rebounds)
     assert text.startswith(
-        f"{n:,} of {n:,} rebounds (100 %) followed classical grounds in place of impact sets: "
-        "soil_4 (rockyfor3d) 100 %; their coefficients are as commonly quoted, not confirmed; "
-        "without a fit to observations of the slope, speeds, jump heights and energies may be "
+        f"{n:,} of {n:,} rebounds (100 %) followed classical grounds (soil_4 (rockyfor3d) 100 %) "
+        "with unconfirmed coefficients: without a fit speeds and energies may be too low"
     )
     assert more == []  # the impact sets made nothing that could lie outside of them
     page = preview(scene_of(case))
@@ -421,9 +451,7 @@ def test_grounds_of_the_users_own_are_not_called_quoted(tmp_path):
     rows = "name,model,r_n,r_t,source\nmine,constant,0.4,0.8,fitted in 2024\n"
     (tmp_path / "mine.csv").write_text(rows)
     text, *_ = remarks(*on_grounds(tmp_path, {"ground": "mine", "ground_table": "mine.csv"}))
-    assert (
-        "mine (constant) 100 %; their coefficients are the user's own, and what they rest" in text
-    )
+    assert "(mine (constant) 100 %) with the user's coefficients: without a fit" in text
 
 
 def test_each_ground_has_its_fraction_and_what_absorbs_has_none(tmp_path):
@@ -442,7 +470,7 @@ def test_each_ground_has_its_fraction_and_what_absorbs_has_none(tmp_path):
     n, total = counts["soil_4"], sum(counts.values())
     assert 0 < n < total and counts["sets.nml"] > 0
     assert text.startswith(f"{n:,} of {total:,} rebounds ({100 * n / total:.1f} %) followed")
-    assert f"sets: soil_4 (rockyfor3d) {100 * n / total:.1f} %; their" in text
+    assert f"grounds (soil_4 (rockyfor3d) {100 * n / total:.1f} %) with" in text
 
 
 def test_impact_sets_alone_have_nothing_said_of_grounds(tmp_path):
@@ -500,14 +528,29 @@ def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path)
             assert len(large) == is_said
 
 
+def test_warnings_of_several_results_are_given_once(tmp_path):
+    """With the numbers of the first, and the names of those that they concern if not all."""
+    folders = [tmp_path / name for name in ("bare", "forest")]
+    for folder in folders:
+        folder.mkdir()
+    case, bare = on_grounds(folders[0], {"ground": "soil_4"})
+    wooded, forest = on_grounds(folders[1], {"ground": "soil_4"}, forest=STAND)
+    own, *others = remarks(case, bare)
+    assert joint_warnings({"bare": bare}) == [own, *others]
+    assert joint_warnings({"bare": bare, "again": bare}) == [own, *others]
+    said = joint_warnings({"bare": bare, "forest": forest})
+    assert said[0] == own and f"forest: {forest_text()}" in said
+    assert len(said) == len({*said}) == len([own, *others]) + 1
+
+
 def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):
     """The numbers are those that the case of the experiment has written down."""
     case, result = on_grounds(tmp_path, {}, forest=STAND)
     text = forest_text()
-    known = forest_experiment()["passing", "forest"]
+    bare, known = (forest_experiment()["passing", state] for state in ("bare", "forest"))
     assert known["experiment"] == 34
-    assert f"34 % with forest, here {forest_experiment()['passing', 'bare']['simulated']:g}" in text
-    assert f"and {known['simulated']:g} %; run it without forest too (cases/vaujany-forest)" in text
+    assert f"34 % passed without and with it, here {bare['simulated']:g}" in text
+    assert f"and {known['simulated']:g} %: run without too" in text
     assert f"  warning      {text}" in preview(scene_of(case)).splitlines()
     assert f"  warning: {text}" in summary(result).splitlines()
     assert f"{text}." in warnings(result)

@@ -129,7 +129,7 @@ def test_page_1_of_classical_rebounds_asks_for_the_spread_and_shows_it(page):
     run(text.replace("&output", "&output rebounds = .true.,"), "out.nc")
     text, first = page()
     box = first[: first.index("</aside>")]
-    assert "followed classical grounds in place of impact sets: soil_4 (rockyfor3d) 100 %" in box
+    assert "followed classical grounds (soil_4 (rockyfor3d) 100 %) with" in box
     assert "The spread over rebound models is missing: rockfall models case.nml -o models" in box
     words = re.sub("<style.*?</style>|<[^>]*>", "", text.split("<pre")[0], flags=re.S)
     for theirs in ("spheres on layers of spheres", "paper", "stochastic impact model"):

@@ -49,6 +49,16 @@ def messages(language):
 ENGLISH = messages("en")
 
 
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_entries_are_apart(language):
+    text = (PACKAGE / f"locale/{language}.po").read_text(encoding="utf-8")
+    entries = re.split(r"\n{2,}", text.strip())
+    assert [
+        entry for entry in entries if entry.count("\nmsgid ") + (entry[:6] == "msgid ") != 1
+    ] == []
+    assert "\n\n\n" not in text
+
+
 def places(text):
     return sorted({f"{name}:{spec}" for _, name, spec, _ in Formatter().parse(text) if name})
 

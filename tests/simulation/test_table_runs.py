@@ -543,7 +543,7 @@ def test_a_zone_names_the_table_of_its_ground_and_boulders_their_shape(tmp_path)
         assert found[-1]["ground_model"].values.tolist() == ["impact_table"]
     assert not np.array_equal(*(one["stop_y"] for one in found))
     said = [one.text for one in model_remarks(found[0], case)]
-    assert any("were drawn from tables of impacts: meadow 100" in text for text in said), said
+    assert any("followed impact tables (meadow)" in text for text in said), said
 
 
 def on_rocks(folder, ratio, **groups):

@@ -3,8 +3,8 @@
 the unvalidated forest, conditions outside the data of the model, and boulders whose end says little
 of a slope.
 
-They are printed by `rockfall check` for its pilot run; by `run`, `hazard`, `design` and the report
-for their results; by `ensemble` for the unchanged case; by `import-rockyfor3d` for its case.
+They are printed by `rockfall check` for its pilot run; by every command that shows or writes
+numbers of results; by `ensemble` for the unchanged case; by `import-rockyfor3d` for its case.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.run_out import falls_and_distances, mean_slopes
+from rockfall.case import case_of
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, block_radius, other_tables, repose
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.grounds.impact_tables import open_table, own_table, shipped_tables
@@ -77,6 +78,9 @@ MAX_STAYED = 0.2  # fraction of the boulders that stay at their sources
 STAYED = 10.0  # [m] from the release, drop included: no farther than a boulder rocks before it lies
 
 
+TELLING = "line", "names"  # values that tell warnings of one message apart
+
+
 class Remark(NamedTuple):
     """A remark on the validity of a run's model."""
 
@@ -107,6 +111,22 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 def model_warnings(values: Variables, case: Case) -> list[Text]:
     """Remarks on the model that are warnings."""
     return [remark.text for remark in model_remarks(values, case) if remark.is_warning]
+
+
+def joint_warnings(results: Mapping[str, Held]) -> list[str]:
+    """Warnings on the models of results by name, each once: with the numbers of the first that it
+    concerns, and the names of those if it does not concern all."""
+    texts: dict[tuple[str, ...], Text] = {}
+    names: dict[tuple[str, ...], list[str]] = {}
+    for name, result in results.items():
+        for text in model_warnings(result, case_of(result)):
+            what = (text.key, *(str(text.values.get(value)) for value in TELLING))
+            texts.setdefault(what, text)
+            names.setdefault(what, []).append(name)
+    return [
+        text if len(names[what]) == len(results) else f"{', '.join(names[what])}: {text}"
+        for what, text in texts.items()
+    ]
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -172,11 +192,8 @@ def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     boulders much larger than the blocks thrown; none without tables."""
     if not (tables := table_grounds(values)):
         return
-    parts = [
-        say("model.table_part", name=table.name, fraction=percent(table.fraction))
-        for table in tables
-    ]
-    text = say("model.tables", drawn=_part_of_all(tables, values), grounds=parts)
+    names = ", ".join(table.name for table in tables)
+    text = say("model.tables", drawn=_part_of_all(tables, values), grounds=names)
     yield Remark(text, True)
     thrown = [*_largest_thrown(tables, case)]
     if thrown and "volume" in values:

@@ -5,11 +5,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
+from rockfall.analysis.model_limits import joint_warnings
 from rockfall.case import Case, read_case
 from rockfall.case.variants import chosen_variant
 from rockfall.cli.messages import warn
+from rockfall.result.dataset import open_result
 from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -67,3 +71,11 @@ def warn_of_inputs(case: Case) -> None:
 def _warn_of(scene: Scene) -> None:
     for line in implausible(scene):
         warn(line)
+
+
+def warn_of_models(*paths: Path) -> None:
+    """Print the warnings on the models of results, each once."""
+    with ExitStack() as opened:
+        results = {path.stem: opened.enter_context(open_result(path)) for path in paths}
+        for text in joint_warnings(results):
+            warn(text)

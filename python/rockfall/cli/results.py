@@ -16,7 +16,7 @@ from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
 from rockfall.analysis.variants import compare_variants, difference_maps, write_variants
 from rockfall.case.files import files_behind
-from rockfall.cli.given import given_options
+from rockfall.cli.given import given_options, warn_of_models
 from rockfall.cli.messages import DONE, warnings_told
 from rockfall.cli.section import drawn
 from rockfall.errors import RockfallError
@@ -59,6 +59,8 @@ def export_command(arguments: argparse.Namespace) -> int:
             )  # fmt: skip
         else:
             files = export(path, folder, **chosen._asdict())
+    if not is_hazard(path):
+        warn_of_models(path)
     print(*files, sep="\n")
     return DONE
 
@@ -108,6 +110,7 @@ def compare_command(arguments: argparse.Namespace) -> int:
     if arguments.output:
         behind = (path for result in results.values() for path in files_behind(result))
         write_comparison(table, arguments.output, keep=(*arguments.files, *behind))
+    warn_of_models(*paths)
     print(report)
     return DONE
 
@@ -136,6 +139,7 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
         check_output(arguments.report, inputs)
         with warnings_told():
             report_variants(variants, arguments.report, costs=costs, **named)
+    warn_of_models(*map(Path, results))
     print(variants_text(table, "\n".join(comparison_notes(variants))))
     return DONE
 
@@ -163,6 +167,7 @@ def lines_command(arguments: argparse.Namespace) -> int:
         print_profile(path, along, arguments.width, table)
     else:
         print_lines(path, table)
+    warn_of_models(path)
     return DONE
 
 
@@ -182,6 +187,7 @@ def figures_command(arguments: argparse.Namespace) -> int:
         files = figures(
             _path(arguments), arguments.folder, format=arguments.format, **_beside(arguments)
         )
+    warn_of_models(_path(arguments))
     print(*files, sep="\n")
     return DONE
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rockfall.case.files import files_behind
-from rockfall.cli.given import given_options
+from rockfall.cli.given import given_options, warn_of_models
 from rockfall.cli.messages import DONE, warnings_told
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import atomic_folder, check_output
@@ -43,6 +43,7 @@ def section_command(arguments: argparse.Namespace) -> int:
         write_csv(with_units(cut.table), part / table.name)
         write_csv(with_units(cut.lines), part / lines.name)
         save(section_figure(cut), part / picture.name)
+    warn_of_models(path)
     print(section_text(cut))
     print(*places, sep="\n")
     return DONE

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rockfall.analysis.model_limits import joint_warnings
 from rockfall.analysis.variant_runs import check_variant_scenes, run_each
 from rockfall.analysis.variants import (
     compare_variants,
@@ -87,6 +88,8 @@ def variants_command(arguments: argparse.Namespace) -> int:
             paths = _write(case, results, folder, arguments, inputs)
         for checkpoint in checkpoints:
             checkpoint.remove()
+    for text in joint_warnings(results):
+        warn(text)
     if not arguments.quiet:
         print(variants_text(compare_variants(results), "\n".join(comparison_notes(results))))
         print(*paths, sep="\n")

@@ -54,7 +54,7 @@ def warnings(result: xr.Dataset) -> list[str]:
     """Most important warnings: missing boulders, and large parts of a run outside the data of its
     model."""
     return [
-        *_missing(result),
+        *missing(result),
         *(
             f"{remark.text}."
             for remark in model_remarks(result, case_of(result))
@@ -88,7 +88,8 @@ def sets_of(result: xr.Dataset) -> list[str]:
     return sets_followed(result, str(result.attrs["impact_set"]))
 
 
-def _missing(result: xr.Dataset) -> Iterator[str]:
+def missing(result: xr.Dataset) -> Iterator[str]:
+    """Warnings on boulders that a result lacks."""
     boulders, requested = simulated(result), int(result.attrs["boulders_requested"])
     if not result.attrs["complete"]:
         attrs = {"requested": requested, "fraction": percent(1 - boulders / requested)}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.model_limits import joint_warnings
 from rockfall.analysis.variants import (
     UNDECIDED,
     compare_variants,
@@ -23,7 +24,7 @@ from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import check_page, is_pdf, write_page
 from rockfall.html_report.render import picture, rendered
 from rockfall.html_report.tables import Table
-from rockfall.html_report.validity import warnings
+from rockfall.html_report.validity import missing
 from rockfall.language import Number, Text, localised, say, speaking
 from rockfall.plots.difference_figures import difference_figure
 from rockfall.quantities import QUANTITIES
@@ -142,10 +143,11 @@ def _warnings(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
     """Limits of the model and warnings, with the variants that they concern."""
     notes: dict[str, list[str]] = {}
     for name, result in results.items():
-        for text in warnings(result):
+        for text in missing(result):
             notes.setdefault(text, []).append(name)
     for text, names in notes.items():
         yield f"{', '.join(names)}: {text}"
+    yield from (f"{text}." for text in joint_warnings(results))
     if have_passages(results) and (others := [*results.keys() - on_same_cells(results).keys()]):
         yield say("variants.other_cells", names=", ".join(sorted(others)))
 

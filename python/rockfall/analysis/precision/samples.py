@@ -64,7 +64,7 @@ class Sample(ABC):
         middle = 1 + level * (self.n - 1)
         ends = np.clip(middle + FITTED * (ranks - middle), 1, self.n)
         window = np.linspace(float(ends[0]), float(ends[1]), FITTED_POINTS)
-        values = self.quantile((window - 1) / max(1, self.n - 1))
+        values = self.quantile(((window - 1) / max(1, self.n - 1)).tolist())
         is_positive = bool((values > 0).all())
         slope, constant = np.polyfit(
             self._scores(window), np.log(values) if is_positive else values, 1
