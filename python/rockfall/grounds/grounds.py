@@ -45,7 +45,7 @@ WORDS = ("name", "id", "model", "meaning", "source")  # text columns
 
 
 class Plane(NamedTuple):
-    """What chooses the parts of a plane of tables of impacts for a ground."""
+    """Ground and sizes of boulders, which choose the parts of a plane of tables."""
 
     model: str  # one of YIELDING
     ground: YieldingGround
