@@ -92,9 +92,9 @@ names that `rockfall.terrain.dams.DamShape` explains.
 
 GROUNDS = """# The shipped table of grounds
 
-Each row is a classical rebound; [grounds.md](grounds.md) explains models and parameters, names
-their units, says how far these values are confirmed, and how to use a table of your own. This page
-is made from `python/rockfall/data/grounds.csv`.
+Each row is a classical rebound, or a ground by tables of impacts. [grounds.md](grounds.md) explains
+models and parameters, names their units, says how far these values are confirmed, and how to use a
+table of your own. This page is made from `python/rockfall/data/grounds.csv`.
 """
 
 STATUSES = ", ".join(f"{k} {name}" for name, k in variables.STATUS.items())

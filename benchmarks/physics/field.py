@@ -312,7 +312,6 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs="+", default=[301, 302, 303])
     parser.add_argument("--slopes", type=int, default=SLOPES, help="of Vaujany")
     parser.add_argument("--boulders", type=int, default=1000, help="of each source but at Tschamut")
-    parser.add_argument("--throws", type=int, default=1000, help="of the laboratory, for a table")
     parser.add_argument("--platrock", type=Path, help="a Python that has PlatRock")
     parser.add_argument("--write", action="store_true", help="put the tables on their page")
     add_laws(parser)

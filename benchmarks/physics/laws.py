@@ -96,7 +96,9 @@ def changed_ground(name: str, ground: str, **values: float) -> Law:
     path = Path(_folder().name) / f"{name}.csv"
     head, cells = ",".join(row), ",".join(map(repr, row.values()))
     path.write_text(f"name,model,source,{head}\nown,{model},tried,{cells}\n")
-    keys = {"impact": {"form": "matrix"}, "surface": {"ground": "own", "ground_table": str(path)}}
+    unused = {"ratio": None, "sets": None, "turning": None}
+    surface = {"ground": "own", "ground_table": str(path)}
+    keys = {"impact": {"form": "matrix"} | unused, "surface": surface}
     return Law(name, keys | {"boulder": {"block_shape": "{shape}"}})
 
 

@@ -39,8 +39,7 @@ def on_talus(tried: Law, slopes: int) -> Found:
     """Errors at the lines of Vaujany [%]."""
     printed = pd.read_csv(CASES / "paper.csv").set_index(["line", "method", "quantity"])
     paper = rockfall.read_case(CASES / "case.nml")
-    unused = {"impact": {"ratio": None, "turning": None, "sets": None}}
-    case = paper.replace(**unused).replace(**tried.of("compact"))
+    case = paper.replace(**tried.of("compact"))
     runs = [measure(case, FIRST + k, BOULDERS) for k in range(slopes)]
     errors = {
         f"{line} {quantity} {number}": np.mean([run.loc[(line, quantity), number] for run in runs])
