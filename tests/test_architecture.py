@@ -38,7 +38,7 @@ LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 #: Compiled modules, and where they may be called.
 DOORS = {
     "_core": re.compile(
-        r"case\.(case|keys|text)|errors|grounds|limits|scene\..*|simulation\..*"
+        r"case\.(case|keys|text)|errors|grounds\.grounds|limits|scene\..*|simulation\..*"
         r"|result\.(ground_strength|run_arrays|variables)"
     ),
     "_lab": re.compile(r"lab\..*"),

@@ -124,7 +124,7 @@ flat = memory_layer("flat dam", [crest], kind="LineString")
 answers["not a dam"] = run("new", DEM=dem, DAMS=flat, GROUND="rock", FOLDER="refused")
 text = Path("drawn/case.nml").read_text()
 for group, lines in {
-    "varied": "&ensemble runs = 8, radius_factor = 1.2 /\n",
+    "varied": "&ensemble runs = 8, volume_factor = 1.2 /\n",
     "zoned": "&scenario name = 'all', return_period = 10.0 /\n",
 }.items():
     Path(f"drawn/{group}.nml").write_text(f"{text}\n{lines}")
