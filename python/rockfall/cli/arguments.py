@@ -111,6 +111,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_runs(commands)
     _add_studies(commands)
     _add_results(commands)
+    _add_ground(commands)
     _add_lab(commands)
     return parser
 
@@ -465,6 +466,40 @@ def _add_conditions(command: argparse.ArgumentParser) -> None:
     _option(command, "--factors CSV", Path, FACTORS)
     text = "class, height, cost of a metre; default: class energy times height"
     _option(command, "--costs CSV", Path, text)
+
+
+def _add_ground(commands: _Commands) -> None:
+    text = "measure strength and relief of a ground: a row of a table of grounds"
+    ground = commands.add_parser("ground", help=text, description=text.capitalize() + ".")
+    ground.set_defaults(command=_command("ground", "ground"))
+    text = "scars with columns as the options below: depth, mass, fall..."
+    ground.add_argument("scars", metavar="SCARS.csv", type=Path, nargs="?", help=text)
+    for names, does in (
+        ("--depth M", "of the lowest point of each scar"),
+        ("--depth-error M", "standard error; default: 0"),
+        ("--mass KG", "of each block"),
+        ("--volume M3", "of each block, in place of its mass"),
+        ("--density KG_M3", "of the blocks; default: 2700"),
+        ("--fall M", "height of each vertical fall"),
+        ("--fall-error M", "standard error; default: 0"),
+        ("--speed M_S", "normal to the ground, in place of the fall"),
+        ("--speed-error M_S", "standard error; default: 0"),
+    ):
+        _option(ground, names, float, does, nargs="+")
+    _option(ground, "--patch PATCH.tif", Path, "elevations in small cells, for the relief")
+    _option(ground, "--radius R", float, "R_b for the relief [m]; default: mean of the scars")
+    _option(ground, "--shortest L", float, "wave of the patch over R_b; default: 2", default=2.0)
+    _option(ground, "--longest L", float, "wave of the patch over R_b; default: 32", default=32.0)
+    _option(ground, "--model MODEL", str, "ploughed (default) or hard", default="ploughed")
+    text = "sphere, compact (default), elongated or platy"
+    _option(ground, "--shape SHAPE", str, text, default="compact")
+    _switch(ground, "--proportional", "strength in proportion to R_b; default: equal for all")
+    _option(ground, "--rest-angle DEGREE", float, "default: that of the nearest shipped ground")
+    _option(ground, "--name NAME", str, "of the row; default: own-ground", default="own-ground")
+    text = "of the row; default: measured scars and relief"
+    _option(ground, "--source TEXT", str, text, default="measured scars and relief")
+    text = "table of grounds, written or extended by the row"
+    _option(ground, "-o --output GROUNDS.csv", Path, text)
 
 
 def _add_lab(commands: _Commands) -> None:

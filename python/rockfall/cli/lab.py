@@ -122,8 +122,8 @@ def relief_command(arguments: argparse.Namespace) -> int:
         raise RockfallError(f"--shortest {arguments.shortest}: must be below --longest")
     heights, grid = read_dem(arguments.patch)
     band = Spectrum(0.0, arguments.shortest, arguments.longest)
-    keys = measure(heights, grid.cell, arguments.radius, band, str(arguments.patch))
-    print(namelist_text({"ground": relief_keys(keys)}, indent=2), end="")
+    spectrum, _ = measure(heights, grid.cell, arguments.radius, band, str(arguments.patch))
+    print(namelist_text({"ground": relief_keys(spectrum)}, indent=2), end="")
     return DONE
 
 

@@ -14,6 +14,7 @@ from rockfall.grounds.grounds import (
     block_axes,
     block_radius,
     check_number,
+    check_yielding,
     draws_of,
     ensemble_grounds,
     ensemble_names,

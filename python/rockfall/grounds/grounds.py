@@ -193,6 +193,15 @@ def yielding_ground(row: Row) -> tuple[str, YieldingGround]:
     return row.cells["model"], YieldingGround(**{"rest_angle": repose(), **_numbers(row)})
 
 
+def check_yielding(where: str, model: str, numbers: Mapping[str, float]) -> None:
+    """Refuse values of a ground that the kernel refuses."""
+    _check_text(_row_text(model, numbers), where)
+
+
+def _check_text(text: str, where: str) -> None:
+    check_kernel(*_core.check_ground(text.encode(), where.encode()))
+
+
 def _row_text(model: str, numbers: Mapping[str, float | str]) -> str:
     values = "".join(f" {name} = {value}" for name, value in numbers.items())
     return f"&ground model = '{model}'{values} /"
@@ -203,7 +212,7 @@ def _plane_rule(
 ) -> GroundRule:
     """Ground that a plane of tables serves, for the boulders of a case. The kernel's refusals come
     first: parts are chosen by valid numbers alone."""
-    check_kernel(*_core.check_ground(text.encode(), where.encode()))
+    _check_text(text, where)
     ground = YieldingGround(**{"rest_angle": repose(), **numbers})
     sigma = case.boulder.get("ground_strength_sigma", ground.strength_sigma)
     plane = Plane(model, ground._replace(strength_sigma=sigma), usual_radii(case))

@@ -13,6 +13,7 @@ from rockfall.lab.blocks.random import Uniform
 CELLS = 512  # along a patch's side
 CELLS_OF_WAVE = 16  # along the shortest wave
 WAVES_OF_PATCH, CELLS_OF_MEASURED_WAVE = 4, 4  # requirements of a measured patch
+WINDOWED = 35 / 18  # waves of a Hann window per independent one, in each direction
 RINGS = 12  # rings of wave numbers, for the Hurst exponent of the power
 QUANTUM = 2.0**-20  # heights are rounded to it, of R_b: an FFT's last bits differ between libraries
 
@@ -53,9 +54,27 @@ def _patch(spectrum: Spectrum, width: float, seed: int, number: int) -> np.ndarr
     return np.round(heights / QUANTUM) * QUANTUM
 
 
-def measure(heights: np.ndarray, cell: float, radius: float, band: Spectrum, name: str) -> Spectrum:
+def slope_between(spectrum: Spectrum, band: Spectrum) -> float:
+    """Slope of a surface [degree] between the wave lengths of another band, by its Hurst
+    exponent."""
+
+    def variance(waves: Spectrum) -> float:
+        """Integral of wave number**(1 - 2 hurst) over a band."""
+        low, high, power = 1 / waves.longest, 1 / waves.shortest, 2 - 2 * spectrum.hurst
+        if abs(power) < 1e-6:
+            return float(np.log(high / low))
+        return (high**power - low**power) / power
+
+    tangent = np.tan(np.radians(spectrum.slope)) * np.sqrt(variance(band) / variance(spectrum))
+    return float(np.degrees(np.arctan(tangent)))
+
+
+def measure(
+    heights: np.ndarray, cell: float, radius: float, band: Spectrum, name: str
+) -> tuple[Spectrum, float]:
     """Spectrum of measured heights (rows, columns) [m] in square cells [m], for blocks of a radius
-    R_b [m], between the wave lengths of a band.
+    R_b [m], between the wave lengths of a band; and the standard error of its slope [degree], by
+    the number of independent waves in the patch.
 
     A patch smaller than four of the longest waves, or too coarse for the shortest, is refused;
     `name` is the file's. The power is computed in a Hann window, after the best-fitting plane is
@@ -84,7 +103,12 @@ def measure(heights: np.ndarray, cell: float, radius: float, band: Spectrum, nam
     power = np.abs(np.fft.fft2(noise)) ** 2 / (window**2).sum() / heights.size
     wave = np.hypot(*np.meshgrid(*(np.fft.fftfreq(n, cell) for n in heights.shape), indexing="ij"))
     inside = (wave >= 1 / longest) & (wave <= 1 / shortest)
-    slope = np.sqrt((power * (2 * np.pi * wave) ** 2)[inside].sum() / 2)
+    squares = (power * (2 * np.pi * wave) ** 2)[inside]
+    slope = np.sqrt(squares.sum() / 2)
+    # of exponential powers, whose measured squares are twice those of the means; a wave is there
+    # with both signs, and the window makes neighbours alike
+    variance = WINDOWED**2 * (squares**2).sum() / max(squares.sum(), 1e-300) ** 2
+    error = np.degrees(slope / (1 + slope**2)) * np.sqrt(variance) / 2
     edges = np.geomspace(1 / longest, 1 / shortest, RINGS + 1)
     ring = np.digitize(wave[inside], edges[1:-1])
     cells = np.bincount(ring, minlength=RINGS)
@@ -92,4 +116,5 @@ def measure(heights: np.ndarray, cell: float, radius: float, band: Spectrum, nam
     middle = np.bincount(ring, wave[inside], RINGS)[cells > 0] / cells[cells > 0]
     fall = 0.0 if not slope > 0 else np.polyfit(np.log(middle), np.log(mean), 1)[0]
     hurst = float(np.clip(-1 - fall / 2, 0, 2))
-    return Spectrum(float(np.degrees(np.arctan(slope))), band.shortest, band.longest, hurst)
+    angle = float(np.degrees(np.arctan(slope)))
+    return Spectrum(angle, band.shortest, band.longest, hurst), float(error)
