@@ -33,7 +33,7 @@ def main() -> None:
     )  # fmt: skip
     cases = {"matrix": bare}
     cases |= {
-        f"table {name}": bare.replace(impact={"form": "table", "table": name}) for name in TABLES
+        f"table {name}": bare.replace(impact={"form": "table", "table": name, "ratio": None, "sets": None}) for name in TABLES
     }
     least: dict[tuple[str, str], tuple[float, float]] = {}
     for _ in range(given.repeat):
