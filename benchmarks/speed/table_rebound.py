@@ -32,8 +32,10 @@ def main() -> None:
         output=NOTHING, line=[],
     )  # fmt: skip
     cases = {"matrix": bare}
+    unused = {"ratio": None, "sets": None}
     cases |= {
-        f"table {name}": bare.replace(impact={"form": "table", "table": name, "ratio": None, "sets": None}) for name in TABLES
+        f"table {name}": bare.replace(impact={"form": "table", "table": name} | unused)
+        for name in TABLES
     }
     least: dict[tuple[str, str], tuple[float, float]] = {}
     for _ in range(given.repeat):

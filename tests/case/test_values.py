@@ -177,6 +177,22 @@ def test_a_case_can_be_copied_by_pickle():
     assert pickle.loads(pickle.dumps(case)) == case
 
 
+def test_changes_in_place_stay_in_copies():
+    """Of a value, one that is removed, a group that is added and one that is changed in a list."""
+    case = rockfall.Case(
+        surface={"uniform_mean_radius": 0.3}, boulder={"volume_mean": 1.0, "density": 2500.0},
+        release={"x": [1.0], "y": [2.0]}, line=[{"name": "road", "x": [0.0, 1.0], "y": [3.0, 3.0]}],
+    )  # fmt: skip
+    case.boulder["volume_mean"] = 2.0
+    del case.boulder["density"]
+    case.line[0]["x"][1] = 6.0
+    case.line.append({"name": "new", "x": [0.0, 5.0], "y": [1.0, 1.0]})
+    copied = case.replace(case={"seed": 9})
+    assert copied.boulder["volume_mean"] == 2.0 and copied.boulder["density"] == 2800.0
+    assert [line["name"] for line in copied.line] == ["road", "new"]
+    assert copied.line[0]["x"] == [0.0, 6.0] and copied.case["seed"] == 9
+
+
 def test_arrays_and_paths_are_values():
     case = rockfall.read_case(ROOT / "cases/vaujany/case.nml")
     places = {"x": np.array([1.5, 2.5]), "y": (np.float32(3), np.int64(4))}

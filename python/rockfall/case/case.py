@@ -4,6 +4,7 @@ in the kernel's table."""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -103,6 +104,7 @@ class Case:
                 self._groups[group.name] = group.all()
                 self._given[group.name] = group.given
         every = self._groups | {group: self.__dict__[group] for group in REPEATABLE}
+        self._as_read = copy.deepcopy(every)
         if fault := first_fault(every, self._facts.has_points):
             message = _core.refusal(text, name, *fault)
             raise RockfallError(message.decode(errors="replace").strip())
@@ -177,16 +179,30 @@ class Case:
         >>> other.boulder["volume_mean"], other.boulder["density"], other.line
         (2.0, 2800.0, [])
         """
-        changed = dict(self._given)
+        given = self._with_changes_in_place()
+        changed = dict(given)
         for group, values in groups.items():
             if group not in REPEATABLE:
-                changed[group] = {**self._given.get(group, {}), **values}
+                changed[group] = {**given.get(group, {}), **values}
             elif values is not None:
                 changed[group] = values
-        changed["impact"] = _new_operator(self._given["impact"], groups.get("impact", {}))
+        changed["impact"] = _new_operator(given["impact"], groups.get("impact", {}))
         if changed["output"].get("maps") is None and "maps" in self.output:
             changed["output"] = changed["output"] | dict.fromkeys(OF_MAPS)
         return Case(folder=self.folder, name=self.name, **changed)
+
+    def _with_changes_in_place(self) -> dict[str, Any]:
+        """Return what was given, with values that were set since by `case.boulder[key] = value`."""
+        given = dict(self._given)
+        for group, values in self._groups.items():
+            was = self._as_read[group]
+            changes = {key: value for key, value in values.items() if value != was.get(key)}
+            removed = dict.fromkeys(was.keys() - values.keys())
+            given[group] = {**given[group], **changes, **removed}
+        for group in REPEATABLE:
+            if self.__dict__[group] != self._as_read[group]:
+                given[group] = self.__dict__[group]
+        return given
 
     def text(self) -> str:
         """Case as the text of a namelist file.
