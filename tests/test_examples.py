@@ -15,6 +15,7 @@ import pytest
 
 import rockfall
 from made import make_layer, make_page, make_rockyfor3d, surveyed_blocks
+from scenes import FACTORS
 from slope_case import CASE, NX, NY, slope, write_slope
 
 OBSERVED = "line,quantity,unit,mean,std,n\nL,speed,m/s,9.5,2.5,40\n"
@@ -36,6 +37,7 @@ def site(tmp_path_factory):
         here.chdir(folder)
         write_slope()
         Path("observed.csv").write_text(OBSERVED)
+        shutil.copy(FACTORS, "factors.csv")
         Path("case.nml").write_text(CASE.partition("&output")[0])
         Path("survey.csv").write_text("volume,year\n" + "".join(surveyed_blocks()))
         source = np.zeros((NY, NX))

@@ -314,7 +314,8 @@ def test_the_command_prints_and_writes_both_tables(result, tmp_path, monkeypatch
     rockfall.write_result(result, "out.nc")
     assert main(["lines", "out.nc", "-o", "table.csv"]) == 0
     out, err = capsys.readouterr()
-    assert err == "" and out.endswith("\ntable.csv\ntable_levels.csv\n")
+    assert out.endswith("\ntable.csv\ntable_levels.csv\n")
+    assert all(line.startswith("rockfall: warning: ") for line in err.splitlines())
     for name, table in (
         ("table", rockfall.line_statistics),
         ("table_levels", rockfall.return_levels),

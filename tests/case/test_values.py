@@ -180,7 +180,8 @@ def test_a_case_can_be_copied_by_pickle():
 def test_changes_in_place_stay_in_copies():
     """Of a value, one that is removed, a group that is added and one that is changed in a list."""
     case = rockfall.Case(
-        surface={"uniform_mean_radius": 0.3}, boulder={"volume_mean": 1.0, "density": 2500.0},
+        case={"boulders": 1}, surface={"uniform_mean_radius": 0.3},
+        boulder={"volume_mean": 1.0, "density": 2500.0},
         release={"x": [1.0], "y": [2.0]}, line=[{"name": "road", "x": [0.0, 1.0], "y": [3.0, 3.0]}],
     )  # fmt: skip
     case.boulder["volume_mean"] = 2.0

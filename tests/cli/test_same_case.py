@@ -138,7 +138,7 @@ def test_page_1_of_classical_rebounds_asks_for_the_spread_and_shows_it(page):
     assert "no rebound followed it" in text
     assert main(["models", "case.nml", "-o", "models", "--quiet"]) == 0
     text, first = page("--models", "models/models.nc")
-    assert "is missing" not in first and "not confirmed" in first
+    assert "is missing" not in first and "without a fit" in first
     found = read_models("models/models.nc")
     assert f"Lowest and highest of {len(found.names)} rebound models" in first
     assert "Over the rebound models one boulder in 20 comes farther" in first

@@ -457,7 +457,8 @@ def test_the_command_writes_every_figure_and_says_so(place, capsys, monkeypatch)
     assert main(["figures", "out.nc", "pictures", "--format", "svg"]) == 0
     out, err = capsys.readouterr()
     names = [one.name for one in figures(rockfall.read_result("out.nc"))]
-    assert out.split() == [str(Path("pictures", f"{name}.svg")) for name in names] and not err
+    assert out.split() == [str(Path("pictures", f"{name}.svg")) for name in names]
+    assert all(line.startswith("rockfall: warning: ") for line in err.splitlines())
     assert sorted(path.name for path in Path("pictures").iterdir()) == sorted(
         f"{name}.svg" for name in names
     )
@@ -477,7 +478,8 @@ def test_the_command_warns_of_a_terrain_that_is_gone(place, capsys, monkeypatch)
     monkeypatch.setattr("rockfall.products.figures_of", lambda *_: [])
     assert main(["figures", "out.nc", "pictures"]) == 0
     err = capsys.readouterr().err
-    assert err.startswith("rockfall: warning: dem.tif: cannot be read") and err.count("\n") == 1
+    assert err.startswith("rockfall: warning: dem.tif: cannot be read")
+    assert err.count("dem.tif") == 1
 
 
 @pytest.mark.parametrize(

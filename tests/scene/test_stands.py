@@ -310,7 +310,7 @@ def test_logs_of_a_layer_are_low_barriers(tmp_path):
     assert result.barrier_capacity.values == pytest.approx(full * [1, 0.5, 1])
     assert full.max() < EAD_ENERGY[1] * 2
     assert set(rockfall.design(result).checks["unconfirmed"]) == {"logs"}
-    assert "What lying logs take is unconfirmed" in preview(read_scene(
+    assert "Capacities of lying logs are unconfirmed" in preview(read_scene(
         case, dem=z, transform=scenes.grid(z, CELL)))  # fmt: skip
 
 

@@ -210,7 +210,7 @@ def test_limits_are_refused(tmp_path, monkeypatch, capsys):
 def test_what_statistics_count_is_said(folder, bare):
     """The remarks name the validity of the rule, the fragments at lines, and the cap."""
     texts = [one.text for one in model_remarks(bare, case_of(bare)) if one.is_warning]
-    assert any(text.startswith("Breakage follows a rule") for text in texts)
+    assert any(text.startswith("Breakage follows an unvalidated rule") for text in texts)
     (counted,) = (text for text in texts if " broke, into " in text)
     crossed = bare["line_fragments"].values[0]
     assert f"low: {crossed[crossed > 0].mean():.3g} fragments of each" in counted

@@ -277,9 +277,10 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     shapes = {} if named & tables else NO_SHAPES  # which are refused where no ground has a table
     for way in (method, "AB".replace(method, "")):
         surface = {"method": way, "ground": None}
-        by_sets = case.replace(impact={"form": "matrix"}, surface=surface, boulder=shapes)
         try:
-            scene = read_scene(by_sets)
+            scene = read_scene(
+                case.replace(impact={"form": "matrix"}, surface=surface, boulder=shapes)
+            )
         except RockfallError:  # no sizes for this method
             continue
         yield f"impact sets, method {way}", scene

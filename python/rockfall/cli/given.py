@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -73,9 +73,10 @@ def _warn_of(scene: Scene) -> None:
         warn(line)
 
 
-def warn_of_models(*paths: Path) -> None:
-    """Print the warnings on the models of results, each once."""
+def warn_of_models(*paths: Path, told: Collection[str] = ()) -> None:
+    """Print the warnings on the models of results, each once, without those that were told."""
     with ExitStack() as opened:
         results = {path.stem: opened.enter_context(open_result(path)) for path in paths}
         for text in joint_warnings(results):
-            warn(text)
+            if text not in told:
+                warn(text)

@@ -26,12 +26,15 @@ def warn(text: str) -> None:
 
 
 @contextmanager
-def warnings_told() -> Iterator[None]:
-    """Print the warnings of products within the block, each once, and none of libraries."""
+def warnings_told() -> Iterator[list[str]]:
+    """Print the warnings of products within the block, each once, and none of libraries. Yields a
+    list that has them afterwards."""
+    told: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")  # from libraries
         ours = r"rockfall\.(products|result\.export|result\.motion)"
         warnings.filterwarnings("always", module=ours)
-        yield
-    for text in dict.fromkeys(str(warning.message) for warning in caught):
+        yield told
+    told += dict.fromkeys(str(warning.message) for warning in caught)
+    for text in told:
         warn(text)

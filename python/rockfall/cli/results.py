@@ -183,11 +183,11 @@ def _edges(given: str | None) -> list[float] | None:
 
 
 def figures_command(arguments: argparse.Namespace) -> int:
-    with warnings_told():
+    with warnings_told() as told:
         files = figures(
             _path(arguments), arguments.folder, format=arguments.format, **_beside(arguments)
         )
-    warn_of_models(_path(arguments))
+    warn_of_models(_path(arguments), told=told)
     print(*files, sep="\n")
     return DONE
 

@@ -36,14 +36,14 @@ def section_command(arguments: argparse.Namespace) -> int:
     for place in places:
         check_output(place, inputs)
     given = given_options(arguments, ("within", "every"))
-    with warnings_told():
+    with warnings_told() as told:
         cut = section(path, line, layer=arguments.line_layer, dem=arguments.dem, **given)
     table, lines, picture = places
     with atomic_folder(table.parent, inputs) as part:
         write_csv(with_units(cut.table), part / table.name)
         write_csv(with_units(cut.lines), part / lines.name)
         save(section_figure(cut), part / picture.name)
-    warn_of_models(path)
+    warn_of_models(path, told=told)
     print(section_text(cut))
     print(*places, sep="\n")
     return DONE

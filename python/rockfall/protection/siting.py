@@ -118,7 +118,8 @@ def site(
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
-    >>> found = rockfall.site(case, "L", every=10.0, to=20.0, max_height=5.0)
+    >>> how = {"every": 10.0, "to": 20.0, "max_height": 5.0}
+    >>> found = rockfall.site(case, "L", factors="factors.csv", **how)
     >>> found.table["alignment"].tolist()
     ['L', 'L +10 m', 'L +20 m']
     """
