@@ -117,14 +117,14 @@ def report(
     'report.html'
     """
     path = Path(path)
+    if view is not None and is_pdf(path):
+        raise RockfallError(f"{path}: a PDF has no view in three dimensions")
     line = [section] if isinstance(section, str | Path) else []
     others = [*line, *(data for data in (hazard, models, factors) if data is not None)]
     check_page(path, [*_given(result, dem, observed, basemap), *others])
     catalogue(language)
     zones = None if hazard is None else read_hazard(hazard)
     spread = None if models is None else read_models(models)
-    if view is not None and is_pdf(path):
-        raise RockfallError(f"{path}: a PDF has no view in three dimensions")
     drawn = _drawn(result, dem, observed, basemap, limits)
     if zones is not None:
         check_same_case(drawn.result, zones, str(hazard))
