@@ -218,6 +218,20 @@ def part_of(row, column):
     return row.record[slice(*row.first[[column * n, (column + 1) * n]])]
 
 
+@pytest.mark.parametrize("density, gravity", [(1000.0, 9.81), (7000.0, 9.81), (2700.0, 1.62)])
+def test_parts_are_those_of_the_weight_of_the_boulders(density, gravity):
+    """Not of usual boulders: their part must be among the columns that the kernel chooses from."""
+    boulder = {"volume": "fixed", "volume_mean": 0.27, "density": density}
+    case = rockfall.Case(
+        case={"boulders": 1}, impact={"form": "table", "table": "meadow"}, boulder=boulder,
+        flight={"gravity": gravity}, release={"x": [1.0], "y": [1.0]},
+    )  # fmt: skip
+    plane = shipped_rows().ground("meadow", case).plane
+    table = plane_table(plane.model, "compact", plane.ground, np.array(plane.radii), plane.weight)
+    own = density * gravity * plane.radii[0] / plane.ground.strength
+    assert table.size[0] <= own <= table.size[-1]
+
+
 def test_followers_stay_those_of_their_records():
     """In any selection of parts a record is followed by the same contact."""
     model, ground = yielding_ground(shipped_rows().rows["talus"])

@@ -26,13 +26,11 @@ module rockfall_grounds
 
    integer, parameter :: max_grounds = huge(1_i1)  !! of a scene: their numbers are bytes
 
-   !> Models, in the order of their numbers.
+   !> Models, in the order of their numbers. The last two are of rows of a table of grounds, which a plane of tables
+   !> serves (theory, chapter 5).
    character(len=*), parameter :: model_names(*) = [character(len=14) :: "impact_sets", "rockyfor3d", &
                                                     "pfeiffer_bowen", "bourrier_hungr", "constant", "absorbs", &
                                                     "impact_table", "ratio_table", "ploughed", "hard"]
-   !> Grounds of the laboratory of blocks, in rows of a table of grounds: a plane of tables serves each (theory, chapter
-   !> 5).
-   character(len=*), parameter :: yielding(*) = [character(len=8) :: "ploughed", "hard"]
    !> Rock data that a model requires: none; a size, possibly zero; a positive size.
    integer, parameter :: no_rocks = 0, any_rocks = 1, some_rocks = 2
    integer, parameter :: rocks_of_model(size(model_names)) = &

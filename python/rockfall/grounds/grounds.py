@@ -50,6 +50,7 @@ class Plane(NamedTuple):
     model: str  # one of YIELDING
     ground: YieldingGround
     radii: tuple[float, float]  # least and largest usual R_b [m]
+    weight: float  # of boulders, rho_b g [N/m3]
 
 
 class GroundRule(NamedTuple):
@@ -215,7 +216,8 @@ def _plane_rule(
     _check_text(text, where)
     ground = YieldingGround(**{"rest_angle": repose(), **numbers})
     sigma = case.boulder.get("ground_strength_sigma", ground.strength_sigma)
-    plane = Plane(model, ground._replace(strength_sigma=sigma), usual_radii(case))
+    weight = case.boulder["density"] * case.flight["gravity"]
+    plane = Plane(model, ground._replace(strength_sigma=sigma), usual_radii(case), weight)
     shape = (possible_shapes(case) or BLOCK_SHAPES)[0]
     return _of_plane(
         GroundRule(name, BLOCK_TABLE, text.encode(), where, ground.rest_angle), plane, shape
@@ -224,7 +226,7 @@ def _plane_rule(
 
 def _of_plane(rule: GroundRule, plane: Plane, shape: str) -> GroundRule:
     """Return the same ground by the tables of a block shape."""
-    table = plane_table(plane.model, shape, plane.ground, np.array(plane.radii))
+    table = plane_table(plane.model, shape, plane.ground, np.array(plane.radii), plane.weight)
     row = rule.text.partition(b"\n")[0]
     text = row + b"\n" + table.pack()
     return rule._replace(text=text, plane=plane, block_radius=block_radius(table))

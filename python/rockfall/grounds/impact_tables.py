@@ -50,10 +50,11 @@ class YieldingGround(NamedTuple):
     relief_radius: float = 1.0  # for this R_b [m]
     hurst: float = 1.0  # exponent: the slope goes with R_b**(hurst - 1)
 
-    def sizes(self, radius: np.ndarray) -> np.ndarray:
-        """rho_b g R_b over the strength of the ground, of usual boulders of radii R_b [m]."""
+    def sizes(self, radius: np.ndarray, weight: float = USUAL_WEIGHT) -> np.ndarray:
+        """rho_b g R_b over the strength of the ground, of boulders of radii R_b [m] and a weight
+        rho_b g [N/m3]."""
         scale = radius / self.strength_radius if self.strength_radius else np.ones_like(radius)
-        return USUAL_WEIGHT * radius / (self.strength * scale)
+        return weight * radius / (self.strength * scale)
 
     def reliefs(self, radius: np.ndarray) -> np.ndarray:
         """Slopes of the relief that boulders of radii R_b [m] meet [degree]."""
@@ -155,12 +156,18 @@ def joined_rows(rows: Sequence[ImpactTable], ground: YieldingGround) -> ImpactTa
     )  # fmt: skip
 
 
-def plane_table(model: str, shape: str, ground: YieldingGround, radii: np.ndarray) -> ImpactTable:
-    """Parts of a plane of tables of impacts that boulders of R_b from radii[0] to radii[1] [m] can
-    meet on a ground, whose `strength` varies by MARGIN."""
+def plane_table(
+    model: str,
+    shape: str,
+    ground: YieldingGround,
+    radii: np.ndarray,
+    weight: float = USUAL_WEIGHT,
+) -> ImpactTable:
+    """Parts of a plane of tables of impacts that boulders of R_b from radii[0] to radii[1] [m] and
+    of a weight [N/m3] can meet on a ground, whose `strength` varies by MARGIN."""
     files = plane_files(model, shape)
     reliefs = np.array(list(files))
-    sizes, slopes = np.sort(ground.sizes(radii)), np.sort(ground.reliefs(radii))
+    sizes, slopes = np.sort(ground.sizes(radii, weight)), np.sort(ground.reliefs(radii))
     spread = float(np.exp(MARGIN * ground.strength_sigma))
     rows = [open_table(files[relief]) for relief in reliefs[_around(reliefs, *slopes)].tolist()]
     low, high = sizes[0] / spread, sizes[1] * spread
