@@ -156,7 +156,7 @@ def test_without_factors_the_sheet_lists_what_to_fill_in(file, tmp_path, capsys)
     conditions |= dict.fromkeys(("gamma_dp", "gamma_vol"), "poor")
     names = [f"{name} ({conditions[name]})" if name in DECIDES else name for name in NEEDED["UNI"]]
     for language, begins in (("en", "Requirements of UNI are left open"),
-                             ("de", "Anforderungen nach UNI bleiben offen"),
+                             ("de", "Anforderungen nach UNI bleiben"),
                              ("fr", "Exigences selon UNI non calculées"),
                              ("it", "Requisiti secondo UNI non calcolati")):  # fmt: skip
         with speaking(language):
