@@ -553,7 +553,7 @@ DOCUMENTS = {
                    polygon(20, 310, 250.3, 220, id="z2", mean_radius=0.6)]}, {},
     ),
     "zones by ground": (
-        {"zones": [polygon(50, 200, 250, 60, ground="meadow"),
+        {"zones": [polygon(50, 200, 250, 60, ground="meadow", ground_strength=8e5),
                    polygon(50, 300, 250, 201, id="z2", ground="soil_4", mean_radius=0.05)]},
         {"surface": {"uniform_mean_radius": 0.3}},
     ),

@@ -158,3 +158,14 @@ def test_a_terminal_that_answers_nothing_is_refused(monkeypatch, capsys):
     assert new() == 2
     assert f"no ground: give --ground GROUND, of {CHOICES}" in capsys.readouterr().err
     assert not Path("case.nml").exists()
+
+
+def test_a_strength_and_relief_of_a_zone_go_into_the_table():
+    pair = {"ground_strength": [3e5, None, 8e5], "ground_relief": [12.5, 14.0, None]}
+    make_layer("ground.gpkg", THIRDS, name=["scree", "upper", "lower"], **pair)
+    assert new("ground.gpkg", "--ground", "meadow") == 0
+    lines = Path("case_zones.csv").read_text().splitlines()
+    assert lines[0] == "zone,ground,ground_strength,ground_relief,name"
+    assert [line.split(",")[1:4] for line in lines[1:]] == [
+        ["talus", "300000.0", "12.5"], ["meadow", "", "14.0"], ["meadow", "800000.0", ""],
+    ]  # fmt: skip

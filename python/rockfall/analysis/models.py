@@ -272,7 +272,7 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     elif case.impact["form"] == "table":
         yield f"table {usual_name(case)}", own
     method = case.surface["method"]
-    named = {zone.ground for zone in case_zones(case).values()}
+    named = {zone.ground_name("") for zone in case_zones(case).values()}
     tables = {ground.name for ground in own.grounds if ground.model in TABLES}
     shapes = {} if named & tables else NO_SHAPES  # which are refused where no ground has a table
     for way in (method, "AB".replace(method, "")):
@@ -309,7 +309,8 @@ def _with_named_apart(scene: Scene) -> Scene:
     """Scene in which zones that name the case's own ground have a copy of it under another name:
     they keep it where models vary the case's own."""
     own = usual_name(scene.case)
-    named = np.array([zone.ground == own for zone in case_zones(scene.case).values()], bool)
+    zones = case_zones(scene.case).values()
+    named = np.array([zone.ground == own and not zone.pair for zone in zones], bool)
     of_zones = scene.rasters.material_ground
     if of_zones is None or not named.any():
         return scene

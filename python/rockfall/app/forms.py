@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from rockfall.app.messages import Refused
 from rockfall.case import REPEATABLE, Case, Key, default_values, key_table, keys_of
-from rockfall.grounds import GroundTable, table_names, table_path
+from rockfall.grounds import GroundTable, parameters, table_names, table_path
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.language import say
 from rockfall.result.variables import MAP
@@ -113,7 +113,17 @@ def _zone_form(
     form["ground"] = form["ground"]._replace(choices=grounds)
     form["mean_radius"] = radius._replace(name="mean_radius")
     form |= {attribute: rg._replace(name=attribute) for attribute in ("rg70", "rg20", "rg10")}
+    form |= {f"ground_{key}": _pair_field(key) for key in ("strength", "relief")}
     return form | ({"zone": number} if "default_zone" in case.surface else {})
+
+
+def _pair_field(name: str) -> Field:
+    """Field of a parameter that a zone gives its ground."""
+    row = next(parameter for parameter in parameters() if parameter.name == name)
+    low, high = row.limits
+    return Field(
+        f"ground_{name}", "real", False, None, row.allowed, None, low, high, row.unit, row.meaning
+    )
 
 
 def ground_names(*cases: Case) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
 from rockfall.io.layers import EXTENSIONS, layer_names, plain, read_features
-from rockfall.io.zone_table import RADII
+from rockfall.io.zone_table import MATERIAL
 from rockfall.scene.forest.attributes import matching
 from rockfall.scene.source_attributes import VALUES
 
@@ -23,7 +23,6 @@ ZONES, SOURCES, LINES = "zones", "sources", "lines"
 BARRIERS, DAMS, TREES, OBJECTS = "barriers", "dams", "trees", "objects"
 STANDS = "stands"
 SEVERAL = {LINES: "line", BARRIERS: "barrier", DAMS: "dam"}  # groups that may occur several times
-OF_ZONES = (*RADII, "ground")  # attributes, of which zones have at least one
 SYMBOLS = {"mean_radius": "r_m"}  # common field symbols for them
 WORDS = {  # prefixes of names: English, German, French, Italian
     SOURCES: ("source", "cliff", "release", "scarp", "start", "quelle", "fels", "wand", "ausbruch",
@@ -140,7 +139,7 @@ def kind_of(layer: Layer) -> tuple[str, str]:
 
 
 def _polygons(layer: Layer) -> tuple[str, str]:
-    given = [key for key in OF_ZONES if layer.attribute(key)]
+    given = [key for key in MATERIAL if layer.attribute(key)]
     if given:
         return ZONES, f"polygons with {', '.join(given)}"
     if matching("stems", layer.columns):
@@ -148,7 +147,7 @@ def _polygons(layer: Layer) -> tuple[str, str]:
     if why := _why_sources(layer):
         return SOURCES, f"polygons{why}"
     return _other(
-        layer, f"polygons with {', '.join(OF_ZONES)} are zones, those named source or cliff sources"
+        layer, f"polygons with {', '.join(MATERIAL)} are zones, those named source or cliff sources"
     )
 
 

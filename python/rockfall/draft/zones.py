@@ -16,7 +16,7 @@ from rockfall.io.crs import plan_wkt
 from rockfall.io.grid import NO_ID, Grid
 from rockfall.io.layers import burn_polygons
 from rockfall.io.tables import spreadsheet_text
-from rockfall.io.zone_table import RADII
+from rockfall.io.zone_table import PAIR, RADII
 from rockfall.result.export import write_geopackage
 
 
@@ -36,9 +36,9 @@ def zones_of(
 ) -> Zones:
     """Write the zone table of a layer to a folder and, if polygons have no distinct ids, the
     polygons with ids."""
-    radii = [key for key in RADII if layer.attribute(key)]
-    columns = [*radii, "ground"]
-    rows = [_row(layer, radii, k, grounds) for k in range(len(layer.shapes))]
+    radii, pair = ([key for key in keys if layer.attribute(key)] for keys in (RADII, PAIR))
+    columns = [*radii, "ground", *pair]
+    rows = [_row(layer, radii, pair, k, grounds) for k in range(len(layer.shapes))]
     grounds.check_used(layer)
     ids = _own_ids(layer, rows)
     copy, field = None, layer.own_names.get(ID, ID)
@@ -68,13 +68,15 @@ def zones_of(
     return Zones(copy, field, table, method, rest, outside)
 
 
-def _row(layer: Layer, radii: list[str], k: int, grounds: Grounds) -> tuple[str, ...]:
-    """Rock sizes and ground of a polygon as a table row."""
-    sizes = [layer.text(layer.attribute(key), k) for key in radii]
-    if not any(sizes) and not layer.text(layer.attribute("ground"), k):
+def _row(
+    layer: Layer, radii: list[str], pair: list[str], k: int, grounds: Grounds
+) -> tuple[str, ...]:
+    """Rock sizes, ground, and strength and relief of this, of a polygon as a table row."""
+    sizes, own = ([layer.text(layer.attribute(key), k) for key in keys] for keys in (radii, pair))
+    if not any((*sizes, *own)) and not layer.text(layer.attribute("ground"), k):
         keys = [*radii, *(["ground"] if layer.attribute("ground") else [])]
         raise RockfallError(f"{layer}: feature {k + 1}: must have {' or '.join(keys)}")
-    return (*sizes, spreadsheet_text(grounds.of_zone(layer, k)))
+    return (*sizes, spreadsheet_text(grounds.of_zone(layer, k)), *own)
 
 
 def _names(layer: Layer, ids: list[int]) -> dict[int, str]:

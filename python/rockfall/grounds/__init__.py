@@ -33,4 +33,5 @@ from rockfall.grounds.grounds import (
     usual_key,
     usual_name,
     yielding_ground,
+    zone_ground,
 )

@@ -10,6 +10,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ from rockfall.grounds.impact_tables import (
 )
 from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
+from rockfall.io.zone_table import Zone
 from rockfall.limits import MAX_NAME
 
 IMPACT_SETS = "impact_sets"  # model of a ground outside the table of grounds
@@ -42,6 +44,7 @@ ANY_RADIUS = 0.02, 20.0  # of boulders whose volumes the case does not know [m]
 ABSORBS = "absorbs"  # model of a ground without rebound
 MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum number per scene
 WORDS = ("name", "id", "model", "meaning", "source")  # text columns
+NO_PAIR: Mapping[str, float] = MappingProxyType({})
 
 
 class Plane(NamedTuple):
@@ -81,6 +84,11 @@ class Parameter(NamedTuple):
     unit: str
     meaning: str
     models: str
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        low, _, high = self.allowed.partition(" to ")
+        return float(low), float(high)
 
 
 @cache
@@ -167,12 +175,15 @@ class GroundTable:
                 row.refuse("id", "must be unique among grounds")
             self.names[int(number)] = name
 
-    def ground(self, name: str, case: Case) -> GroundRule:
-        """A row of the table, for the boulders of a case. The kernel checks its numbers."""
+    def ground(self, name: str, case: Case, pair: Mapping[str, float] = NO_PAIR) -> GroundRule:
+        """A row of the table, for the boulders of a case; `pair`: strength [Pa] and relief [degree]
+        in place of its own. The kernel checks its numbers."""
         row = self.rows[name]
         model = row.choice("model", _columns()[0].allowed.split(", "))
         numbers = _numbers(row)
-        text = _row_text(model, {key: row.cells[key] for key in numbers})
+        cells = {key: row.cells[key] for key in numbers}
+        text = _row_text(model, {**cells, **pair})
+        numbers |= pair
         if model in YIELDING:
             return _plane_rule(name, model, text, numbers, row.where, case)
         return GroundRule(name, model, text.encode(), row.where, numbers.get("rest_angle"))
@@ -307,6 +318,28 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
     if len(name) > MAX_NAME:
         raise RockfallError(f"{where} = '{name}': must be at most {MAX_NAME} characters")
     return GroundRule(name, IMPACT_SETS, path.read_bytes(), str(path))
+
+
+def zone_ground(case: Case, table: GroundTable, zone: Zone) -> GroundRule:
+    """Ground of a zone that names one, or gives its ground a strength or relief of its own."""
+    usual = usual_name(case)
+    name, pair = zone.ground or usual, zone.pair
+    rule = find_ground(case, table, name, f"{zone.where}: ground")
+    if not pair:
+        return rule
+    limits = {parameter.name: parameter.limits for parameter in parameters()}
+    for key, value in pair.items():
+        where, (low, high) = f"{zone.where}: ground_{key} = {value:g}", limits[key]
+        if rule.plane is None:
+            names = ", ".join(dict.fromkeys([*table.yielding, *shipped_rows().yielding]))
+            raise RockfallError(f"{where}: not valid on ground '{name}': only on {names}")
+        if not low <= value <= high:
+            raise RockfallError(f"{where}: must be {low:g} to {high:g}")
+    own = zone.ground_name(usual)
+    if len(own) > MAX_NAME:
+        raise RockfallError(f"{zone.where}: ground '{own}': must be at most {MAX_NAME} characters")
+    rows = table if name in table.rows else shipped_rows()
+    return rows.ground(name, case, pair)._replace(name=own)
 
 
 def usual_key(case: Case) -> str:

@@ -174,6 +174,17 @@ def plane_table(
     return joined_rows([row.columns(low, high) for row in rows], ground)
 
 
+def reliefs_thrown(model: str, shapes: Sequence[str]) -> tuple[float, float]:
+    """Least and largest relief [degree] for which a plane has tables, for each of the shapes."""
+    rows = [list(plane_files(model, shape)) for shape in shapes]
+    return max(reliefs[0] for reliefs in rows), min(reliefs[-1] for reliefs in rows)
+
+
+def softest_thrown(model: str) -> float:
+    """Largest size, rho_b g R_b over the strength, for which a plane has tables."""
+    return float(open_table(next(iter(plane_files(model, BLOCK_SHAPES[0]).values()))).size[-1])
+
+
 @cache
 def plane_files(model: str, shape: str) -> dict[float, Path]:
     """Files of the rows of a plane by relief [degree], in increasing order."""

@@ -15,19 +15,20 @@ from rockfall.analysis.model_limits import followed_text
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
+from rockfall.grounds import usual_name
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import has
 from rockfall.io.arrays import corner_of
 from rockfall.io.input_warnings import InputWarning
 from rockfall.io.tables import read_table
-from rockfall.io.zone_table import NAMES, Zone
+from rockfall.io.zone_table import MATERIAL, NAMES, Zone
 from rockfall.language import Number, Text, say, say_count, translated, word
 from rockfall.plots.cartography.rasters import cropped, draw_image
 from rockfall.plots.cartography.sheet import crs_text, finish, new_sheet
 from rockfall.plots.extent import reached
 from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import number, percent
+from rockfall.quantities import number, percent, with_unit
 from rockfall.result.block_shapes import boulders_by_shape
 from rockfall.result.samples import has_rows, simulated
 from rockfall.scene.read import read_scene
@@ -46,6 +47,7 @@ RADII = {
     "rg20": "Rg20 [m]",
     "rg10": "Rg10 [m]",
 }
+UNITS = {"ground_strength": "Pa", "ground_relief": "degree"}
 MATERIALS = 12  # drawn in separate colours
 
 
@@ -168,14 +170,16 @@ def _polygon_zones(zones: dict[int, Zone]) -> Table:
     for number_, zone in zones.items():
         sizes = {key: f"{size:g}" for key, size in zip(RADII, zone.sizes, strict=True)}
         sizes = {key: size for key, size in sizes.items() if size != "nan"}
-        cells.append({"zone": f"{number_}", "ground": zone.ground, "name": zone.name} | sizes)
-    shown = ("name", "zone", *RADII, "ground")
+        pair = {f"ground_{key}": f"{value:g}" for key, value in zone.pair.items()}
+        named = {"zone": f"{number_}", "ground": zone.ground, "name": zone.name}
+        cells.append(named | sizes | pair)
+    shown = ("name", "zone", *MATERIAL)
     return _zones([key for key in shown if any(row.get(key) for row in cells)], cells)
 
 
 def _zones(columns: list[str], cells: list[dict[str, str]]) -> Table:
-    shown = [name for name in (*NAMES, "zone", *RADII, "ground") if name in columns]
-    heads = [RADII.get(name) or word(name) for name in shown]
+    shown = [name for name in (*NAMES, "zone", *MATERIAL) if name in columns]
+    heads = [RADII.get(name) or with_unit(word(name), UNITS.get(name, "")) for name in shown]
     rows = [tuple(_size(row, name) for name in shown) for row in cells]
     return Table(say("inputs.grounds_and_radii_of_their_rocks"), heads, rows)
 
@@ -209,10 +213,11 @@ def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
 def _zone_labels(case: Case, sizes: np.ndarray) -> list[str]:
     """Labels of the rows of the zone table: name or number, ground, and radii of rocks but those of
     a named ground without any."""
+    usual = usual_name(case)
     return [
         f"{zone.name or say('inputs.zone', number=number)}"
-        f"{f' ({zone.ground})' if zone.ground else ''}"
-        f"{'' if zone.ground and not radii.any() else f'; {_radius(radii)}'}"
+        f"{f' ({zone.ground_name(usual)})' if zone.names_ground else ''}"
+        f"{'' if zone.names_ground and not radii.any() else f'; {_radius(radii)}'}"
         for (number, zone), radii in zip(case_zones(case).items(), sizes, strict=True)
     ]
 

@@ -20,6 +20,9 @@ from rockfall.io.unused_attributes import note_marks, note_unused
 
 #: Columns of lengths in metres, in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
+#: Columns of a ground's own strength [Pa] and relief [degree].
+PAIR = ("ground_strength", "ground_relief")
+MATERIAL = (*RADII, "ground", *PAIR)  # columns of which a zone has at least one
 NAMES = ("name", "description")  # columns of free text that name a zone
 
 _INTEGER = re.compile(r"[+-]?[0-9]+")
@@ -30,8 +33,31 @@ class Zone(NamedTuple):
 
     sizes: tuple[float, ...]  # in the order of RADII [m]; NaN: not given, Inf: absorbs
     ground: str = ""  # ground of its rebounds; "": the case's
+    strength: float = math.nan  # of that ground [Pa]; NaN: not given
+    relief: float = math.nan  # of that ground [degree]; NaN: not given
     where: str = ""  # the row, for messages
     name: str = ""  # name; "": not given
+
+    @property
+    def pair(self) -> dict[str, float]:
+        """Own strength and relief, by their names in a table of grounds; empty if not given."""
+        given = {"strength": self.strength, "relief": self.relief}
+        return {name: value for name, value in given.items() if not math.isnan(value)}
+
+    @property
+    def names_ground(self) -> bool:
+        """Return True if its ground is not simply that of the case."""
+        return bool(self.ground or self.pair)
+
+    def ground_name(self, usual: str) -> str:
+        """Name of its ground, with its own strength and relief; `usual` is the ground of the case.
+
+        >>> Zone((), "talus", 3e5, 12.5).ground_name("")
+        'talus (300000 Pa, 12.5 degrees)'
+        """
+        units = {"strength": "Pa", "relief": "degrees"}
+        own = [f"{repr(value).removesuffix('.0')} {units[key]}" for key, value in self.pair.items()]
+        return (self.ground or usual) + (f" ({', '.join(own)})" if own else "")
 
 
 def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[int, Zone]:
@@ -39,10 +65,11 @@ def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[
 
     Cells are separated by commas or semicolons; unknown columns are ignored, with one of the
     `remarks`. An empty size is not given, and is refused where it is needed. A zone with its own
-    ground may have no rocks: sizes of zero.
+    ground may have no rocks: sizes of zero. A strength and relief take the place of those that the
+    ground has.
     """
     where, columns, rows = read_table(path)
-    names = ("zone", *RADII, "ground")
+    names = ("zone", *MATERIAL)
     if "zone" not in columns:
         raise RockfallError(f"{where}: no column zone; has: {', '.join(columns)}")
     if set(names[1:]).isdisjoint(columns):
@@ -62,8 +89,9 @@ def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[
 
 
 def _note_marks(remarks: list[str], path: str | Path, zones: dict[int, Zone]) -> None:
-    sizes = np.array([zone.sizes for zone in zones.values()])
-    note_marks(remarks, path, dict(zip(RADII, sizes.T, strict=True)), RADII)
+    names = (*RADII, *PAIR)
+    numbers = np.array([(*zone.sizes, zone.strength, zone.relief) for zone in zones.values()])
+    note_marks(remarks, path, dict(zip(names, numbers.T, strict=True)), names)
 
 
 def zones_of_polygons(
@@ -75,17 +103,17 @@ def zones_of_polygons(
     Polygons that say the same are one zone. Its id is that of an integer attribute `field` if this
     tells zones apart, else its number in the order of the file, from 1.
     """
-    texts_of = {name: attribute(columns, name) for name in (*RADII, "ground", *NAMES)}
+    texts_of = {name: attribute(columns, name) for name in (*MATERIAL, *NAMES)}
     given = {
         name: [_text(text) for text in data] for name, data in texts_of.items() if data is not None
     }
-    if not {*RADII, "ground"} & given.keys():
+    if not {*MATERIAL} & given.keys():
         raise RockfallError(
             f"{path}: no attribute {', '.join(RADII)} or ground; give polygons one, or a &surface "
             "table"
         )
     if remarks is not None:
-        note_unused(remarks, path, columns, (*RADII, "ground", *NAMES, field))
+        note_unused(remarks, path, columns, (*MATERIAL, *NAMES, field))
     size = len(next(iter(given.values())))
     rows = [
         Row(f"{path}: feature {k + 1}", {name: texts[k] for name, texts in given.items()})
@@ -122,7 +150,8 @@ def _text(value: Any) -> str:
 def _made(row: Row) -> Zone:
     sizes = tuple(_radius(row, name) if row.cells.get(name) else math.nan for name in RADII)
     name = next((row.cells[key] for key in NAMES if row.cells.get(key)), "")
-    return Zone(sizes, row.cells.get("ground", ""), row.where, name)
+    strength, relief = map(row.maybe, PAIR)
+    return Zone(sizes, row.cells.get("ground", ""), strength, relief, row.where, name)
 
 
 def index_blocks(
@@ -177,7 +206,7 @@ def _zone(row: Row) -> int:
 
 
 def _radius(row: Row, name: str) -> float:
-    text, may_have_none = row.cells[name], bool(row.cells.get("ground"))
+    text, may_have_none = row.cells[name], any(map(row.cells.get, ("ground", *PAIR)))
     spelled = text.lower().lstrip("+-") in ("inf", "infinity", "nan")
     value = float(text) if spelled else row.number(name)
     if not value > 0 and not (may_have_none and value == 0):

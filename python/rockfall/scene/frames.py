@@ -16,7 +16,7 @@ import numpy as np
 
 from rockfall.case import FROM_ARRAY, Case, key_table
 from rockfall.errors import RockfallError, need
-from rockfall.io.zone_table import RADII
+from rockfall.io.zone_table import MATERIAL
 from rockfall.language import Text, say
 from rockfall.scene.scene import Scene
 
@@ -174,7 +174,7 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
 def _says_ground(frame: Any, field: str) -> bool:
     """Return True if zones say what they are made of, and have no id that a table would need."""
     columns = {str(column).lower() for column in frame.columns}
-    return field.lower() not in columns and not columns.isdisjoint((*RADII, "ground"))
+    return field.lower() not in columns and not columns.isdisjoint(MATERIAL)
 
 
 def _naming(case: Case, files: Mapping[str, Path], keys: Mapping[str, tuple[str, str]]) -> Case:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
@@ -16,11 +18,19 @@ from rockfall.grounds import (
     find_ground,
     table_path,
     usual_ground,
+    zone_ground,
+)
+from rockfall.grounds.impact_tables import (
+    BLOCK_SHAPES,
+    possible_shapes,
+    reliefs_thrown,
+    softest_thrown,
 )
 from rockfall.io.grid import NO_ID, Box, row_blocks
 from rockfall.io.layers import EXTENSIONS, burn_polygons
 from rockfall.io.raster import read_elevations
 from rockfall.io.zone_table import RADII, Zone, index_blocks
+from rockfall.language import remark
 from rockfall.scene.layers import Inputs, file_checksum
 from rockfall.scene.parts import Rasters
 
@@ -61,7 +71,7 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
     Returns the zones by id, and the names of grounds by id in a raster."""
     case, surface = inputs.case, inputs.case.surface
     zones = case_zones(case, inputs.remarks)
-    named = [zone for zone in zones.values() if zone.ground]
+    named = [zone for zone in zones.values() if zone.names_ground]
     if case.impact["form"] == "matrix" and not named:
         if {"ground", "ground_map"}.isdisjoint(surface):
             return zones, {}
@@ -77,28 +87,47 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
     else:
         usual = usual_ground(case)
         of_cells = table.names.values() if "ground_map" in surface else ()
-        others = {*of_cells, *(zone.ground for zone in named)}
+        others = {*of_cells, *(zone.ground or usual.name for zone in named)}
         if usual.name in table.rows and usual.name in others and _differs(usual, table, case):
             raise RockfallError(
                 f"{case.name}: &impact: '{usual.name}' is also a row of {table.path}: rename that"
             )
     by_name = {usual.name: usual}
-    for zone in named:
-        if zone.ground not in by_name:
-            by_name[zone.ground] = find_ground(case, table, zone.ground, f"{zone.where}: ground")
-    if zones and len(named) == len(zones) and all(zone.ground != usual.name for zone in named):
+    of_zones = [zone.ground_name(usual.name) for zone in zones.values()]
+    for zone, name in zip(zones.values(), of_zones, strict=True):
+        if name not in by_name:
+            by_name[name] = zone_ground(case, table, zone)
+    if zones and usual.name not in of_zones:
         del by_name[usual.name]
     if "ground_map" in surface:
         by_name |= {
             key: table.ground(key, case) for key in table.names.values() if key not in by_name
         }
     check_number(by_name.values(), str(table.path))
+    shapes = possible_shapes(case) or BLOCK_SHAPES[:1]
+    remarks = [note for rule in by_name.values() for note in _outside_plane(rule, shapes)]
+    inputs.remarks += [note for note in remarks if note not in inputs.remarks]
     rasters.grounds = tuple(by_name.values())
     numbers = {name: k for k, name in enumerate(by_name, start=1)}
     if named:
-        of_zones = [numbers[zone.ground or usual.name] for zone in zones.values()]
-        rasters.material_ground = np.array(of_zones, np.int8)
+        rasters.material_ground = np.array([numbers[name] for name in of_zones], np.int8)
     return zones, dict(table.names)
+
+
+def _outside_plane(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
+    """Remarks on a ground whose boulders all meet a relief or strength outside the tables thrown.
+    Harder ground than any thrown does not yield, and is what the hardest is."""
+    if rule.plane is None:
+        return
+    ground, radii = rule.plane.ground, np.array(rule.plane.radii)
+    low, high = reliefs_thrown(rule.plane.model, shapes)
+    met = np.sort(ground.reliefs(radii))
+    if met[1] < low or met[0] > high:
+        numbers = {"relief": met[np.argmin(abs(met - low))], "low": low, "high": high}
+        yield remark(rule.file, "input.relief_not_thrown", name=rule.name, **numbers)
+    if ground.sizes(radii, rule.plane.weight).min() > softest_thrown(rule.plane.model):
+        numbers = {"strength": ground.strength}
+        yield remark(rule.file, "input.strength_not_thrown", name=rule.name, **numbers)
 
 
 def _differs(ground: GroundRule, table: GroundTable, case: Case) -> bool:

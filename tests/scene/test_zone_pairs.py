@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Zones whose ground has a strength and a relief of its own: the run is that of the same numbers in
+a table of grounds."""
+
+import csv
+
+import numpy as np
+import pytest
+
+import rockfall
+from made import make_layer
+from programs import find_program, make_full_case, run_program, same_results
+from rockfall.analysis.models import variants
+from rockfall.errors import RockfallError
+from rockfall.grounds import GroundTable, shipped_grounds
+from rockfall.html_report.inputs import zone_table
+from rockfall.scene.prepare import prepare
+from rockfall.scene.read import read_scene
+from rockfall.simulation.merge import join
+
+HEAD = "zone,mean_radius,ground,ground_strength,ground_relief\n"
+PAIRS = {"talus": {"strength": 3e5, "relief": 12.5}, "meadow": {"relief": 15.0}}
+ROWS = "4,0.3,talus,3e5,12.5\n-2,0.3,meadow,,15\n"
+NAMES = ["talus (300000 Pa, 12.5 degrees)", "meadow (15 degrees)"]
+SHIPPED = GroundTable(shipped_grounds())
+
+
+@pytest.fixture
+def case(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    case = make_full_case(tmp_path, case={"boulders": 10})
+    return case.replace(line=case.line[:1], surface={"table": "pairs.csv"})
+
+
+def write_pairs(case, rows=ROWS, head=HEAD):
+    (case.folder / "pairs.csv").write_text(head + rows)
+    return case
+
+
+def by_table(case, pairs=PAIRS):
+    """The case with rows of a table of grounds of its own that have these numbers."""
+    columns = [*next(iter(SHIPPED.rows.values())).cells]
+    with open(case.folder / "grounds.csv", "w", newline="") as file:
+        table = csv.DictWriter(file, columns)
+        table.writeheader()
+        for name, pair in pairs.items():
+            cells = SHIPPED.rows[name].cells
+            table.writerow({**cells, **{key: f"{value:.17g}" for key, value in pair.items()}})
+    (case.folder / "named.csv").write_text("zone,mean_radius,ground\n4,0.3,talus\n-2,0.3,meadow\n")
+    return case.replace(surface={"table": "named.csv", "ground_table": "grounds.csv"})
+
+
+def same_runs(one, other):
+    for name in set(other.variables) - {"ground"}:
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+def test_a_zone_is_the_ground_of_a_table_with_its_numbers(case):
+    """In every bit; the talus keeps the spread of its strength, and its rest angle."""
+    one, other = rockfall.run(write_pairs(case)), rockfall.run(by_table(case))
+    assert one["ground"].values.tolist() == NAMES
+    same_runs(one, other)
+    assert (one["rebounds_by_ground"] > 0).all()
+    assert rockfall.ground_strength(one).std() > 0
+    plain = write_pairs(case, "4,0.3,talus,,\n-2,0.3,meadow,,\n")
+    assert not np.array_equal(rockfall.run(plain)["stop_x"], one["stop_x"])
+
+
+def test_polygons_and_frames_give_it_too(case):
+    geopandas = pytest.importorskip("geopandas", reason="the test extra is not installed")
+    shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+    grid = read_scene(write_pairs(case)).grid
+    edge = grid.west + 25 * grid.cell
+    shapes = [
+        shapely.box(grid.west, grid.south, edge, grid.north),
+        shapely.box(edge, grid.south, grid.east, grid.north),
+    ]
+    columns = {
+        "mean_radius": [0.3, 0.3], "ground": ["talus", "meadow"],
+        "ground_strength": [3e5, np.nan], "ground_relief": [12.5, 15.0],
+    }  # fmt: skip
+    table = rockfall.run(case)
+    make_layer("ground.gpkg", shapes, **columns)
+    polygons = case.replace(surface={"zones": "ground.gpkg", "table": None})
+    layer = rockfall.run(polygons)
+    frame = geopandas.GeoDataFrame(columns, geometry=shapes, crs="EPSG:32632")
+    for other in layer, rockfall.run(case, zones=frame):
+        assert other["ground"].values.tolist() == NAMES
+        same_runs(other, table)
+    (found,) = zone_table(layer)
+    assert ("300000", "12.5") in [tuple(row)[-2:] for row in found.rows]
+
+
+def test_a_zone_without_a_ground_changes_that_of_the_case(case):
+    rows = "4,0.3,,3e5,12.5\n-2,0.3,meadow,,15\n"
+    one = rockfall.run(write_pairs(case, rows).replace(surface={"ground": "talus"}))
+    assert one["ground"].values.tolist() == NAMES
+    same_runs(one, rockfall.run(by_table(case)))
+    without = write_pairs(case, "4,,2e5\n-2,,3e5\n", "zone,mean_radius,ground_strength\n")
+    scene = read_scene(without.replace(surface={"ground": "meadow"}))
+    assert [rule.name for rule in scene.grounds] == ["meadow (200000 Pa)", "meadow (300000 Pa)"]
+    assert [rule.plane.ground.strength for rule in scene.grounds] == [2e5, 3e5]
+
+
+@pytest.mark.skipif(not find_program(), reason="no rockfall-batch")
+def test_the_standalone_program_gives_the_same_bits(case):
+    prepare(write_pairs(case), "ready")
+    done = run_program("ready/case.nml", "--quiet", "-o", "a.part1of1", cwd=case.folder)
+    assert done.returncode == 0, done.stderr
+    same_results(join(["a.part1of1"]).dataset(), rockfall.run(case))
+
+
+BAD = {
+    "talus,500,": "ground_strength = 500: must be 1000 to 1e+09",
+    "talus,,46": "ground_relief = 46: must be 0 to 45",
+    "talus,,-1": "ground_relief = -1: must be 0 to 45",
+    "talus,soft,": "ground_strength = soft: must be a number",
+    "talus,inf,": "ground_strength = inf: must be a number",
+    "road,2e5,": "ground_strength = 200000: not valid on ground 'road': only on rock, compact, "
+    "talus, meadow, vegetated-soil, soft-soil",
+    ",2e5,": "ground_strength = 200000: not valid on ground 'sets.nml': only on ",
+    "rocky-slope,,12": "ground_relief = 12: not valid on ground 'rocky-slope': only on ",
+    "mud,2e5,": "ground = 'mud': no ground of grounds.csv",
+}
+
+
+@pytest.mark.parametrize("row", BAD)
+def test_what_a_zone_cannot_give_is_refused(case, row):
+    with pytest.raises(RockfallError) as caught:
+        read_scene(write_pairs(case, f"4,0.3,{row}\n-2,0.3,,,\n"))
+    message = str(caught.value)
+    assert message.startswith(f"{case.folder / 'pairs.csv'}: line 2: {BAD[row]}")
+
+
+def test_numbers_beyond_the_tables_are_remarked(case):
+    """The nearest tables serve them; shipped grounds are within."""
+    scene = read_scene(write_pairs(case, "4,0.3,talus,,25\n-2,0.3,meadow,3000,5\n"))
+    said = [remark for remark in scene.remarks if "tables of impacts were thrown" in remark]
+    assert [remark.partition(": ground ")[2] for remark in said] == [
+        "'talus (25 degrees)': tables of impacts were thrown for a relief of 7 to 22 degrees, "
+        "not 25: the nearest serves",
+        "'meadow (3000 Pa, 5 degrees)': tables of impacts were thrown for a relief of 7 to 22 "
+        "degrees, not 5: the nearest serves",
+        "'meadow (3000 Pa, 5 degrees)': softer, at 3,000 Pa, than any for which tables of impacts "
+        "were thrown: the softest serves",
+    ]
+    for name in SHIPPED.yielding:
+        rows = f"4,0.3,{name},,\n-2,0.3,,,\n"
+        assert "thrown" not in "".join(read_scene(write_pairs(case, rows)).remarks), name
+
+
+def test_models_keep_the_ground_of_a_zone_with_numbers_of_its_own(case):
+    """The case's own ground is varied elsewhere alone."""
+    own = "talus (300000 Pa)"
+    for ground, kept in (("", {own}), ("talus", {own})):
+        zoned = write_pairs(case, f"4,0.3,{ground},3e5,\n-2,0.3,,,\n")
+        scenes = dict(variants(zoned.replace(surface={"ground": "talus"}), ["road"], []))
+        names = {rule.name for rule in scenes["road"].grounds}
+        assert names == {"road", *kept}
