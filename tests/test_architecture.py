@@ -16,6 +16,7 @@ LEVELS = [
     ["field", "terrain"],
     [
         "case",
+        "evidence",
         "grounds",
         "impact_sets",
         "impact_tables",

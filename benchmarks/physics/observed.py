@@ -2,16 +2,18 @@
 """The boulders observed at Vaujany beside the program, on slopes that nothing was fitted on.
 
     python -m benchmarks.physics.observed [--slopes 32] [--boulders 2000] [--first 1000]
-        [--law NAME=TABLE ...] [--ground ROW ...]
+        [--sets NAME ...] [--law NAME=TABLE ...] [--ground ROW ...] [--write]
 
 Table 2 of the paper prints mean, deviation and maximum of 100 boulders at two lines.
 `vaujany-observed` is fitted to them on other slopes, `bourrier2009` to what the paper *simulated*.
-Prints the relative errors, of maxima those of their mean over hundreds of boulders, by these sets
-and by tables of impacts or classical grounds (benchmarks.physics.laws), over slopes of the recipe
-of cases/vaujany with their standard errors, and those of the paper's own simulation.
+Prints the relative errors, of maxima those of their mean over hundreds of boulders, by these sets,
+others that are named, and tables of impacts or classical grounds (benchmarks.physics.laws), over
+slopes of the recipe of cases/vaujany with their standard errors, and those of the paper's own
+simulation. --write puts them into the table of evidence.
 """
 
 import argparse
+from itertools import product
 from math import nan
 
 import numpy as np
@@ -19,6 +21,7 @@ import pandas as pd
 import rasterio
 
 import rockfall
+from benchmarks.evidence import record, row
 from benchmarks.machine import NOTHING, ROOT, machine
 from benchmarks.physics.laws import add_laws
 from rockfall.analysis.lines.values import line_values
@@ -58,34 +61,37 @@ def main() -> None:
     parser.add_argument("--slopes", type=int, default=32)
     parser.add_argument("--boulders", type=int, default=2000)
     parser.add_argument("--first", type=int, default=FIRST)
+    parser.add_argument("--sets", action="append", default=[], metavar="NAME")
+    parser.add_argument("--write", action="store_true")
     add_laws(parser)
     given = parser.parse_args()
     printed = pd.read_csv(CASES / "paper.csv").set_index(["line", "method", "quantity"])
     paper = {name: rockfall.read_case(CASES / file) for name, file in METHODS.items()}
-    cases = {f"`bourrier2009`, {name}": case for name, case in paper.items()}
+    cases = {f"bourrier2009, {name}": case for name, case in paper.items()}
     observed = {"sets": "vaujany-observed", "ratio": "between"}
-    cases["`vaujany-observed`"] = paper["B"].replace(impact=observed)
+    cases["vaujany-observed"] = paper["B"].replace(impact=observed)
+    cases |= {name: paper["B"].replace(impact={"sets": name}) for name in given.sets}
     cases |= {law.name: paper["B"].replace(**law.of("compact")) for law in given.law}
     print(machine())
-    print("| line, quantity | observed | paper A, B | " + " | ".join(cases) + " |")
-    print("|---" * (3 + len(cases)) + "|")
     runs = {
         name: [measure(case, given.first + k, given.boulders) for k in range(given.slopes)]
         for name, case in cases.items()
     }
-    for line in LINES:
-        for quantity in QUANTITIES:
-            for number in ("mean", "std", "max"):
-                seen = printed.loc[(line, "observed", quantity), number]
-                own = [printed.loc[(line, one, quantity), number] / seen - 1 for one in METHODS]
-                cells = [f"{line}, {quantity}, {number}", f"{seen:g}"]
-                cells.append(", ".join(f"{error:+.0%}" for error in own))
-                for of_slopes in runs.values():
-                    off = np.array([run.loc[(line, quantity), number] for run in of_slopes])
-                    off = off / seen - 1
-                    error = off.std(ddof=1) / np.sqrt(given.slopes)
-                    cells.append(f"{off.mean():+.0%} ± {error:.0%}")
-                print("|", " | ".join(cells), "|")
+    rows = []
+    for line, quantity, number in product(LINES, QUANTITIES, ("mean", "std", "max")):
+        seen = printed.loc[(line, "observed", quantity)]
+        values = {f"paper, {one}": [printed.loc[(line, one, quantity), number]] for one in METHODS}
+        values |= {
+            name: [run.loc[(line, quantity), number] for run in of_slopes]
+            for name, of_slopes in runs.items()
+        }
+        for name, of_slopes in values.items():
+            key = "vaujany", line, f"{quantity}_{number}", name
+            rows.append(row(key, seen["unit"], seen[number], of_slopes))
+            error, spread = rows[-1].error, rows[-1].standard_error
+            print(f"{line} {quantity} {number}, {name}: {error:+.1f} ± {spread:.1f} %")
+    if given.write:
+        record(rows)
 
 
 if __name__ == "__main__":

@@ -4,18 +4,22 @@ on planes of 30 to 45 degrees over 400 m, and their mean maximum speed, by laws:
 
     python -m benchmarks.physics.runaway [--law NAME=TABLE ...] [--ground ROW ...]
         [--boulders 400] [--radius 0.4] [--slopes 30 34 38 42 45] [--terrain DEM ...]
+        [--write]
 
 Laws are those of benchmarks.physics.laws. The matrix with R_m = 0.2 m is always run. R_b = 0.4 m,
 released at 5 m/s. With --terrain on real ones in place of planes: two boulders
-of 0.5 m3 from each cell steeper than 50 degrees.
+of 0.5 m3 from each cell steeper than 50 degrees. --write puts fractions on planes by laws that are
+named into the table of evidence.
 """
 
 import argparse
+from math import nan
 from pathlib import Path
 
 import numpy as np
 
 import rockfall
+from benchmarks.evidence import record, with_origin
 from benchmarks.machine import machine
 from benchmarks.physics.laws import Law, add_laws, matrix
 from rockfall.analysis.model_limits import faster_than_observed
@@ -66,11 +70,13 @@ def main() -> None:
     parser.add_argument("--boulders", type=int, default=400)
     parser.add_argument("--slopes", type=float, nargs="+", default=SLOPES)
     parser.add_argument("--radius", type=float, default=RADIUS, help="R_b on planes [m]")
+    parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
     print(machine())
     columns = given.terrain or [f"{slope:g} degrees" for slope in given.slopes]
     print("| law | " + " | ".join(Path(one).stem for one in columns) + " |")
     print("|---" * (1 + len(columns)) + "|")
+    rows = []
     for law in [matrix(), *given.law]:
         found = [beyond_on(terrain, law) for terrain in given.terrain]
         found = found or [
@@ -78,6 +84,13 @@ def main() -> None:
         ]
         cells = [f"{part:.2f}, {speed:.0f} m/s" for part, speed in found]
         print(f"| {law.name} | " + " | ".join(cells) + " |", flush=True)
+        for slope, (part, _) in zip([] if given.terrain else given.slopes, found, strict=False):
+            place = f"{slope:g} degrees, R_b {given.radius:g} m"
+            key = "long-plane", place, "faster_than_observed", law.name
+            spread = np.sqrt(part * (1 - part) / given.boulders)
+            rows.append(with_origin(key, "", nan, part, spread))
+    if given.write:
+        record(made for made in rows if made.model in {law.name for law in given.law})
 
 
 if __name__ == "__main__":

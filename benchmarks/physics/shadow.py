@@ -3,23 +3,26 @@
 was observed, 27.5 degrees or more (Evans and Hungr 1993; docs/validation/field/protocol.md):
 
     python -m benchmarks.physics.shadow [--talus TABLE ...] [--plain TABLE ...] [--boulders 500]
-        [--radii 0.35 0.6 1.05 1.8] [--slopes 35 5]
+        [--radii 0.35 0.6 1.05 1.8] [--slopes 35 5] [--write]
 
 The angle is from the horizontal, of the line from the top of the talus to a boulder. Prints for
 each ground of the talus (a table of impacts; the matrix with rocks of 0.2 m and `rocky-slope` are
 always run), of the plain below it and each R_b [m] the parts of the boulders that leave the talus
 and that pass 27.5 degrees, and the angles that 50, 5 and 1 % of the boulders pass. The talus
-falls by 200 m. --slopes are those of the talus and of the plain [degree].
+falls by 200 m. --slopes are those of the talus and of the plain [degree]. --write puts the numbers
+into the table of evidence.
 """
 
 import argparse
 import tempfile
 from collections.abc import Sequence
+from math import nan
 from pathlib import Path
 
 import numpy as np
 
 import rockfall
+from benchmarks.evidence import record, with_origin
 from benchmarks.machine import machine
 from rockfall.io.grid import Grid
 
@@ -86,13 +89,16 @@ def main() -> None:
     parser.add_argument("--slopes", type=float, nargs=2, default=SLOPES)
     parser.add_argument("--boulders", type=int, default=500)
     parser.add_argument("--radii", type=float, nargs="+", default=[0.35, 0.6, 1.05, 1.8])
+    parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
     print(machine())
     print("| talus | plain | R_b [m] | leave the talus | pass 27.5 degrees | 50 % | 5 % | 1 % |")
     print("|---" * 8 + "|")
     pairs = [("", ""), ("rocky-slope", "rocky-slope")]
     pairs += [(one, other) for one in given.talus for other in given.plain]
+    rows = []
     for talus, plain in pairs:
+        model = talus if talus == plain else f"{talus} above {plain}"
         for radius in given.radii:
             with tempfile.TemporaryDirectory() as folder:
                 angles, gone = stops(
@@ -102,6 +108,17 @@ def main() -> None:
             passed = [f"{np.quantile(angles, q):.1f}" for q in (0.5, 0.05, 0.01)]
             names = [talus or "matrix, R_m 0.2 m", plain or "the same", f"{radius:g}"]
             print(f"| {' | '.join([*names, *parts, *passed])} |", flush=True)
+            place = f"{given.slopes[0]:g} on {given.slopes[1]:g} degrees, R_b {radius:g} m"
+            part = (angles < ANGLE).mean()
+            spread = np.sqrt(part * (1 - part) / given.boulders)
+            for quantity, unit, number, error in (
+                (f"passing_{ANGLE:g}_degrees", "", part, spread),
+                ("angle_passed_by_1_percent", "degree", np.quantile(angles, 0.01), nan),
+            ):
+                key = "talus-shadow", place, quantity, model or f"vaujany-observed, R_m {ROCKS:g} m"
+                rows.append(with_origin(key, unit, nan, number, error))
+    if given.write:
+        record(rows)
 
 
 if __name__ == "__main__":

@@ -3,24 +3,27 @@
 doi:10.16904/envidat.34) beside those of the program, by laws:
 
     python -m benchmarks.physics.tschamut FOLDER [--half calibration|held-out] [--seeds 101 102]
-        [--law NAME=TABLE ...] [--ground ROW ...] [--axes meadow] [--boulders 100]
+        [--law NAME=TABLE ...] [--ground ROW ...] [--axes meadow] [--boulders 100] [--write]
 
 FOLDER holds release_points.csv, observed_deposition.csv, block_metadata.csv and terrain.asc as
 derived from the data in github.com/ofuhrer/rust_rockfall (commit 722f7c7,
 data/processed/tschamut2014). Laws are those of benchmarks.physics.laws; the matrix with R_m = 0.2 m
 is always run. With --axes tables are thrown with blocks of the published sizes of each. What was
-chosen before: docs/validation/field/protocol.md.
+chosen before: docs/validation/field/protocol.md. --write puts the numbers of the
+laws that are named into the table of evidence.
 """
 
 import argparse
 import tempfile
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import rockfall
+from benchmarks import evidence
 from benchmarks.machine import machine
 from benchmarks.physics.laws import Law, add_laws, matrix, table
 from rockfall.analysis.validation import distribution_numbers
@@ -37,6 +40,13 @@ TITLES = {
     "mean": "mean", "std": "std", "q05": "5 %", "q50": "50 %", "q95": "95 %", "ks": "KS", "p": "p",
     "wasserstein": "Wasserstein",
 }  # fmt: skip
+RECORDED = {  # by title: unit, quantity, and place within a half
+    "mean": ("m", "run_out_mean", ""), "std": ("m", "run_out_std", ""),
+    "5 %": ("m", "run_out_q05", ""), "50 %": ("m", "run_out_q50", ""),
+    "95 %": ("m", "run_out_q95", ""), "KS": ("", "run_out_ks", ""),
+    "Wasserstein": ("m", "run_out_wasserstein", ""), "azimuth std": ("degree", "azimuth_std", ""),
+} | {f"block {k}": ("m", "run_out_mean", f", block {k}") for k in SHAPE_OF_BLOCK}  # fmt: skip
+DISTANCES = "KS", "Wasserstein"  # of nothing that was observed
 HALVES = {"calibration": 0, "held-out": 1}  # places of runs, in the order of trajectory_id, from 0
 
 
@@ -148,6 +158,7 @@ def compare(given: argparse.Namespace, laws: list[Law]) -> None:
     print("| law | " + " | ".join(seen) + " |")
     print("|---" * (len(seen) + 1) + "|")
     print("| observed | " + " | ".join(f"{value:.3g}" for value in seen.values()) + " |")
+    rows = []
     for law in laws:
         found = [
             described(runs, [simulated(run, law, place, given.boulders, seed) for run in runs])
@@ -159,6 +170,12 @@ def compare(given: argparse.Namespace, laws: list[Law]) -> None:
             error = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
             cells.append(f"{values.mean():.3g}" + (f" ± {error:.1g}" if len(values) > 1 else ""))
         print(f"| {law.name} | " + " | ".join(cells) + " |", flush=True)
+        for title, (unit, quantity, part) in RECORDED.items():
+            key = "tschamut", given.half + part, quantity, law.name
+            one = nan if title in DISTANCES else seen[title]
+            rows.append(evidence.row(key, unit, one, [numbers[title] for numbers in found]))
+    if given.write:
+        evidence.record(made for made in rows if made.model in {law.name for law in given.law})
 
 
 def main() -> None:
@@ -168,6 +185,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1])
     parser.add_argument("--boulders", type=int, default=100)
     parser.add_argument("--axes", metavar="GROUND", help="blocks of their own axes at a ground")
+    parser.add_argument("--write", action="store_true")
     add_laws(parser)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as tables:

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Prints the table of README.md: what the experiment had, and what the program has beside it.
+"""What the experiment had, and what the program has.
 
 `python expected.py [SEEDS] [--table NAME]` after `python make_terrain.py`; ten seconds for 40
-seeds, each of boulders and of trees. With `--write` the table goes into README.md, and its
-numbers into `python/rockfall/data/forest_experiment.csv`, from which the program says how far its
-forest is from the experiment. `--table` runs by a table of impacts in place of the matrix.
+seeds, each of boulders and of trees. `--table` runs by a table of impacts in place of the matrix.
+With `--write` the numbers go into `python/rockfall/data/field_evidence.csv`, from which
+`python tools/document.py` writes the table of README.md, and the program its remarks on forests.
 """
 
 import argparse
-import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +16,17 @@ import xarray as xr
 
 import rockfall
 
-HERE = Path(__file__).parent
-STORED = HERE.parents[1] / "python" / "rockfall" / "data" / "forest_experiment.csv"
-CASES = {"bare": "without forest", "forest": "with forest"}
+HERE = Path(__file__).resolve().parent
+sys.path.append(str(HERE.parents[1]))
+
+from benchmarks.evidence import record, row  # noqa: E402
+
+CASES = "bare", "forest"
 AT_ONCE = 100  # boulders, about as many as the experiment released on each slope
-QUANTITIES = {  # by case: as printed of the experiment
-    "passing": ("boulders that pass [%]", {"bare": 95.0, "forest": 34.0}),
-    "mean_speed": ("mean speed [m/s]", {"bare": 15.4, "forest": 11.7}),
-    "max_speed": (f"maximum speed of {AT_ONCE} boulders [m/s]", {"bare": 30.6, "forest": 24.2}),
+QUANTITIES = {  # unit; by case, as printed of the experiment
+    "passing": ("%", {"bare": 95.0, "forest": 34.0}),
+    "speed_mean": ("m/s", {"bare": 15.4, "forest": 11.7}),
+    "speed_max": ("m/s", {"bare": 30.6, "forest": 24.2}),
 }
 
 
@@ -42,52 +45,26 @@ def numbers(result: xr.Dataset) -> list[float]:
     return [100 * np.isfinite(speed).mean(), float(np.nanmean(speed)), some.max(axis=1).mean()]
 
 
-def simulated(seeds: int, impact: dict[str, str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """By case: means over the seeds and their standard errors, (quantities,)."""
-    found = {}
-    for name in CASES:
-        case = rockfall.read_case(HERE / f"{name}.nml").replace(impact=impact)
-        values = np.array([numbers(run(case, seed)) for seed in range(1, seeds + 1)])
-        found[name] = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(seeds)
-    return found
-
-
-def table(found: dict[str, tuple[np.ndarray, np.ndarray]]) -> str:
-    """The table in Markdown."""
-    heads = [f"{about}: {what}" for about in CASES.values() for what in ("experiment", "program")]
-    rows = [f"| | {' | '.join(heads)} |", "|---|" + "---|" * len(heads)]
-    for k, (label, printed) in enumerate(QUANTITIES.values()):
-        cells = []
-        for name, (mean, error) in found.items():
-            cells += [f"{printed[name]:g}", f"{mean[k]:.1f} ± {error[k]:.2g}"]
-        rows.append(f"| {label} | {' | '.join(cells)} |")
-    return "\n".join(rows)
-
-
-def stored(found: dict[str, tuple[np.ndarray, np.ndarray]]) -> str:
-    """The same for the program, as CSV."""
-    rows = ["quantity,case,experiment,simulated,standard_error"]
-    for k, (quantity, (_, printed)) in enumerate(QUANTITIES.items()):
-        for name, (mean, error) in found.items():
-            rows.append(f"{quantity},{name},{printed[name]:g},{mean[k]:.1f},{error[k]:.2g}")
-    return "\n".join([*rows, ""])
-
-
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("seeds", type=int, nargs="?", default=40)
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--table", metavar="NAME", help="of impacts, in place of the matrix")
     given = parser.parse_args()
-    found = simulated(given.seeds, {"form": "table", "table": given.table} if given.table else {})
-    print(table(found))
-    if given.write and not given.table:
-        readme = HERE / "README.md"
-        text = readme.read_text(encoding="utf-8")
-        readme.write_text(
-            re.sub(r"(?m)^\| .*\n\|---.*\n(\|.*\n)+", table(found) + "\n", text, count=1)
-        )
-        STORED.write_text(stored(found), encoding="utf-8")
+    impact = {"form": "table", "table": given.table} if given.table else {}
+    rows = []
+    for name in CASES:
+        case = rockfall.read_case(HERE / f"{name}.nml")
+        model = given.table or case.impact["sets"]
+        case = case.replace(impact=impact)
+        values = np.array([numbers(run(case, seed)) for seed in range(1, given.seeds + 1)])
+        for (quantity, (unit, printed)), of_runs in zip(QUANTITIES.items(), values.T, strict=True):
+            key = "vaujany-forest", name, quantity, model
+            rows.append(row(key, unit, printed[name], of_runs))
+            shown = f"{rows[-1].simulated:.4g} ± {rows[-1].simulated_error:.2g} {unit}"
+            print(f"{name}, {quantity}: {printed[name]:g} in the experiment, {shown}")
+    if given.write:
+        record(rows)
 
 
 if __name__ == "__main__":

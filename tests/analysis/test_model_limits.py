@@ -12,12 +12,13 @@ from rockfall.analysis.model_limits import (
     end_remarks,
     extrapolations,
     faster_than_observed,
-    forest_experiment,
     forest_text,
     joint_warnings,
     model_remarks,
     set_remarks,
+    table_remarks,
 )
+from rockfall.evidence import only
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.grounds.impact_tables import USUAL_WEIGHT, open_table, plane_files, save_table
 from rockfall.html_report.validity import warnings
@@ -36,7 +37,8 @@ POINT = {"x": 1.0, "y": 1.0}
 #: Values of a long warning of each message.
 TYPICAL = {
     "mean": 2.345, "most": 20, "limit": 0.8, "bare": 95.0, "forest": 34.0, "bare_here": 98.5,
-    "forest_here": 48.1, "radius": 2.25, "line": "road", "slow": 2.0, "distance": 10.0,
+    "forest_here": 48.1, "speed": 13, "energy": 26, "run_out": 72, "means": 7, "deviations": 24,
+    "radius": 2.25, "line": "road", "slow": 2.0, "distance": 10.0,
     "names": "vaujany-observed", "lines": "road (5, and 12 that might have)", "least": 0.01,
     "grounds": "talus, meadow, vegetated-soil", "fraction": "1.2 %",
 }  # fmt: skip
@@ -343,9 +345,15 @@ def test_sets_of_spheres_are_said_to_err_on_the_unsafe_side(tmp_path, grounds, s
     }  # fmt: skip
     case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": "laboratory-spheres"})
     found = [*set_remarks(values() | (counted if grounds else {}), case)]
+    known = [
+        only("vaujany", "EL2", "speed_mean", "laboratory-spheres"),
+        only("vaujany", "EL2", "energy_translational_mean", "laboratory-spheres"),
+        only("tschamut", "held-out", "run_out_mean", "laboratory-spheres"),
+    ]
+    speed, energy, run_out = (round(-row.error) for row in known)
     followed = (
-        " followed laboratory-spheres, from spheres: on talus speeds 12 %, energies 26 %, on "
-        "pasture run-outs 72 % too low"
+        f" followed laboratory-spheres, from spheres: on talus speeds {speed} %, energies "
+        f"{energy} %, on pasture run-outs {run_out} % too low"
     )
     assert [one.text for one in found] == [part + followed for part in said]
     assert all(one.is_warning for one in found)
@@ -361,6 +369,37 @@ def test_the_set_of_observed_boulders_has_a_remark_of_its_own(tmp_path):
     }  # fmt: skip
     spheres, observed = set_remarks(values() | grounds, case)
     assert spheres.text.startswith("750 of 1,000") and observed.text.startswith("250 of 1,000")
+
+
+@pytest.mark.parametrize("method", ["A", "B"])
+def test_the_set_of_the_paper_is_judged_by_the_method_of_the_case(tmp_path, method):
+    sizes = {"A": {"uniform_rg": [0.1, 0.2, 0.3]}, "B": {"uniform_mean_radius": 0.25}}
+    case = make_case(
+        tmp_path, *sets(), release=POINT, impact={"sets": "bourrier2009"},
+        surface={"method": method} | sizes[method],
+    )  # fmt: skip
+    error = round(-only("vaujany", "EL2", "speed_mean", f"bourrier2009, {method}").error)
+    (found,) = set_remarks(values(), case)
+    assert found.text.endswith(f"up to {error} % below those observed")
+
+
+@pytest.mark.parametrize(
+    ("name", "line"), [("rocky-slope", "EL1"), ("talus", "EL2"), ("compact", "EL2")]
+)
+def test_tables_are_judged_by_the_worst_of_those_with_evidence(tmp_path, name, line):
+    """Talus and meadow always, `rocky-slope` where rebounds follow it."""
+    grounds = {
+        "ground": [name], "ground_model": ["impact_table"], "rebounds_by_ground": [1000],
+        "ground_block_radius": [np.nan],
+    }  # fmt: skip
+    model = name if name == "rocky-slope" else "talus"
+    mean = only("vaujany", "EL2", "passing_height_mean", "talus")
+    worst = only("vaujany", line, "speed_std" if line == "EL1" else "passing_height_std", model)
+    worst = max(abs(worst.error), only("tschamut", "held-out", "run_out_std", "meadow").error)
+    case = make_case(tmp_path, *sets(), release=POINT)
+    (found,) = table_remarks(values() | grounds, case)
+    said = f"means within {round(-mean.error)} %, deviations within {round(worst)} %"
+    assert found.text.endswith(said)
 
 
 @pytest.mark.parametrize("name", [*shipped_sets()])
@@ -547,10 +586,12 @@ def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):
     """The numbers are those that the case of the experiment has written down."""
     case, result = on_grounds(tmp_path, {}, forest=STAND)
     text = forest_text()
-    bare, known = (forest_experiment()["passing", state] for state in ("bare", "forest"))
-    assert known["experiment"] == 34
-    assert f"34 % passed without and with it, here {bare['simulated']:g}" in text
-    assert f"and {known['simulated']:g} %: run without too" in text
+    bare, known = (
+        only("vaujany-forest", state, "passing", "vaujany-observed") for state in ("bare", "forest")
+    )
+    assert known.observed == 34
+    assert f"34 % passed without and with it, here {bare.simulated:.1f}" in text
+    assert f"and {known.simulated:.1f} %: run without too" in text
     assert f"  warning      {text}" in preview(scene_of(case)).splitlines()
     assert f"  warning: {text}" in summary(result).splitlines()
     assert f"{text}." in warnings(result)

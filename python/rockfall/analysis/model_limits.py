@@ -9,21 +9,18 @@ numbers of results; by `ensemble` for the unchanged case; by `import-rockyfor3d`
 
 from __future__ import annotations
 
-import importlib.resources
 from collections.abc import Iterable, Iterator, Mapping
-from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from rockfall.analysis.run_out import falls_and_distances, mean_slopes
 from rockfall.case import case_of
+from rockfall.evidence import evidence, largest_error, only
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, block_radius, other_tables, repose
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.grounds.impact_tables import open_table, own_table, shipped_tables
-from rockfall.io.tables import read_table
 from rockfall.language import Text, say, word
 from rockfall.limits import fraction_limits
 from rockfall.quantities import first_of, part_of_boulders, part_of_rebounds, percent
@@ -57,12 +54,13 @@ MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no desig
 SPEED_PER_DEGREE = 0.8
 
 
-#: What is said of shipped sets, by how their names begin (those of ensembles are longer).
-EVIDENCE = {
+#: Messages on shipped sets, by how their names begin (those of ensembles are longer).
+SET_MESSAGES = {
     "laboratory-spheres": "model.spheres_set",
     "vaujany-observed": "model.observed_set",
     "bourrier2009": "model.paper_set",
 }
+JUDGED_TABLES = "talus", "meadow"  # grounds by tables of impacts with evidence of a site each
 #: Half of the rebounds of their fit had R_b/R_m above 5.5, which the set of 5 served.
 FITTED_BEYOND = "vaujany-observed", "bourrier2009"
 OUTSIDE = {  # messages, by the count of a result
@@ -178,13 +176,29 @@ def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     total = _total(values, "rebounds")
     if not total:
         return
-    for start, key in EVIDENCE.items():
+    for start, key in SET_MESSAGES.items():
         own = {name for name in names if name.startswith(start)}
         grounds = [ground for ground in rebounds_by_ground(values) if ground.name in own]
         if own and (grounds or own == names):
             part = _part_of_all(grounds, values) if grounds else part_of_rebounds(total, total)
-            text = say(key, followed=part, names=", ".join(sorted(own)))
+            errors = _set_errors(start, case.surface["method"])
+            text = say(key, followed=part, names=", ".join(sorted(own)), **errors)
             yield Remark(text, True)
+
+
+def _set_errors(name: str, method: str) -> dict[str, int]:
+    """Largest errors of means by a shipped set [%]: speeds and energies at Vaujany, by a method of
+    choosing rocks if the set was run by both, and run-outs at Tschamut."""
+    chosen = {
+        "speed": evidence("vaujany", quantity="speed_mean", model=f"{name}*"),
+        "energy": evidence("vaujany", quantity="energy_translational_mean", model=f"{name}*"),
+        "run_out": evidence("tschamut", quantity="run_out_mean", model=name),
+    }
+    by_method = {
+        what: [row for row in rows if row.model in {name, f"{name}, {method}"}]
+        for what, rows in chosen.items()
+    }
+    return {what: largest_error(rows) for what, rows in by_method.items() if rows}
 
 
 def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -192,8 +206,24 @@ def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     boulders much larger than the blocks thrown; none without tables."""
     if not (tables := table_grounds(values)):
         return
-    names = ", ".join(table.name for table in tables)
-    text = say("model.tables", drawn=_part_of_all(tables, values), grounds=names)
+    names = [table.name for table in tables]
+    means, deviations = (
+        largest_error(
+            row
+            for model in {*JUDGED_TABLES, *names}
+            for site in ("vaujany", "tschamut")
+            for row in evidence(site, quantity=f"*_{statistic}", model=model)
+            if row.quantity != "azimuth_std" and "block" not in row.place
+        )
+        for statistic in ("mean", "std")
+    )
+    text = say(
+        "model.tables",
+        drawn=_part_of_all(tables, values),
+        grounds=", ".join(names),
+        means=means,
+        deviations=deviations,
+    )
     yield Remark(text, True)
     thrown = [*_largest_thrown(tables, case)]
     if thrown and "volume" in values:
@@ -275,27 +305,16 @@ def _fragments_at_lines(values: Variables) -> Iterator[Text]:
 
 def forest_text() -> Text:
     """Comparison with the forest experiment (cases/vaujany-forest), and its consequences."""
-    bare, forest = (forest_experiment()["passing", state] for state in ("bare", "forest"))
+    bare, forest = (
+        only("vaujany-forest", state, "passing", "vaujany-observed") for state in ("bare", "forest")
+    )
     return say(
         "model.forest",
-        bare=bare["experiment"],
-        forest=forest["experiment"],
-        bare_here=bare["simulated"],
-        forest_here=forest["simulated"],
+        bare=bare.observed,
+        forest=forest.observed,
+        bare_here=round(bare.simulated, 1),
+        forest_here=round(forest.simulated, 1),
     )
-
-
-@cache
-def forest_experiment() -> dict[tuple[str, str], dict[str, float]]:
-    """Results of the published forest experiment and of the program, by quantity and case (bare,
-    forest); columns experiment, simulated, standard_error. Written by
-    `cases/vaujany-forest/expected.py`."""
-    path = importlib.resources.files("rockfall") / "data" / "forest_experiment.csv"
-    _, columns, rows = read_table(Path(str(path)))
-    return {
-        (row.text("quantity"), row.text("case")): {name: row.number(name) for name in columns[2:]}
-        for row in rows
-    }
 
 
 def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Evidence on the validity of the models: `data/field_evidence.csv`, the one table of what was
+observed and what the program has there. Messages read it here, pages through `tools/document.py`.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from rockfall.io.tables import read_table
+
+TABLE = Path(str(importlib.resources.files("rockfall") / "data" / "field_evidence.csv"))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A quantity at a site by a model.
+
+    `place` is a line, a half of the data or a slope; `error` and its standard error are in % of
+    what was `observed`, in `unit`. Where `observed` is NaN, as for distances of distributions and
+    numbers of a made-up slope, `error` is the number itself. The program of `version` (and commit)
+    has it by `command`.
+    """
+
+    site: str
+    place: str
+    quantity: str
+    model: str
+    unit: str
+    observed: float
+    error: float
+    standard_error: float
+    command: str
+    version: str
+    date: str
+
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """Columns that no two rows share."""
+        return self.site, self.place, self.quantity, self.model
+
+    @property
+    def simulated(self) -> float:
+        """Number of the model, in `unit`."""
+        return self.error if np.isnan(self.observed) else self.observed * (1 + self.error / 100)
+
+    @property
+    def simulated_error(self) -> float:
+        """Standard error of `simulated`, in `unit`."""
+        scale = 1.0 if np.isnan(self.observed) else abs(self.observed) / 100
+        return self.standard_error * scale
+
+
+def evidence(
+    site: str = "*", place: str = "*", quantity: str = "*", model: str = "*"
+) -> list[Evidence]:
+    """Rows of the table whose columns match these patterns (of `fnmatch`), in its order."""
+    patterns = site, place, quantity, model
+    return [row for row in table() if all(map(fnmatchcase, row.key, patterns))]
+
+
+def only(site: str, place: str, quantity: str, model: str) -> Evidence:
+    """The one row with these columns; a LookupError without it."""
+    rows = evidence(site, place, quantity, model)
+    if len(rows) != 1:
+        raise LookupError(f"{len(rows)} rows of {site}, {place}, {quantity}, {model}")
+    return rows[0]
+
+
+def largest_error(rows: Iterable[Evidence]) -> int:
+    """Largest absolute error of rows with observations [%]."""
+    return round(max(abs(row.error) for row in rows))
+
+
+@cache
+def table() -> tuple[Evidence, ...]:
+    """Return all rows."""
+    _, _, rows = read_table(TABLE)
+    return tuple(
+        Evidence(
+            site=row.text("site"),
+            place=row.text("place"),
+            quantity=row.text("quantity"),
+            model=row.text("model"),
+            unit=row.cells["unit"],
+            observed=row.maybe("observed"),
+            error=row.number("error"),
+            standard_error=row.maybe("standard_error"),
+            command=row.text("command"),
+            version=row.text("version"),
+            date=row.text("date"),
+        )
+        for row in rows
+    )
