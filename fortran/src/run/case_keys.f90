@@ -282,6 +282,10 @@ module rockfall_case_keys
             "geometric standard deviation of volume_std"), &
       key_t("ensemble", "drop_height_factor", "real", 1, "1.0", "1 to 10", "", &
             "geometric standard deviation of drop_height"), &
+      key_t("ensemble", "strength_factor", "real", 1, "1.0", "1 to 10", "", &
+            "geometric standard deviation of strength, ground by ground"), &
+      key_t("ensemble", "relief_factor", "real", 1, "1.0", "1 to 10", "", &
+            "geometric standard deviation of relief, ground by ground"), &
       key_t("ensemble", "dem_error", "real", 1, "0.0", "0 to 20", "m", "standard deviation of elevations"), &
       key_t("ensemble", "dem_correlation", "real", 1, "absent", "> 0", "m", &
             "distance at which the correlation of their errors is 1/e"), &

@@ -17,7 +17,10 @@ from rockfall.limits import MAX_NAME
 CHOSEN = {"barriers": "barrier", "dams": "dam"}
 BASE = "base"  # name of the case without its variants
 #: Factors of &ensemble for which draws may have a column.
-FACTORS = ("radius_factor", "volume_factor", "volume_std_factor", "drop_height_factor")
+FACTORS = (
+    "radius_factor", "volume_factor", "volume_std_factor", "drop_height_factor", "strength_factor",
+    "relief_factor",
+)  # fmt: skip
 
 ROCKS = {  # keys of &surface that may give rock sizes
     "zones", "mean_radius", "rg70", "uniform_mean_radius", "uniform_rg",

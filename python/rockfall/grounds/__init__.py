@@ -25,6 +25,7 @@ from rockfall.grounds.grounds import (
     other_tables,
     parameters,
     repose,
+    scaled_pair,
     shipped_grounds,
     shipped_rows,
     table_names,

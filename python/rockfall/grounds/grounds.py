@@ -243,6 +243,20 @@ def _of_plane(rule: GroundRule, plane: Plane, shape: str) -> GroundRule:
     return rule._replace(text=text, plane=plane, block_radius=block_radius(table))
 
 
+def scaled_pair(rule: GroundRule, strength: float, relief: float, case: Case) -> GroundRule:
+    """Return a ground with factors on its strength and relief; numbers beyond their limits, far
+    outside all tables, become these limits."""
+    assert rule.plane is not None
+    given = rule.plane.ground
+    limits = {parameter.name: parameter.limits for parameter in parameters()}
+    scaled = {"strength": strength * given.strength, "relief": relief * given.relief}
+    clipped = {key: float(np.clip(value, *limits[key])) for key, value in scaled.items()}
+    ground = given._replace(**clipped)
+    text = _row_text(rule.plane.model, ground._asdict()).encode()
+    shape = (possible_shapes(case) or BLOCK_SHAPES)[0]
+    return _of_plane(rule._replace(text=text), rule.plane._replace(ground=ground), shape)
+
+
 def usual_radii(case: Case) -> tuple[float, float]:
     """Least and largest R_b [m] of all but few boulders of a case."""
     given = facts(case, "boulder", "release", "breakage")

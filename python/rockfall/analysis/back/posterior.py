@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.back.contributions import CONFLICT
+from rockfall.analysis.back.ridges import ridges
 from rockfall.analysis.back.sampling import effective
 from rockfall.analysis.back.study import Back
+from rockfall.analysis.ensemble.uncertain_inputs import PAIR
 from rockfall.analysis.precision.weighted import value_at
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, file_keys
 from rockfall.case.files import input_files
@@ -39,6 +41,7 @@ TABLE, DRAWN, ALL, CASE = "posterior.csv", "draws.csv", "members.nc", "case.nml"
 ALONE = "by_data.csv"  # the posterior by each set of data alone
 DRAWING = "posterior.png"
 MARK = "! Made by `rockfall back`"
+TRADED = 0.7  # correlation of strength and relief of a ground from which it is a warning
 CONTRADICTED = 0.05  # of all sets of data together
 
 
@@ -57,7 +60,7 @@ def parameters(analysis: Back) -> Iterator[Parameter]:
     no order."""
     inputs, case = analysis.inputs, analysis.case
     sought = set(analysis.sought.tolist())
-    volume, drop, source, sets, _, first, _ = inputs.ends[:7].tolist()
+    volume, drop, source, sets, _, first, _, pairs = inputs.ends[:8].tolist()
     if volume in sought:
         mean = case.boulder.get("volume_mean")
         yield Parameter("volume", "volume, mean", "m3", mean)
@@ -78,6 +81,12 @@ def parameters(analysis: Back) -> Iterator[Parameter]:
             else:
                 size = float(inputs.scene.rasters.sizes[row, 0])
                 yield Parameter(column, f"R_m{names[row]}", "m", size)
+    for i, k in enumerate(inputs.pairs):
+        rule = inputs.scene.grounds[k]
+        for j, (key, units) in enumerate(zip(PAIR, ("Pa", "degree"), strict=True)):
+            if pairs + 2 * i + j in sought:
+                value = getattr(rule.plane.ground, key) if rule.plane else 1.0
+                yield Parameter(f"{key}_{i + 1}", f"{key} of {rule.name}", units, value)
 
 
 def _zones(analysis: Back) -> list[str]:
@@ -90,17 +99,22 @@ def _zones(analysis: Back) -> list[str]:
 def posterior_table(analysis: Back) -> pd.DataFrame:
     """Table with a row for each parameter: parameter, units, case (its value there), 5, 50 and 95 %
     quantiles of prior and posterior, ratio (of the posterior's 5-95 % range to the prior's, of
-    logarithms for factors), moved (Kolmogorov-Smirnov distance of the two) and verdict. For impact
+    logarithms for factors), moved (Kolmogorov-Smirnov distance of the two), verdict, and for
+    strength and relief of a ground their correlation (of logarithms, in the posterior). For impact
     sets ratio is the effective number (exp of the entropy) over that of the prior, and set_best the
     most likely, from 0."""
     import pandas as pd
 
     rows = [_row(analysis, parameter) for parameter in parameters(analysis)]
+    for ridge in ridges(analysis):
+        for row in rows:
+            if row["parameter"] in (f"{key} of {ridge.ground}" for key in PAIR):
+                row["correlation"] = ridge.correlation
     if "sets" in analysis.inputs.names:
         rows.append(_set_row(analysis))
     columns = ["parameter", "units", "case", *(f"{prefix}{name}" for prefix in ("prior_", "")
                for name in ("q05", "median", "q95")), "ratio", "moved", "verdict"]  # fmt: skip
-    return pd.DataFrame(rows, columns=[*columns, "set_best"])
+    return pd.DataFrame(rows, columns=[*columns, "set_best", "correlation"])
 
 
 def alone_table(analysis: Back) -> pd.DataFrame:
@@ -154,8 +168,7 @@ def _spread(analysis: Back, parameter: Parameter) -> float:
     given = analysis.inputs.given
     if parameter.column.startswith("source"):
         return given["source_shift"]
-    key = "radius_factor" if parameter.column.startswith("radius") else f"{parameter.column}_factor"
-    return float(np.log(given[key]))
+    return float(np.log(given[f"{parameter.column.rstrip('_0123456789')}_factor"]))
 
 
 def _moved(weight: np.ndarray, scores: np.ndarray) -> float:
@@ -217,13 +230,20 @@ def warnings(analysis: Back) -> Iterator[str]:
             if row["verdict"].startswith("at the edge")]  # fmt: skip
     if edge:
         yield f"the data pull beyond the prior, which may be too narrow: {', '.join(edge)}"
+    for ridge in ridges(analysis):
+        if ridge.correlation > TRADED:
+            yield (
+                f"{ridge.ground}: twice the strength is like {ridge.degrees:.1f} degrees more "
+                f"relief (correlation {ridge.correlation:.2f}): measure one by `rockfall ground`"
+            )
 
 
 def draws_table(analysis: Back) -> pd.DataFrame:
     """Draws of the posterior, each with equal probability (systematic resampling), in the form that
     `&ensemble draws` reads."""
     columns = [name for name in analysis.members if name.startswith(
-        ("radius_", "volume", "drop_height", "source_east", "source_north", "set"))]  # fmt: skip
+        ("radius_", "volume", "drop_height", "source_east", "source_north", "set",
+         *(f"{key}_" for key in PAIR)))]  # fmt: skip
     random = np.random.default_rng((analysis.case.case["seed"], DRAWS))
     steps = (np.arange(DRAWS) + random.random()) / DRAWS
     picked = np.searchsorted(np.cumsum(analysis.weight), steps).clip(max=len(analysis.weight) - 1)

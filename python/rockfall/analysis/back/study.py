@@ -19,6 +19,7 @@ from rockfall.analysis.deposits import witnesses
 from rockfall.analysis.ensemble.study import lean
 from rockfall.analysis.ensemble.uncertain_inputs import (
     INPUTS,
+    PAIR_FACTORS,
     Uncertain,
     drawn_scene,
     has_rocks,
@@ -30,6 +31,7 @@ from rockfall.analysis.observed_doubts import check_exchanged, unit_notes
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
+from rockfall.result.grounds import rebounds_by_ground
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -277,8 +279,8 @@ def _member(
     row: dict[str, float] = {}
     for draw in draws:
         for name, value in draw.kept.items():
-            if name == "radius":
-                row |= {f"radius_{i + 1}": float(radius) for i, radius in enumerate(value)}
+            if np.ndim(value):
+                row |= {f"{name}_{i + 1}": float(number) for i, number in enumerate(value)}
             else:
                 row[name] = float(value)
     return row, [item.kept(result) for item in data]
@@ -293,6 +295,8 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
         if name == "radius":
             rows = _reached_materials(inputs.scene, base)
             columns = [column for i, column in enumerate(columns) if i in rows]
+        if name == "ground":
+            columns = [columns[i] for i in _reached_pairs(inputs, base)]
         if name == "volume":
             given = [inputs.given[key] > 1 for key in ("volume_factor", "volume_std_factor")]
             columns = [column for column, is_given in zip(columns, given, strict=True) if is_given]
@@ -300,6 +304,20 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
     if not all_columns:
         raise RockfallError(f"{inputs.scene.case.name}: &ensemble: nothing that can be sought")
     return np.array(all_columns)
+
+
+def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
+    """Numbers of strength and relief, one after the other for each ground, that are uncertain and
+    of grounds on which boulders rebound."""
+    reached = {ground.name for ground in rebounds_by_ground(base) if ground.rebounds}
+    is_given = [inputs.given[key] > 1 for key in PAIR_FACTORS]
+    return [
+        2 * i + j
+        for i, k in enumerate(inputs.pairs)
+        if inputs.scene.grounds[k].name in reached
+        for j in (0, 1)
+        if is_given[j]
+    ]
 
 
 def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:

@@ -55,6 +55,8 @@ KEPT = {  # of the draws: units, meaning
     "drop_height": ("1", "factor on the drop height"),
     "source_east": ("m", "shift of the sources eastwards"),
     "source_north": ("m", "shift of the sources northwards"),
+    "strength": ("1", "factor on the strength of each ground that has one"),
+    "relief": ("1", "factor on the relief of each ground that has one"),
     "source_redrawn": ("1", "shifts drawn before, which left a source off the terrain"),
     "draw": ("1", "row of the file of draws, from 0"),
     "set": ("1", "draw of the impact sets, by its place in all files of the case, from 0"),
@@ -241,7 +243,8 @@ def _drawn(draws: list[list[Draw]], seeds: list[int]) -> dict[str, Any]:
     for key in kept[0]:
         values = np.array([draw[key] for draw in kept])
         units, meaning = KEPT[key]
-        dims = ("run", "side", "zone")[: values.ndim + 1]
+        each = "zone" if key == "radius" else "ground_with_relief"
+        dims = ("run", "side", each)[: values.ndim + 1]
         attrs = {"units": units, "long_name": meaning}
         data[f"drawn_{key}"] = (dims, values.reshape(len(seeds), 2, *values.shape[1:]), attrs)
     return data

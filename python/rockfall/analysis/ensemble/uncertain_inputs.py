@@ -19,6 +19,7 @@ from rockfall.grounds import (
     ensemble_grounds,
     ensemble_names,
     find_operator,
+    scaled_pair,
     table_names,
     usual_name,
 )
@@ -29,8 +30,12 @@ from rockfall.scene.layers import file_checksum
 from rockfall.scene.scene import Scene
 from rockfall.scene.source_attributes import VALUES, VOLUMES
 
-INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius", "draws")
-NUMBERS = (2, 1, 2, 1, 0)  # numbers that an input needs in a draw; radius: one for each zone
+INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius", "draws", "ground")
+#: Numbers that an input needs in a draw; radius: one for each zone; ground: two for each that has
+#: strength and relief.
+NUMBERS = (2, 1, 2, 1, 0)
+PAIR = ("strength", "relief")
+PAIR_FACTORS = tuple(f"{key}_factor" for key in PAIR)
 STREAMS = ("boulders", "design", "dem", "source")  # of random numbers; append new ones at the end
 REACH = 6  # correlation lengths; exp(-6) is a quarter of a per cent
 BITS = 30  # of a number of the design
@@ -82,19 +87,23 @@ class Uncertain:
         self.set_checksums: dict[str, str] = {}
         self.sets = self._operators()
         self.radii = 1 if scene.rasters.values is not None else len(scene.rasters.sizes)
+        #: Grounds by strength and relief, counted from 0.
+        self.pairs = [k for k, rule in enumerate(scene.grounds) if rule.plane is not None]
         self.rows: list[dict[str, float]] = []
         if "draws" in self.given:
             path = scene.case.path(self.given["draws"])
-            self.rows = read_draws(path, self.radii, len(self.sets))
+            self.rows = read_draws(path, self.radii, len(self.sets), len(self.pairs))
         self.names = [name for name in INPUTS if self._varies(name)]
         if not self.names:
             raise RockfallError(
                 f"{scene.case.name}: &ensemble: nothing is uncertain: give radius_factor, "
-                "volume_factor, volume_std_factor, drop_height_factor, dem_error, source_shift "
-                "or two sets"
+                "volume_factor, volume_std_factor, drop_height_factor, strength_factor, "
+                "relief_factor, dem_error, source_shift or two sets"
             )
         self._check_factors()
-        self.ends = np.cumsum([0, *NUMBERS, self.radii, int("draws" in self.names)])
+        self._check_pairs()
+        of_pairs = 2 * len(self.pairs) * ("ground" in self.names)
+        self.ends = np.cumsum([0, *NUMBERS, self.radii, int("draws" in self.names), of_pairs])
         self.design = self._design()
         longest = max(scene.grid.shape) * scene.grid.cell
         if self.given["dem_error"] > 0 and self.given["dem_correlation"] > longest:
@@ -170,6 +179,22 @@ class Uncertain:
                     "(R_m > 0); take it out"
                 )
 
+    def _check_pairs(self) -> None:
+        """Refuse factors on strength and relief that no ground has, or that tables in `sets`
+        replace."""
+        given = [key for key in PAIR_FACTORS if self.given[key] > 1]
+        given += ["draws"] * ("strength_1" in dict(*self.rows[:1]))
+        for key in given[:1]:
+            where = f"{self.scene.case.name}: &ensemble {key}"
+            if not self.pairs:
+                raise RockfallError(
+                    f"{where}: has no effect: no ground has strength and relief; take it out"
+                )
+            if any(operator.grounds for operator in self.sets):
+                raise RockfallError(
+                    f"{where}: is not valid together with tables in sets, which replace grounds"
+                )
+
     def _varies(self, name: str) -> bool:
         if name == "draws":
             return bool(self.rows)
@@ -178,6 +203,7 @@ class Uncertain:
         if name in ("dem", "source"):
             return self.given["dem_error" if name == "dem" else "source_shift"] > 0
         keys = [f"{name}_factor"] + ["volume_std_factor"] * (name == "volume")
+        keys = [*PAIR_FACTORS] if name == "ground" else keys
         return max(self.given[key] for key in keys) > 1
 
     def _design(self) -> np.ndarray:
@@ -283,7 +309,23 @@ class Uncertain:
             draw |= moved
         if "set" in row:
             draw |= self._set(int(row["set"]))
+        if "strength_1" in row:
+            names = [f"{key}_{i + 1}" for i in range(len(self.pairs)) for key in PAIR]
+            draw |= self._pairs_by(np.array([row[name] for name in names]).reshape(-1, 2))
         return draw
+
+    def _ground(self, numbers: np.ndarray) -> Draw:
+        """Factors on strength and relief, for each ground that has them."""
+        deviations = np.log([self.given[key] for key in PAIR_FACTORS])
+        return self._pairs_by(np.exp(deviations * normal_scores(numbers.reshape(-1, 2))))
+
+    def _pairs_by(self, factors: np.ndarray) -> Draw:
+        """Grounds with factors (grounds, 2) on strength and relief."""
+        scene = self.scene
+        grounds = [*scene.grounds]
+        for k, (strength, relief) in zip(self.pairs, factors.tolist(), strict=True):
+            grounds[k] = scaled_pair(grounds[k], strength, relief, scene.case)
+        return Draw({"grounds": tuple(grounds)}, kept=dict(zip(PAIR, factors.T, strict=True)))
 
     def _dem(self, _: np.ndarray, random: np.random.Generator) -> Draw:
         z, cells = self.scene.rasters.z, self.given["dem_correlation"] / self.scene.grid.cell
@@ -326,13 +368,15 @@ def has_rocks(sizes: np.ndarray) -> bool:
     return bool(np.isfinite(sizes).all() and (sizes > 0).any())
 
 
-def read_draws(path: Path, radii: int, sets: int) -> list[dict[str, float]]:
+def read_draws(path: Path, radii: int, sets: int, pairs: int) -> list[dict[str, float]]:
     """Read joint draws of inputs, one per row, from a CSV file: factors radius_1 ... (of each row
-    of the zone table), volume and volume_std, drop_height; source_east, source_north [m]; set, from
-    0; draw, a number that is not read. Groups may be missing, but only completely."""
+    of the zone table), volume and volume_std, drop_height, strength_1, relief_1 ... (of each ground
+    that has them); source_east, source_north [m]; set, from 0; draw, a number that is not read.
+    Groups may be missing, but only completely."""
     groups = (
         [f"radius_{i + 1}" for i in range(radii)], ["volume", "volume_std"], ["drop_height"],
         ["source_east", "source_north"], ["set"],
+        [f"{key}_{i + 1}" for key in PAIR for i in range(pairs)],
     )  # fmt: skip
     where, columns, rows = read_table(path)
     check_columns(where, columns, ["draw", *(name for group in groups for name in group)])
