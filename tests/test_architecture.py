@@ -9,6 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "python/rockfall"
+LAB = ROOT / "lab/rockfall_lab"
 #: Each imports from its own level and those before it.
 LEVELS = [
     ["errors", "interrupts", "language", "limits", "system", "version"],
@@ -28,12 +29,12 @@ LEVELS = [
     ["analysis"],
     ["draft", "protection", "rockyfor3d", "session"],
     ["__init__"],
-    ["lab"],
     ["plots", "text"],
     ["html_report", "office", "qgis_project"],
     ["products"],
     ["app"],
     ["cli", "__main__"],
+    ["rockfall_lab"],
 ]
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 #: Compiled modules, and where they may be called.
@@ -42,11 +43,12 @@ DOORS = {
         r"case\.(case|keys|text)|errors|grounds\.grounds|limits|scene\..*|simulation\..*"
         r"|result\.(ground_strength|run_arrays|variables)"
     ),
-    "_lab": re.compile(r"lab\..*"),
+    "rockfall_lab._lab": re.compile(r"rockfall_lab\..*"),
 }
 MODULES = {
-    ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
-    for path in sorted(PACKAGE.rglob("*.py"))
+    ".".join(path.relative_to(home).with_suffix("").parts).removesuffix(".__init__"): path
+    for package, home in ((PACKAGE, PACKAGE), (LAB, LAB.parent))
+    for path in sorted(package.rglob("*.py"))
 }
 FORTRAN = ["base", "terrain", "boulder", "tally", "trace", "run", "io", "f2py", "c"]
 
@@ -78,9 +80,9 @@ def imports(path):
             assert node.level == 0, f"{path}: relative import"
             found = [(node.module or "", alias.name) for alias in node.names]
         for module, name in found:
-            if room(module) != "rockfall":
+            if room(module) not in ("rockfall", "rockfall_lab"):
                 continue
-            module = module.removeprefix("rockfall").removeprefix(".")
+            module = re.sub(r"^rockfall\b\.?", "", module)
             if name and (module + "." + name).lstrip(".") in [*MODULES, *DOORS]:
                 module, name = (module + "." + name).lstrip("."), ""
             yield node.lineno, module or "__init__", name, within
@@ -152,6 +154,11 @@ def test_the_kernel_is_called_by_few():
     )
 
 
+def test_the_laboratory_is_named_in_one_place():
+    named = [path for path in PACKAGE.rglob("*.py") if "rockfall_lab" in path.read_text()]
+    assert named == [PACKAGE / "cli/arguments.py"]
+
+
 def test_the_plugin_for_qgis_imports_nothing_of_the_package():
     report(
         f"{path.relative_to(ROOT)}:{line} imports {module}"
@@ -163,7 +170,8 @@ def test_the_plugin_for_qgis_imports_nothing_of_the_package():
 def test_no_test_imports_another():
     report(
         f"{path.relative_to(ROOT)} imports {found}"
-        for path in sorted((ROOT / "tests").rglob("*.py"))
+        for folder in ("tests", "lab/tests")
+        for path in sorted((ROOT / folder).rglob("*.py"))
         for found in re.findall(r"^ *(?:from|import) (test_\w+)", path.read_text(), re.MULTILINE)
     )
 
@@ -180,17 +188,35 @@ def fortran_files():
             yield level, path
 
 
+@functools.cache
+def fortran_modules():
+    """The level of each module of the kernel."""
+    return {
+        found[1]: level
+        for level, path in fortran_files()
+        for _, line in statements(path)
+        if (found := re.match(r"\s*(?:sub)?module (?!procedure)(\w+)", line))
+    }
+
+
 def test_fortran_uses_only_what_lies_below():
-    home = {}
-    for level, path in fortran_files():
-        for _, line in statements(path):
-            if found := re.match(r"\s*(?:sub)?module (?!procedure)(\w+)", line):
-                home[found[1]] = level
+    home = fortran_modules()
     report(
         f"{path.relative_to(ROOT)}:{number} uses {found[1]} of {FORTRAN[home[found[1]]]}"
         for level, path in fortran_files()
         for number, line in statements(path)
         if (found := re.match(r"\s*use\s+(\w+)", line)) and home.get(found[1], 0) > level
+    )
+
+
+def test_the_laboratory_uses_of_the_kernel_what_its_tests_watch():
+    """.ci/run tests it when these folders change."""
+    report(
+        f"{path.relative_to(ROOT)}:{number} uses {found[1]}"
+        for path in sorted((ROOT / "lab/fortran").rglob("*.f90"))
+        for number, line in statements(path)
+        if (found := re.match(r"\s*use\s+(\w+)", line))
+        and FORTRAN[fortran_modules().get(found[1], 0)] not in ("base", "boulder", "run")
     )
 
 

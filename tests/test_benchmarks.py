@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SCRIPTS = sorted(
     path.relative_to(ROOT)
-    for folder in ("benchmarks", "tools")
+    for folder in ("benchmarks", "lab/benchmarks", "tools")
     for path in ROOT.glob(f"{folder}/**/*.py")
 )
 
@@ -19,7 +19,9 @@ SCRIPTS = sorted(
 def test_what_a_script_imports_of_the_package_is_there(script):
     """Without running it: it may need what is not installed, or do its work when imported."""
     for node in ast.walk(ast.parse((ROOT / script).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "rockfall":
+        package = (node.module or "").split(".")[0] if isinstance(node, ast.ImportFrom) else ""
+        if package in ("rockfall", "rockfall_lab"):
+            pytest.importorskip(package)
             module = importlib.import_module(node.module)
             for name in node.names:
                 if not hasattr(module, name.name):

@@ -2,6 +2,7 @@
 """What docs/stability_policy.md promises stays as it is, until someone means to change it."""
 
 import difflib
+from importlib.util import find_spec
 
 import pytest
 
@@ -18,6 +19,8 @@ def test_the_interface_is_the_one_that_is_promised():
     if not find_program():
         pytest.skip("rockfall-batch is not built")
     promised, found = LIST.read_text(encoding="utf-8").splitlines(), listed().splitlines()
+    if not find_spec("rockfall_lab"):
+        promised = [line for line in promised if not line.startswith("rockfall lab ")]
     differs = difflib.unified_diff(promised, found, "promised", "found", lineterm="", n=0)
     assert promised == found, "\n".join([RENEW, *differs])
 

@@ -11,8 +11,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 MANUAL = ROOT / "docs/theory"
 REFERENCES = MANUAL / "15-references.md"
-PAGES = sorted((ROOT / "docs").rglob("*.md"))
-CHAPTERS = sorted(path for path in MANUAL.glob("*.md") if path != REFERENCES)
+LAB = ROOT / "lab/docs"
+PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *LAB.glob("*.md")])
+CHAPTERS = sorted([*MANUAL.glob("*.md"), LAB / "14-laboratory.md"], key=lambda path: path.name)
+CHAPTERS.remove(REFERENCES)
 EQUATION = re.compile(r'<a id="eq-([\w-]+)"></a>\n\n\$\$\n(.+?)\n\$\$\n\n(.+?)\n\n', re.DOTALL)
 NUMBER = re.compile(r"(\d+)\.(\d+)([a-z]?)")
 ANCHOR = re.compile(r'<a id="([\w-]+)"></a>')
@@ -73,7 +75,7 @@ def test_equations_name_source_and_code(path):
             assert not missing, f"({anchor}): {file} has no {missing}"
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT / "docs")))
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_lead_somewhere(path):
     prose = re.sub(r"```.*?```|`[^`\n]*`", "", text_of(path), flags=re.DOTALL)
     for label, target in LINK.findall(prose):
@@ -91,8 +93,8 @@ def test_links_lead_somewhere(path):
 
 
 def test_files_named_in_the_text_exist():
-    file = re.compile(r"`((?:fortran|python|tests)/[\w./]+)`")
-    for path in [*CHAPTERS, *(ROOT / "docs/validation").glob("*.md")]:
+    file = re.compile(r"`((?:fortran|python|tests|lab)/[\w./]+)`")
+    for path in [*CHAPTERS, *(ROOT / "docs/validation").glob("*.md"), LAB / "validation.md"]:
         for name in file.findall(text_of(path)):
             assert (ROOT / name).exists(), f"{path.name}: {name}"
 

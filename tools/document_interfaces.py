@@ -12,6 +12,7 @@ import sys
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import rockfall
 from rockfall.cli.arguments import make_parser
@@ -49,8 +50,9 @@ def rows(parser: argparse.ArgumentParser) -> Iterator[list[str]]:
         yield [f"`{f'{names} {value}'.strip()}`", about.replace("|", "\\|")]
 
 
-def commands(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+def commands(parser: Any) -> Iterator[argparse.ArgumentParser]:
     """Those that do something, in the order of `--help`."""
+    parser.complete()
     inner = [one for one in parser._actions if isinstance(one, argparse._SubParsersAction)]
     if not inner:
         yield parser

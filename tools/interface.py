@@ -14,6 +14,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from shutil import which
+from typing import Any
 
 import rockfall
 from rockfall.analysis.hazard.study import LAYOUT as HAZARD_LAYOUT
@@ -73,8 +74,9 @@ def _commands() -> Iterator[str]:
     yield from _arguments("rockfall", make_parser())
 
 
-def _arguments(name: str, parser: argparse.ArgumentParser) -> Iterator[str]:
+def _arguments(name: str, parser: Any) -> Iterator[str]:
     yield name
+    parser.complete()
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for verb, below in action.choices.items():

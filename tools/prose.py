@@ -17,12 +17,12 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
     path
-    for pattern in ("*.md", "docs/**/*.md", "cases/*/README.md", "fortran/*.md")
+    for pattern in ("*.md", "docs/**/*.md", "cases/*/README.md", "fortran/*.md", "lab/**/*.md")
     for path in ROOT.glob(pattern)
 )
 CODE = sorted(
     path
-    for folder in ("benchmarks", "cases", "fortran", "python", "tests", "tools")
+    for folder in ("benchmarks", "cases", "fortran", "lab", "python", "tests", "tools")
     for pattern in ("*.py", "*.f90")
     for path in (ROOT / folder).rglob(pattern)
     if path != Path(__file__).resolve()

@@ -19,11 +19,11 @@ import xarray as xr
 from rockfall.grounds.impact_tables import USUAL_WEIGHT, save_table
 from rockfall.io.files import atomic_write
 from rockfall.io.netcdf import load_dataset
-from rockfall.lab.blocks.case import CONSTANTS, DENSITY, BlockCase, restitution_of
-from rockfall.lab.blocks.contacts import run_throws
-from rockfall.lab.case import read_lab_case
-from rockfall.lab.sequences import run_sequences
-from rockfall.lab.tables import table_of
+from rockfall_lab.blocks.case import CONSTANTS, DENSITY, BlockCase, restitution_of
+from rockfall_lab.blocks.contacts import run_throws
+from rockfall_lab.case import read_lab_case
+from rockfall_lab.spheres.sequences import run_sequences
+from rockfall_lab.tables import table_of
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "python" / "rockfall" / "data" / "impact_tables"

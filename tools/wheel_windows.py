@@ -32,13 +32,15 @@ KERNEL = ("kernel", "physics", "lanes", "wide_lanes")
 EXTENSIONS = {
     "_core": ("fortran/src/f2py/core.f90", [f"fortran/librockfall_{one}.a" for one in KERNEL]),
     "_lab": (
-        "fortran/lab/lab_f2py.f90",
+        "lab/fortran/lab_f2py.f90",
         [
-            "fortran/lab/librockfall_lab.a",
+            "lab/librockfall_lab.a",
             *(f"fortran/librockfall_{one}.a" for one in KERNEL),
         ],
     ),
 }
+#: Where each extension goes.
+PACKAGES = {"_core": ROOT / "python/rockfall", "_lab": ROOT / "lab/rockfall_lab"}
 
 
 def main() -> None:
@@ -155,11 +157,11 @@ def write_wheel(extensions: dict[str, Path]) -> Path:
             digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=")
             records.append(f"{name},sha256={digest.decode()},{len(content)}")
 
-        for path in sorted((ROOT / "python/rockfall").rglob("*")):
-            if path.is_file() and path.suffix not in (".so", ".pyc"):
-                add(path.relative_to(ROOT / "python").as_posix(), path.read_bytes())
-        for path in extensions.values():
-            add(f"rockfall/{path.name}", path.read_bytes())
+        for name, package in PACKAGES.items():
+            for path in sorted(package.rglob("*")):
+                if path.is_file() and path.suffix not in (".so", ".pyc"):
+                    add(path.relative_to(package.parent).as_posix(), path.read_bytes())
+            add(f"{package.name}/{extensions[name].name}", extensions[name].read_bytes())
         add(f"{info}/METADATA", text.encode())
         add(f"{info}/WHEEL", f"Wheel-Version: 1.0\nRoot-Is-Purelib: false\nTag: {TAG}\n".encode())
         add(f"{info}/entry_points.txt", b"[console_scripts]\nrockfall = rockfall.cli:main\n")

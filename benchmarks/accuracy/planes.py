@@ -30,9 +30,9 @@ from rockfall.grounds import table_names
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.io.files import atomic_write
 from rockfall.io.grid import Grid
-from rockfall.lab.sets import Sets, read_sets
 from rockfall.limits import Z
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
+from rockfall.scene.sets import Sets, read_sets
 
 SLOPES = range(24, 47, 2)  # [degree]
 RATIOS = range(1, 6)

@@ -19,9 +19,9 @@ import numpy as np
 
 from benchmarks.machine import ROOT
 from rockfall.io.files import atomic_write
-from rockfall.lab.scorecard import BESIDE, Score, Target, score, targets, verdict
-from rockfall.lab.sets import read_sets
-from rockfall.lab.site import Site
+from rockfall.scene.sets import read_sets
+from rockfall_lab.scorecard.score import BESIDE, Score, Target, score, targets, verdict
+from rockfall_lab.scorecard.site import Site
 
 VAUJANY = ROOT / "cases" / "vaujany"
 #: Column: shipped set, rule of turning, reading of Rg, which set serves a ratio.

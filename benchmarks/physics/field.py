@@ -59,8 +59,8 @@ from rockfall.errors import RockfallError
 from rockfall.field.download import fetch
 from rockfall.grounds import shipped_rows, yielding_ground
 from rockfall.io.files import atomic_write
-from rockfall.lab.talus import CELL, NORTH, WEST, Talus, zones
 from rockfall.quantities import QUANTITIES
+from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
 
 PAGE = ROOT / "docs" / "validation" / "field" / "every_law.md"
 RELIEFS = 0.7, 1.4  # times that of the ground

@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 
 import rockfall
-from benchmarks.lab.blocks import energy_left
 from benchmarks.machine import machine
 from benchmarks.physics.laws import Law, table
+from lab.benchmarks.blocks import energy_left
 from rockfall.io.grid import Grid
 from rockfall.io.tables import Row, read_table
-from rockfall.lab.blocks.case import BlockCase
+from rockfall_lab.blocks.case import BlockCase
 
 GROUND = "meadow"
 SPIN, NO_SPIN = (0, 0.5, 1), (0, 0, 0)

@@ -25,7 +25,7 @@ from benchmarks.evidence import record, row
 from benchmarks.machine import NOTHING, ROOT, machine
 from benchmarks.physics.laws import add_laws
 from rockfall.analysis.lines.values import line_values
-from rockfall.lab.talus import CELL, NORTH, WEST, Talus, zones
+from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
 
 CASES = ROOT / "cases" / "vaujany"
 FIRST = 1000  # seed of the relief: none that a calibration has seen

@@ -30,9 +30,9 @@ from rockfall.analysis.validation import distribution_numbers
 from rockfall.grounds.impact_tables import save_table
 from rockfall.io.grid import Grid
 from rockfall.io.tables import read_table
-from rockfall.lab.blocks.case import BlockCase
-from rockfall.lab.blocks.contacts import run_throws
-from rockfall.lab.tables import table_of
+from rockfall_lab.blocks.case import BlockCase
+from rockfall_lab.blocks.contacts import run_throws
+from rockfall_lab.tables import table_of
 
 THROWS, RADIUS = 1_000, 0.2  # of blocks of their own axes; R_b [m]
 SHAPE_OF_BLOCK = {"1": "compact", "2": "elongated", "4": "platy"}

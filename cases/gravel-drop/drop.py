@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rockfall.lab.case import read_lab_case
-from rockfall.lab.experiment import run_impacts
-from rockfall.lab.fit import as_rebounds, impacts_of
+from rockfall_lab.case import read_lab_case
+from rockfall_lab.sets.fit import as_rebounds, impacts_of
+from rockfall_lab.spheres.experiment import run_impacts
 
 CASE = Path(__file__).parent / "lab.nml"
 CLASSES = 2.0, 3.0, 4.0, 5.0, 6.5  # [m/s]

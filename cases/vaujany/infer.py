@@ -47,12 +47,12 @@ import numpy as np
 import pandas as pd
 
 from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
-from rockfall.lab.fit import ImpactSet
-from rockfall.lab.setfile import write_sets
-from rockfall.lab.sets import Sets, restitution
-from rockfall.lab.site import QUANTITIES, TANGENTIAL, Site, tangential_above
-from rockfall.lab.talus import Talus
 from rockfall.result.motion import motion_of
+from rockfall.scene.sets import Sets, restitution
+from rockfall_lab.scorecard.site import QUANTITIES, TANGENTIAL, Site, tangential_above
+from rockfall_lab.scorecard.talus import Talus
+from rockfall_lab.sets.fit import ImpactSet
+from rockfall_lab.sets.setfile import write_sets
 
 HERE = Path(__file__).parent
 RATIOS = np.arange(1, 6)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Makes the stand-in for the experimental slope: `dem.tif` (m) and `zones.tif` (ids of zones.csv).
 
-The recipe is `rockfall.lab.talus`, which the calibration of impact sets varies. It is the same on
-every run. With another NumPy or another libm its last bits may differ, which is why the two files
-are kept beside this script.
+The recipe is `rockfall_lab.scorecard.talus`, which the calibration of impact sets varies. It is the
+same on every run. With another NumPy or another libm its last bits may differ, which is why the two
+files are kept beside this script.
 """
 
 from pathlib import Path
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import rasterio
 
-from rockfall.lab.talus import CELL, NORTH, WEST, Talus, zones
+from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
 
 HERE = Path(__file__).parent
 

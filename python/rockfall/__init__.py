@@ -28,7 +28,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "import_rockyfor3d": "rockyfor3d.imported",
     "line_profile": "analysis.lines.profile",
     "line_statistics": "analysis.line_statistics",
-    "measure_ground": "lab.blocks.measured_ground",
+    "measure_ground": "grounds.measured_ground",
     "merge": "simulation.merge",
     "new_case": "draft.new_case",
     "open": "session.session:open_session",

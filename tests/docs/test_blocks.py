@@ -41,7 +41,13 @@ from rockfall.scene.read import read_scene
 
 PAGES = sorted(
     path.relative_to(ROOT)
-    for pattern in ("*.md", "docs/**/*.md", "cases/*/README.md", "benchmarks/**/*.md")
+    for pattern in (
+        "*.md",
+        "docs/**/*.md",
+        "cases/*/README.md",
+        "benchmarks/**/*.md",
+        "lab/**/*.md",
+    )
     for path in ROOT.glob(pattern)
     if path.parent != ROOT / "docs/tutorial"
 )
@@ -219,6 +225,8 @@ def test_every_block_says_what_it_is():
 def test_blocks_run(page, page_site, capfd):
     if "import geopandas" in (ROOT / page).read_text(encoding="utf-8"):
         pytest.importorskip("geopandas", reason="the test extra is not installed")
+    if any("rockfall lab" in block["code"] for block in blocks(page) if not block["reason"]):
+        pytest.importorskip("rockfall_lab", reason="the laboratory is not built")
     names = {"rockfall": rockfall}
     names["case"] = rockfall.read_case("case.nml")
     names["result"] = rockfall.read_result("result.nc")

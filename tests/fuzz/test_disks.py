@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -118,7 +119,7 @@ def test_a_folder_that_cannot_rename_is_refused_before_the_flight(program, fault
     "variants case.nml -o new", "hazard case.nml -o new", "ensemble case.nml -o new.nc",
     "models case.nml -o new", "convergence case.nml -o new", "back case.nml seen.csv -o new",
     "prepare case.nml new", "merge none -o new.nc", "report none.nc -o new.html",
-    "lab impact lab.nml -o new.nc",
+    *(["lab impact lab.nml -o new.nc"] if find_spec("rockfall_lab") else []),
 ])  # fmt: skip
 def test_commands_that_work_for_long_try_to_rename_first(command, place, monkeypatch, capsys):
     def refuses(source, target):

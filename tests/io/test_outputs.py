@@ -5,6 +5,7 @@ together come together or not at all."""
 import os
 import shutil
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -84,9 +85,13 @@ COMMANDS = {  # words, a file that is written, and what the command reads
     "figures": (["figures", "r.nc", "out"], "out/stops.png", "dem.tif"),
     "report": (["report", "r.nc", "--observed", "stops.csv"], "r.html", "stops.csv"),
     "slurm": ([*JOBS, "--shards", "2"], "jobs/merge.sh", "case.nml"),
-    "lab pack": (["lab", "pack", "lab.nml", "--layers", "1", "-o", "l.pdf"], "l.pdf", "lab.nml"),
-    "lab impact": (["lab", "impact", "lab.nml", "--quiet"], "lab.nc", "lab.nml"),
 }  # fmt: skip
+if find_spec("rockfall_lab"):
+    pack = ["lab", "pack", "lab.nml", "--layers", "1", "-o", "l.pdf"]
+    COMMANDS |= {
+        "lab pack": (pack, "l.pdf", "lab.nml"),
+        "lab impact": (["lab", "impact", "lab.nml", "--quiet"], "lab.nc", "lab.nml"),
+    }
 
 
 def make_folder(_, target):

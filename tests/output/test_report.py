@@ -261,7 +261,7 @@ def test_what_lies_outside_the_model_is_a_box_at_the_top(tmp_path, monkeypatch):
 
 
 def test_the_origin_of_every_shipped_set_is_known():
-    from rockfall.lab.sets import read_sets
+    from rockfall.scene.sets import read_sets
 
     folder = Path(rockfall.__file__).parent / "data" / "impact_sets"
     single = {path.stem for path in folder.glob("*.nml") if len(read_sets(path)) == 1}

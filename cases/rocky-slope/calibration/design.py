@@ -19,9 +19,9 @@ import xarray as xr
 from scipy.stats import qmc
 
 import rockfall
-from rockfall.lab.case import LabCase, read_lab_case
-from rockfall.lab.experiment import STATES, open_impacts, run_impacts
-from rockfall.lab.fit import as_rebounds, fit_set, impacts_of
+from rockfall_lab.case import LabCase, read_lab_case
+from rockfall_lab.sets.fit import as_rebounds, fit_set, impacts_of
+from rockfall_lab.spheres.experiment import STATES, open_impacts, run_impacts
 
 HERE = Path(__file__).parent
 #: Each parameter: group and key of the laboratory case, ends of its range, and whether it is its

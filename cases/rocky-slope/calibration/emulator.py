@@ -21,7 +21,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from rockfall.analysis.planes.plane_bounce import growth, neutral_slope, set_rebound
-from rockfall.lab.experiment import STATES
+from rockfall_lab.spheres.experiment import STATES
 
 COMPONENTS = 10
 #: Incidence angles [degrees] and spins W/V that a set is seen at: those of rebounds on slopes.

@@ -32,10 +32,10 @@ from scipy.special import log_ndtr
 from scipy.stats import qmc
 
 from rockfall.analysis.planes.plane_bounce import growth, set_rebound
-from rockfall.lab.experiment import STATES
-from rockfall.lab.sets import Sets
-from rockfall.lab.site import Site, at_lines
-from rockfall.lab.talus import Talus
+from rockfall.scene.sets import Sets
+from rockfall_lab.scorecard.site import Site, at_lines
+from rockfall_lab.scorecard.talus import Talus
+from rockfall_lab.spheres.experiment import STATES
 
 VAUJANY = HERE.parents[1] / "vaujany"
 #: What is not known besides, with the ends of its range.

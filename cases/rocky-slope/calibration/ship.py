@@ -23,10 +23,10 @@ from emulator import Emulator
 from posterior import NAMES, log_likelihood, numbers
 
 import rockfall
-from rockfall.lab.experiment import STATES, open_impacts
-from rockfall.lab.fit import as_rebounds, fit_impacts, fit_set, impacts_of
-from rockfall.lab.setfile import provenance, write_sets
-from rockfall.lab.sets import Sets
+from rockfall.scene.sets import Sets
+from rockfall_lab.sets.fit import as_rebounds, fit_impacts, fit_set, impacts_of
+from rockfall_lab.sets.setfile import provenance, write_sets
+from rockfall_lab.spheres.experiment import STATES, open_impacts
 
 SHIPPED = HERE.parents[2] / "python" / "rockfall" / "data" / "impact_sets"
 

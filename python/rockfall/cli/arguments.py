@@ -7,6 +7,7 @@ import argparse
 import functools
 from collections.abc import Callable
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -25,6 +26,22 @@ _GONE = {
 
 
 class _Parser(argparse.ArgumentParser):
+    package = ""  # that adds the commands of this parser, where it is not of this package
+
+    def complete(self) -> None:
+        """Let the package of this parser, if it is installed, add its commands."""
+        if self.package and find_spec(self.package):
+            package, self.package = self.package, ""
+            import_module(f"{package}.arguments").add_commands(self)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        self.complete()
+        if self.package:
+            raise RockfallError(
+                f"{self.prog}: the laboratory is not installed: build rockfall with -Dlab=true"
+            )
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
         for option in (word.partition("=")[0] for word in message.split()):
             if option in _GONE:
@@ -61,7 +78,7 @@ def _add(
         _option(parser, "--variant NAME", str, text)
     if writes:
         _add_overwrite(parser)
-    parser.set_defaults(command=_command(module, name.replace("-", "_")))
+    parser.set_defaults(command=command_of(f"rockfall.cli.{module}", name.replace("-", "_")))
     return parser
 
 
@@ -85,12 +102,12 @@ def _add_overwrite(command: argparse.ArgumentParser) -> None:
     _switch(command, "--overwrite", "replace existing files, never inputs; default: refuse")
 
 
-def _command(module: str, name: str) -> Callable[[argparse.Namespace], int]:
+def command_of(module: str, name: str) -> Callable[[argparse.Namespace], int]:
     """Function of a command. Its module is imported when it is called: `rockfall --help` needs no
     NumPy, and a check no figures. Files are replaced only with `--overwrite`."""
 
     def run(given: argparse.Namespace) -> int:
-        function = getattr(import_module(f"rockfall.cli.{module}"), f"{name}_command")
+        function = getattr(import_module(module), f"{name}_command")
         overwriting = import_module("rockfall.io.output_files").overwriting
         with overwriting(getattr(given, "overwrite", False)):
             return function(given)
@@ -471,7 +488,7 @@ def _add_conditions(command: argparse.ArgumentParser) -> None:
 def _add_ground(commands: _Commands) -> None:
     text = "measure strength and relief of a ground: a row of a table of grounds"
     ground = commands.add_parser("ground", help=text, description=text.capitalize() + ".")
-    ground.set_defaults(command=_command("ground", "ground"))
+    ground.set_defaults(command=command_of("rockfall.cli.ground", "ground"))
     text = "scars with columns as the options below: depth, mass, fall..."
     ground.add_argument("scars", metavar="SCARS.csv", type=Path, nargs="?", help=text)
     for names, does in (
@@ -503,64 +520,7 @@ def _add_ground(commands: _Commands) -> None:
 
 
 def _add_lab(commands: _Commands) -> None:
-    """Add the laboratory to the commands of `rockfall`."""
+    """Add the laboratory, a package of its own, which adds its commands when they are needed."""
     text = "impacts of spheres on rocks or of blocks on a ground, and impact sets from them"
     lab = commands.add_parser("lab", help=text, description=text.capitalize() + ".")
-    verbs = lab.add_subparsers(required=True, metavar="COMMAND")
-
-    def verb(name: str, does: str) -> argparse.ArgumentParser:
-        parser = verbs.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
-        parser.set_defaults(command=_command("lab", name))
-        return parser
-
-    pack = verb("pack", "let layers settle, say what they are, draw the first")
-    pack.add_argument("case", metavar="LAB.nml", type=Path)
-    _option(pack, "-o --output LAYER.png", Path, "a picture")
-    _option(pack, "--layers N", int, "default: 8", default=8)
-    _option(pack, "--ratio R", float, "R_b/R_m; default: 5", default=5.0)
-    impact = verb("impact", "fire all impacts of a laboratory case")
-    impact.add_argument("case", metavar="LAB.nml", type=Path)
-    _option(impact, "-o --output OUT.nc", Path, "default: LAB.nc, here")
-    _switch(impact, "--resume", "go on with OUT.nc")
-    _option(impact, "--radius R", float, "the same ground for blocks of another R_b [m]")
-    relief = verb("relief", "give the spectrum of a measured patch, for &ground of blocks")
-    relief.add_argument("patch", metavar="PATCH.tif", type=Path, help="elevations in small cells")
-    _option(relief, "--radius R", float, "R_b of the blocks [m]; default: 0.4", default=0.4)
-    _option(relief, "--shortest L", float, "wave over R_b; default: 2", default=2.0)
-    _option(relief, "--longest L", float, "wave over R_b; default: 16", default=16.0)
-    fit = verb("fit", "make impact sets from impacts, or from measured contacts")
-    fit.add_argument(
-        "impacts", metavar="IMPACTS", type=Path, help=".nc of the laboratory, or .csv of contacts"
-    )
-    _option(fit, "-o --output SETS.nml", Path, "for rockfall run")
-    fit.add_argument(
-        "--state", help="of the boulder in the laboratory: peak (default), loss or clear"
-    )
-    fit.add_argument(
-        "--nearest-ratio", action="store_true",
-        help="a ratio without measured contacts has the set of the nearest that has some",
-    )  # fmt: skip
-    tables = verb("table", "make a table of impacts from contacts of the laboratory")
-    tables.add_argument("contacts", metavar="CONTACTS.nc", nargs="+", type=Path, help="of blocks")
-    _option(tables, "-o --output TABLE.nc", Path, "for &impact table", required=True)
-    card = verb("scorecard", "set impact sets beside what is known of rebounds on rocky slopes")
-    card.add_argument("sets", metavar="SETS", nargs="*", help="shipped or files; default: shipped")
-    card.add_argument(
-        "--site", metavar="DIR", type=Path, default=Path("cases/vaujany"),
-        help="the case of the slope; default: cases/vaujany",
-    )  # fmt: skip
-    card.add_argument(
-        "--slopes", metavar="N", type=int, default=32,
-        help="of the site's recipe, for means and standard errors; default: 32",
-    )  # fmt: skip
-    card.add_argument("--turning", default="past_aspect", help="as &impact turning")
-    card.add_argument("--rg-reading", default="radius", help="as &surface rg_reading; radius")
-    card.add_argument("--ratio", default="nearest", help="as &impact ratio; nearest")
-    remake = verb("remake", "make set files and tables again from their provenance, and compare")
-    remake.add_argument("sets", metavar="FILE", nargs="+", help="shipped or files")
-    for parser in (pack, impact, remake):
-        _option(parser, "--threads N", int, "default: all cores", default=0)
-    for parser in (pack, impact, fit, tables):
-        _add_overwrite(parser)
-    for parser in (impact, fit, tables, card, remake):
-        _switch(parser, "--quiet", "no progress, no summary")
+    lab.package = "rockfall_lab"

@@ -13,16 +13,16 @@ from pathlib import Path
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundTable
-from rockfall.io.files import atomic_write, read_text
-from rockfall.io.output_files import check_output, overwriting
-from rockfall.io.tables import spreadsheet_text, table_rows
-from rockfall.lab.blocks.measured_ground import (
+from rockfall.grounds.measured_ground import (
     COLUMNS,
     ONE_SLOPE,
     MeasuredGround,
     Scars,
     measure_ground,
 )
+from rockfall.io.files import atomic_write, read_text
+from rockfall.io.output_files import check_output, overwriting
+from rockfall.io.tables import spreadsheet_text, table_rows
 from rockfall.text.table import table
 
 

@@ -31,12 +31,32 @@ BY_SOURCE = "source"  # block_shape that sources give
 BLOCK_SHAPES = tuple(
     shape for shape in keys_of("boulder")["block_shape"].allowed.split(", ") if shape != BY_SOURCE
 )
-USUAL_WEIGHT = 2700.0 * 9.81  # of boulders [N/m3]
+DENSITY = 2700.0  # of the usual boulder [kg/m3]
+USUAL_WEIGHT = DENSITY * 9.81  # [N/m3]
 SIZE = "R_b/R_m, or rho_b g R_b over the strength of ground that yields"
 BY_BIN = "map", "low", "high"  # arrays over bins
 KINDS = "flight", "roll"
 EDGES = tuple(f"{kind}_edge_{key}" for kind in KINDS for key in (1, 2, 3))
 MARGIN = 3.3  # standard deviations of the strength that the parts of a table allow for
+
+#: What the laboratory takes for all grounds of a model (docs/impact_tables.md): of them contacts
+#: depend little.
+CONSTANTS: dict[str, dict[str, Any]] = {
+    "ploughed": {
+        "plough": True,
+        "friction": 0.5,
+        "soil_density": 1800.0,
+        "longest": 32.0,
+        "hurst": 0.8,
+    },
+    "hard": {
+        "plough": False,
+        "friction": 0.6,
+        "soil_density": 0.0,
+        "longest": 32.0,
+        "hurst": 0.8,
+    },
+}
 
 
 class YieldingGround(NamedTuple):

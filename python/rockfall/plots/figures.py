@@ -19,12 +19,10 @@ from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
 from rockfall.grounds.impact_sets import set_path
 from rockfall.io.output_files import atomic_folder, check_outputs
-from rockfall.lab.sets import read_sets
 from rockfall.language import say, say_count
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.ensemble_figures import ranges_figure
-from rockfall.plots.lab import draw_restitution
 from rockfall.plots.line_figures import DRAWN, distribution_figure, passing_figure
 from rockfall.plots.map_figures import (
     MAX_TRAJECTORIES,
@@ -39,6 +37,7 @@ from rockfall.plots.rebound_figures import (
     ENERGY,
     RESTITUTION,
     beside_paper,
+    draw_restitution,
     histogram,
     histogram_figure,
 )
@@ -52,15 +51,16 @@ from rockfall.result.passages import PASSED, passed_map, thin_cells
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import left_terrain, lines, vertices_of
 from rockfall.scene.coefficients import open_sets
+from rockfall.scene.sets import read_sets
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib import figure
 
     from rockfall.analysis.lines.section import Section
-    from rockfall.lab.sets import Sets
     from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
+    from rockfall.scene.sets import Sets
 
 
 PER_FIGURE = 8  # lines

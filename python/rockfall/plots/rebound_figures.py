@@ -1,20 +1,34 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures over all rebounds: fractions of the incident energy, incidence angles, R_t and R_n."""
+"""Figures over all rebounds: fractions of the incident energy, incidence angles, R_t and R_n; and
+R_t and R_n of an impact set."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rockfall.language import say
-from rockfall.plots.style import INK, WIDE, draw_bars, new_figure, styled
+from rockfall.plots.style import (
+    BLUE,
+    GREY,
+    INK,
+    VERMILION,
+    WIDE,
+    draw_bars,
+    new_figure,
+    styled,
+)
 from rockfall.quantities import REBOUND, with_unit
 from rockfall.result.grounds import classical_grounds, table_grounds
+from rockfall.scene.sets import restitution
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
+
+    from rockfall.scene.sets import Sets
 
 ENERGY = ("tangential_share", "normal_share", "rotational_share")
 RESTITUTION = ("restitution_tangential", "restitution_normal")
@@ -22,6 +36,12 @@ RESTITUTION = ("restitution_tangential", "restitution_normal")
 PAPER = {
     "restitution_tangential": [(0.7, "axis.paper_tangential")],
     "restitution_normal": [(0.4, "axis.paper_normal"), (1.0, "axis.paper_normal_small")],
+}
+ANGLES = np.arange(5.0, 90.1, 2.5)  # incidence [degrees]
+LAST_RT = 60.0  # [degrees]; beyond, V_t_in is too small to divide by
+KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
+    "R_t": [((5, 30), (0.7, 0.7))],
+    "R_n": [((90,), (0.4,)), ((10, 20), (1.0, 1.0))],
 }
 
 
@@ -61,3 +81,39 @@ def histogram(result: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
     counts = result[f"{name}_histogram"].values
     bounds = result[f"{name}_bin_bounds"].values
     return counts / max(1, counts.sum()), np.append(bounds[:, 0], bounds[-1, 1])
+
+
+@styled
+def draw_restitution(sets: Sequence[Sets]) -> Figure:
+    """R_t and R_n against the incidence angle for each ratio, without spin (the paper's Fig. 5):
+    mean and the middle 80 % of the admissible draws of each set; values of the paper in grey."""
+    figure = new_figure(WIDE, 3.6)
+    panels = figure.subplots(2, 5, sharex=True, sharey="row")
+    looks = ((VERMILION, "-"), (BLUE, (0, (5, 2))))
+    for fitted, (colour, dashes) in zip(sets, looks, strict=False):
+        for k in range(5):
+            draws = [restitution(fitted.mean[k], fitted.covariance[k], angle) for angle in ANGLES]
+            for row, axes in enumerate(panels[:, k]):
+                shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
+                values = [draw[row] for draw in draws[: shown.size]]
+                is_known = np.array([v.size > 0 for v in values])  # some draw is admissible
+                shown, values = shown[is_known], [v for v in values if v.size]
+                if not values:
+                    continue
+                low, high = np.transpose([np.quantile(v, (0.1, 0.9)) for v in values])
+                axes.fill_between(shown, low, high, color=colour, alpha=0.18, lw=0)
+                mean = [v.mean() for v in values]
+                axes.plot(shown, mean, color=colour, lw=1.2, ls=dashes, label=fitted.name)
+    for row, name in enumerate(KNOWN):
+        for axes in panels[row]:
+            for x, y in KNOWN[name]:
+                axes.plot(x, y, color=GREY, lw=4, alpha=0.5, marker="s", ms=4, zorder=0)
+        panels[row, 0].set_ylabel(name)
+    for k in range(5):
+        panels[0, k].set_title(f"R_b/R_m = {k + 1}")
+        panels[1, k].set_xlim(0, 91)
+    panels[0, 0].set_ylim(0, 1.1)
+    panels[1, 0].set_ylim(0, 2.5)
+    panels[1, 4].legend(loc="upper right")
+    figure.supxlabel(say("axis.incidence_angle"), fontsize=8)
+    return figure

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Boulders that fall onto a plane from some height: fraction that passes 60 m down it, of blocks in
+the laboratory, of boulders by the shipped table, and by a table of faster, steeper throws:
+
+    python -m lab.benchmarks.falls [talus] [--slope 28] [--radius 0.6] [--blocks 200]
+        [--throws 2000]
+
+In brackets: rebounds of a boulder that were beyond the fastest record at their incidence and spin.
+"""
+
+import argparse
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import rockfall
+from benchmarks.machine import machine
+from lab.benchmarks.plane import plane
+from rockfall.grounds.impact_tables import save_table
+from rockfall_lab.blocks.case import BlockCase, grounds
+from rockfall_lab.blocks.contacts import run_throws
+from rockfall_lab.tables import table_of
+
+DROPS = 2.0, 5.0, 10.0, 20.0, 50.0, 100.0  # [m]
+MARK, CELL, COLUMNS, ABOVE, BELOW = 60.0, 2.5, 60, 8, 60  # down the plane [m]; [m], cells
+GRAVITY, DENSITY, BOULDERS, CONTACTS = 9.81, 2700.0, 600, 100
+FASTER = {"speed": [1.0, 14.0, 60.0], "angle": [3.0, 45.0, 90.0]}  # [m/s], [degree]
+
+
+def fallen(case: BlockCase, slope: float, drop: float) -> float:
+    """Fraction of blocks of the laboratory that pass."""
+    speed = np.sqrt(2 * GRAVITY * drop)
+    throw = {
+        "slope": [slope] * 2, "speed": [speed] * 3, "angle": [90 - slope] * 3, "spin": [0.0] * 3,
+    }  # fmt: skip
+    data = run_throws(case.replace(throw=throw))
+    ends = data["advance"].values * np.cos(np.radians(data["heading"].values))
+    place = (data["downhill"].values + np.maximum(0, ends)) * case.block["radius"]
+    blocks = data["sequence"].values[place >= MARK]
+    return len(np.unique(blocks)) / case.lab["throws"]
+
+
+def drawn(
+    table: str, folder: Path, radius: float, slope: float, drop: float
+) -> tuple[float, float]:
+    """Fraction of boulders by a table that pass, and rebounds of each beyond its speeds."""
+    along = MARK * np.cos(np.radians(slope))
+    rows = ABOVE + int(along / CELL) + BELOW
+    top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
+    case = rockfall.Case(
+        folder=folder,
+        case={"boulders": BOULDERS, "seed": 7},
+        impact={"form": "table", "table": table},
+        boulder={"volume": "fixed", "volume_mean": 4 / 3 * np.pi * radius**3, "density": DENSITY},
+        release={"x": [width / 2], "y": [top], "drop_height": drop},
+        line=[{"name": "line", "x": [0.0, width], "y": [top - along] * 2}],
+    )
+    result = rockfall.run(case, **plane(slope, rows, COLUMNS, CELL))
+    passed = np.isfinite(result["line_speed"].values[0])
+    return float(passed.mean()), int(result["rebounds_out_of_speed"]) / BOULDERS
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("ground", nargs="?", choices=list(grounds()), default="talus")
+    parser.add_argument("--slope", type=float, default=28.0)
+    parser.add_argument("--radius", type=float, default=0.6)
+    parser.add_argument("--blocks", type=int, default=200)
+    parser.add_argument("--throws", type=int, default=2000)
+    given = parser.parse_args()
+    warnings.simplefilter("ignore", UserWarning)  # drops of 100 m
+    case = BlockCase(lab={"ground": given.ground, "seed": 77}).at_radius(given.radius)
+    print(machine())
+    print(f"{given.ground}, {given.slope:g} degrees, R_b = {given.radius:g} m")
+    print("| by | " + " | ".join(f"{drop:g} m" for drop in DROPS) + " |")
+    print("|---" * (1 + len(DROPS)) + "|")
+    blocks = case.replace(lab={"throws": given.blocks, "contacts": CONTACTS})
+    cells = [f"{fallen(blocks, given.slope, drop):.2f}" for drop in DROPS]
+    print("| blocks | " + " | ".join(cells) + " |", flush=True)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        faster = case.replace(lab={"throws": given.throws, "seed": 78}, throw=FASTER)
+        save_table(table_of([run_throws(faster)]), folder / "faster.nc")
+        for table in given.ground, "faster.nc":
+            found = [drawn(table, folder, given.radius, given.slope, drop) for drop in DROPS]
+            row = " | ".join(f"{passed:.2f} ({beyond:.1f})" for passed, beyond in found)
+            print(f"| {table} | {row} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,633 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Throw of a boulder, a sphere or a clump, at a tilted layer of rocks, and the records of its first contacts.
+!>
+!> The layer has settled under gravity along its normal, and keeps it: gravity is tilted for the boulder only. Spheres
+!> have a smaller angle of repose than rocks; under the gravity of the slope a layer of them would flow by itself on
+!> slopes on which talus is stable (lab/docs/validation.md). Rocks moved by the boulder feel its push along the slope,
+!> but not their own weight along it.
+!>
+!> Flights are exact. A boulder lands farther away than the width of the periodic layer, on untouched ground: each
+!> flight ends on the layer as settled. Within a contact, however long, displaced rocks stay displaced.
+!>
+!> Ground with a relief consists of facets, each a tilted patch of the layer. Every flight, and every record that
+!> continues by rolling, ends on another facet.
+module lab_rock_throw
+   use rockfall_kinds, only: wp, i8
+   use rockfall_error, only: error_t, fail
+   use rockfall_math, only: tangent
+   use rockfall_text, only: joined
+   use rockfall_random, only: random_key_t, random_words, uniform, normal_quantile, words_per_block
+   use lab_contact, only: material_t, cross
+   use lab_clump, only: clump_t, clump_shape_t, make_clump, set_motion, turn_in_flight, block_clump, shape_names, &
+      sphere_shape
+   use lab_rotation, only: product_of, conjugate
+   use lab_bodies, only: bodies_t, set_clumps, in_clump, body_energy, body_mass, body_position, body_velocity, &
+      is_touched
+   use lab_packing, only: packing_t, layer_t, skin_factor, rocks_at_rest, stiffen_layer
+   use lab_step, only: assembly_t, assemble, set_tilt, set_absorbing_base, advance, shorten_step, lengthen_step, &
+      watch_energy, safe_step, sound, leapt, too_soft, step_too_long, energy_grew
+   use lab_impact, only: will_meet, fits
+   use lab_contact_record, only: throw_t, contact_t, instant_t, record, fall_line_gravity, thrown_velocity, &
+      from_flight, from_rolling, flies, rolls_on, stops, cut, hop_time, hop_height, rest_energy, max_time
+   implicit none
+   private
+   public :: boulder_t, check_boulder, shape_boulder, follow_on_rocks, gap_to_layer, find_touch, facet_t, draw_facet, &
+      into_facet, out_of_facet
+
+   !> Thrown boulder, and parameters of its simulation.
+   type :: boulder_t
+      real(wp) :: radius = 0.4_wp       !! R_b [m]
+      real(wp) :: density = 2650        !! [kg/m3]
+      real(wp) :: relief = 0            !! standard deviation of the facets' slope along a line [degrees]
+      real(wp) :: step_factor = 1.4_wp  !! step relative to `safe_step`
+      integer :: retries = 3            !! maximum number of halvings of a step found too long
+      integer :: kind = sphere_shape    !! index in `shape_names`; R_b is that of the sphere of the same volume
+      logical :: adaptive = .false.    !! step and stiffness adapt, see `follow_on_rocks`
+      type(clump_shape_t), allocatable :: shape  !! of its kind, see `shape_boulder`; absent: a sphere
+   end type boulder_t
+
+   !> Facet of the mean surface: its rotation about a line in that surface.
+   type :: facet_t
+      real(wp) :: axis(3) = 0  !! times the sine of the rotation angle [-]
+      real(wp) :: cosine = 1   !! of the rotation angle [-]
+   end type facet_t
+
+   !> Motion of the boulder in the frame of the mean surface: x(3) above it.
+   type :: motion_t
+      real(wp) :: x(3) = 0, v(6) = 0  !! [m]; [m/s] and [rad/s]
+      real(wp) :: time = 0            !! [s]
+      real(wp) :: q(4) = [1, 0, 0, 0] !! orientation, a unit quaternion
+   end type motion_t
+
+   !> Current state of a throw.
+   type :: course_t
+      type(assembly_t) :: s
+      type(motion_t) :: m
+      type(facet_t) :: facet
+      type(instant_t) :: first, last    !! of the current contact so far
+      integer :: entry = from_flight
+      logical :: landed = .false.       !! touched since it was placed
+      real(wp) :: slow_since = 0        !! [s]
+      real(wp) :: wait = 0              !! time until which it does not leave the layer [s]
+      integer :: steps = 0              !! number since the landing
+      integer(i8) :: landings = 0
+   end type course_t
+
+   integer(i8), parameter :: for_facet = 71         !! purpose of random numbers
+   real(wp), parameter :: steepest = 2.5_wp         !! maximum slope of a facet along a line / its deviation
+   integer, parameter :: max_facets = 1000          !! maximum number drawn to find one that faces the boulder
+   real(wp), parameter :: opening_gap = 1.0e-7_wp   !! between boulder and layer at the contact / R_b
+   real(wp), parameter :: inside_step = 0.05_wp     !! when leaving a volume that the layer had filled / R_b
+   integer, parameter :: max_looks = 20000          !! maximum number of gap evaluations up to a contact
+   real(wp), parameter :: retry_time = 0.1_wp       !! between attempts to find another facet / sqrt(R_b/g)
+   real(wp), parameter :: stiffening = 4            !! of rocks that are too soft
+   integer, parameter :: max_stiffenings = 4        !! maximum number for a throw
+   integer, parameter :: watch_interval = 32        !! steps between checks of the energy and of the exit path
+
+contains
+
+   !> Check the parameters of a boulder.
+   pure subroutine check_boulder(boulder, error)
+      type(boulder_t), intent(in) :: boulder
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. (boulder%radius >= 0.01_wp .and. boulder%radius <= 10)) then
+         call fail(error, "throw: radius must be 0.01 to 10 m")
+      else if (.not. (boulder%density >= 100 .and. boulder%density <= 10000)) then
+         call fail(error, "impact: density must be 100 to 10000 kg/m3 where boulders are thrown")
+      else if (.not. (boulder%relief >= 0 .and. boulder%relief <= 30)) then
+         call fail(error, "throw: relief must be 0 (none) to 30 degrees")
+      else if (boulder%kind < 1 .or. boulder%kind > size(shape_names)) then
+         call fail(error, "throw: shape must be one of "//joined(shape_names, ", "))
+      end if
+   end subroutine check_boulder
+
+   !> Give a boulder the spheres of its kind.
+   pure subroutine shape_boulder(boulder)
+      type(boulder_t), intent(inout) :: boulder
+
+      if (boulder%kind /= sphere_shape) boulder%shape = block_clump(boulder%kind)
+   end subroutine shape_boulder
+
+   !> Compute the first contacts of a throw, as many as fit; `complete` is false if the time limit was reached, or if no
+   !> step was stable: then there are no contacts. A pure function of its arguments.
+   !>
+   !> A throw whose step is too long is repeated with half of it. If the throw is adaptive, the step is shortened at
+   !> once, and lengthened where all contacts permit it; and where two bodies overlap by more than a radius,
+   !> which Hertz's law does not describe, it is repeated at rocks four times as stiff: where gravity is weak,
+   !> overlaps / radius depend on rho v**2/E alone, in a collision as its power 2/5, and so are 0.57 of what they were.
+   pure subroutine follow_on_rocks(layer, packing, material, boulder, throw, key, number, contacts, n, complete)
+      type(layer_t), intent(in) :: layer
+      type(packing_t), intent(in) :: packing
+      type(material_t), intent(in) :: material
+      type(boulder_t), intent(in) :: boulder
+      type(throw_t), intent(in) :: throw
+      type(random_key_t), intent(in) :: key  !! with the number: random numbers of the facets
+      integer(i8), intent(in) :: number      !! of the throw
+      type(contact_t), intent(out) :: contacts(:)
+      integer, intent(out) :: n              !! number of contacts
+      logical, intent(out) :: complete
+      type(layer_t) :: stiff_layer
+      type(material_t) :: stiff
+      type(error_t), allocatable :: error
+      integer :: k, trouble
+
+      complete = .false.
+      n = 0
+      if (.not. fits(layer, packing, extent(boulder))) return
+      call follow_by_any_step(layer, packing, material, boulder, throw, key, number, contacts, n, complete, trouble)
+      if (.not. boulder%adaptive) return
+      do k = 1, max_stiffenings
+         if (trouble /= too_soft) return
+         stiff = material
+         stiff%young = stiffening**k*material%young
+         stiff_layer = layer
+         call stiffen_layer(packing, material, stiff%young, stiff_layer, error)
+         if (allocated(error)) return
+         call follow_by_any_step(stiff_layer, packing, stiff, boulder, throw, key, number, contacts, n, complete, &
+                                 trouble)
+      end do
+   end subroutine follow_on_rocks
+
+   !> Follow a throw with shorter and shorter steps.
+   pure subroutine follow_by_any_step(layer, packing, material, boulder, throw, key, number, contacts, n, complete, &
+                                      trouble)
+      type(layer_t), intent(in) :: layer
+      type(packing_t), intent(in) :: packing
+      type(material_t), intent(in) :: material
+      type(boulder_t), intent(in) :: boulder
+      type(throw_t), intent(in) :: throw
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: number
+      type(contact_t), intent(out) :: contacts(:)
+      integer, intent(out) :: n, trouble
+      logical, intent(out) :: complete
+      integer :: k
+
+      trouble = sound
+      do k = 0, boulder%retries
+         call follow(layer, packing, material, boulder, throw, key, number, 0.5_wp**k, contacts, n, complete, trouble)
+         if (.not. any(trouble == [step_too_long, leapt, energy_grew])) exit
+      end do
+      if (trouble == sound) return
+      n = 0
+      complete = .false.
+   end subroutine follow_by_any_step
+
+   !> Follow a throw with a given step; trouble ends it.
+   pure subroutine follow(layer, packing, material, boulder, thrown, key, number, factor, contacts, n, complete, &
+                          trouble)
+      type(layer_t), intent(in) :: layer
+      type(packing_t), intent(in) :: packing
+      type(material_t), intent(in) :: material
+      type(boulder_t), intent(in) :: boulder
+      type(throw_t), intent(in) :: thrown
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: number
+      real(wp), intent(in) :: factor         !! on the step [-]
+      type(contact_t), intent(out) :: contacts(:)
+      integer, intent(out) :: n, trouble
+      logical, intent(out) :: complete
+      type(course_t) :: c
+      type(throw_t) :: throw
+      real(wp) :: gravity(3), unit, flight_time
+      logical :: rests, cut_now, leaves, on_facet
+
+      throw = thrown
+      unit = sqrt(boulder%radius/throw%gravity)
+      gravity = fall_line_gravity(throw)
+      c%m = motion_t([throw%place, 0.0_wp], thrown_velocity(throw, boulder%radius), q=throw%orientation)
+      n = 0
+      call land(c, .true.)
+      throw%place = c%m%x(1:2)
+      complete = .true.
+      trouble = sound
+      do while (n < size(contacts))
+         if (.not. c%landed) call await_touch(c)
+         call step_on(c%s, c%facet, c%m)
+         c%steps = c%steps + 1
+         if (mod(c%steps, watch_interval) == 0) call watch_energy(c%s)
+         if (boulder%adaptive) call adapt_step(c)
+         trouble = c%s%trouble
+         if (trouble /= sound) return
+         if (touches(c%s)) then
+            c%last = instant_of(c%s, c%m)
+            if (c%last%energy > rest_energy*body_mass(c%s%bodies, c%s%bodies%n)*throw%gravity*boulder%radius) &
+               c%slow_since = c%m%time
+            rests = c%m%time - c%slow_since > cut*unit
+            cut_now = c%m%time - c%first%time > cut*unit
+            if (rests .or. cut_now) then
+               n = n + 1
+               contacts(n) = record(boulder%radius, throw, c%entry, merge(stops, rolls_on, rests), c%first, c%last)
+               if (rests) return
+               c%entry = from_rolling
+               c%first = c%last
+               if (boulder%relief > 0) then
+                  call continue_on_facet(c, on_facet)
+                  if (on_facet) c%first%x = c%m%x
+               end if
+               cycle
+            end if
+         end if
+         if (mod(c%steps, watch_interval) == 0 .and. c%m%time > c%wait) then
+            if (.not. is_free(layer, boulder, c%s)) cycle
+            call look_ahead(layer, boulder, gravity, c%m, c%last%time, unit, leaves, flight_time)
+            if (leaves) then
+               n = n + 1
+               contacts(n) = record(boulder%radius, throw, c%entry, flies, c%first, c%last)
+               if (n == size(contacts)) exit
+               call fly(boulder, gravity, flight_time, c%m)
+               call land(c, boulder%relief > 0)
+            else if (boulder%relief > 0) then
+               call continue_on_facet(c, on_facet)
+               if (.not. on_facet) c%wait = c%m%time + retry_time*unit
+            else
+               c%wait = c%m%time + flight_time
+            end if
+         end if
+         if (c%m%time > max_time*unit) exit
+      end do
+      complete = n == size(contacts)
+
+   contains
+
+      !> Begin a contact: on a facet that the path hits, or where the flight has ended.
+      pure subroutine land(c, on_straight_path)
+         type(course_t), intent(inout) :: c
+         logical, intent(in) :: on_straight_path
+         logical :: faces
+
+         c%facet = facet_t()
+         if (boulder%relief > 0) &
+            call draw_facet(boulder%relief, key, number, c%landings, c%m%v(1:3), c%facet, faces)
+         call begin(c, on_straight_path)
+         c%first = instant_of(c%s, c%m)
+         c%last = c%first
+         c%slow_since = c%m%time
+         c%entry = from_flight
+      end subroutine land
+
+      !> Continue the contact on another facet, if one faces the boulder.
+      pure subroutine continue_on_facet(c, on_facet)
+         type(course_t), intent(inout) :: c
+         logical, intent(out) :: on_facet
+         type(facet_t) :: other
+
+         call draw_facet(boulder%relief, key, number, c%landings, c%m%v(1:3), other, on_facet)
+         if (.not. on_facet) return
+         c%facet = other
+         call begin(c, .true.)
+      end subroutine continue_on_facet
+
+      pure subroutine begin(c, on_straight_path)
+         type(course_t), intent(inout) :: c
+         logical, intent(in) :: on_straight_path
+
+         c%landings = c%landings + 1
+         call load(layer, packing, material, boulder, throw, gravity, c%facet, factor, on_straight_path, c%m, c%s)
+         c%steps = 0
+         c%wait = 0
+         c%landed = .not. allocated(boulder%shape)
+      end subroutine begin
+
+      pure subroutine adapt_step(c)
+         type(course_t), intent(inout) :: c
+
+         call shorten_step(c%s)
+         if (c%s%trouble == sound .and. mod(c%steps, watch_interval) == 0) call lengthen_step(c%s)
+      end subroutine adapt_step
+
+      !> A clump is placed where the sphere around it touches the layer: its flight ends at its own first touch.
+      pure subroutine await_touch(c)
+         type(course_t), intent(inout) :: c
+
+         c%landed = touches(c%s)
+         if (c%landed .or. c%entry /= from_flight) return
+         c%first = instant_of(c%s, c%m)
+         c%last = c%first
+         c%slow_since = c%m%time
+      end subroutine await_touch
+   end subroutine follow
+
+   !> Return whether a boulder that moves away from the layer has left it: nothing touches it or lies in its path, or it
+   !> is above the settled surface of the layer, among rocks that fly with it.
+   pure logical function is_free(layer, boulder, s)
+      type(layer_t), intent(in) :: layer
+      type(boulder_t), intent(in) :: boulder
+      type(assembly_t), intent(in) :: s
+      real(wp) :: v(6)
+
+      associate (b => s%bodies)
+         is_free = .false.
+         v = body_velocity(b, b%n)
+         if (.not. v(3) > 0) return
+         if (.not. touches(s)) is_free = .not. will_meet(s)
+         if (.not. is_free) is_free = gap_to_layer(layer, extent(boulder), body_position(b, b%n)) &
+            > hop_height*boulder%radius
+      end associate
+   end function is_free
+
+   !> Return whether the boulder touches any body.
+   pure logical function touches(s)
+      type(assembly_t), intent(in) :: s
+
+      touches = is_touched(s%bodies, s%bodies%n)
+   end function touches
+
+   !> Radius of the sphere around a boulder [m].
+   pure real(wp) function extent(boulder)
+      type(boulder_t), intent(in) :: boulder
+
+      extent = boulder%radius
+      if (allocated(boulder%shape)) extent = boulder%radius*boulder%shape%reach
+   end function extent
+
+   !> A boulder that is a clump, in the frame of a facet.
+   pure type(clump_t) function clump_on_facet(boulder, facet, m, first, x, v) result(clump)
+      type(boulder_t), intent(in) :: boulder
+      type(facet_t), intent(in) :: facet
+      type(motion_t), intent(in) :: m
+      integer, intent(in) :: first        !! its first sphere
+      real(wp), intent(in) :: x(3), v(6)  !! in the frame of the facet [m], [m/s] and [rad/s]
+
+      clump = make_clump(boulder%shape, boulder%radius, boulder%density, first, x, &
+                         product_of(quaternion_into(facet), m%q))
+      call set_motion(clump, v)
+   end function clump_on_facet
+
+   !> Assemble layer and boulder for time stepping. On a straight path the boulder is placed where it first touches the
+   !> layer on its way to the mean surface, otherwise it is already there.
+   pure subroutine load(layer, packing, material, boulder, throw, gravity, facet, factor, on_straight_path, m, s)
+      type(layer_t), intent(in) :: layer
+      type(packing_t), intent(in) :: packing
+      type(material_t), intent(in) :: material
+      type(boulder_t), intent(in) :: boulder
+      type(throw_t), intent(in) :: throw
+      real(wp), intent(in) :: gravity(3)  !! [m/s2]
+      type(facet_t), intent(in) :: facet
+      real(wp), intent(in) :: factor      !! on the step [-]
+      logical, intent(in) :: on_straight_path
+      type(motion_t), intent(inout) :: m
+      type(assembly_t), intent(out) :: s
+      type(bodies_t) :: b
+      real(wp) :: v(6), start(3), time, dt, highest
+      integer :: n
+
+      v(1:3) = into_facet(facet, m%v(1:3))
+      v(4:6) = into_facet(facet, m%v(4:6))
+      start = m%x
+      if (on_straight_path) then
+         ! back along the path from the mean surface to above all rocks
+         start(3) = layer%top - layer%surface + 2*extent(boulder)
+         start(1:2) = start(1:2) + v(1:2)/v(3)*start(3)
+         start(3) = start(3) + layer%surface
+         call find_touch(layer, extent(boulder), start, v(1:3), [0.0_wp, 0.0_wp, 0.0_wp], time, highest)
+         start = start + time*v(1:3)
+         m%x(3) = start(3) - layer%surface
+         if (all(facet%axis == 0)) m%x(1:2) = start(1:2)
+      else
+         start(3) = start(3) + layer%surface
+      end if
+      call assemble_bodies(layer, packing, boulder, facet, m, start, v, b, n)
+      dt = factor*boulder%step_factor*safe_step(material, minval(layer%radius), packing%density, &
+                                                max(sqrt(sum(v(1:3)**2)), sqrt(throw%gravity*boulder%radius)))
+      call assemble(s, b, layer%box, material, throw%gravity, dt, skin_factor*packing%mean_radius, &
+                    b%n - size(layer%radius), &
+                    body_energy(b, n) + throw%gravity*body_mass(b, n)*(layer%top + boulder%radius))
+      call set_tilt(s, into_facet(facet, gravity) + [0.0_wp, 0.0_wp, throw%gravity])
+      if (.not. packing%rigid_base) call set_absorbing_base(s, packing%density*layer%solid*packing%base_speed)
+   end subroutine load
+
+   !> Bodies of the layer, then the boulder.
+   pure subroutine assemble_bodies(layer, packing, boulder, facet, m, x, v, b, n)
+      type(layer_t), intent(in) :: layer
+      type(packing_t), intent(in) :: packing
+      type(boulder_t), intent(in) :: boulder
+      type(facet_t), intent(in) :: facet
+      type(motion_t), intent(in) :: m
+      real(wp), intent(in) :: x(3), v(6)  !! of the boulder, in the frame of the facet [m], [m/s] and [rad/s]
+      type(bodies_t), intent(out) :: b
+      integer, intent(out) :: n           !! number of bodies
+      integer :: first
+
+      first = size(layer%radius) + 1
+      if (allocated(boulder%shape)) then
+         b = rocks_at_rest(layer, packing%density, spread(x, 2, size(boulder%shape%radius)), &
+                           boulder%radius*boulder%shape%radius, boulder%density)
+         call set_clumps(b, [clump_on_facet(boulder, facet, m, first, x, v)])
+      else
+         b = rocks_at_rest(layer, packing%density, reshape(x, [3, 1]), [boulder%radius], boulder%density)
+         b%v(:, first) = v
+      end if
+      n = b%n
+   end subroutine assemble_bodies
+
+   !> Advance by one step, and update the position of the boulder: the layer is periodic, its path is not.
+   pure subroutine step_on(s, facet, m)
+      type(assembly_t), intent(inout) :: s
+      type(facet_t), intent(in) :: facet
+      type(motion_t), intent(inout) :: m
+      real(wp) :: before(3), displacement(3), v(6)
+
+      before = body_position(s%bodies, s%bodies%n)
+      call advance(s)
+      associate (b => s%bodies)
+         displacement = body_position(b, b%n) - before
+         displacement(1:2) = displacement(1:2) - s%box%width*anint(displacement(1:2)/s%box%width)
+         v = body_velocity(b, b%n)
+         m%x = m%x + out_of_facet(facet, displacement)
+         m%v(1:3) = out_of_facet(facet, v(1:3))
+         m%v(4:6) = out_of_facet(facet, v(4:6))
+         if (in_clump(b, b%n)) m%q = product_of(conjugate(quaternion_into(facet)), b%clump(b%owner(b%n))%q)
+         m%time = m%time + s%dt
+      end associate
+   end subroutine step_on
+
+   pure type(instant_t) function instant_of(s, m) result(now)
+      type(assembly_t), intent(in) :: s
+      type(motion_t), intent(in) :: m
+
+      now = instant_t(m%time, m%x, m%v(1:3), m%v(4:6), body_energy(s%bodies, s%bodies%n))
+   end function instant_of
+
+   !> Determine whether a boulder without contact leaves for a flight, and how long it flies, or how long it is without
+   !> contact. Over facets, whose heights are unknown, it flies if it rises, and lands when its centre has come down to
+   !> R_b above the mean surface, at the earliest at the top of its path.
+   pure subroutine look_ahead(layer, boulder, gravity, m, last_touch, unit, leaves, time)
+      type(layer_t), intent(in) :: layer
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: gravity(3)        !! [m/s2]
+      type(motion_t), intent(in) :: m
+      real(wp), intent(in) :: last_touch, unit  !! [s]
+      logical, intent(out) :: leaves
+      real(wp), intent(out) :: time             !! from now [s]
+      real(wp) :: highest, top
+
+      if (boulder%relief > 0) then
+         highest = max(0.0_wp, m%v(3))**2/(-2*gravity(3))
+         top = max(0.0_wp, m%v(3))/(-gravity(3))
+         time = top + sqrt(2*max(0.0_wp, m%x(3) + highest - boulder%radius)/(-gravity(3)))
+      else
+         call find_touch(layer, extent(boulder), m%x + [0.0_wp, 0.0_wp, layer%surface], m%v(1:3), gravity, time, &
+                         highest)
+      end if
+      leaves = highest > hop_height*boulder%radius .and. m%v(3) > 0 .and. m%v(3) + time*gravity(3) <= 0 &
+               .and. m%time + time - last_touch > hop_time*unit
+   end subroutine look_ahead
+
+   !> Move along a parabola; a clump turns freely.
+   pure subroutine fly(boulder, gravity, time, m)
+      type(boulder_t), intent(in) :: boulder
+      real(wp), intent(in) :: gravity(3), time  !! [m/s2], [s]
+      type(motion_t), intent(inout) :: m
+      type(clump_t) :: clump
+
+      m%x = m%x + time*(m%v(1:3) + 0.5_wp*time*gravity)
+      m%v(1:3) = m%v(1:3) + time*gravity
+      m%time = m%time + time
+      if (.not. allocated(boulder%shape)) return
+      clump = clump_on_facet(boulder, facet_t(), m, 1, m%x, m%v)
+      call turn_in_flight(clump, time)
+      m%q = clump%q
+      m%v(4:6) = clump%spin
+   end subroutine fly
+
+   !> Time of the first contact of a sphere with the settled layer on its path. A sphere that starts inside it, where
+   !> the rocks have been pushed aside, first comes out. Each step is limited by the gap and the speed, so no contact is
+   !> missed.
+   pure subroutine find_touch(layer, radius, x, v, gravity, time, highest)
+      type(layer_t), intent(in) :: layer
+      real(wp), intent(in) :: radius                      !! [m]
+      real(wp), intent(in) :: x(3), v(3), gravity(3)      !! [m], floor at 0; [m/s]; [m/s2]
+      real(wp), intent(out) :: time     !! [s]
+      real(wp), intent(out) :: highest  !! maximum gap on the part of the path examined [m]
+      real(wp) :: gap, here(3), now(3), speed, pull, ceiling
+      integer :: look
+      logical :: outside
+
+      time = 0
+      highest = 0
+      outside = .false.
+      pull = sqrt(sum(gravity**2))
+      ceiling = layer%top + radius
+      do look = 1, max_looks
+         here = x + time*(v + 0.5_wp*time*gravity)
+         now = v + time*gravity
+         if (here(3) > ceiling + radius) then  ! above all rocks: skip directly to them
+            highest = here(3) - ceiling
+            time = time + fall_time(here(3) - ceiling - 0.5_wp*radius, now(3), gravity(3))
+            outside = .true.
+            cycle
+         end if
+         gap = gap_to_layer(layer, radius, here)
+         outside = outside .or. gap > opening_gap*radius
+         speed = max(sqrt(sum(now**2)), tiny(speed))
+         if (.not. outside) then
+            time = time + inside_step*radius/speed
+            cycle
+         end if
+         if (gap <= opening_gap*radius) return
+         highest = max(highest, gap)
+         gap = gap - 0.5_wp*opening_gap*radius
+         time = time + 2*gap/(speed + sqrt(speed**2 + 2*pull*gap))
+      end do
+   end subroutine find_touch
+
+   !> Time to descend by a height [s].
+   pure real(wp) function fall_time(height, v, gravity)
+      real(wp), intent(in) :: height      !! > 0 [m]
+      real(wp), intent(in) :: v, gravity  !! upward velocity [m/s], <= 0 [m/s2]; one of them leads down
+
+      if (gravity < 0) then
+         fall_time = (v + sqrt(v**2 - 2*gravity*height))/(-gravity)
+      else
+         fall_time = height/(-v)
+      end if
+   end function fall_time
+
+   !> Distance from a sphere to the nearest rock of the settled layer in any image, or the floor; < 0 inside [m].
+   pure real(wp) function gap_to_layer(layer, radius, x) result(gap)
+      type(layer_t), intent(in) :: layer
+      real(wp), intent(in) :: radius, x(3)  !! [m]
+      real(wp) :: width, at(2), dx, dy, dz
+      integer :: k
+
+      width = layer%box%width
+      at = x(1:2) - width*floor(x(1:2)/width)  ! position in the box, like the rocks
+      gap = x(3) - radius
+      do k = 1, size(layer%radius)
+         dz = x(3) - layer%x(3, k)
+         if (dz - layer%radius(k) - radius > gap) cycle
+         dx = abs(at(1) - layer%x(1, k))
+         dy = abs(at(2) - layer%x(2, k))
+         dx = min(dx, width - dx)
+         dy = min(dy, width - dy)
+         gap = min(gap, sqrt(dx*dx + dy*dy + dz*dz) - layer%radius(k) - radius)
+      end do
+   end function gap_to_layer
+
+   !> Draw a facet hit by a boulder: slopes along two lines are normal, truncated, and the probability of a hit is
+   !> proportional to the area of the facet projected along the path.
+   pure subroutine draw_facet(relief, key, number, landing, v, facet, faces)
+      real(wp), intent(in) :: relief            !! standard deviation of its slope along a line [degrees]
+      type(random_key_t), intent(in) :: key
+      integer(i8), intent(in) :: number, landing
+      real(wp), intent(in) :: v(3)              !! [m/s]
+      type(facet_t), intent(out) :: facet
+      logical, intent(out) :: faces             !! false if no facet facing the boulder was found
+      integer(i8) :: word(words_per_block), draw
+      real(wp) :: deviation, slope(2), normal(3), shown, max_speed
+      integer :: k
+
+      deviation = tangent(relief)
+      max_speed = abs(v(3)) + steepest*deviation*(abs(v(1)) + abs(v(2)))
+      do draw = 1, max_facets
+         word = random_words(key, for_facet, number, landing, draw)
+         do k = 1, 2
+            slope(k) = normal_deviate(uniform(word(k)))
+         end do
+         if (any(abs(slope) > steepest)) cycle
+         slope = deviation*slope
+         shown = v(1)*slope(1) + v(2)*slope(2) - v(3)
+         faces = shown > uniform(word(3))*max_speed
+         if (.not. faces) cycle
+         normal = [-slope, 1.0_wp]/sqrt(1 + sum(slope**2))
+         facet = facet_t([normal(2), -normal(1), 0.0_wp], normal(3))
+         return
+      end do
+      faces = .false.
+   end subroutine draw_facet
+
+   pure real(wp) function normal_deviate(u)
+      real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
+
+      normal_deviate = sign(normal_quantile(max(min(u, 1 - u), 1.0e-10_wp)), u - 0.5_wp)
+   end function normal_deviate
+
+   !> Transform a vector to the frame of a facet, whose normal is up.
+   pure function into_facet(facet, v) result(turned)
+      type(facet_t), intent(in) :: facet
+      real(wp), intent(in) :: v(3)  !! any [unit]
+      real(wp) :: turned(3)
+
+      turned = facet%cosine*v + cross(facet%axis, v) + dot_product(facet%axis, v)/(1 + facet%cosine)*facet%axis
+   end function into_facet
+
+   !> Rotation into the frame of a facet as a quaternion.
+   pure function quaternion_into(facet) result(q)
+      type(facet_t), intent(in) :: facet
+      real(wp) :: q(4)
+
+      q = [1 + facet%cosine, facet%axis]
+      q = q/sqrt(sum(q**2))
+   end function quaternion_into
+
+   !> Transform a vector from the frame of a facet.
+   pure function out_of_facet(facet, v) result(turned)
+      type(facet_t), intent(in) :: facet
+      real(wp), intent(in) :: v(3)  !! any [unit]
+      real(wp) :: turned(3)
+
+      turned = into_facet(facet_t(-facet%axis, facet%cosine), v)
+   end function out_of_facet
+end module lab_rock_throw

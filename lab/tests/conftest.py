@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One thread, as in the other tests; read when rockfall is loaded."""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
