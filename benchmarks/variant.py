@@ -30,7 +30,7 @@ def go_one_by_one(folder: Path) -> None:
     """No boulders in lanes, whose flights are not those of the procedure `fly`."""
     lanes = "integer :: lanes = "
     scene = folder / "fortran/src/trace/scene_type.f90"
-    replace(scene, f"{lanes}wide_lanes", f"{lanes}one_by_one")
+    replace(scene, f"{lanes}masked_lanes", f"{lanes}one_by_one")
 
 
 def build(folder: Path, *targets: str) -> list[Path]:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Write pages of reference from the program's own tables and parsers, so that they cannot differ:
-docs/case.md, result.md, cli.md, api.md and ground_table.md.
+docs/case.md, result.md, cli.md, api.md and ground_table.md; and the blocks of pages that hold
+evidence.
 
 python tools/document.py           writes them
 python tools/document.py --check   says whether they are up to date (exit status 0 or 1)
@@ -12,6 +13,7 @@ import textwrap
 from itertools import groupby
 from pathlib import Path
 
+from document_evidence import BLOCK, filled
 from document_interfaces import api_page, cli_page
 
 from rockfall.case import REPEATABLE, key_table
@@ -270,6 +272,10 @@ def main() -> int:
         DOCS / "api.md": api_page(),
         DOCS / "ground_table.md": ground_page(),
     }
+    for pattern in ("README.md", "docs/**/*.md", "cases/*/README.md"):
+        for path in sorted(ROOT.glob(pattern)):
+            if path not in pages and BLOCK.search(text := path.read_text()):
+                pages[path] = filled(text)
     if "--check" in sys.argv:
         now = {path: path.read_text() if path.exists() else "" for path in pages}
         stale = [path.name for path, text in pages.items() if now[path] != text]

@@ -70,7 +70,7 @@ class Run(NamedTuple):
     scheme: str
     step: float
     printed: dict[str, float]
-    result: xr.Dataset
+    result: xr.Dataset | None
 
     def cost(self) -> float:
         """CPU nanoseconds of a rebound."""
@@ -108,7 +108,11 @@ def run(program: Path, case: Path, repeat: int, flights: int) -> list[Run]:
         if done.returncode:
             sys.exit(f"{scheme}, step {step:g} s: {done.stderr}")
         printed = {name: float(value) for name, value in map(str.split, done.stdout.splitlines())}
-        runs.append(Run(scheme, step, printed, rockfall.merge([part])))
+        try:
+            result = rockfall.merge([part])
+        except rockfall.RockfallError:  # a step carried a boulder beyond the terrain: refused
+            result = None
+        runs.append(Run(scheme, step, printed, result))
     return runs
 
 
@@ -231,6 +235,9 @@ def plane(program: Path, folder: Path, repeat: int) -> tuple[list[Run], list[flo
     runs = run(program, folder / "case.nml", repeat, 1)
     errors = []
     for one in runs:
+        if one.result is None:
+            errors.append(math.nan)
+            continue
         contacts = one.result.trajectory_x.values[one.result.trajectory_ratio.values > 0]
         whole = contacts.size == number
         errors.append(abs(contacts[-1] - contacts[0] - true) if whole else math.nan)

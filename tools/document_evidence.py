@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Blocks of pages that are filled from the table of evidence, for tools/document.py. A block stands
+between `<!-- evidence: NAME -->` and `<!-- end of evidence -->`."""
+
+import re
+import textwrap
+from collections.abc import Callable, Sequence
+from math import isnan
+
+from rockfall.evidence import Evidence, evidence, largest_error, only
+
+BLOCK = re.compile(r"(<!-- evidence: (\S+) -->\n).*?(<!-- end of evidence -->)", re.DOTALL)
+LINES = "EL1", "EL2"
+QUANTITIES = {
+    "speed": "speed [m/s]",
+    "passing_height": "passing height [m]",
+    "energy_translational": "energy of translation [kJ]",
+}
+STATISTICS = {"mean": "mean", "std": "deviation", "max": "largest of 100"}
+MODELS = {  # at Vaujany, as pages name them
+    "talus": "table of impacts `talus`",
+    "rocky-slope": "table of impacts `rocky-slope`",
+    "vaujany-observed": "set `vaujany-observed`, the default",
+    "bourrier2009, B": "set `bourrier2009`, method B",
+    "bourrier2009, A": "set `bourrier2009`, method A",
+    "laboratory-spheres": "set `laboratory-spheres`",
+    "paper, B": "the paper's own simulation, B",
+    "paper, A": "the paper's own simulation, A",
+}
+TRIED = "compact", "meadow", "vegetated-soil", "soft-soil", "talus"  # plains below talus
+SIZES = "0.2", "0.5", "1"  # R_b there [m]
+SLOPES = 20, 26, 30, 34, 38  # planes [degree]
+SMALL = "talus", "soft-soil", "vegetated-soil", "meadow", "compact", "rock"  # of R_b = 0.4 m
+
+
+def filled(page: str) -> str:
+    """Page with its blocks written again."""
+    return BLOCK.sub(lambda block: f"{block[1]}{BLOCKS[block[2]]()}\n{block[3]}", page)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows))
+
+
+def paragraph(text: str) -> str:
+    return textwrap.fill(text, 100, break_on_hyphens=False, break_long_words=False)
+
+
+def signed(*rows: Evidence) -> str:
+    """Errors of rows, without their standard errors."""
+    return " and ".join(f"{round(row.error):+d}".replace("+0", "0") for row in rows) + " %"
+
+
+def with_error(row: Evidence, decimals: int) -> str:
+    """Number of the model and its standard error."""
+    number = f"{row.simulated:.{decimals}f}"
+    return number if isnan(row.standard_error) else f"{number} ± {row.simulated_error:.1g}"
+
+
+def vaujany(model: str, statistic: str) -> str:
+    """Largest error over quantities and lines."""
+    return f"{largest_error(evidence('vaujany', quantity=f'*_{statistic}', model=model))} %"
+
+
+def largest(quantity: str, model: str) -> str:
+    return signed(*(only("vaujany", line, f"{quantity}_max", model) for line in LINES))
+
+
+def pasture(quantity: str, model: str = "meadow") -> Evidence:
+    return only("tschamut", "held-out", f"run_out_{quantity}", model)
+
+
+def forest(case: str, model: str, quantity: str = "passing") -> Evidence:
+    return only("vaujany-forest", case, quantity, model)
+
+
+def runaway(slope: int, radius: str, model: str) -> float:
+    place = f"{slope} degrees, R_b {radius} m"
+    return only("long-plane", place, "faster_than_observed", model).error
+
+
+def shadow(radius: str, quantity: str, model: str, slopes: str = "38 on 10") -> float:
+    return only("talus-shadow", f"{slopes} degrees, R_b {radius} m", quantity, model).error
+
+
+def summary() -> str:
+    default, table = "vaujany-observed", "talus"
+    within = {model: (vaujany(model, "mean"), vaujany(model, "std")) for model in (default, table)}
+    far, wide, short = pasture("mean"), pasture("std"), pasture("mean", default)
+    passed = [forest("forest", model) for model in (default, table)]
+    return paragraph(
+        "On one talus (100 boulders at two lines) means by the default set are within "
+        f"{within[default][0]} and deviations within {within[default][1]}, by the table of impacts "
+        f"`{table}` within {within[table][0]} and {within[table][1]}. On one pasture the mean "
+        f"run-out by the table `meadow` is {far.error:.0f} % and its deviation {wide.error:.0f} % "
+        f"too large, by the default set the mean is {-short.error:.0f} % too short. In one forest "
+        f"{passed[0].observed:g} % of the boulders passed; {passed[0].simulated:.0f} % do by the "
+        f"default set, {passed[1].simulated:.0f} % by `{table}`."
+    )
+
+
+def sites() -> str:
+    impacts = {row.model: row for row in evidence("meadow-impacts")}
+    left = [
+        f"{impacts[model].simulated:.2f}"
+        for model in ("laboratory of blocks, W/V 0 to 1", "laboratory of blocks, W/V 0", "meadow")
+    ]
+    bare, wooded = (forest(case, "talus") for case in ("bare", "forest"))
+    speeds = signed(*(forest(case, "talus", "speed_mean") for case in ("bare", "forest")))
+    passed = "passing_27.5_degrees"
+    models = ["talus", *(f"talus above {plain}" for plain in TRIED[:-1])]
+    shade = max(shadow(size, passed, model) for size in SIZES for model in models)
+    large = max(shadow("1.8", passed, model, "35 on 5") for model in models[1:])
+    mean, spread, ks = (pasture(name) for name in ("mean", "std", "ks"))
+    rows = [
+        [
+            "[Tschamut](tschamut.md)",
+            "run-outs of 80 blocks on pasture",
+            f"mean {signed(mean)}, deviation {signed(spread)}, KS {ks.error:.2f}",
+            "half chooses `meadow`; the other half was looked at too often to confirm it",
+        ],
+        [
+            "[Vaujany](vaujany.md)",
+            "speed, height, energy at two lines on talus",
+            f"means within {vaujany('talus', 'mean')}, deviations within "
+            f"{vaujany('talus', 'std')}, largest energies "
+            f"{largest('energy_translational', 'talus')}",
+            "some slopes of the recipe choose `talus`, others judge",
+        ],
+        [
+            "[forest at Vaujany](../../../cases/vaujany-forest/README.md)",
+            "fraction that passes, speeds",
+            f"{bare.simulated:.0f} % pass without forest ({bare.observed:g} %), "
+            f"{wooded.simulated:.0f} % with it ({wooded.observed:g} %), speeds {speeds}",
+            "chose where a stem is hit, and the rest angle of `talus`",
+        ],
+        [
+            "[single stems](stems.md)",
+            "energy left by a hit",
+            "more than in a discrete element model",
+            "nothing fitted",
+        ],
+        [
+            "[six impacts](every_law.md#six-impacts-on-a-meadow)",
+            "energy left, scars",
+            f"measured {impacts['meadow'].observed:g}, laboratory {left[0]}; without spin "
+            f"laboratory {left[1]}, its table {left[2]}",
+            "nothing fitted",
+        ],
+        [
+            "[shadow of talus](shadow.md)",
+            "angle that boulders pass below talus",
+            f"up to R_b = 1 m at most {100 * shade:.0f} % pass the limit of 27.5 degrees, of 1.8 m "
+            f"up to {100 * large:.0f} %",
+            "nothing fitted",
+        ],
+        [
+            "[Mel de la Niva](../../../cases/mel-de-la-niva/README.md)",
+            "deposited blocks",
+            "not run",
+            "tried with a stand-in",
+        ],
+    ]
+    return table(["site", "what", "by tables of impacts", "evidence"], rows)
+
+
+def vaujany_models() -> str:
+    return table(
+        [
+            "by",
+            "means within",
+            "deviations within",
+            "largest energies, EL1 and EL2",
+            "largest heights",
+        ],
+        [
+            [
+                name,
+                vaujany(model, "mean"),
+                vaujany(model, "std"),
+                largest("energy_translational", model),
+                largest("passing_height", model),
+            ]
+            for model, name in MODELS.items()
+        ],
+    )
+
+
+def vaujany_lines() -> str:
+    def cell(row: Evidence) -> str:
+        spread = "" if isnan(row.standard_error) else f" ± {row.standard_error:.1f}"
+        return f"{row.error:+.1f}{spread}"
+
+    rows = []
+    for line in LINES:
+        for quantity, label in QUANTITIES.items():
+            for statistic, word in STATISTICS.items():
+                found = [
+                    only("vaujany", line, f"{quantity}_{statistic}", model) for model in MODELS
+                ]
+                observed = f"{found[0].observed:g}"
+                rows.append([f"{line}, {label}, {word}", observed, *map(cell, found)])
+    names = [f"`{name}`" if "paper" not in name else name for name in MODELS]
+    return table(["error [%]", "observed", *names], rows)
+
+
+def tschamut() -> str:
+    mean, spread, ks, *quantiles = map(pasture, ("mean", "std", "ks", "q05", "q50", "q95"))
+    azimuth = only("tschamut", "held-out", "azimuth_std", "meadow")
+    blocks = [only("tschamut", f"held-out, block {k}", "run_out_mean", "meadow") for k in (1, 2, 4)]
+    matrix = pasture("mean", "vaujany-observed")
+    distance = pasture("wasserstein")
+
+    def several(rows: Sequence[Evidence]) -> list[str]:
+        seen, made = [row.observed for row in rows], [row.simulated for row in rows]
+        return [", ".join(f"{number:.0f}" for number in numbers) for numbers in (seen, made)]
+
+    def met(holds: bool) -> str:
+        return "met" if holds else "**not met**"
+
+    fall = [row.simulated for row in blocks]
+    rows = [
+        ["mean", f"{mean.observed:g}", with_error(mean, 0), "within 10 %",
+         f"{met(abs(mean.error) <= 10)}: {signed(mean)}"],
+        ["KS", "", with_error(ks, 3), "below 0.22", met(ks.error < 0.22)],
+        ["mean of blocks 1, 2, 4", *several(blocks), "in their order",
+         met(fall == sorted(fall, reverse=True))],
+        ["standard deviation", f"{spread.observed:g}", with_error(spread, 1), "", signed(spread)],
+        ["5, 50, 95 %", *several(quantiles), "", ""],
+        ["Wasserstein distance", "", with_error(distance, 1), "", ""],
+        ["azimuth, standard deviation [degree]", f"{azimuth.observed:g}", with_error(azimuth, 1),
+         "", ""],
+        ["mean by `vaujany-observed`, R_m 0.2 m", f"{matrix.observed:g}", with_error(matrix, 0), "",
+         signed(matrix)],
+    ]  # fmt: skip
+    return table(["", "observed", "`meadow`", "bound", ""], rows)
+
+
+def runaway_table() -> str:
+    rows = [
+        [
+            f"`{model}`, R_b = {radius} m",
+            *(f"{runaway(slope, radius, model):.2f}" for slope in SLOPES),
+        ]
+        for radius, models in (("0.4", SMALL), ("1", SMALL[:2]))
+        for model in models
+    ]
+    return table(["plane [degree]", *map(str, SLOPES)], rows)
+
+
+def shadow_table() -> str:
+    pairs = [("`talus`", f"`{plain}`", f"talus above {plain}") for plain in TRIED[:-1]]
+    pairs += [("`talus`", "`talus`", "talus"), ("`rocky-slope`", "the same", "rocky-slope")]
+    pairs += [("matrix, R_m 0.2 m", "the same", "vaujany-observed, R_m 0.2 m")]
+    rows = []
+    for talus, plain, model in pairs:
+        passed = (f"{shadow(size, 'passing_27.5_degrees', model):.3f}" for size in SIZES)
+        angles = (f"{shadow(size, 'angle_passed_by_1_percent', model):.1f}" for size in SIZES)
+        rows.append([talus, plain, ", ".join(passed), ", ".join(angles)])
+    return table(["talus", "plain", "pass 27.5 degrees", "1 % pass"], rows)
+
+
+def tables() -> str:
+    mean, spread, ks = map(pasture, ("mean", "std", "ks"))
+    angles = [
+        shadow(size, "angle_passed_by_1_percent", f"talus above {plain}")
+        for size in SIZES
+        for plain in TRIED[:-1]
+    ]
+    fast = {
+        radius: " and ".join(f"{runaway(34, radius, model):.2f}" for model in SMALL[:2])
+        for radius in ("0.4", "1")
+    }
+    rows = [
+        [
+            "100 boulders at two lines of [Vaujany](validation/field/vaujany.md), on slopes that "
+            "chose nothing",
+            "`talus`",
+            f"means within {vaujany('talus', 'mean')}, deviations within "
+            f"{vaujany('talus', 'std')}, largest energies "
+            f"{largest('energy_translational', 'talus')}, largest heights "
+            f"{largest('passing_height', 'talus')}",
+        ],
+        [
+            "the same",
+            "`rocky-slope`",
+            f"means within {vaujany('rocky-slope', 'mean')}, deviations within "
+            f"{vaujany('rocky-slope', 'std')}",
+        ],
+        [
+            "half of the runs of [Tschamut](validation/field/tschamut.md)",
+            "`meadow`",
+            f"mean run-out {signed(mean)}, deviation {signed(spread)}, KS {ks.error:.2f}",
+        ],
+        [
+            "[shadow](validation/field/shadow.md) below talus of 38 degrees, on 10 degrees, R_b "
+            "0.2 to 1 m",
+            "`compact`, `meadow`, soils",
+            f"1 % pass {min(angles):.1f} to {max(angles):.1f} degrees; 27.5 is the usual limit",
+        ],
+        [
+            "no boulder was [observed](validation/field/tschamut.md#runaway) faster than 0.8 m/s a "
+            "degree",
+            "`talus`, `soft-soil`",
+            f"fractions on 400 m of 34 degrees {fast['0.4']} (R_b 0.4 m), {fast['1']} (1 m)",
+        ],
+        [
+            "the same",
+            "`vegetated-soil`, `meadow`, `compact`, `rock`",
+            "**most are faster on long slopes above 30 degrees**",
+        ],
+    ]
+    return table(["evidence", "ground", "result"], rows)
+
+
+def forest_table() -> str:
+    labels = {
+        "passing": "boulders that pass [%]",
+        "speed_mean": "mean speed [m/s]",
+        "speed_max": "maximum speed of 100 boulders [m/s]",
+    }
+    rows = []
+    for quantity, label in labels.items():
+        cells = [label]
+        for case in ("bare", "forest"):
+            found = [forest(case, model, quantity) for model in ("vaujany-observed", "talus")]
+            cells += [f"{found[0].observed:g}", *(with_error(row, 1) for row in found)]
+        rows.append(cells)
+    heads = [
+        f"{how} forest: {what}"
+        for how in ("without", "with")
+        for what in ("experiment", "`vaujany-observed`", "`talus`")
+    ]
+    return table(["", *heads], rows)
+
+
+BLOCKS: dict[str, Callable[[], str]] = {
+    "summary": summary,
+    "sites": sites,
+    "vaujany-models": vaujany_models,
+    "vaujany-lines": vaujany_lines,
+    "tschamut": tschamut,
+    "runaway": runaway_table,
+    "shadow": shadow_table,
+    "tables": tables,
+    "forest": forest_table,
+}
