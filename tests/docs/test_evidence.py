@@ -28,7 +28,6 @@ PAGES = [
 EXEMPT = {
     "docs/validation/field/protocol.md": "what was found when choices were made, by their rules",
     "docs/validation/vaujany.md": "written by benchmarks/accuracy/vaujany.py, against the paper",
-    "docs/validation/lab.md": "the laboratory, which no field judges",
 }
 #: Sentences that are no evidence, by words that they have.
 OTHER = {
