@@ -17,7 +17,14 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
     path
-    for pattern in ("*.md", "docs/**/*.md", "cases/*/README.md", "fortran/*.md", "lab/**/*.md")
+    for pattern in (
+        "*.md",
+        "docs/**/*.md",
+        "cases/*/README.md",
+        "fortran/*.md",
+        "lab/**/README.md",
+        "lab/docs/*.md",
+    )
     for path in ROOT.glob(pattern)
 )
 CODE = sorted(

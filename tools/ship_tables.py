@@ -91,7 +91,7 @@ def contacts_of(case: BlockCase, path: Path | None) -> xr.Dataset:
 def make(name: str, folder: Path | None) -> None:
     """Make the files of a plane, or of the table of rocks."""
     if name == ROCKS:
-        case = read_lab_case(ROOT / "cases" / ROCKS / "throws.nml")
+        case = read_lab_case(ROOT / "lab/cases" / ROCKS / "throws.nml")
         save_table(table_of([run_sequences(case)]), FOLDER / f"{ROCKS}.nc")
         return
     plane = PLANES[name]

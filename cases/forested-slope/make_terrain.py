@@ -15,7 +15,7 @@ import numpy as np
 
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
-from rockfall_lab.scorecard.talus import relief
+from rockfall.terrain.synthetic import relief
 
 CELL, NX, NY = 2.0, 120, 150  # [m]: 240 m along the slope, 300 m down it
 GRID = Grid(0.0, CELL * NY, CELL, NX, NY)

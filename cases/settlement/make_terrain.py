@@ -12,7 +12,7 @@ import numpy as np
 
 from rockfall.io.grid import Grid
 from rockfall.io.raster import write_geotiff
-from rockfall_lab.scorecard.talus import relief
+from rockfall.terrain.synthetic import relief
 
 CELL, NX, NY = 4.0, 110, 150  # [m]: 440 m along the slope, 600 m down it
 GRID = Grid(0.0, CELL * NY, CELL, NX, NY)

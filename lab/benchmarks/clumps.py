@@ -3,7 +3,7 @@
 
     python -m lab.benchmarks.clumps [--ratios 1 2 4] [--throws 200]
 
-Throws of cases/rocky-slope/throws.nml with each shape of boulder on spheres and on clumps. Prints,
+Throws of throws.nml of rocky-slope with each shape of boulder on spheres and on clumps. Prints,
 for contacts from a flight at 5 to 30 degrees, means over |V_in|: what is left of V_t and V_n, the
 part of the energy in rotation after the contact, turns below 22.5 degrees; the energy left; the
 fraction of throws that stop within their contacts; the solid fraction and CPU time of a contact.
@@ -20,7 +20,7 @@ from lab.benchmarks.rocky import relief_at
 from rockfall_lab.case import LabCase, read_lab_case
 from rockfall_lab.spheres.sequences import run_sequences
 
-CASE = Path(__file__).parents[2] / "cases" / "rocky-slope" / "throws.nml"
+CASE = Path(__file__).parents[1] / "cases" / "rocky-slope" / "throws.nml"
 VARIANTS = [
     ("spheres", "sphere"), ("clumps", "sphere"), ("spheres", "compact"),
     ("clumps", "compact"), ("clumps", "elongated"), ("clumps", "platy"),

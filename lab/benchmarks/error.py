@@ -22,7 +22,7 @@ from rockfall_lab.case import LabCase, read_lab_case
 from rockfall_lab.sets.fit import as_rebounds, fit_set, impacts_of
 from rockfall_lab.spheres.experiment import ENDED, STATES, STATUS, run_impacts
 
-ROCKY_SLOPE = ROOT / "cases/rocky-slope/lab.nml"
+ROCKY_SLOPE = ROOT / "lab/cases/rocky-slope/lab.nml"
 BASE = "base"
 
 

@@ -98,11 +98,14 @@ def _check(text: str, name: str) -> None:
     check_kernel(*_lab.check_case(*kernel_text(text.encode(), name)))
 
 
-def _like(value: Any, default: Any) -> Any:
-    """Checked value with the type of the default."""
+def like(value: Any, default: Any) -> Any:
+    """Value with the type of the default, if it can have it."""
     if isinstance(default, list):
         return [float(number) for number in (value if isinstance(value, list) else [value])]
-    return type(default)(value)
+    try:
+        return type(default)(value)
+    except (TypeError, ValueError):
+        return value  # the kernel reports the error
 
 
 def names_ground(text: str, name: str) -> bool:
@@ -123,7 +126,7 @@ class LabCase:
         _check(namelist_text(given), name)
         self._groups = {
             group: {
-                key: _like(given.get(group, {}).get(key, value), value)
+                key: like(given.get(group, {}).get(key, value), value)
                 for key, value in defaults.items()
             }
             for group, defaults in _defaults().items()

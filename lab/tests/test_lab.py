@@ -662,5 +662,5 @@ def test_without_the_report_extra_it_is_named(place, monkeypatch, capsys, words)
 
 
 def test_the_laboratory_case_is_one():
-    case = read_lab_case(VAUJANY.parent / "rocky-slope/lab.nml")
+    case = read_lab_case(Path(__file__).parents[1] / "cases/rocky-slope/lab.nml")
     assert case.lab["layers"] >= 50 and case.lab["ratios"] == [1, 2, 3, 4, 5]

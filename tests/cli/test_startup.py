@@ -6,9 +6,12 @@ import sys
 
 import netCDF4
 import numpy as np
+import pytest
 
 import rockfall
 from made import write_ascii
+from rockfall.cli import main
+from rockfall.cli.arguments import make_parser
 from rockfall.result import variables
 from scenes import case_in, grid, place, rough
 
@@ -61,12 +64,22 @@ def test_a_small_case_waits_for_no_package_that_it_does_not_use(tmp_path):
         "merge part1of2 part2of2 -o merged.nc", "prepare case.nml prepared", cwd=tmp_path,
     )  # fmt: skip
     assert "netCDF4" in found
-    assert HEAVY & found == set()
+    assert (HEAVY | {"rockfall_lab"}) & found == set()
 
 
 def test_help_and_version_need_no_numpy(tmp_path):
     found = modules("--help", "--version", "run --help", cwd=tmp_path)
-    assert (HEAVY | {"numpy"}) & found == set()
+    assert (HEAVY | {"numpy", "rockfall_lab"}) & found == set()
+
+
+@pytest.mark.parametrize("words", [["--help"], ["impact", "lab.nml"]])
+def test_the_laboratory_may_be_missing(words, monkeypatch, capsys):
+    make_parser.cache_clear()  # another test may have filled it
+    monkeypatch.setattr("rockfall.cli.arguments.find_spec", lambda package: None)
+    assert main(["lab", *words]) == 2
+    said = capsys.readouterr()
+    assert not said.out and said.err.count("\n") == 1
+    assert "rockfall lab: the laboratory is not installed" in said.err
 
 
 def test_command_and_function_write_the_same_file(tmp_path, monkeypatch):

@@ -33,8 +33,6 @@ def read(path: Path):
 
 def script(path: Path):
     """A script of a case as a module."""
-    if "rockfall_lab" in path.read_text(encoding="utf-8"):
-        pytest.importorskip("rockfall_lab")
     spec = importlib.util.spec_from_file_location(f"{path.parent.name}_{path.stem}", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -24,7 +24,7 @@ from rockfall.grounds.shapes import SHAPES, Surface, hull, random_block, refine
 from rockfall.io.files import read_text
 from rockfall.io.tables import read_table
 from rockfall_lab._lab import lab_f2py as _lab
-from rockfall_lab.case import THROWN, names, names_ground, range_values
+from rockfall_lab.case import THROWN, like, names, names_ground, range_values
 
 PLANNED = {  # keys of the plan, by group
     "block": ("radius", "density", "count", "edge"),
@@ -123,7 +123,7 @@ class BlockCase:
         shipped = {"ground": _defaults()["ground"] | grounds()[ground]}
         self._groups = {
             group: {
-                key: _like(given.get(group, {}).get(key, value), value)
+                key: like(given.get(group, {}).get(key, value), value)
                 for key, value in values.items()
             }
             for group, values in (_defaults() | shipped).items()
@@ -218,13 +218,3 @@ def _points(path: Path) -> tuple[np.ndarray, str]:
             raise RockfallError(f"{where}: column {name}: is missing")
     points = [[row.number(name, -1e6, 1e6) for name in "xyz"] for row in rows]
     return np.array(points), str(path)
-
-
-def _like(value: Any, default: Any) -> Any:
-    """Value with the type of the default."""
-    if isinstance(default, list):
-        return [float(number) for number in (value if isinstance(value, list) else [value])]
-    try:
-        return type(default)(value)
-    except (TypeError, ValueError):
-        return value  # the kernel reports the error

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rockfall.terrain.synthetic import relief
+
 CELL, NX, NY = 2.5, 80, 240  # [m]: 200 m across the slope, 600 m down it
 WEST, NORTH = 0.0, 600.0  # [m]: outer edges of the upper left cell
 BENDS = [0, 20, 330, 400, 460, 520, 600]  # plan distance from the top edge [m]
 ROADS = {14: (90, 4.0), 4: (295, 4.5), 10: (450, 5.0)}  # zone: plan distance, width [m]
-SMOOTHING = 1.5  # Gaussian filter of the relief [cells]
 
 
 @dataclass(frozen=True)
@@ -55,19 +56,6 @@ class Talus:
             + relief(self.seed, (NY, NX), self.relief)
         )
         return z.astype("f4")
-
-
-def relief(seed: int, cells: tuple[int, int], std: float) -> np.ndarray:
-    """White noise through a Gaussian filter, of given rows and columns [m], independent of the
-    NumPy version. Also used for slopes of synthetic cases."""
-    margin = 8  # more than five standard deviations of the filter: no edge effects
-    shape = cells[0] + 2 * margin, cells[1] + 2 * margin
-    raw = np.random.Philox(key=seed).random_raw(shape[0] * shape[1])
-    noise = raw.reshape(shape) / 2.0**64 - 0.5
-    weight = np.exp(-0.5 * (np.arange(-margin, margin + 1) / SMOOTHING) ** 2)
-    for axis in 0, 1:
-        noise = np.apply_along_axis(np.convolve, axis, noise, weight, mode="valid")
-    return std * (noise - noise.mean()) / noise.std()
 
 
 def zones() -> np.ndarray:

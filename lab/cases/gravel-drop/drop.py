@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Drops a sphere on gravel, and prints R_n by classes of the incident speed.
 
-python cases/gravel-drop/drop.py
+python lab/cases/gravel-drop/drop.py
 """
 
 from pathlib import Path

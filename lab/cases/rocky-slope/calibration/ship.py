@@ -70,7 +70,7 @@ def ship(path: Path) -> None:
         f"{len(draws)} draws of the sets of a rocky slope, equally likely: what the calibration",
         "leaves open of the laboratory's parameters, for `&ensemble sets`.",
         "",
-        f"Made by rockfall {rockfall.__version__}: cases/rocky-slope/calibration.",
+        f"Made by rockfall {rockfall.__version__}: lab/cases/rocky-slope/calibration.",
     ]
     write_sets(SHIPPED / "laboratory-spheres-ensemble.nml", draws[0], about, *draws[1:])
 

@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Random relief for slopes that are made up, as those of some cases are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+SMOOTHING = 1.5  # Gaussian filter of the relief [cells]
+
+
+def relief(seed: int, cells: tuple[int, int], std: float) -> np.ndarray:
+    """White noise through a Gaussian filter, of given rows and columns [m], independent of the
+    NumPy version."""
+    margin = 8  # more than five standard deviations of the filter: no edge effects
+    shape = cells[0] + 2 * margin, cells[1] + 2 * margin
+    raw = np.random.Philox(key=seed).random_raw(shape[0] * shape[1])
+    noise = raw.reshape(shape) / 2.0**64 - 0.5
+    weight = np.exp(-0.5 * (np.arange(-margin, margin + 1) / SMOOTHING) ** 2)
+    for axis in 0, 1:
+        noise = np.apply_along_axis(np.convolve, axis, noise, weight, mode="valid")
+    return std * (noise - noise.mean()) / noise.std()
