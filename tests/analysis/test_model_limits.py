@@ -384,7 +384,7 @@ def test_the_set_of_the_paper_is_judged_by_the_method_of_the_case(tmp_path, meth
 
 
 @pytest.mark.parametrize(
-    ("name", "line"), [("rocky-slope", "EL1"), ("talus", "EL2"), ("compact", "EL2")]
+    ("name", "line"), [("rocky-slope", "EL1"), ("talus", "EL2"), ("compact", "EL2"), ("*", "EL2")]
 )
 def test_tables_are_judged_by_the_worst_of_those_with_evidence(tmp_path, name, line):
     """Talus and meadow always, `rocky-slope` where rebounds follow it."""

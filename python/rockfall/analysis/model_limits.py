@@ -207,15 +207,11 @@ def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     if not (tables := table_grounds(values)):
         return
     names = [table.name for table in tables]
+    sites = [*evidence("vaujany"), *evidence("tschamut", "held-out", "run_out_*")]
+    judged = [row for row in sites if row.model in {*JUDGED_TABLES, *names}]
     means, deviations = (
-        largest_error(
-            row
-            for model in {*JUDGED_TABLES, *names}
-            for site in ("vaujany", "tschamut")
-            for row in evidence(site, quantity=f"*_{statistic}", model=model)
-            if row.quantity != "azimuth_std" and "block" not in row.place
-        )
-        for statistic in ("mean", "std")
+        largest_error(row for row in judged if row.quantity.endswith(statistic))
+        for statistic in ("_mean", "_std")
     )
     text = say(
         "model.tables",
