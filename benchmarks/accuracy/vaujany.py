@@ -49,12 +49,6 @@ def cell(one: Score, target: Target) -> str:
     return f"{value:.3g} ± {error:.2g} {verdict(target, value, error)}"
 
 
-def off(one: Score, target: Target) -> str:
-    """Relative error, as in table 3 of the paper."""
-    known = float(target.printed)
-    return f"{100 * (one.mean(target.name) - known) / known:+.0f} %"
-
-
 def rows(scores: dict[str, Score], wanted: list[Target]) -> list[str]:
     names = list(scores)
     text = [f"| | paper | asked | {' | '.join(names)} | 5 to 95 % of the draws |"]
@@ -68,16 +62,6 @@ def rows(scores: dict[str, Score], wanted: list[Target]) -> list[str]:
             f"| {target.label} | {target.printed} | {asked} | {' | '.join(cells)} | "
             f"{low:.3g} to {high:.3g} |"
         )
-    return text
-
-
-def relative(scores: dict[str, Score], wanted: list[Target]) -> list[str]:
-    text = [f"| | {' | '.join(scores)} |", "| --- |" + " --: |" * len(scores)]
-    for target in (
-        one for one in wanted if one.name[:2] in ("A_", "B_") and "share" not in one.name
-    ):
-        cells = [off(one, target) for one in scores.values()]
-        text.append(f"| {target.label} | {' | '.join(cells)} |")
     return text
 
 
@@ -108,8 +92,7 @@ samples were not published."""
 
 def page(scores: dict[str, Score], wanted: list[Target], slopes: int) -> str:
     parts = {
-        "Beside the paper (table 2 and text)": rows(scores, wanted),
-        "Relative errors (table 3)": [*relative(scores, wanted), KS],
+        "Beside the paper (table 2 and text)": [*rows(scores, wanted), KS],
         "Without a number in the paper": beside(scores),
     }
     text = HEAD.format(slopes=slopes)

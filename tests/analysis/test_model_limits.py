@@ -12,6 +12,7 @@ from rockfall.analysis.model_limits import (
     end_remarks,
     extrapolations,
     faster_than_observed,
+    forest_remarks,
     forest_text,
     joint_warnings,
     model_remarks,
@@ -597,3 +598,12 @@ def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):
     assert f"{text}." in warnings(result)
     bare, without = on_grounds(tmp_path, {})
     assert "forest" not in preview(scene_of(bare)) + summary(without)
+
+
+def test_a_forest_by_tables_is_judged_by_a_run_by_tables(tmp_path):
+    case = make_case(tmp_path, *sets(), release=POINT, forest=STAND)
+    tables = case.replace(impact={"form": "table", "table": "talus"})
+    known = only("vaujany-forest", "forest", "passing", "talus")
+    (found,) = forest_remarks(tables)
+    assert f"and {known.simulated:.1f} %: run without too" in found.text
+    assert [remark.text for remark in forest_remarks(case)] == [forest_text()]

@@ -250,7 +250,8 @@ def has_own_grounds(case: Case) -> bool:
 def forest_remarks(case: Case) -> Iterator[Remark]:
     """Remark that forest is not validated; none without trees."""
     if case.has_forest:
-        yield Remark(forest_text(), True, is_counted=False)
+        model = "talus" if case.impact["form"] == "table" else "vaujany-observed"
+        yield Remark(forest_text(model), True, is_counted=False)
 
 
 def log_remarks(case: Case) -> Iterator[Remark]:
@@ -299,11 +300,10 @@ def _fragments_at_lines(values: Variables) -> Iterator[Text]:
             yield say("model.fragments", line=str(name), mean=counts[counts > 0].mean())
 
 
-def forest_text() -> Text:
-    """Comparison with the forest experiment (cases/vaujany-forest), and its consequences."""
-    bare, forest = (
-        only("vaujany-forest", state, "passing", "vaujany-observed") for state in ("bare", "forest")
-    )
+def forest_text(model: str = "vaujany-observed") -> Text:
+    """Comparison of a model with the forest experiment (cases/vaujany-forest), and its
+    consequences."""
+    bare, forest = (only("vaujany-forest", state, "passing", model) for state in ("bare", "forest"))
     return say(
         "model.forest",
         bare=bare.observed,
