@@ -32,7 +32,8 @@ OWN = (
     "date_created",
     "wall_seconds",
     "cpu_seconds",
-)  # attributes that are a run's own
+    "model_warnings",
+)  # attributes that are a run's own, or of functions in Python
 
 #: For tests that send a running program a signal.
 sends_signals = pytest.mark.skipif(
@@ -122,7 +123,7 @@ def same_results(one, other):
         assert {*mine.attrs} == {*variable.attrs}, name
         for key, value in variable.attrs.items():
             assert np.array_equal(mine.attrs[key], value), (name, key)
-    assert {*one.attrs} == {*other.attrs}
+    assert {*one.attrs, *OWN} == {*other.attrs, *OWN}
     for key in {*other.attrs} - {*OWN}:
         assert one.attrs[key] == other.attrs[key], key
 

@@ -4,7 +4,8 @@
 import numpy as np
 import xarray as xr
 
-OWN = ("date_created", "wall_seconds", "cpu_seconds", "threads")  # of a run, and not of its numbers
+#: Attributes of a run, or of functions in Python, and not of its numbers.
+OWN = ("date_created", "wall_seconds", "cpu_seconds", "threads", "model_warnings")
 
 
 def same_bits(a, b):

@@ -89,7 +89,8 @@ of all that lies beside them: elevations and their place (`dem`), the radius of 
 `input_warnings` is a JSON list of [inputs that are likely mistakes](start/checks.md), each with its
 place, what may have been meant, in English, and the id and values of that message, by which a page
 says it in another language; `dams` one of dams as they came out on the cells of the terrain, by
-names that `rockfall.terrain.dams.DamShape` explains.
+names that `rockfall.terrain.dams.DamShape` explains. Functions in Python add `model_warnings`: the
+limits of the model that matter for the run, one a line.
 """
 
 GROUNDS = """# The shipped table of grounds

@@ -14,11 +14,11 @@ from rockfall.analysis.model_limits import (
     faster_than_observed,
     forest_remarks,
     forest_text,
-    joint_warnings,
     model_remarks,
     set_remarks,
     table_remarks,
 )
+from rockfall.analysis.model_warnings import joint_warnings
 from rockfall.evidence import only
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.grounds.impact_tables import USUAL_WEIGHT, open_table, plane_files, save_table

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.runs import run
 from rockfall.case import read_case
 from rockfall.errors import RockfallError
 from rockfall.result.motion import are_met
 from rockfall.scene.rebound import ratio_class
 from rockfall.scene.sets import Sets, restitution
-from rockfall.simulation.simulate import run
 from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus
 from rockfall_lab.sets.fit import ImpactSet
 from rockfall_lab.sets.lateral import incidence

@@ -14,6 +14,8 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import line_numbers, with_limits
 from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.model_warnings import warn_each
 from rockfall.analysis.precision.intervals import TARGETS, boulders_needed, sources
 from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.case import Case
@@ -75,6 +77,7 @@ class Convergence:
     paired: int  # boulders on each terrain
     seconds: float  # of CPU per boulder
     refused: dict[str, str]  # variant of the terrain -> reason for refusal
+    model_warnings: tuple[str, ...]  # of the boulders of the study
 
 
 def converge(
@@ -119,7 +122,9 @@ def converge(
     paired = -(-many // 10)
     seed = case.case["seed"]
     with progress_bar(sources * (sizes[-1] + 2 * many + 4 * paired), shown=progress) as advance:
-        study = _study(scene, sizes, advance)
+        result = _run(scene, sizes[-1], scene.case.case["seed"], advance)
+        study, limits = _study(result, sizes), tuple(model_warnings(result, scene.case))
+        del result
         blocks, seconds = _sample(scene, many, seed + 1, advance)
         others, again = _sample(scene, many, seed + 1 + many, advance)
         truth, seconds = _numbers(others[:, :, None])[..., 0], (seconds + again) / 2
@@ -129,6 +134,7 @@ def converge(
         passed = dict(zip((line["name"] for line in scene.case.lines), truth[:, 0], strict=True))
         cost = _costs(error, seconds, passed)
         numerical, refused = _terrains(scene, paired, cost, advance)
+    warn_each(limits)
     return Convergence(
         case.name,
         study,
@@ -140,6 +146,7 @@ def converge(
         sources * paired,
         seconds,
         refused,
+        limits,
     )
 
 
@@ -157,11 +164,10 @@ def _run(scene: Scene, boulders: int, seed: int, advance: Advance) -> xr.Dataset
     return result
 
 
-def _study(scene: Scene, sizes: Sequence[int], advance: Advance) -> pd.DataFrame:
+def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
     """Numbers from the first boulders of each source, with their intervals."""
     import pandas as pd
 
-    result = _run(scene, sizes[-1], scene.case.case["seed"], advance)
     number = (result["boulder"].values - 1) % sizes[-1]  # of a boulder at its source
     rows = []
     for size in sizes:

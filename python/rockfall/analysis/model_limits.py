@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.run_out import falls_and_distances, mean_slopes
-from rockfall.case import case_of
 from rockfall.evidence import evidence, largest_error, only
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, block_radius, other_tables, repose
 from rockfall.grounds.impact_sets import shipped_sets
@@ -76,9 +75,6 @@ MAX_STAYED = 0.2  # fraction of the boulders that stay at their sources
 STAYED = 10.0  # [m] from the release, drop included: no farther than a boulder rocks before it lies
 
 
-TELLING = "line", "names"  # values that tell warnings of one message apart
-
-
 class Remark(NamedTuple):
     """A remark on the validity of a run's model."""
 
@@ -109,22 +105,6 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 def model_warnings(values: Variables, case: Case) -> list[Text]:
     """Remarks on the model that are warnings."""
     return [remark.text for remark in model_remarks(values, case) if remark.is_warning]
-
-
-def joint_warnings(results: Mapping[str, Held]) -> list[str]:
-    """Warnings on the models of results by name, each once: with the numbers of the first that it
-    concerns, and the names of those if it does not concern all."""
-    texts: dict[tuple[str, ...], Text] = {}
-    names: dict[tuple[str, ...], list[str]] = {}
-    for name, result in results.items():
-        for text in model_warnings(result, case_of(result)):
-            what = (text.key, *(str(text.values.get(value)) for value in TELLING))
-            texts.setdefault(what, text)
-            names.setdefault(what, []).append(name)
-    return [
-        text if len(names[what]) == len(results) else f"{', '.join(names[what])}: {text}"
-        for what, text in texts.items()
-    ]
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:

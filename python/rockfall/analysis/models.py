@@ -14,6 +14,8 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import line_numbers, sample_numbers
 from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.model_warnings import joined_warnings
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
 from rockfall.case import Case
 from rockfall.case.zones import case_zones
@@ -32,7 +34,7 @@ from rockfall.grounds import (
     usual_name,
 )
 from rockfall.io.netcdf import load_dataset
-from rockfall.language import packed, say, unpacked
+from rockfall.language import Text, packed, say, unpacked
 from rockfall.quantities import percent
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import put_netcdf
@@ -85,6 +87,7 @@ class Models:
     table: pd.DataFrame  # COLUMNS; the run-out has no line
     notes: tuple[str, ...]
     case: xr.Dataset  # without boulders: attributes and CRS of the first result, to identify it
+    warnings: tuple[str, ...] = ()  # on the models, each once
 
 
 def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) -> Models:
@@ -104,12 +107,14 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
     scenes = dict(variants(case, grounds, notes))
     first: xr.Dataset | None = None
     rows: list[dict[str, Any]] = []
+    limits: dict[str, list[Text]] = {}
     total = sum(scene.boulders for scene in scenes.values())
     with progress_bar(total, shown=progress) as advance:
         for name, scene in scenes.items():
             result = run_scene(scene)
             advance(result.sizes["boulder"])
             first = result if first is None else first
+            limits[name] = model_warnings(result, scene.case)
             rows += [{"model": name, **row} for row in _rows(result, first)]
             if (gone := left_terrain(result).mean()) > 0:
                 notes.append(say("models.left", name=name, fraction=percent(gone)))
@@ -119,7 +124,10 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
     title = case.case["title"] or case.name
     assert first is not None
     maps = first.drop_vars([name for name in first.variables if name != "crs"])
-    return Models(title, own.boulders, tuple(scenes), table, tuple(notes), maps)
+    return Models(
+        title, own.boulders, tuple(scenes), table, tuple(notes), maps,
+        tuple(joined_warnings(limits)),
+    )  # fmt: skip
 
 
 def write_models(models: Models, path: str | Path) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import QUANTILES, QUANTITIES, numbers, quantile_name
 from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.model_warnings import warn_of_model, with_model_warnings
 from rockfall.analysis.precision.intervals import CROSSED, boulders_needed, half_width
 from rockfall.analysis.precision.samples import Sample
 from rockfall.case import Case
@@ -102,7 +103,10 @@ def run_until(
     """
     scene = read_scene(case, **arrays)
     warn_of(scene)
-    return run_scene_until(scene, rules, cap, progress=progress, keep=False)
+    result = run_scene_until(scene, rules, cap, progress=progress, keep=False)
+    result = with_model_warnings(result)
+    warn_of_model(result)
+    return result
 
 
 def run_scene_until(scene: Scene, rules: str, cap: int | None = None, **how: Any) -> xr.Dataset:

@@ -11,6 +11,8 @@ import numpy as np
 
 from rockfall.analysis.deposits import agreement
 from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.model_warnings import joined_warnings
 from rockfall.analysis.models import by_tables, named_notes, variants
 from rockfall.analysis.observations import Observed
 from rockfall.analysis.observed_doubts import check_exchanged, unit_notes
@@ -25,6 +27,7 @@ from rockfall.analysis.run_out import (
 )
 from rockfall.case import Case
 from rockfall.errors import RockfallError
+from rockfall.language import Text
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import run_scene
 
@@ -74,6 +77,7 @@ class Validation:
     laws: tuple[str, ...]
     table: pd.DataFrame
     notes: tuple[str, ...]
+    warnings: tuple[str, ...] = ()  # on the models with the first seed, each once
 
 
 def validate(
@@ -106,6 +110,7 @@ def validate(
     first = int(case.case["seed"]) + 1
     numbers = tuple(range(first, first + seeds))
     rows: list[dict[str, Any]] = []
+    limits: dict[str, list[Text]] = {}
     total = sum(scene.boulders for scene in laws.values()) * seeds
     with progress_bar(total, shown=progress) as advance:
         for name, scene in laws.items():
@@ -113,6 +118,7 @@ def validate(
             for seed in numbers:
                 result = run_scene(replace(scene, case=scene.case.replace(case={"seed": seed})))
                 advance(result.sizes["boulder"])
+                limits.setdefault(name, model_warnings(result, scene.case))
                 runs.append(numbers_beside([(result, seen)]))
             rows += [{"law": name, **row} for row in over_runs(runs)]
     if not rows:
@@ -123,7 +129,8 @@ def validate(
     table = pd.DataFrame(rows, columns=COLUMNS)
     title = case.case["title"] or case.name
     boulders = next(iter(laws.values())).boulders
-    return Validation(title, boulders, numbers, tuple(laws), table, tuple(notes))
+    warnings = tuple(joined_warnings(limits))
+    return Validation(title, boulders, numbers, tuple(laws), table, tuple(notes), warnings)
 
 
 def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.analysis.model_warnings import joint_warnings, warn_each, with_model_warnings
 from rockfall.case import Case
 from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
@@ -54,7 +55,9 @@ def run_variants(
     memory = memory or machine_memory()
     for remark in check_variant_scenes(case, memory=memory, **arrays):
         warnings.warn(remark, stacklevel=2)
-    return run_each(case, progress=progress, threads=threads, memory=memory, **arrays)
+    results = run_each(case, progress=progress, threads=threads, memory=memory, **arrays)
+    warn_each(joint_warnings(results))
+    return {name: with_model_warnings(result) for name, result in results.items()}
 
 
 def run_each(

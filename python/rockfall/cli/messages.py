@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from rockfall.errors import BAD_INPUT, OUR_FAULT
@@ -25,6 +25,12 @@ def warn(text: str) -> None:
     print(f"rockfall: warning: {text}", file=sys.stderr)
 
 
+def warn_each(texts: Iterable[str]) -> None:
+    """Print warnings, one a line."""
+    for text in texts:
+        warn(text)
+
+
 @contextmanager
 def warnings_told() -> Iterator[list[str]]:
     """Print the warnings of products within the block, each once, and none of libraries. Yields a
@@ -36,5 +42,4 @@ def warnings_told() -> Iterator[list[str]]:
         warnings.filterwarnings("always", module=ours)
         yield told
     told += dict.fromkeys(str(warning.message) for warning in caught)
-    for text in told:
-        warn(text)
+    warn_each(told)

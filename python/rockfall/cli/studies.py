@@ -18,7 +18,7 @@ from rockfall.analysis.validation import validate
 from rockfall.case import Case
 from rockfall.case.files import input_files
 from rockfall.cli.given import given_case, given_options, overridden, stem_of, warn_of_inputs
-from rockfall.cli.messages import DONE, say
+from rockfall.cli.messages import DONE, say, warn_each
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status
 from rockfall.io.grid import Grid
@@ -81,6 +81,7 @@ def back_command(arguments: argparse.Namespace) -> int:
         holds = f"{folder} holds the posterior of the first {stop.runs} members"
         return say(f"interrupted: {holds}", exit_status())
     paths = write_back(analysis, folder, arguments.observed, _draw_posterior)
+    warn_each(analysis.model_warnings)
     if not arguments.quiet:
         print(back_text(analysis))
         print(*paths, sep="\n")
@@ -107,6 +108,7 @@ def convergence_command(arguments: argparse.Namespace) -> int:
     warn_of_inputs(case)
     study = converge(case, **given, progress=True)
     paths = write_convergence(study, folder, inputs)
+    warn_each(study.model_warnings)
     print(text(study))
     print("", *paths, sep="\n")
     return DONE
@@ -123,6 +125,7 @@ def models_command(arguments: argparse.Namespace) -> int:
         write_csv(models.table, part / "models.csv")
         save(models_figure(models), part / "models.png", dpi=200)
         write_models(models, part / "models.nc")
+    warn_each(models.warnings)
     if not arguments.quiet:
         print(models_text(models))
     print(*(folder / name for name in MODEL_FILES), sep="\n")
@@ -140,6 +143,7 @@ def validate_command(arguments: argparse.Namespace) -> int:
     warn_of_inputs(case)
     if arguments.output is not None:
         write_csv(validation.table, arguments.output)
+    warn_each(validation.warnings)
     print(validation_text(validation))
     return DONE
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rockfall.analysis.model_limits import joint_warnings
+from rockfall.analysis.model_warnings import joint_warnings
 from rockfall.analysis.variant_runs import check_variant_scenes, run_each
 from rockfall.analysis.variants import (
     compare_variants,
@@ -22,7 +22,7 @@ from rockfall.case.files import input_files
 from rockfall.case.variants import variants
 from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
 from rockfall.cli.given import memory_of, with_overrides
-from rockfall.cli.messages import DONE, say, warn, warnings_told
+from rockfall.cli.messages import DONE, say, warn, warn_each, warnings_told
 from rockfall.cli.results import IMPRINT
 from rockfall.errors import RockfallError
 from rockfall.html_report.page import check_page_needs
@@ -88,8 +88,7 @@ def variants_command(arguments: argparse.Namespace) -> int:
             paths = _write(case, results, folder, arguments, inputs)
         for checkpoint in checkpoints:
             checkpoint.remove()
-    for text in joint_warnings(results):
-        warn(text)
+    warn_each(joint_warnings(results))
     if not arguments.quiet:
         print(variants_text(compare_variants(results), "\n".join(comparison_notes(results))))
         print(*paths, sep="\n")

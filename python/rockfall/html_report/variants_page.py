@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.model_limits import joint_warnings
+from rockfall.analysis.model_warnings import joint_warnings
 from rockfall.analysis.variants import (
     UNDECIDED,
     compare_variants,

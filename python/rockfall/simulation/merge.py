@@ -16,28 +16,15 @@ from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import make_result
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from rockfall.result.contents import Contents, Held
 
 
-def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
+def join(parts: Iterable[Held | str | Path]) -> Contents:
     """Merge the parts of a run (results, or their files) into its result, bit for bit that of a run
     in one piece except for times and threads.
 
     A RockfallError names parts of another run, and missing or duplicate boulders.
-
-    >>> import rockfall
-    >>> case = rockfall.read_case("case.nml")
-    >>> parts = [rockfall.run(case, shard=(k, 2)) for k in (1, 2)]
-    >>> rockfall.merge(parts).sizes["boulder"]
-    20
     """
-    return join(parts).dataset()
-
-
-def join(parts: Iterable[Held | str | Path]) -> Contents:
-    """Merge parts into contents; see `merge`."""
     joined = Joined()
     for part in parts:
         joined.add(part)

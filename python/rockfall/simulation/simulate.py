@@ -11,17 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case
 from rockfall.errors import OUR_FAULT, RockfallError, check_kernel
 from rockfall.interrupts import interrupts
 from rockfall.result.samples import simulated
 from rockfall.result.variables import fields
-from rockfall.scene.plausible import input_warnings, warn_of
+from rockfall.scene.plausible import input_warnings
 from rockfall.scene.reach import Survey
-from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.windows import groups
-from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.part_file import make_part
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.run_state import Run
@@ -74,39 +71,8 @@ class StudyInterrupted(Interrupted):
         self.result, self.runs = study, runs
 
 
-def run(
-    case: Case,
-    *,
-    progress: bool = False,
-    threads: int | None = None,
-    chunk: int | None = None,
-    shard: tuple[int, int] = (1, 1),
-    memory: float | None = None,
-    **arrays: Any,
-) -> xr.Dataset:
-    """Run a case: an xarray.Dataset of boulders, lines, maps and histograms.
-
-    `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
-    depend on `threads` (default: the case's) or `chunk`, the boulders per call of the kernel
-    (default: as many as take a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
-    boulders: a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`, which holds
-    the completed boulders. Rasters that need more than half of `memory` [bytes] (default: that of
-    the machine) are read in windows. Likely mistakes in the case raise a UserWarning.
-
-    >>> import rockfall
-    >>> case = rockfall.read_case("case.nml")
-    >>> slower = rockfall.run(case.replace(boulder={"density": 2600.0}))
-    >>> slower.sizes["boulder"]
-    20
-    """
-    scene = read_scene(case, memory=memory or machine_memory(), **arrays)
-    warn_of(scene)
-    how: dict[str, Any] = {"progress": progress, "threads": threads, "chunk": chunk, "shard": shard}
-    return run_scene(scene, keep=False, **how)
-
-
 def run_scene(scene: Scene, **how: Any) -> xr.Dataset:
-    """Run a scene that has been read; see `run`, and `simulate` for the arguments."""
+    """Run a scene that has been read; see `simulate` for the arguments."""
     import xarray  # noqa: F401  before the run: there may be no memory for it
 
     return simulate(scene, **how).dataset()

@@ -26,6 +26,8 @@ from rockfall.analysis.ensemble.uncertain_inputs import (
     normal_scores,
 )
 from rockfall.analysis.marks import Mark, read_marks, with_lines_at
+from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.model_warnings import warn_each
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.analysis.observed_doubts import check_exchanged, unit_notes
 from rockfall.case import Case
@@ -70,6 +72,7 @@ class Back:
     noise: float  # variance of the log-likelihood due to the boulders of a member
     boulders: int
     alone: np.ndarray  # (data, members): weights by each set of data alone
+    model_warnings: tuple[str, ...]  # of the unchanged case
 
     @property
     def weight(self) -> np.ndarray:
@@ -119,6 +122,7 @@ def back_analysis(
         except Interrupted:
             stopped = True
     back = rounds.posterior(enough)
+    warn_each(back.model_warnings)
     if stopped:
         raise StudyInterrupted(back, len(back.members))
     return back
@@ -150,6 +154,7 @@ class _Study:
     data: list[Evidence]
     counts: np.ndarray  # of each set of data: its weight in the likelihood
     notes: list[str]
+    model_warnings: tuple[str, ...]
 
 
 def _read(
@@ -174,7 +179,8 @@ def _read(
     if "dem" in inputs.names:
         _learn_noise(scene, inputs, data)
     notes = [*seen.notes, *unit_notes(seen), *notes]
-    return _Study(case, scene, inputs, _sought(inputs, base), data, counts, notes)
+    limits = tuple(model_warnings(base, scene.case))
+    return _Study(case, scene, inputs, _sought(inputs, base), data, counts, notes, limits)
 
 
 class _Rounds:
@@ -251,7 +257,7 @@ class _Rounds:
         return Back(
             study.case, study.inputs, study.sought, self.cube[:done], table,
             pd.DataFrame(records), tuple(notes), enough, noise, study.scene.boulders,
-            np.array([part.alone for part in parts]),
+            np.array([part.alone for part in parts]), study.model_warnings,
         )  # fmt: skip
 
 

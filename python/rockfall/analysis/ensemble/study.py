@@ -17,6 +17,7 @@ from rockfall.analysis.ensemble.sobol_indices import Indices, deviations, indice
 from rockfall.analysis.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
 from rockfall.analysis.line_statistics import line_numbers
 from rockfall.analysis.lines.values import line_values
+from rockfall.analysis.model_warnings import warn_of_model, with_model_warnings
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import Case
 from rockfall.case.files import files_behind
@@ -142,6 +143,8 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     if maps is not None:
         data |= maps.variables()
     ensemble = _with_attributes(data, with_lines_of(case, scene.case), base, inputs)
+    ensemble = with_model_warnings(ensemble)
+    warn_of_model(ensemble)
     if done < blocks:
         raise StudyInterrupted(ensemble, done)
     return ensemble

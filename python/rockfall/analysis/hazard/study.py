@@ -51,10 +51,11 @@ from rockfall.analysis.hazard.segments import NO_ROADS, Roads, Segments, check_r
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
 from rockfall.analysis.hazard.vulnerability import KILOJOULE, read_curves
 from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.model_warnings import joined_warnings, warn_each
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.io.input_warnings import InputWarning, stored_warnings
-from rockfall.language import packed
+from rockfall.language import Text, packed, unpacked
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import read_result
 from rockfall.result.grounds import rebounds_by_ground, source_text
@@ -120,7 +121,19 @@ def hazard(
     study = read_study(case, objects, memory, objects_layer, vulnerability, roads, **arrays)
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
-    return run_study(study, results=results, progress=progress, threads=threads)
+    combined = run_study(study, results=results, progress=progress, threads=threads)
+    warn_each(joined_warnings(_model_warnings(combined)))
+    return combined
+
+
+def _model_warnings(hazard: xr.Dataset) -> dict[str, list[Text]]:
+    """Warnings on the model of each scenario."""
+    names, messages = (hazard[f"scenario{end}"].values for end in ("", "_messages"))
+    by_name: dict[str, list[Text]] = {}
+    for name, packed_texts in zip(names, messages, strict=True):
+        texts = (unpacked(data, "") for data in json.loads(packed_texts))
+        by_name[str(name)] = [text for text in texts if isinstance(text, Text)]
+    return by_name
 
 
 def read_study(

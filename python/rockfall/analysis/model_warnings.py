@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Warnings on the models of runs, each once: of one result or several, as Python warnings, and as
+an attribute of results."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, TypeVar
+
+from rockfall.analysis.model_limits import model_warnings
+from rockfall.case import case_of
+from rockfall.quantities import first_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.language import Text
+    from rockfall.result.contents import Held
+
+    Result = TypeVar("Result", bound=xr.Dataset)
+
+TELLING = "line", "names"  # values that tell warnings of one message apart
+MAX_NAMED = 3  # results that a warning names
+ATTRIBUTE = "model_warnings"  # of a result: one line each
+
+
+def joint_warnings(results: Mapping[str, Held]) -> list[str]:
+    """Warnings on the models of results by name, as in `joined_warnings`."""
+    return joined_warnings(
+        {name: model_warnings(result, case_of(result)) for name, result in results.items()}
+    )
+
+
+def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[str]:
+    """Warnings of several results by name, each once: with the numbers of the first that it
+    concerns, and the names of those if it does not concern all."""
+    texts: dict[tuple[str, ...], Text] = {}
+    names: dict[tuple[str, ...], list[str]] = {}
+    for name, own in by_name.items():
+        for text in own:
+            what = (text.key, *(str(text.values.get(value)) for value in TELLING))
+            texts.setdefault(what, text)
+            names.setdefault(what, []).append(name)
+    return [
+        text
+        if len(names[what]) == len(by_name)
+        else f"{', '.join(first_of(names[what], MAX_NAMED))}: {text}"
+        for what, text in texts.items()
+    ]
+
+
+def with_model_warnings(result: Result) -> Result:
+    """Result whose attributes have the warnings on its model."""
+    texts = model_warnings(result, case_of(result))
+    return result.assign_attrs({ATTRIBUTE: "\n".join(texts)})
+
+
+def warn_of_model(*results: xr.Dataset) -> None:
+    """Issue the warnings in the attributes of results as Python warnings, each once, attributed to
+    the caller's caller."""
+    lines = (line for result in results for line in result.attrs[ATTRIBUTE].splitlines())
+    warn_each(dict.fromkeys(lines), stacklevel=4)
+
+
+def warn_each(texts: Iterable[str], stacklevel: int = 3) -> None:
+    """Issue texts as Python warnings, by default attributed to the caller's caller."""
+    for text in texts:
+        warnings.warn(text, stacklevel=stacklevel)
