@@ -42,6 +42,7 @@ from rockfall.app.room import Room  # noqa: E402
 from rockfall.app.saving import save  # noqa: E402
 from rockfall.app.server import FILES, Server, bind  # noqa: E402
 from rockfall.cli.command_line import main  # noqa: E402
+from rockfall.draft.grounds import GROUNDS  # noqa: E402
 from rockfall.errors import RockfallError  # noqa: E402
 from rockfall.plots import style  # noqa: E402
 from same import same_bits  # noqa: E402
@@ -745,15 +746,22 @@ def test_a_run_pauses_and_goes_on(serve, visit):
     assert stopped["revision"] == 1
 
 
-def test_a_bare_dem_lacks_only_sources(serve, visit):
+def test_a_bare_dem_lacks_sources_and_a_ground(serve, visit):
     page = visit(serve("dem.tif"))
     welcome = page.get()
     assert welcome["document"]["settings"]["case"]["boulders_total"] == 10_000
     state = page.until("state")
     assert [one["layer"] for one in state["errors"]] == ["sources"]
-    small = {"case": {"boulders_total": 60}}
-    assert page.edit(1, layers={"sources": [point(150, 40)]}, settings=small)["errors"] == []
-    assert page.until("batch", complete=True)["boulders"] == 60
+    small, sources = {"case": {"boulders_total": 60}}, [point(150, 40)]
+    (error,) = page.edit(1, layers={"sources": sources}, settings=small)["errors"]
+    assert (error["group"], error["key"]) == ("surface", "ground")
+    for revision, choice in enumerate(welcome["grounds"], start=2):
+        radius = choice["radius"]
+        surface = {"ground": choice["name"]} | ({"uniform_mean_radius": radius} if radius else {})
+        assert page.edit(revision, settings={"surface": surface})["errors"] == []
+        assert page.until("batch", complete=True, revision=revision)["boulders"] == 60
+        assert f"app.ground.{choice['name']}" in welcome["texts"]
+    assert [one["name"] for one in welcome["grounds"]] == [*GROUNDS]
 
 
 def test_raster_zones_steep_cells_and_trees_are_background(serve, place, visit):
@@ -937,7 +945,8 @@ def test_variants_are_saved_with_what_they_name(varied, place):
 def test_names_that_are_no_bare_names_are_refused(serve, place, name, visit):
     page = visit(serve("dem.tif"))
     before = sorted(place.iterdir())
-    page.edit(1, layers={"sources": [point(150, 40)]}, settings={"case": {"boulders_total": 5}})
+    settings = {"case": {"boulders_total": 5}, "surface": {"ground": "meadow"}}
+    page.edit(1, layers={"sources": [point(150, 40)]}, settings=settings)
     for kind in "save", "report", "export":
         page.send(kind, name=name, overwrite=True)
         assert page.until("refused")["task"] == kind

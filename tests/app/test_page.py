@@ -34,6 +34,7 @@ from rockfall.app import server as server_module  # noqa: E402
 from rockfall.app.room import Room  # noqa: E402
 from rockfall.app.server import Server, bind  # noqa: E402
 from rockfall.app.show import PAGE, show  # noqa: E402
+from rockfall.draft.groups import RADIUS  # noqa: E402
 from rockfall.result import variables  # noqa: E402
 from rockfall.result.dataset import write_result  # noqa: E402
 from rockfall.scene.read import read_scene  # noqa: E402
@@ -268,6 +269,22 @@ def test_a_source_is_dragged_on_four_million_cells(browser):
         assert lines["L"]["quantities"] != before["L"]["quantities"]
         window.save("moved")
         agrees(lines, "moved.nml")
+        browser.get("about:blank")
+
+
+def test_a_terrain_alone_asks_for_its_ground(browser):
+    """What is chosen is a key of the case; without a choice the window runs nothing."""
+    with served("dem.tif") as server:
+        resize(browser, 1280, 800)
+        browser.get("about:blank")
+        browser.get(server.url)
+        window = Window(browser)
+        choice = "document.querySelector('dialog.grounds[open] [data-ground=rocky-slope]')"
+        window.until("the choice", f"{choice}?.textContent.includes('Rocks in contact')")
+        browser.execute_script(f"{choice}.click()")
+        ground = {"ground": "rocky-slope", "uniform_mean_radius": RADIUS}
+        assert window.until("the ground", "rockfall.document.settings.surface") == ground
+        assert not browser.execute_script("return document.querySelector('dialog[open]') !== null")
         browser.get("about:blank")
 
 

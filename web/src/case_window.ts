@@ -5,6 +5,7 @@ import type { Connection } from './connection';
 import { button } from './dom';
 import { DocumentStore, type Difference } from './document';
 import { Drawer, TOOLS, type Tool } from './draw';
+import { GroundDialog } from './ground_choice';
 import { Legend } from './legend';
 import { MapBar, mapButtons } from './map/furniture';
 import { MapView, type Shown } from './map/map_view';
@@ -91,6 +92,7 @@ export class CaseWindow {
   private readonly display: DisplayPanel;
   private readonly tabs: Tabs;
   private readonly output: Output;
+  private readonly grounds: GroundDialog;
   private readonly compare = new CompareView(
     () => this.show('map'),
     (chosen) => this.runVariant(chosen),
@@ -183,6 +185,7 @@ export class CaseWindow {
     );
     this.display.offer('drawn_zones', forms.layers.zones !== undefined);
     this.output = new Output(connection, welcome.file.replace(/\.[^.]*$/, '') || 'case', welcome.folder);
+    this.grounds = new GroundDialog(welcome.grounds, ({ name, radius }) => this.store.setGround(name, radius));
     this.topBar = new TopBar(this.shell.top, welcome, this.runBar.root, !connection.standalone, {
       show: (mode) => this.show(mode),
       undo: () => this.store.undo(),
@@ -587,7 +590,7 @@ export class CaseWindow {
     this.shell.mapPane.append(this.legend.root, mapButtons(this.view));
     this.shell.comparePane.append(this.compare.root);
     this.shell.side.append(this.tabs.root);
-    this.shell.root.append(this.output.dialog);
+    this.shell.root.append(this.output.dialog, this.grounds.dialog);
     this.show('map');
   }
 
@@ -621,6 +624,9 @@ export class CaseWindow {
     if (!document.layers.lines.length && !document.layers.barriers.length) this.statistics.update([]);
     this.showRole();
     this.refresh();
+    const { surface = {}, impact = {} } = document.settings;
+    const any = Object.keys({ ...surface, ...impact }).length > 0 || this.store.layer('zones').length > 0;
+    if (!any && this.writer) this.grounds.open();
   }
 
   /** Offer runs to go on that were stopped. */

@@ -122,6 +122,12 @@ export class DocumentStore {
     this.change({ ...this.now, settings: { ...this.now.settings, [group]: changed } });
   }
 
+  /** Set the ground of a document that has none, with the radius of its rocks if it needs one. */
+  setGround(ground: string, radius: number | null): void {
+    const surface: Group = radius === null ? { ground } : { ground, uniform_mean_radius: radius };
+    this.change({ ...this.now, settings: { ...this.now.settings, surface } });
+  }
+
   /** An id that no feature has, nor had: an undone feature may come back. */
   newId(layer: Layer): string {
     const letter = layer.slice(0, 1);

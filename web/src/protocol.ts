@@ -83,6 +83,11 @@ export interface Wanted {
   trajectories: number;
   lines: readonly string[];
 }
+/** A ground for a document that has none; `radius` of its rocks [m], where it needs one. */
+export interface GroundChoice {
+  name: string;
+  radius: number | null;
+}
 export interface Welcome {
   type: 'welcome';
   mode: 'case' | 'result' | 'start';
@@ -100,6 +105,7 @@ export interface Welcome {
   variants: CaseDocument[];
   revision: number;
   forms: Forms;
+  grounds: GroundChoice[];
   maps: MapName[];
   view: Wanted;
   limits: Record<string, number>;

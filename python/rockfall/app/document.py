@@ -149,8 +149,8 @@ class Runnable(NamedTuple):
 
 
 def runnable(site: Site, document: Document) -> Runnable:
-    """Case and layers of a document; Refused without sources, a RockfallError if the case is not
-    valid."""
+    """Case and layers of a document; Refused without sources or a ground, a RockfallError if the
+    case is not valid."""
     groups = {group: dict(values) for group, values in document.settings.items()}
     for group, kept in site.kept.items():
         groups[group] = kept if isinstance(kept, list) else {**kept, **groups.get(group, {})}  # type: ignore[assignment]
@@ -159,6 +159,8 @@ def runnable(site: Site, document: Document) -> Runnable:
         _release_from(features["sources"], groups.setdefault("release", {}))
     elif not {*OTHER_SOURCES, "steep_cells"} & groups.get("release", {}).keys():
         raise Refused(say("app.server_no_sources"), layer="sources")
+    if not ("zones" in features or groups.get("surface") or groups.get("impact")):
+        raise Refused(say("app.server_no_ground"), group="surface", key="ground")
     if "zones" in features:
         features["zones"] = _zones_of(features["zones"], groups.setdefault("surface", {}), site)
     layers = {

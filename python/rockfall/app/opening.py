@@ -15,6 +15,7 @@ from rockfall.app.features import MAX_FEATURES, MAX_VERTICES, Feature
 from rockfall.app.forms import DRAWN, REST, Form, ground_names, layer_forms, settings_forms
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, default_values, given_groups, read_case
 from rockfall.case.variants import variants
+from rockfall.draft.grounds import GROUNDS, needs_rocks
 from rockfall.draft.groups import RADIUS, VOLUME
 from rockfall.errors import RockfallError
 from rockfall.io.files import NETCDF, start_of
@@ -40,7 +41,6 @@ from rockfall.scene.source_attributes import AXES, has_axes
 TOTAL = 10_000  # boulders of a new document
 FIRST: Settings = {
     "case": {"boulders_total": TOTAL},
-    "surface": {"uniform_mean_radius": RADIUS},
     "boulder": {"volume_mean": VOLUME},
     "release": {"drop_height": 1.0},
     "output": {
@@ -61,13 +61,18 @@ def is_result(path: Path) -> bool:
         return False
 
 
+def ground_choices() -> list[dict[str, Any]]:
+    """Grounds for a document that has none, with the radius of rocks [m] for those that need it."""
+    return [{"name": name, "radius": RADIUS if needs_rocks(name) else None} for name in GROUNDS]
+
+
 def open_site(path: Path) -> tuple[Site, Document]:
     """Site and document of a case or a DEM; a RockfallError if it cannot be read."""
     return _open_case(path) if path.suffix.lower() == ".nml" else _open_dem(path)
 
 
 def _open_dem(path: Path) -> tuple[Site, Document]:
-    """A document of a bare DEM, which lacks only sources."""
+    """A document of a bare DEM, which lacks sources and a ground."""
     grid, _ = dem_header(path)
     name = path.with_name(f"{path.stem}.nml")
     settings = {group: dict(values) for group, values in FIRST.items()}
@@ -75,6 +80,7 @@ def _open_dem(path: Path) -> tuple[Site, Document]:
     settings["terrain"] = {"dem": path.name}
     whole = {group: dict(values) for group, values in settings.items()}
     whole["release"]["points"] = FROM_ARRAY
+    whole["surface"] = {"ground": next(iter(GROUNDS))}  # any: the document has none
     case = Case(folder=path.parent, name=str(name), **whole)
     grounds = ground_names(case)
     forms = settings_forms(grounds), layer_forms(case, True, grounds)

@@ -21,7 +21,7 @@ from rockfall.app.messages import (
     read_message,
     text_message,
 )
-from rockfall.app.opening import is_result, open_site
+from rockfall.app.opening import ground_choices, is_result, open_site
 from rockfall.app.outbox import Client
 from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
 from rockfall.app.places import without_files
@@ -326,7 +326,7 @@ def about_shown(shown: Shown | None, language: str) -> dict[str, Any]:
         return {
             "mode": "start", "title": "", "file": "", "folder": "", "revision": 0, "maps": [],
             "document": Document().content(), "forms": {"settings": {}, "layers": {}},
-            "base": None, "variants": [],
+            "base": None, "variants": [], "grounds": [],
             "view": View("", 0)._asdict(),
         }  # fmt: skip
     site, document = shown.site, shown.document
@@ -337,7 +337,7 @@ def about_shown(shown: Shown | None, language: str) -> dict[str, Any]:
         "maps": map_choices(shown.maps, language), "document": document.content(),
         "forms": {"settings": _forms(site.settings_forms), "layers": _forms(site.layer_forms)},
         "view": shown.view._asdict(),
-        "base": base.content() if base else None,
+        "base": base.content() if base else None, "grounds": ground_choices(),
         "variants": [variant.content() for variant in site.variants.documents.values()],
     }  # fmt: skip
 
