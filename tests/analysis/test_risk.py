@@ -10,9 +10,12 @@ import rockfall
 import scenes
 from made import make_layer, refused
 from rockfall.analysis.hazard.risk import layered, mean_of, risk_classes
+from rockfall.analysis.hazard.risk_files import class_words
 from rockfall.analysis.hazard.vulnerability import BUILDING, read_curves
+from rockfall.language import speaking, translated
 from rockfall.limits import fraction_limits
 from rockfall.text.hazard import hazard_summary
+from rockfall.text.risk import class_legend, class_number, risk_lines, risk_rows
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 pytest.importorskip("pyogrio", reason="the vector extra is not installed")
@@ -196,3 +199,34 @@ def test_curves_that_cannot_be_are_refused(tmp_path, text, message):
 def test_exposures_that_cannot_be_are_refused(case, shape, columns, message):
     with refused(f"{case.folder / 'objects.gpkg'}: feature 1: {message}"):
         hazard(case, [shape], **columns)
+
+
+@pytest.mark.parametrize(
+    ("language", "both"),
+    [("en", "2 (1 to 3)"), ("de", "2 (1 bis 3)"), ("fr", "2 (1 à 3)"), ("it", "2 (da 1 a 3)")],
+)
+def test_an_interval_of_classes_is_one_of_their_numbers(language, both):
+    """Their names are ranges themselves, "1e-6 to 1e-5"; the legend says what each number is."""
+    names = class_words()
+
+    def row(*numbers):
+        keys = (f"risk_class{end}" for end in ("", "_lower", "_upper"))
+        return dict(zip(keys, names[[*numbers]], strict=True))
+
+    with speaking(language):
+        assert translated(class_number(row(2, 1, 3))) == both
+        assert translated(class_number(row(4, 4, 4))) == "4"
+        legend = translated(class_legend())
+    ends = [legend.index(f"{k} ") for k in (0, 1, 2, 3, 4)]
+    assert ends == sorted(ends) and all(end in legend for end in ("1e-6", "1e-5", "1e-4"))
+    assert risk_classes(np.array([0.0, 5e-7, 5e-6, 5e-5, 5e-4])).tolist() == [0, 1, 2, 3, 4]
+
+
+def test_the_table_of_risks_is_in_the_language_of_the_command(case):
+    found = hazard(case, [HOUSE], persons=[3.0], presence=[0.5], lethality=[0.2])
+    head, row, total = risk_rows(found)
+    assert head[0] == "  risk a year (95 %)" and head[3] == "class" and row[3] == "4"
+    assert total[0] == "  all objects" and f"  {class_legend()}" in [*risk_lines(found)]
+    with speaking("de"):
+        head, _, total = risk_rows(found)
+    assert head[3] == "Klasse" and total[0] == "  alle Objekte" and " bis " in total[-1]

@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.hazard.risk_files import has_risk, risk_columns, total_table
-from rockfall.quantities import count, number
+from rockfall.analysis.hazard.risk import CLASS_ENDS
+from rockfall.analysis.hazard.risk_files import class_words, has_risk, risk_columns, total_table
+from rockfall.language import Number, Text, say, word
+from rockfall.quantities import count, number, within
 from rockfall.text.table import table
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ def risk_lines(hazard: xr.Dataset) -> Iterator[str]:
     if not has_risk(hazard):
         return
     yield table(risk_rows(hazard))
+    yield f"  {class_legend()}"
     if (more := hazard.sizes["object"] - MAX_OBJECTS) > 0:
         yield f"  and {count(more, 'more object')}, in objects.csv"
     yield from (f"  assumption: {text}" for text in assumptions(hazard))
@@ -40,28 +43,41 @@ def risk_rows(hazard: xr.Dataset) -> Iterator[list[str]]:
     rows = _rows(hazard)
     keys = [-np.nan_to_num(rows[name].to_numpy()) for name in ("damage", "individual_risk")]
     layer = ["layer"] * has_layers(hazard)
-    head = ["damage", "individual", "class", "collective (deaths)"]
-    yield ["  risk a year (95 %)", *layer, *head]
+    head = (say(f"hazard.{name}") for name in ("damage", "individual", "class", "collective"))
+    yield [f"  {say('hazard.risk_within')}", *map(word, layer), *head]
     for _, row in rows.iloc[np.lexsort(keys)][:MAX_OBJECTS].iterrows():
-        of_class = row["risk_class"]
-        if row["risk_class_lower"] != row["risk_class_upper"]:
-            of_class += f" ({row['risk_class_lower']} to {row['risk_class_upper']})"
         damage, individual, collective = (
-            within(row, name, digits)
+            _within(row, name, digits)
             for name, digits in (
                 ("damage", plain), ("individual_risk", small), ("collective_risk", small),
             )
         )  # fmt: skip
         first = [f"  {row['object']}", *(row[name] for name in layer)]
-        yield [*first, damage, individual, of_class, collective]
+        yield [*first, damage, individual, class_number(row), collective]
     sums = {row["quantity"]: row for row in total_table(hazard).to_dict("records")}
     values = {
         f"{name}{end}": row[key]
         for name, row in sums.items()
         for end, key in (("", "value"), ("_low", "low"), ("_high", "high"))
     }
-    damage, deaths = within(values, "damage", plain), within(values, "collective_risk", small)
-    yield ["  all objects", *[""] * len(layer), damage, "", "", deaths]
+    damage, deaths = _within(values, "damage", plain), _within(values, "collective_risk", small)
+    yield [f"  {say('hazard.all_objects')}", *[""] * len(layer), damage, "", "", deaths]
+
+
+def class_number(row: Mapping[str, Any]) -> Number | Text:
+    """Number of a class of individual risk, and those at the ends of its interval if they differ:
+    names of the classes are ranges themselves."""
+    names = class_words().tolist()
+    value, low, high = (
+        Number(f"{names.index(row[f'risk_class{end}'])}") for end in ("", "_lower", "_upper")
+    )
+    return value if low == high else within(value, low, high)
+
+
+def class_legend() -> Text:
+    """Meaning of the numbers of the classes."""
+    low, middle, high = (Number(f"{end:.0e}".replace("e-0", "e-")) for end in CLASS_ENDS)
+    return say("hazard.risk_classes", low=low, middle=middle, high=high)
 
 
 def _rows(hazard: xr.Dataset) -> pd.DataFrame:
@@ -90,9 +106,7 @@ def small(value: float) -> str:
     return f"{value:.1e}".replace("e-0", "e-").replace("e+00", "") if value else "0"
 
 
-def within(row: object, name: str, shown: object) -> str:
+def _within(row: Mapping[str, Any], name: str, shown: Callable[[float], str]) -> str:
     """Number and its interval; "-" where there is none."""
-    value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))  # type: ignore[index]
-    if not math.isfinite(value):
-        return "-"
-    return f"{shown(value)} ({shown(low)} to {shown(high)})"  # type: ignore[operator]
+    value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
+    return within(shown(value), shown(low), shown(high)) if math.isfinite(value) else "-"
