@@ -301,7 +301,7 @@ def _of_site(name: str, given: argparse.Namespace) -> Iterator[str]:
         yield from markdown(list(SITES[name](given)))
 
 
-def main() -> int:
+def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     names = [*SITES, IMPACTS]
     parser.add_argument(
@@ -315,7 +315,7 @@ def main() -> int:
     parser.add_argument("--platrock", type=Path, help="a Python that has PlatRock")
     parser.add_argument("--write", action="store_true", help="put the tables on their page")
     add_laws(parser)
-    given = parser.parse_args()
+    given = parser.parse_args(words)
     if min(len(given.seeds), given.slopes) < 2:
         parser.error("at least 2 seeds, and 2 slopes, are needed for an error")
     print(machine())

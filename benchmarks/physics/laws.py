@@ -83,7 +83,7 @@ def ground(text: str) -> Law:
     if roughness:
         path = _roughened(path, float(roughness))
     surface = {"ground": row, "ground_table": str(path)}
-    keys = {"impact": {"form": "matrix"}, "surface": surface}
+    keys = {"impact": {"form": "matrix", "ratio": None}, "surface": surface}
     if row in GroundTable(path).yielding:
         return Law(text, keys | {"boulder": {"block_shape": "{shape}"}})
     return Law(text, keys, OBSTACLES / 2)

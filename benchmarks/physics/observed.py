@@ -13,6 +13,7 @@ simulation. --write puts them into the table of evidence.
 """
 
 import argparse
+from collections.abc import Sequence
 from itertools import product
 from math import nan
 
@@ -56,7 +57,7 @@ def maximum(values: np.ndarray) -> float:
     return float(hundreds.max(axis=1).mean()) if len(hundreds) else nan
 
 
-def main() -> None:
+def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--slopes", type=int, default=32)
     parser.add_argument("--boulders", type=int, default=2000)
@@ -64,7 +65,7 @@ def main() -> None:
     parser.add_argument("--sets", action="append", default=[], metavar="NAME")
     parser.add_argument("--write", action="store_true")
     add_laws(parser)
-    given = parser.parse_args()
+    given = parser.parse_args(words)
     printed = pd.read_csv(CASES / "paper.csv").set_index(["line", "method", "quantity"])
     paper = {name: rockfall.read_case(CASES / file) for name, file in METHODS.items()}
     cases = {f"bourrier2009, {name}": case for name, case in paper.items()}

@@ -12,7 +12,7 @@ pair does: what was chosen by it, docs/validation/field/protocol.md.
 """
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 from pathlib import Path
 
@@ -83,14 +83,14 @@ def fitted(start: float, error_of: Callable[[float], Found]) -> Iterator[tuple[f
         relief = round(relief + step, 1)
 
 
-def main() -> None:
+def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("ground", choices=["talus", "meadow"])
     parser.add_argument("--data", type=Path)
     parser.add_argument("--strengths", type=float, nargs="+")
     parser.add_argument("--sigma", type=float, nargs="+")
     parser.add_argument("--slopes", type=int, default=12)
-    given = parser.parse_args()
+    given = parser.parse_args(words)
     own = yielding_ground(shipped_rows().rows[given.ground])[1]
     print(machine())
     pairs = product(given.strengths or [own.strength], given.sigma or [own.strength_sigma])

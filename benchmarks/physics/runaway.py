@@ -13,6 +13,7 @@ named into the table of evidence.
 """
 
 import argparse
+from collections.abc import Sequence
 from math import nan
 from pathlib import Path
 
@@ -63,7 +64,7 @@ def beyond_on(terrain: str, law: Law) -> tuple[float, float]:
     return float(faster_than_observed(result).mean()), float(result.speed_max.mean())
 
 
-def main() -> None:
+def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--terrain", nargs="+", default=[])
     add_laws(parser)
@@ -71,7 +72,7 @@ def main() -> None:
     parser.add_argument("--slopes", type=float, nargs="+", default=SLOPES)
     parser.add_argument("--radius", type=float, default=RADIUS, help="R_b on planes [m]")
     parser.add_argument("--write", action="store_true")
-    given = parser.parse_args()
+    given = parser.parse_args(words)
     print(machine())
     columns = given.terrain or [f"{slope:g} degrees" for slope in given.slopes]
     print("| law | " + " | ".join(Path(one).stem for one in columns) + " |")

@@ -82,7 +82,7 @@ def stops(
     return np.where(y < foot, np.degrees(np.arctan2(top_z - stop_z, away)), 90.0), y < foot
 
 
-def main() -> None:
+def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--talus", nargs="+", default=["talus"])
     parser.add_argument("--plain", nargs="+", default=["talus", "meadow"])
@@ -90,7 +90,7 @@ def main() -> None:
     parser.add_argument("--boulders", type=int, default=500)
     parser.add_argument("--radii", type=float, nargs="+", default=[0.35, 0.6, 1.05, 1.8])
     parser.add_argument("--write", action="store_true")
-    given = parser.parse_args()
+    given = parser.parse_args(words)
     print(machine())
     print("| talus | plain | R_b [m] | leave the talus | pass 27.5 degrees | 50 % | 5 % | 1 % |")
     print("|---" * 8 + "|")

@@ -15,6 +15,7 @@ laws that are named into the table of evidence.
 
 import argparse
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
@@ -178,7 +179,7 @@ def compare(given: argparse.Namespace, laws: list[Law]) -> None:
         evidence.record(made for made in rows if made.model in {law.name for law in given.law})
 
 
-def main() -> None:
+def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
     parser.add_argument("--half", choices=HALVES, default="calibration")
@@ -187,7 +188,7 @@ def main() -> None:
     parser.add_argument("--axes", metavar="GROUND", help="blocks of their own axes at a ground")
     parser.add_argument("--write", action="store_true")
     add_laws(parser)
-    given = parser.parse_args()
+    given = parser.parse_args(words)
     with tempfile.TemporaryDirectory() as tables:
         laws = [matrix(), *given.law]
         if given.axes:
