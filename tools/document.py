@@ -90,7 +90,7 @@ of all that lies beside them: elevations and their place (`dem`), the radius of 
 place, what may have been meant, in English, and the id and values of that message, by which a page
 says it in another language; `dams` one of dams as they came out on the cells of the terrain, by
 names that `rockfall.terrain.dams.DamShape` explains. Functions in Python add `model_warnings`: the
-limits of the model that matter for the run, one a line.
+limits of the model that matter for the run, one a line; files lack it.
 """
 
 GROUNDS = """# The shipped table of grounds

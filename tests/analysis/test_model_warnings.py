@@ -52,6 +52,8 @@ def test_functions_give_each_warning_once_and_keep_it():
     result, said = warned(rockfall.run, case)
     own = [*model_warnings(result, case_of(result))]
     assert said == own == result.attrs["model_warnings"].splitlines()
+    rockfall.write_result(result, "result.nc")
+    assert "model_warnings" not in rockfall.read_result("result.nc").attrs
     assert sum(CLASSICAL in text for text in own) == 1
     parts = [rockfall.run(case, shard=(k, 2)) for k in (1, 2)]
     assert not any("model_warnings" in part.attrs for part in parts)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 from rockfall.analysis.model_limits import model_warnings
 from rockfall.case import case_of
 from rockfall.quantities import first_of
+from rockfall.result.dataset import MODEL_WARNINGS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 TELLING = "line", "names"  # values that tell warnings of one message apart
 MAX_NAMED = 3  # results that a warning names
-ATTRIBUTE = "model_warnings"  # of a result: one line each
 
 
 def joint_warnings(results: Mapping[str, Held]) -> list[str]:
@@ -51,15 +51,15 @@ def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[str]:
 
 
 def with_model_warnings(result: Result) -> Result:
-    """Result whose attributes have the warnings on its model."""
+    """Result whose attributes have the warnings on its model, one a line."""
     texts = model_warnings(result, case_of(result))
-    return result.assign_attrs({ATTRIBUTE: "\n".join(texts)})
+    return result.assign_attrs({MODEL_WARNINGS: "\n".join(texts)})
 
 
 def warn_of_model(*results: xr.Dataset) -> None:
     """Issue the warnings in the attributes of results as Python warnings, each once, attributed to
     the caller's caller."""
-    lines = (line for result in results for line in result.attrs[ATTRIBUTE].splitlines())
+    lines = (line for result in results for line in result.attrs[MODEL_WARNINGS].splitlines())
     warn_each(dict.fromkeys(lines), stacklevel=4)
 
 

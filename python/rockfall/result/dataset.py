@@ -112,6 +112,10 @@ def read_result(path: str | Path) -> xr.Dataset:
     return result
 
 
+#: Attribute of results from functions. Files lack it, since every reader finds these warnings.
+MODEL_WARNINGS = "model_warnings"
+
+
 def write_result(result: Held, path: str | Path) -> None:
     """Write a result as netCDF, atomically, and never over an input of its case.
 
@@ -129,7 +133,7 @@ def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
     than writing."""
     try:
         with open_netcdf(path, "x") as file:
-            file.setncatts(data.attrs)
+            file.setncatts({key: data.attrs[key] for key in data.attrs if key != MODEL_WARNINGS})
             for dim, size in data.sizes.items():
                 file.createDimension(str(dim), size)
             for stored in map(str, data.variables):
