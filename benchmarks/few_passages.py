@@ -28,8 +28,8 @@ import numpy as np
 import rockfall
 from benchmarks.machine import NOTHING, ROOT, machine
 from rockfall.analysis.line_statistics import sample_numbers
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources
+from rockfall.result.crossings import line_values
 
 PASSAGES = (4, 10, 26, 100, 300)
 LINES = {  # case file -> ends of lines, and their northings [m]

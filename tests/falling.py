@@ -8,6 +8,7 @@ import scenes
 from rockfall.grounds.impact_tables import (
     YieldingGround,
 )
+from rockfall.result.crossings import has_crossed
 
 RADIUS, RATIO = 0.6, 4.0  # R_b [m]; R_b/R_m, one of the parts
 GRAVITY, DENSITY = 9.81, 2700.0  # [m/s2], [kg/m3]
@@ -48,7 +49,7 @@ def fall(folder, ground, slope, drop, *, boulders=BOULDERS, speed=0.0, **groups)
 
 
 def passing(result):
-    return np.isfinite(result["line_speed"].values[0]).mean()
+    return has_crossed(result, 0).mean()
 
 
 def error(*fractions_and_numbers):

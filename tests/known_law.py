@@ -5,7 +5,7 @@ import numpy as np
 import xarray as xr
 from scipy.stats import norm
 
-from rockfall.analysis.line_statistics import QUANTITIES
+from crossed import crossed
 from rockfall.analysis.run_until import FIRST, evaluate, next_stage
 from rockfall.limits import Z
 
@@ -20,13 +20,15 @@ SAMPLE = {  # the attributes of a result whose sources stand for others
 
 
 def made(values, source=None, attrs=None):
-    """A result of one line where boulders had these speeds, NaN where they did not cross."""
+    """A result of one line where boulders of 1 m3 and 1 kg had these speeds, NaN where they did not
+    cross."""
     source = np.zeros(values.size, int) if source is None else source
     start = source.astype(float)
-    data = {f"line_{name}": (("line", "boulder"), values[None]) for name in QUANTITIES[:6]}
-    data |= {"start_x": ("boulder", start), "start_y": ("boulder", 0 * start)}
-    data |= {"source": ("boulder", source), "volume": ("boulder", np.ones(values.size))}
-    return xr.Dataset(data, {"line": ["L"]}, attrs)
+    one, number = np.ones(values.size), np.arange(values.size)
+    data = {"boulder": number, "start_x": start, "start_y": 0 * start, "source": source,
+            "volume": one, "mass": one}  # fmt: skip
+    data = {name: ("boulder", of) for name, of in data.items()}
+    return xr.Dataset(data | crossed(number, speed=values), attrs=attrs)
 
 
 def lognormal(random, n):

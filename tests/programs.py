@@ -122,7 +122,7 @@ def same_results(one, other):
             assert mine.values.tobytes() == variable.values.tobytes(), name
         assert {*mine.attrs} == {*variable.attrs}, name
         for key, value in variable.attrs.items():
-            assert np.array_equal(mine.attrs[key], value), (name, key)
+            assert np.array_equal(*map(np.atleast_1d, (mine.attrs[key], value))), (name, key)
     assert {*one.attrs, *OWN} == {*other.attrs, *OWN}
     for key in {*other.attrs} - {*OWN}:
         assert one.attrs[key] == other.attrs[key], key

@@ -152,8 +152,9 @@ which a boulder comes to the cell, whatever it does before and after ([hazard.md
 SAMPLES = """
 With `&output kept = 'none'`, or a number, the rows of none or of that many boulders are kept (from
 each source its part of them, the first), and memory and file do not grow with the number of
-boulders: 120 bytes for each and 96 for each line otherwise. What boulders did at the lines and at
-their ends then goes into samples, from which `rockfall lines`, its intervals and return levels,
+boulders: 120 bytes for each, and in the file 33 for each line that it crosses, otherwise. What
+boulders did at the lines and at their ends then goes into samples, from which `rockfall lines`, its
+intervals and return levels,
 `run --until`, the summary and the report take their numbers. Boulders are counted in bins of whole
 mm, mm/s, J, mrad/s, millionths of shares: of one unit each below 512, from there 256 an octave (up
 to 2^45), straight within a bin, so that quantiles stand within 0.4 % of those of the rows, or a
@@ -174,6 +175,23 @@ with 'none' they are refused or left out. `ensemble`, `back`, `models` and `conv
 rows of their own runs.
 """
 
+OF_MAPS = "Maps: dimensions `y`, `x`"
+OF_SAMPLES = "Samples, where not all rows are kept"
+CROSSINGS = "First crossings of evaluation lines: dimension `crossing`"
+#: Text below the heading of a table.
+BELOW = {
+    CROSSINGS: """
+A row for each line that a boulder crosses, sorted by `line` (from 0; `line_name` has the names),
+then by `boulder`; `row_size` counts the rows of each line. Times and motion are in single
+precision, within 1e-7 of their value; a place along a line of 1 km is within 0.1 mm.
+`rockfall.crossings(result, line)` gives the table of a line with x, y, speed and energies, which
+follow, `rockfall.at_lines(result)` dense variables `line_speed` and so on (`line`, `boulder`) of a
+few lines. The place of a boulder that touches an object (`object_width`) is the point of the
+object nearest to its centre.
+""",
+    OF_MAPS: MAPS,
+    OF_SAMPLES: SAMPLES,
+}
 KINDS = {
     "Boulders: dimension `boulder`": ("", variables.BOULDER),
     "Mass, where sources come from a layer or give densities: dimension `boulder`": (
@@ -189,17 +207,15 @@ KINDS = {
         "",
         variables.BREAKAGE,
     ),
-    "Evaluation lines: dimensions `line`, `boulder`; fill value where the boulder did not cross": (
-        "line_",
-        variables.LINE,
-    ),
-    "Fragments at lines, where boulders may break: dimensions `line`, `boulder`": (
-        "line_",
+    CROSSINGS: ("crossing_", variables.CROSSING),
+    "Fragments at lines, where boulders may break: dimension `crossing`": (
+        "crossing_",
         variables.FRAGMENT,
     ),
-    "Maps: dimensions `y`, `x`": ("", variables.MAP),
+    "Barriers, where there are some: dimension `crossing`": ("crossing_", variables.HIT),
+    OF_MAPS: ("", variables.MAP),
     "Counts over all boulders": ("", variables.COUNT),
-    "Samples, where not all rows are kept": ("sample_", variables.SAMPLE),
+    OF_SAMPLES: ("sample_", variables.SAMPLE),
     "Trajectories: dimension `trajectory_vertex`": (
         "trajectory_",
         variables.VERTEX,
@@ -237,8 +253,7 @@ def result_page() -> str:
     for title, (prefix, about) in KINDS.items():
         rows = [[f"`{prefix}{name}`", a["units"], a["long_name"]] for name, a in about.items()]
         page += f"\n## {title}\n\n{table(['variable', 'units', 'meaning'], rows)}"
-        page += MAPS if about is variables.MAP else ""
-        page += SAMPLES if about is variables.SAMPLE else ""
+        page += BELOW.get(title, "")
     rows = [
         [f"`{name}_histogram`", about["units"], about["long_name"]]
         for name, about in variables.HISTOGRAM.items()

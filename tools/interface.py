@@ -113,9 +113,9 @@ def _units() -> dict[str, str]:
         "": (variables.BOULDER, variables.COUNT, variables.GROUND, variables.ENERGY,
              variables.TREE, variables.FEATURE, variables.SHAPE, variables.MASS, variables.BREAKAGE,
              variables.MAP),
-        "line_": (variables.LINE, variables.FRAGMENT), "line_vertex_": (variables.LINE_VERTEX,),
-        "barrier_": (variables.BARRIER,), "trajectory_": (variables.VERTEX,),
-        "sample_": (variables.SAMPLE,),
+        "crossing_": (variables.CROSSING, variables.FRAGMENT, variables.HIT),
+        "line_vertex_": (variables.LINE_VERTEX,), "barrier_": (variables.BARRIER,),
+        "trajectory_": (variables.VERTEX,), "sample_": (variables.SAMPLE,),
     }  # fmt: skip
     found = {
         prefix + name: about.get("units", "")
@@ -130,7 +130,7 @@ def _units() -> dict[str, str]:
 
 def _words() -> Iterator[str]:
     yield from (f"status {number} {name}" for name, number in variables.STATUS.items())
-    yield from (f"barrier_outcome {number} {name}" for name, number in variables.OUTCOME.items())
+    yield from (f"crossing_outcome {number} {name}" for name, number in variables.OUTCOME.items())
 
 
 def _hazard() -> Iterator[str]:

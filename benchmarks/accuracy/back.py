@@ -24,9 +24,9 @@ from benchmarks.accuracy.truths import all_truths, parser_of
 from rockfall.analysis.back.posterior import parameters, posterior_table, warnings
 from rockfall.analysis.back.study import back_analysis
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.io.grid import Grid
+from rockfall.result.crossings import line_values
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 

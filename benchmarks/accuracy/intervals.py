@@ -19,9 +19,9 @@ from benchmarks.machine import NOTHING, VAUJANY, machine
 from known_law import stages, theory
 from rockfall.analysis import return_levels as tails
 from rockfall.analysis.line_statistics import QUANTITIES, line_numbers
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import sources
 from rockfall.analysis.run_until import read_rules
+from rockfall.result.crossings import line_names, line_values
 
 SIZE = 10_000  # boulders of a sample
 SHOWN = ("fraction", "mean", "std", "q50", "q90", "q95", "q98", "q99")
@@ -32,7 +32,7 @@ def held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
     """Share of the intervals of `line_statistics` that hold the long run's number."""
     print(f"{'':30}" + "".join(f"{name:>7}" for name in SHOWN))
     source, all_sources = sources(parts[0]), sources(truth)
-    for k, line in enumerate(truth["line"].values):
+    for k, line in enumerate(line_names(truth)):
         for quantity in QUANTITIES:
             right = line_numbers(truth, k, quantity, all_sources)
             found = [line_numbers(part, k, quantity, source) for part in parts]

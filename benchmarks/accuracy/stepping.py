@@ -47,6 +47,7 @@ from benchmarks.stability.real_terrain import steep_cells
 from rockfall.io.files import atomic_write
 from rockfall.io.raster import read_dem
 from rockfall.plots.style import BLUE, GREY, INK, STYLE, VERMILION
+from rockfall.result.crossings import at_lines, line_names
 from rockfall.scene.prepare import prepare
 
 SCHEMES = {"euler": (BLUE, "o"), "parabola": (VERMILION, "s"), "interpolated": (GREY, "^")}
@@ -129,8 +130,8 @@ def check_exact(exact: Run, case: rockfall.Case) -> None:
 
 def line_samples(result: xr.Dataset, line: str) -> Samples:
     """Speed and passing height of each boulder at a line."""
-    there = result.isel(line=list(result.line.values).index(line))
-    return {name: there[f"line_{name}"].values for name in ("speed", "passing_height")}
+    there = result.isel(line=line_names(result).index(line))
+    return {name: at_lines(there)[f"line_{name}"].values for name in ("speed", "passing_height")}
 
 
 def boulder_samples(result: xr.Dataset) -> Samples:

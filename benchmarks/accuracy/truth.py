@@ -25,6 +25,7 @@ import rockfall
 from benchmarks.machine import ROOT, machine
 from benchmarks.stability.real_terrain import steep_cells
 from rockfall.io.raster import read_dem
+from rockfall.result.crossings import at_lines
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.simulate import run_scene
@@ -152,7 +153,10 @@ def global_table(scene: Scene, result, retraces: list[replay.Retrace]) -> bool:
     starts = np.stack([result["start_x"].values, result["start_y"].values], axis=1)
     tests = {"run-out": (np.hypot(*(kernel - starts).T), np.hypot(*(stops - starts).T))}
     for k, line in enumerate(scene.case.line):
-        ours, theirs = result["line_speed"].values[k], np.array([one.speeds[k] for one in retraces])
+        ours, theirs = (
+            at_lines(result)["line_speed"].values[k],
+            np.array([one.speeds[k] for one in retraces]),
+        )
         tests[f"speed at {line['name']}"] = ours[~np.isnan(ours)], theirs[~np.isnan(theirs)]
     right = True
     for name, (ours, theirs) in tests.items():

@@ -21,6 +21,7 @@ import rockfall
 from benchmarks.machine import NOTHING, ROOT, machine
 from rockfall.io.grid import Grid
 from rockfall.plots.style import BLUE, VERMILION, new_figure, save, styled
+from rockfall.result.crossings import at_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,7 +60,7 @@ def reaching(
     part = (result.volume.values - SMALLEST) / (LARGEST - SMALLEST)
     of_class = np.minimum((classes * part).astype(int), classes - 1)
     number = np.bincount(of_class, minlength=classes)
-    passed = np.isfinite(result.line_speed.values[0])
+    passed = np.isfinite(at_lines(result)["line_speed"].values[0])
     return number, np.bincount(of_class, passed, classes) / number
 
 

@@ -26,6 +26,7 @@ from rockfall.analysis.back.study import Back, back_analysis
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.observations import CONTACT, Observed, read_observed
 from rockfall.io.grid import Grid
+from rockfall.result.crossings import at_lines
 from rockfall.result.trajectories import left_terrain
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -72,7 +73,7 @@ def observe(inputs: Uncertain, k: int) -> tuple[Observed, dict[str, float]]:
         where["stops"] = tuple(f"block {one}" for one in some)
         seen = replace(seen, stops=stops, sources=of, volumes=result["volume"].values[some])
     if "marks" in kind:
-        crossed = np.flatnonzero(np.isfinite(result["line_x"].values[0]))
+        crossed = np.flatnonzero(np.isfinite(at_lines(result)["line_x"].values[0]))
         some = random.permutation(crossed)[:SCARS]
         names = {"x": "line_x", "y": "line_y", "height": "line_passing_height"}
         rows = pd.DataFrame({name: result[of].values[0][some] for name, of in names.items()})

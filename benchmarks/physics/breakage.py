@@ -20,6 +20,7 @@ import numpy as np
 import rockfall
 from benchmarks.machine import VAUJANY, machine
 from rockfall.case import Case
+from rockfall.result.crossings import at_lines, line_names
 from rockfall.scene.breakage import split_blocks
 
 VOLUMES = 0.1, 1.0, 10.0  # [m3]
@@ -95,7 +96,7 @@ def effect(case: Case) -> None:
             fines = 100 * float(result["fines_volume"].sum() / result["volume"].sum())
             outside = 100 * float(result["rebounds_out_of_range"] / result["rebounds"])
             limits = f"{capped:.0f} % capped, {fines:.1f} % fines, {outside:.0f} % out of range"
-            counts = result["line_fragments"].values[list(result["line"].values).index("EL1")]
+            counts = at_lines(result)["line_fragments"].values[line_names(result).index("EL1")]
             number = counts[counts > 0].mean()
         print(
             f"| {at} | {100 * energy['fraction']:.0f} % | {energy['mean'] / 1000:.0f} kJ "

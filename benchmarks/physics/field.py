@@ -38,7 +38,6 @@ from benchmarks.physics import impacts, platrock_runs
 from benchmarks.physics.laws import Law, add_laws, changed_ground, ground, matrix, table
 from benchmarks.physics.tschamut import SHAPE_OF_BLOCK
 from cases.tschamut.make_case import HALVES, make
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.observations import Observed, read_observed
 from rockfall.analysis.run_out import Sample
 from rockfall.analysis.validation import (
@@ -60,6 +59,7 @@ from rockfall.field.download import fetch
 from rockfall.grounds import shipped_rows, yielding_ground
 from rockfall.io.files import atomic_write
 from rockfall.quantities import QUANTITIES
+from rockfall.result.crossings import line_names, line_values
 from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
 
 PAGE = ROOT / "docs" / "validation" / "field" / "every_law.md"
@@ -206,7 +206,7 @@ def talus(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 def _quantiles(result: xr.Dataset, seen: Observed) -> Iterator[tuple[Key, Number]]:
     """Simulated quantiles at the lines, beside which nothing is printed."""
-    names = list(result["line"].values)
+    names = line_names(result)
     observed = seen.summaries[seen.summaries["method"] == "observed"]
     for line, quantity in observed[["line", "quantity"]].values:
         values = line_values(result, quantity, names.index(line))

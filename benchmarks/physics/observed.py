@@ -25,7 +25,7 @@ import rockfall
 from benchmarks.evidence import record, row
 from benchmarks.machine import NOTHING, ROOT, machine
 from benchmarks.physics.laws import add_laws
-from rockfall.analysis.lines.values import line_values
+from rockfall.result.crossings import line_values
 from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
 
 CASES = ROOT / "cases" / "vaujany"

@@ -15,6 +15,7 @@ import numpy as np
 import rockfall
 from benchmarks.machine import machine
 from rockfall.io.grid import Grid
+from rockfall.result.crossings import at_lines
 
 CELL, ROWS, COLUMNS = 2.5, 120, 60
 ROCKS = (0.12, 0.28, 0.58)  # R_m [m]; R_b = 0.58 m
@@ -38,11 +39,11 @@ def measure(slope: float, rocks: float, angle: float, boulders: int, seed: int) 
     place = Grid(0.0, ROWS * CELL, CELL, COLUMNS, ROWS)
     result = rockfall.run(case, dem=500 + np.tan(np.radians(slope)) * y, transform=place)
     kinds = "translational", "rotational"
-    energy = sum(result[f"line_energy_{kind}"].values[0] for kind in kinds)
+    energy = sum(at_lines(result)[f"line_energy_{kind}"].values[0] for kind in kinds)
     passed = np.isfinite(energy)
     if passed.sum() < 20:
         return [passed.mean(), np.nan, np.nan, (energy > HIGH).mean()]
-    speed = result.line_speed.values[0][passed].mean()
+    speed = at_lines(result)["line_speed"].values[0][passed].mean()
     return [passed.mean(), speed, np.quantile(energy[passed], 0.95) / 1e3, (energy > HIGH).mean()]
 
 

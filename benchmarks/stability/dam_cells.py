@@ -19,6 +19,7 @@ from affine import Affine
 
 import rockfall
 from rockfall.protection.dams import dams_of
+from rockfall.result.crossings import at_lines
 
 CASE = Path(__file__).parents[2] / "cases" / "protected-road"
 SURFACE = {"ground": None, "uniform_mean_radius": 0.25}  # boulders that jump
@@ -48,7 +49,7 @@ def reached(cell: float, boulders: int, dam: list[dict]) -> tuple[float, list]:
         case.replace(case={"boulders": boulders // 8}, line=road, dam=dam, output={"maps": None}),
         dem=z, transform=transform,
     )  # fmt: skip
-    return float(np.isfinite(result["line_speed"].values[0]).mean()), dams_of(result)
+    return float(np.isfinite(at_lines(result)["line_speed"].values[0]).mean()), dams_of(result)
 
 
 def main() -> None:

@@ -37,6 +37,7 @@ from benchmarks import variant
 from benchmarks.machine import machine
 from benchmarks.stability.extremes import EPSILON, SPREAD, Scene, conditioned, diagonal, scenes
 from rockfall.result import variables
+from rockfall.result.crossings import at_lines
 from rockfall.result.motion import are_met
 from rockfall.scene.prepare import prepare
 
@@ -94,7 +95,7 @@ def not_numbers(result: xr.Dataset) -> int:
     """Values that are NaN or infinite where the result promises a number, or below zero where
     nothing can be."""
     wrong = 0
-    crossed = ~np.isnan(result.line_time.values)
+    crossed = ~np.isnan(at_lines(result)["line_time"].values)
     passed = result.passages.values >= 10
     for name, values in result.data_vars.items():
         if values.dtype.kind != "f":

@@ -15,7 +15,7 @@ import xarray as xr
 from scipy.stats import t
 
 import rockfall
-from rockfall.analysis.lines.values import line_values
+from rockfall.result.crossings import line_values
 
 HERE = Path(__file__).parent
 CASES = "bare", "forest", "forest-and-net"

@@ -11,6 +11,7 @@ import numpy as np
 
 import rockfall
 from rockfall.protection.crossings import crossings, passes
+from rockfall.result.crossings import at_lines
 
 HERE = Path(__file__).parent
 CLASS = 2  # of the height for a residual
@@ -30,10 +31,10 @@ def numbers(seed: int) -> Iterator[tuple[str, float]]:
     loads = bare.loads.set_index(["line", "quantity"]).loc["net"]
     yield "come to the line of the net [%]", 100 * came / results["road"].sizes["boulder"]
     for name, result in results.items():
-        road = np.isfinite(result["line_speed"].values[0])
+        road = np.isfinite(at_lines(result)["line_speed"].values[0])
         yield f"reach the road, {name}.nml [%]", 100 * road.mean()
     bare_fine = run("dam", seed, dam=[])
-    fraction = np.isfinite(bare_fine["line_speed"].values[0]).mean()
+    fraction = np.isfinite(at_lines(bare_fine)["line_speed"].values[0]).mean()
     yield "reach the road, dam.nml without its dam [%]", 100 * fraction
     for level in "q95", "q99":
         yield f"{level} of the total energy at the net [kJ]", loads[level]["energy_total"] / 1000

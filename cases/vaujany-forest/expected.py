@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 import rockfall
+from rockfall.result.crossings import at_lines
 
 HERE = Path(__file__).resolve().parent
 sys.path.append(str(HERE.parents[1]))
@@ -39,7 +40,7 @@ def run(case: rockfall.Case, seed: int) -> xr.Dataset:
 def numbers(result: xr.Dataset) -> list[float]:
     """QUANTITIES of a run. A maximum grows with the number of boulders: it is that of as many as
     the experiment had, on average."""
-    speed, fastest = result["line_speed"].values[0], result["speed_max"].values
+    speed, fastest = at_lines(result)["line_speed"].values[0], result["speed_max"].values
     mixed = np.random.default_rng(0).permutation(fastest.size)
     some = fastest[mixed[: fastest.size // AT_ONCE * AT_ONCE]].reshape(-1, AT_ONCE)
     return [100 * np.isfinite(speed).mean(), float(np.nanmean(speed)), some.max(axis=1).mean()]

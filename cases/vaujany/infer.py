@@ -220,7 +220,7 @@ def at_lines(method: str, result, in_hundreds: bool) -> dict[str, float]:
     """Numbers at the lines by a method; none of a line that fewer than `AT_ONCE` boulders pass."""
     found = {}
     for line in "EL1", "EL2":
-        at = result.sel(line=line)
+        at = at_lines(result).sel(line=line)
         passed = at["line_speed"].notnull().values
         found[f"{method}_{line}_passing"] = float(passed.mean())
         if passed.sum() < AT_ONCE:

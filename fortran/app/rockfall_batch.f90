@@ -19,7 +19,6 @@ end module warnings
 !> Standalone program: runs a case on a scene file and writes a part file. Only this file prints or stops the program.
 program rockfall_batch
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
@@ -40,7 +39,7 @@ program rockfall_batch
    use rockfall_run_loop, only: run_case
    use rockfall_samples, only: sample_size, sample_sum
    use rockfall_line_samples, only: line_quantity, units_of
-   use rockfall_variables, only: statuses, line_fields, row_integers
+   use rockfall_variables, only: statuses, crossing_fields, row_integers
    use warnings, only: warn
    implicit none
 
@@ -261,22 +260,28 @@ contains
       character(len=*), intent(in) :: name
       integer, intent(in) :: k
       type(run_t), intent(in) :: state
-      integer, parameter :: speed = findloc(line_fields, "speed", dim=1)
-      integer, parameter :: field(2) = [speed, findloc(line_fields, "passing_height", dim=1)]
+      integer, parameter :: along_x = findloc(crossing_fields, "velocity_x", dim=1), &
+                            passing = findloc(crossing_fields, "passing_height", dim=1)
       integer, parameter :: quantity(2) = [findloc(line_quantity, "speed", dim=1), &
                                            findloc(line_quantity, "passing_height", dim=1)]
-      logical :: crossed(size(state%line, 1))
       real(wp) :: total(2)
-      integer(i8) :: n
+      integer(i8) :: n, j
       integer :: q
 
       if (allocated(state%number)) then
          n = sample_size(state%samples, 1, k + 1)
          total = [(sample_sum(state%samples, quantity(q), k + 1)/units_of(quantity(q), 1), q=1, 2)]
       else
-         crossed = .not. ieee_is_nan(state%line(:, k, speed))
-         n = count(crossed, kind=i8)
-         total = [(sum(state%line(:, k, field(q)), crossed), q=1, 2)]
+         n = 0
+         total = 0
+         associate (rows => state%crossings)
+            do j = 1, rows%n
+               if (rows%line(j) /= k - 1) cycle
+               n = n + 1
+               total = total + [norm2([(real(rows%real(along_x + q)%of(j), wp), q=0, 2)]), &
+                                real(rows%real(passing)%of(j), wp)]
+            end do
+         end associate
       end if
       if (n == 0) then
          write (output_unit, "(3a)") "line ", name, ": no boulder"

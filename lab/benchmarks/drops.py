@@ -15,6 +15,7 @@ import numpy as np
 import rockfall
 from benchmarks.machine import machine
 from lab.benchmarks.plane import plane
+from rockfall.result.crossings import at_lines
 
 DROPS = 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 5.0  # [m]
 CELL, COLUMNS, ROWS, ABOVE, PASSED = 2.0, 60, 100, 10, 80.0  # [m]; cells above the release
@@ -33,7 +34,7 @@ def passing(table: str, slope: float, drop: float, given: argparse.Namespace) ->
         line=[{"name": "line", "x": [0.0, COLUMNS * CELL], "y": [at, at]}],
     )
     result = rockfall.run(case, **plane(slope, ROWS, COLUMNS, CELL))
-    return float((~np.isnan(result["line_speed"].values[0])).mean())
+    return float((~np.isnan(at_lines(result)["line_speed"].values[0])).mean())
 
 
 def main() -> None:

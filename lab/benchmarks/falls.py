@@ -19,6 +19,7 @@ import rockfall
 from benchmarks.machine import machine
 from lab.benchmarks.plane import plane
 from rockfall.grounds.impact_tables import save_table
+from rockfall.result.crossings import at_lines
 from rockfall_lab.blocks.case import BlockCase, grounds
 from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.tables import table_of
@@ -58,7 +59,7 @@ def drawn(
         line=[{"name": "line", "x": [0.0, width], "y": [top - along] * 2}],
     )
     result = rockfall.run(case, **plane(slope, rows, COLUMNS, CELL))
-    passed = np.isfinite(result["line_speed"].values[0])
+    passed = np.isfinite(at_lines(result)["line_speed"].values[0])
     return float(passed.mean()), int(result["rebounds_out_of_speed"]) / BOULDERS
 
 

@@ -21,6 +21,7 @@ import rockfall
 from benchmarks.machine import machine
 from lab.benchmarks.plane import plane
 from rockfall.grounds.impact_tables import save_table
+from rockfall.result.crossings import at_lines
 from rockfall_lab.blocks.case import BlockCase
 from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.tables import table_of
@@ -92,7 +93,7 @@ def drawn(table: Path, slope: float, boulders: int) -> tuple[np.ndarray, np.ndar
         ],
     )
     result = rockfall.run(case, **plane(slope, rows, COLUMNS, CELL))
-    return (top - result.stop_y.values) / np.cos(angle), result.line_speed.values.T
+    return (top - result.stop_y.values) / np.cos(angle), at_lines(result)["line_speed"].values.T
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ import rockfall
 from benchmarks.machine import machine
 from lab.benchmarks.plane import plane
 from rockfall.grounds.impact_tables import save_table
+from rockfall.result.crossings import at_lines
 from rockfall_lab.blocks.case import BlockCase, grounds
 from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.tables import table_of
@@ -50,7 +51,7 @@ def on_plane(table: str, radius: float, slope: float, folder: Path) -> str:
         line=[{"name": "line", "x": [0.0, width], "y": [at, at]}],
     )  # fmt: skip
     result = rockfall.run(case, **plane(slope, rows, COLUMNS, CELL))
-    speeds = result["line_speed"].isel(line=0).values
+    speeds = at_lines(result)["line_speed"].isel(line=0).values
     speeds = speeds[~np.isnan(speeds)]
     part = len(speeds) / BOULDERS
     error = np.sqrt(part * (1 - part) / BOULDERS)

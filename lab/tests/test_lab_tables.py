@@ -20,6 +20,7 @@ from rockfall.grounds.impact_tables import (
     save_table,
     shipped_tables,
 )
+from rockfall.result.crossings import at_lines
 from rockfall.result.trajectories import vertices_of
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -79,7 +80,7 @@ def test_speeds_on_talus_go_with_the_root_of_the_size(tmp_path):
             line=[{"name": "low", "x": [0.0, 100.0], "y": [314.0, 314.0]}],
             output={"trajectories": 0}, surface={"uniform_mean_radius": 0.1},
         )  # fmt: skip
-        scaled.append(np.nanmean(result["line_speed"]) / np.sqrt(radius))
+        scaled.append(np.nanmean(at_lines(result)["line_speed"]) / np.sqrt(radius))
     assert max(scaled) < 1.15 * min(scaled), scaled
 
 

@@ -14,6 +14,7 @@ import rockfall
 import scenes
 from rockfall.cli import main
 from rockfall.errors import RockfallError
+from rockfall.result.crossings import at_lines
 from rockfall.scene.rebound import INERTIA_FACTOR
 from rockfall.scene.sets import Sets, read_sets, restitution
 from rockfall_lab.scorecard import score as scorecard
@@ -183,7 +184,7 @@ def test_the_numbers_of_the_site_are_those_of_its_runs(site, tmp_path):
     }
     for method, result in results.items():
         for line in "EL1", "EL2":
-            at = result.sel(line=line)
+            at = at_lines(result).sel(line=line)
             values = at["line_energy_translational"].values / 1e3
             name = f"{method}_{line}_energy_translational"
             assert numbers[name] == pytest.approx(np.nanmean(values))

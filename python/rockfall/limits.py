@@ -22,8 +22,8 @@ limit_ranks = _core.limit_ranks  # of the interval of a quantile of n values (bi
 decimal = _core.decimal  # number that a text spells, as in all files; NaN if none
 EAD_ENERGY = tuple(_core.ead_energies().tolist())  # of barriers of classes 0 to 7 [J]
 barrier_outcomes = _core.barrier_outcomes  # of a barrier with boulders that reach it
-line_quantities = _core.line_quantities  # of rows at a line (fields, n), and volumes
-places_along = _core.places_along  # a line, of points
+line_quantities = _core.line_quantities  # at a line: of motion (6, n), volumes and masses
+points_along = _core.points_along  # a line, at distances
 # Of samples (rockfall_samples):
 SAMPLE_BINS = int(_core.constant("sample_bins"))
 SAMPLE_COARSE = int(_core.constant("coarse_bins"))

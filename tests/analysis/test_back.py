@@ -18,6 +18,7 @@ from rockfall.analysis.back.sampling import Sampler, effective
 from rockfall.analysis.back.smoothing import smoothed
 from rockfall.analysis.observations import read_observed
 from rockfall.cli import main
+from rockfall.result.crossings import at_lines
 from scenes import grid, make_case, rough, sets
 
 stats = pytest.importorskip("scipy.stats")
@@ -142,7 +143,7 @@ def found(tmp_path_factory):
     how = {"dem": TERRAIN, "transform": grid(TERRAIN)}
     truth = rockfall.run(case(40, 77, surface={"uniform_mean_radius": 0.5}), **how)
     stops = np.column_stack([truth["stop_x"], truth["stop_y"]])
-    speed = truth["line_speed"].values[0]
+    speed = at_lines(truth)["line_speed"].values[0]
     seen = replace(
         read_observed(), stops=stops, samples={("L", "speed"): speed[np.isfinite(speed)]},
         lines={"L": "made"},

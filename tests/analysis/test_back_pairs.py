@@ -14,6 +14,7 @@ from rockfall.analysis.back.posterior import draws_table, posterior_table, warni
 from rockfall.analysis.back.ridges import ridges
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.observations import read_observed
+from rockfall.result.crossings import line_values
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from scenes import grid, make_case, rough, sets
@@ -46,7 +47,7 @@ def folder(tmp_path_factory):
 def found(folder):
     """Sought from where 60 boulders stopped, and from their speeds at a line."""
     truth = rockfall.run(case_of(folder, TRUE, boulders=60), **HOW)
-    speed = truth["line_speed"].values[0]
+    speed = line_values(truth, "speed", 0)
     seen = replace(
         read_observed(), stops=np.column_stack([truth["stop_x"], truth["stop_y"]]),
         samples={("L", "speed"): speed[np.isfinite(speed)]}, lines={"L": "made"},

@@ -17,6 +17,7 @@ from rockfall.analysis.compare import compare
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
 from rockfall.cli import main
+from rockfall.result.crossings import at_lines
 from rockfall.text.comparison import ranks_text
 from rockfall.text.comparison import text as as_text
 from scenes import grid, make_case, rough, sets, status
@@ -68,7 +69,7 @@ def file(text, name="o.csv"):
 
 
 def at(result, quantity, line=0):
-    values = result[f"line_{quantity}"].values[line]
+    values = at_lines(result)[f"line_{quantity}"].values[line]
     return values[np.isfinite(values)]
 
 
@@ -358,9 +359,7 @@ def test_without_a_map_places_give_distances_alone(result, of_two):
 
 
 def test_a_line_that_nobody_crossed_has_no_numbers(result):
-    nobody = result.copy()
-    for name in [name for name, v in result.data_vars.items() if v.dims == ("line", "boulder")]:
-        nobody[name] = result[name] * np.nan
+    nobody = result.isel(crossing=slice(0)).assign(row_size=0 * result["row_size"])
     found = compare(nobody, samples(speed=np.array([3.0, 4.0])))
     assert found.errors["simulated"].isna().all() and found.errors["within_interval"].isna().all()
     assert found.ks["n_simulated"][0] == 0 and np.isnan(found.ks["p"][0])
@@ -480,7 +479,7 @@ def test_ranks_know_the_nearer_and_do_not_part_the_same(result, tmp_path):
 
 def test_several_results_are_ranked_by_the_command(result, file_of_result, capsys):
     shutil.copy(file_of_result, "a.nc")
-    rockfall.write_result(result.isel(boulder=slice(500)), "b.nc")
+    rockfall.write_result(make_run(Path(), 500), "b.nc")
     file(SAMPLES + "".join(f"N,speed,m/s,{v}\n" for v in at(result, "speed")[:30]))
     assert main(["compare", "a.nc", "b.nc", "o.csv", "-o", "ranks.csv"]) == 0
     table = pd.read_csv("ranks.csv")

@@ -26,7 +26,6 @@ from rockfall.analysis.ensemble.sobol_indices import (
 from rockfall.analysis.ensemble.study import RESULTS
 from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.analysis.line_statistics import line_numbers
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.cli import main
 from rockfall.errors import RockfallError
@@ -36,6 +35,7 @@ from rockfall.html_report.page import Picture
 from rockfall.language import speaking
 from rockfall.limits import Z
 from rockfall.plots.figures import figures
+from rockfall.result.crossings import line_values
 from rockfall.result.map_labels import map_label
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -141,7 +141,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     chosen = [RESULTS[name] for name in ("fraction", "speed.mean", "speed.q95")]
     values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
     two = Sources.of(np.repeat([0, 1], 150))
-    all_ = [study.run_scene(scene)[["line_speed"]] for scene in scenes]
+    all_ = [study.run_scene(scene) for scene in scenes]
     for k, block in enumerate(np.arange(2 * 250 * 150).reshape(2, 250, 150).swapaxes(0, 1)):
         runs = [one.isel(boulder=block.ravel()) for one in all_]
         rows = [line_numbers(run, 0, "speed", Sources.alone(300)) for run in runs]
@@ -196,7 +196,7 @@ def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
     assert found["input"].values.tolist() == ["source", "sets"]
     assert float(abs(found["total"].sel(input="sets")).max()) < 1e-12
     assert float(abs(found["first_order"].sel(input="sets")).max()) < 1e-12
-    at = found.sel(input="source", result="fraction", line="L")
+    at = found.isel(line=0).sel(input="source", result="fraction")
     for name in ("first_order", "total"):
         assert abs(at[name] - 1) < 3 * at[f"{name}_error"] + 1e-9
     assert at["epistemic_std"] > 1.5 * at["monte_carlo_std"]
@@ -207,7 +207,7 @@ def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
 def test_where_nothing_matters_there_is_chance_only(tmp_path):
     case = case_of(tmp_path, 400, ensemble={"runs": 24, "sets": ["sets.nml"] * 2})
     found = vary(case)
-    at = found.sel(line="L")
+    at = found.isel(line=0)
     assert np.all(abs(at["epistemic_variance"]) < 4 * at["epistemic_variance_error"])
     result = rockfall.run(case, dem=TERRAIN, transform=grid(TERRAIN))
     table = rockfall.line_statistics(result).set_index("quantity")
@@ -348,7 +348,7 @@ def test_maps_are_of_the_runs_a_and_b(tmp_path):
 
 def test_a_line_that_some_runs_do_not_reach_has_a_share_and_nothing_else(tmp_path):
     case = case_of(tmp_path, 30, ensemble={"runs": 8, "source_shift": 1.0})
-    at = vary(case).sel(line="L", result="speed.q95")  # 30 boulders: no interval above it
+    at = vary(case).isel(line=0).sel(result="speed.q95")  # 30 boulders: no interval above it
     assert at["too_few"] == 24
     unknown = ("mean", "monte_carlo_std", "epistemic_std", "total")
     assert all(np.isnan(at[name]).all() for name in unknown)
@@ -416,7 +416,7 @@ def test_the_page_of_an_ensemble_has_one_number_of_draws(small, monkeypatch):
 def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
     """And nothing on page 1 denies it."""
     _, first = first_page(small, monkeypatch)
-    at = small.sel(line="L", result="fraction")
+    at = small.isel(line=0).sel(result="fraction")
     low, high, case = (
         in_unit(at[name].item(), "fraction") for name in ("q05", "q95", "case_value")
     )

@@ -22,6 +22,7 @@ from rockfall.analysis.hazard.classes import (
 )
 from rockfall.analysis.hazard.study import read_study
 from rockfall.limits import fraction_limits
+from rockfall.result.crossings import at_lines
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
@@ -329,7 +330,10 @@ def test_an_object_is_met_by_what_touches_its_line(tmp_path, layer):
         for name, (x, y) in (("h", HOUSE.exterior.xy), ("r", ROAD.xy))
     ]
     result = run(make_case(tmp_path, line=lines))
-    energy = result.line_energy_translational.values + result.line_energy_rotational.values
+    energy = (
+        at_lines(result)["line_energy_translational"].values
+        + at_lines(result)["line_energy_rotational"].values
+    )
     assert found.object_passages.values[0].tolist() == np.isfinite(energy).sum(axis=1).tolist()
     for level, threshold in enumerate((30e3, 300e3)):
         above = (energy > threshold).sum(axis=1)

@@ -8,6 +8,7 @@ import pytest
 import rockfall
 import scenes
 from made import make_layer, refused
+from rockfall.result.crossings import at_lines, has_crossed
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
@@ -134,21 +135,25 @@ def test_a_line_with_a_width_is_met_by_what_touches_it(tmp_path, result, where, 
     paths, radius = paths_of(found)
     points = list(zip(where["x"], where["y"], strict=True))
     edge = shapely.distance(paths, shapely.LineString(points)) - radius - width / 2
-    met = np.isfinite(found.line_x.values[0])
+    met = has_crossed(found, 0)
     assert (met == (edge <= 0)).all() and 0 < met.sum() < 200
-    at = shapely.points(found.line_x.values[0][met], found.line_y.values[0][met])
-    away = shapely.distance(at, shapely.LineString(points))
-    assert away == pytest.approx(radius[met] + width / 2, abs=1e-9)
+    touched = at_lines(found)["line_time"].values[0]
+    for k in np.flatnonzero(met):
+        of_boulder = found["trajectory_boulder"].values == k + 1
+        time, x, y = (found[f"trajectory_{name}"].values[of_boulder] for name in ("time", *"xy"))
+        at = shapely.Point(np.interp(touched[k], time, x), np.interp(touched[k], time, y))
+        away = shapely.distance(at, shapely.LineString(points))
+        assert away == pytest.approx(radius[k] + width / 2, abs=1e-4)  # times are in single
     centres = run(make_case(tmp_path, line=[{"name": "o", **ROAD}]))
-    assert (met >= np.isfinite(centres.line_x.values[0])).all() or where is POINT
+    assert (met >= has_crossed(centres, 0)).all() or where is POINT
 
 
 def test_a_boulder_that_starts_at_an_object_has_met_it(tmp_path):
     line = [{"name": "o", "x": [100.0, 140.0], "y": [380.0, 380.0], "object_width": 2.0}]
     found = run(make_case(tmp_path, line=line))
     first = found.source.values == 1
-    assert (found.line_time.values[0][first] == 0).all()
-    assert (found.line_x.values[0][first] == 120.0).all()
+    assert (at_lines(found)["line_time"].values[0][first] == 0).all()
+    assert (at_lines(found)["line_x"].values[0][first] == 120.0).all()
 
 
 def test_an_object_may_not_be_wider_than_a_hundred_metres(tmp_path):

@@ -6,42 +6,41 @@ import pytest
 import xarray as xr
 
 import rockfall
+from crossed import crossed
 from made import refused
 from rockfall.analysis.lines.groups import groups
-from rockfall.analysis.lines.values import line_values
 from rockfall.cli import main
+from rockfall.result.crossings import at_lines, line_values
 from scenes import grid, make_case, rough, sets
 
 LIMITS = ["fraction", "fraction_low", "fraction_high", "mean", "mean_low", "q95_high"]
 
 
-def made(n=3000, sources=3, names=None, volume=None):
+def made(n=3000, sources=3, names=None, volume=None, **heights):
     """Boulders of each source in turn; the later the source, the further along a line of 95 m of
-    two sides and the faster they come, and the fewer."""
+    two sides and the faster they come, and the fewer; each of 2 kg."""
     random = np.random.default_rng(5)
     source = np.repeat(np.arange(1, sources + 1), n // sources)
     place = random.beta(2, 2, source.size) * 95 * source / sources
     came = random.random(source.size) < 0.9 - 0.2 * source / sources
     speed = 10.0 * source + random.normal(0, 1, source.size)
     volume = random.uniform(0.1, 2, source.size) if volume is None else volume
-    at_line = {
-        "x": np.minimum(place, 50), "y": np.maximum(place - 50, 0), "speed": speed,
-        "jump_height": 0 * speed + 1.0, "passing_height": 1 + np.cbrt(volume), "omega": speed,
-        "energy_translational": speed**2, "energy_rotational": 0.1 * speed**2,
-    }  # fmt: skip
-    data = {
-        f"line_{name}": (("line", "boulder"), np.where(came, values, np.nan)[None])
-        for name, values in at_line.items()
-    }
-    of_boulder = {"source": source, "start_x": source * 1.0, "start_y": 0.0 * source}
+    at_line = {"distance": place, "speed": speed, "jump_height": 1.0,
+               "passing_height": 1 + np.cbrt(volume), "omega": speed} | heights  # fmt: skip
+    number = np.arange(1, source.size + 1)
+    values = {name: np.where(came, one, np.nan) for name, one in at_line.items()}
+    data = crossed(number, ["road"], **values)
+    of_boulder = {"boulder": number, "source": source, "start_x": source * 1.0,
+                  "start_y": 0.0 * source, "mass": np.full(source.size, 2.0)}  # fmt: skip
     if names:
         of_boulder["source_feature"] = source
-        data["feature"] = "feature", np.array(names, object)
+        data["feature"] = "feature", np.arange(1, len(names) + 1)
+        data["feature_name"] = "feature", np.array(names, object)
     data |= {key: ("boulder", of) for key, of in (of_boulder | {"volume": volume}).items()}
     data |= {"line_vertex_x": ("line_vertex", [0.0, 50.0, 50.0])}
     data |= {"line_vertex_y": ("line_vertex", [0.0, 0.0, 45.0])}
     data |= {"line_vertex_line": ("line_vertex", [0, 0, 0])}
-    return xr.Dataset(data, {"line": ["road"]})
+    return xr.Dataset(data)
 
 
 @pytest.mark.parametrize(("by", "classes"), [("source", None), ("volume", [0.5, 1.0])])
@@ -115,9 +114,7 @@ def test_windows_add_up_to_the_line():
 
 def test_heights_of_a_sphere_on_a_slope_of_60_degrees():
     """R = 1 m, its point 3 m above the slope, vertically: 1.5 m normal to it."""
-    result = made(volume=np.full(3000, 4 / 3 * np.pi))
-    result["line_jump_height"] = 0 * result["line_speed"] + 3.0
-    result["line_passing_height"] = 0 * result["line_speed"] + 3.0 + 2.0
+    result = made(volume=np.full(3000, 4 / 3 * np.pi), jump_height=3.0, passing_height=3.0 + 2.0)
     table = rockfall.line_statistics(result).set_index("quantity")
     expected = {"upper_edge": 6.0, "normal_height": 2.5, "normal_upper_edge": 3.5}
     for name, height in expected.items():
@@ -165,7 +162,7 @@ def test_the_command_prints_what_it_writes(tmp_path, capsys):
         code = main(["lines", str(path), *map(str, words)])
         return code, *capsys.readouterr()
 
-    n = int(np.isfinite(result["line_speed"]).sum())
+    n = int(np.isfinite(at_lines(result)["line_speed"]).sum())
     table = tmp_path / "t.csv"
     code, said, _ = command("--by", "source", "-o", table)
     assert code == 0 and said.endswith(f"{table}\n") and "  2 " in said

@@ -3,16 +3,16 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 from scipy.special import stdtrit
 
 import rockfall
+from crossed import crossed
 from known_law import SAMPLE, made
 from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, sample_numbers
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources, student
 from rockfall.analysis.precision.samples import Values
 from rockfall.limits import fraction_limits
+from rockfall.result.crossings import at_lines, line_values
 from scenes import grid, make_case, rough, sets
 
 
@@ -39,9 +39,9 @@ def of_speed(result):
 
 
 def test_95_percent_intervals_hold_the_long_runs_value_95_times_in_100(long_run):
-    truth, speed = of_speed(long_run), long_run[["line_speed"]]
+    truth = of_speed(long_run)
     parts = [
-        line_numbers(speed.isel(boulder=slice(k, k + 200)), 0, "speed", Sources.alone(200))
+        line_numbers(long_run.isel(boulder=slice(k, k + 200)), 0, "speed", Sources.alone(200))
         for k in range(0, 100_000, 200)
     ]  # 500 repetitions with boulders of their own
     for name in ("mean", "q50", "q95", "fraction", "std"):
@@ -60,15 +60,18 @@ def test_intervals_enclose_their_number_and_shrink_with_n(long_run):
 def test_the_numbers_are_those_of_the_crossing_boulders(long_run):
     table = rockfall.line_statistics(long_run).set_index("quantity")
     assert set(table.index) == set(QUANTITIES)
-    speed = long_run["line_speed"].values[0]
+    speed = at_lines(long_run)["line_speed"].values[0]
     speed = speed[np.isfinite(speed)]
     row = table.loc["speed"]
     assert row["n"] == speed.size and row["fraction"] == speed.size / 100_000
     assert row["mean"] == speed.mean() and row["std"] == speed.std(ddof=1)
     assert row["max"] == speed.max() and row["q98"] == np.quantile(speed, 0.98)
-    energy = (long_run["line_energy_translational"] + long_run["line_energy_rotational"]).values[0]
+    energy = (
+        at_lines(long_run)["line_energy_translational"]
+        + at_lines(long_run)["line_energy_rotational"]
+    ).values[0]
     assert table.loc["energy_total", "mean"] == pytest.approx(np.nanmean(energy), rel=1e-12)
-    share = long_run["line_energy_rotational"].values[0] / energy
+    share = at_lines(long_run)["line_energy_rotational"].values[0] / energy
     assert table.loc["rotational_share", "mean"] == pytest.approx(np.nanmean(share), rel=1e-12)
 
 
@@ -76,23 +79,18 @@ def test_the_lateral_spread_is_the_deviation_along_a_bent_line():
     """Far from the origin, as coordinates of a map are, over a side of no length."""
     corner, random = np.array([6e5, 5e6]), np.random.default_rng(2)
     vertices = corner + [[0, 0], [30, 40], [30, 40], [30, 140], [0, 140]]
-    place = np.append(random.uniform(0, 180, 500), [0.0, 50.0, 150.0, 180.0])
+    place = np.append(random.uniform(0, 180, 500).astype("f4"), [0.0, 50.0, 150.0, 180.0])
     x = corner[0] + np.interp(place, [0, 50, 150, 180], [0, 30, 30, 0])
     y = corner[1] + np.interp(place, [0, 50, 150, 180], [0, 40, 140, 140])
-    crossed = np.append(np.full(place.size, True), False)
-    values = {
-        f"line_{name}": (("line", "boulder"), np.append(of, np.nan)[None])
-        for name, of in {"x": x, "y": y, **dict.fromkeys(QUANTITIES[:6], place)}.items()
-    }
     ends = {
         f"line_vertex_{name}": ("line_vertex", of)
         for name, of in zip("xy", vertices.T, strict=True)
     }
     ends["line_vertex_line"] = ("line_vertex", np.zeros(5, int))
-    zero = "boulder", np.zeros(crossed.size)
-    start = {"source": zero, "volume": ("boulder", np.ones(crossed.size))}
-    result = xr.Dataset({**values, **ends, **start}, {"line": ["L"]})
-    assert line_values(result, "position", 0)[:-1] == pytest.approx(place, abs=1e-7)
+    at_line = np.append(place, np.nan)
+    result = made(at_line).assign(ends | crossed(np.arange(at_line.size), distance=at_line))
+    for name, known in {"position": place, "x": x, "y": y}.items():
+        assert line_values(result, name, 0)[:-1] == pytest.approx(known, abs=1e-7, rel=0)
     row = rockfall.line_statistics(result).set_index("quantity").loc["position"]
     assert row["n"] == place.size and row["std"] == pytest.approx(place.std(ddof=1), rel=1e-9)
     assert row["std_low"] < row["std"] < row["std_high"]
@@ -145,7 +143,7 @@ def test_intervals_hold_for_few_sources(sources):
 def test_sources_at_one_place_are_a_stratum_each_and_of_a_sample_one():
     """Sources of blocks of 1 and of 10 m3 at each of two places."""
     source = np.repeat([0, 1, 2, 3], 5)
-    given = made(source + 1.0, source).assign_coords(boulder=np.arange(20))
+    given = made(source + 1.0, source)
     given["start_x"] = "boulder", np.repeat([0.0, 7.0], 10)
     assert sources(given).released.tolist() == [5, 5, 5, 5]
     assert sources(given.assign_attrs(SAMPLE)).released.tolist() == [10, 10]
@@ -251,10 +249,7 @@ def test_too_few_boulders_have_no_interval():
 def test_tables_name_what_is_withheld():
     """12 boulders pass: no interval of a deviation, no upper limit of a high quantile."""
     values = np.r_[np.random.default_rng(1).exponential(size=12), np.full(20, np.nan)]
-    result = made(values)
-    ends = {f"line_{axis}": (("line", "boulder"), values[None]) for axis in "xy"}
-    ends |= {f"line_vertex_{name}": ("line_vertex", [0.0, 0.0]) for name in ("line", "x", "y")}
-    row = of_speed(result.assign(ends))
+    row = of_speed(made(values))
     assert row["withheld"] == "std, q90, q95, q98, q99"
     assert np.isnan([row["std_low"], row["std_high"], row["q90_high"]]).all() and row["std"] > 0
 
@@ -266,11 +261,6 @@ def test_no_mean_of_what_is_not_below_0_has_an_interval_below_0():
 
 
 def test_a_quantile_beyond_the_sample_has_no_upper_limit():
-    speed = np.arange(1.0, 21.0)
-    names = {f"line_{name}": (("line", "boulder"), speed[None]) for name in QUANTITIES[:6]}
-    start = dict.fromkeys(("source", "volume"), ("boulder", np.zeros(20)))
-    line = {f"line_vertex_{name}": ("line_vertex", [0, 0]) for name in ("line", "x", "y")}
-    names |= {"line_x": names["line_speed"], "line_y": names["line_speed"]}
-    row = of_speed(xr.Dataset({**names, **start, **line}, {"line": ["L"]}))
+    row = of_speed(made(np.arange(1.0, 21.0)))
     assert row["q99"] > 19 and np.isnan(row["q99_high"]) and row["q99_low"] > 10
     assert row["fraction_high"] == 1 and 0.8 < row["fraction_low"] < 0.9

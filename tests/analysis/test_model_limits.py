@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from crossed import crossed
 from rockfall.analysis.model_limits import (
     end_remarks,
     extrapolations,
@@ -25,6 +26,7 @@ from rockfall.grounds.impact_tables import USUAL_WEIGHT, open_table, plane_files
 from rockfall.html_report.validity import warnings
 from rockfall.language import LANGUAGES, say, speaking, translated
 from rockfall.quantities import part_of_boulders, part_of_rebounds
+from rockfall.result.crossings import at_lines, has_crossed
 from rockfall.result.variables import STATUS
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -148,7 +150,7 @@ def test_nothing_has_nothing_beyond():
 LINE = {"name": "road", "x": [0.0, 100.0], "y": [50.0, 50.0]}
 
 
-def ends(status, count=2, crossed=False, stop=(50.0, 80.0), fall=50.0):
+def ends(status, count=2, has_crossed=False, stop=(50.0, 80.0), fall=50.0):
     """100 boulders from (50, 100), of which the first `count` ended so and there; others lie below
     the line."""
     is_cut = np.arange(100) < count
@@ -158,8 +160,14 @@ def ends(status, count=2, crossed=False, stop=(50.0, 80.0), fall=50.0):
         "start_x": np.full(100, 50.0), "start_y": np.full(100, 100.0), "stop_x": x, "stop_y": y,
         "start_z": np.full(100, fall), "stop_z": np.zeros(100),
         "plan_distance": np.hypot(x - 50.0, y - 100.0),
-        "line_speed": np.where(is_cut & (not crossed), np.nan, 1.0)[None],
-    }  # fmt: skip
+    } | crossings(~is_cut | has_crossed)  # fmt: skip
+
+
+def crossings(*crosses):
+    """Variables of these boulders, of which some cross each line."""
+    number = np.arange(1, crosses[0].size + 1)
+    made = crossed(number, [*map(str, range(len(crosses)))], speed=np.where(crosses, 1.0, np.nan))
+    return {"boulder": number} | {name: of for name, (_, of) in made.items()}
 
 
 def end_texts(folder, values, line=LINE):
@@ -175,7 +183,7 @@ def end_texts(folder, values, line=LINE):
     [
         ({}, True),
         ({"count": 1}, False),  # 1 % may
-        ({"crossed": True, "stop": (50.0, 5.0)}, False),  # it has passed the line
+        ({"has_crossed": True, "stop": (50.0, 5.0)}, False),  # it has passed the line
         ({"stop": (20.0, 90.0)}, True),  # over the side, above the line
     ],
 )
@@ -200,8 +208,8 @@ def test_a_void_between_two_lines_is_said(tmp_path):
         (LINE | {"x": [50.0, 50.0], "y": [40.0, 60.0]}, False),  # along their way
     ):
         case = make_case(tmp_path, *sets(), release=POINT, line=[upper, lower])
-        speeds = np.concatenate([np.ones((1, 100)), held["line_speed"]])
-        assert bool([*end_remarks(held | {"line_speed": speeds}, case)]) == said
+        both = crossings(np.ones(100, bool), has_crossed(held, 0))
+        assert bool([*end_remarks(held | both, case)]) == said
 
 
 @pytest.mark.parametrize("status", ["left_domain", "hit_nodata", "impact_limit"])
@@ -213,21 +221,19 @@ def test_a_void_between_two_lines_is_said(tmp_path):
         (10, 9, {}, True),  # that of 10 is 18.3
         (10, 8, {}, False),
         (10, 9, {"stop": (20.0, 90.0)}, False),  # over the side
-        (10, 9, {"crossed": True}, False),
+        (10, 9, {"has_crossed": True}, False),
     ],
 )
 def test_a_few_who_end_on_their_way_to_a_line_of_few_are_said(
     tmp_path, status, passed, cut, how, said
 ):
     """Less than 1 % of all, but as many as come there."""
-    few = ends(status, count=cut, **how)
-    rows = {name: np.resize(value, (*value.shape[:-1], 1000)) for name, value in few.items()}
+    rows = {name: np.resize(value, 1000) for name, value in ends(status, cut, **how).items()}
     cuts = np.arange(1000) < cut
     rows["status"] = np.where(cuts, STATUS[status], STATUS["absorbed"])
     for axis, below in ("x", 50.0), ("y", 10.0):
         rows[f"stop_{axis}"] = np.where(cuts, rows[f"stop_{axis}"], below)
-    crossed = (np.arange(1000) >= 1000 - passed) | (cuts & ("crossed" in how))
-    rows["line_speed"] = np.where(crossed, 1.0, np.nan)[None]
+    rows |= crossings((np.arange(1000) >= 1000 - passed) | (cuts & ("has_crossed" in how)))
     texts = end_texts(tmp_path, rows)
     words = (
         f"few boulders cross road ({passed}, and {cut} that might have): others ended on their way"
@@ -236,7 +242,7 @@ def test_a_few_who_end_on_their_way_to_a_line_of_few_are_said(
 
 
 def test_without_lines_all_who_leave_the_terrain_are_said(tmp_path):
-    values = ends("left_domain", crossed=True)
+    values = ends("left_domain", has_crossed=True)
     (text,) = end_texts(tmp_path, values, line=None)
     assert text.startswith("2 of 100 boulders (2.0 %) left the known terrain before they")
     for language in "de", "fr", "it":
@@ -246,7 +252,7 @@ def test_without_lines_all_who_leave_the_terrain_are_said(tmp_path):
 
 def test_who_reaches_the_limit_of_contacts_is_said(tmp_path):
     assert end_texts(tmp_path, ends("impact_limit", count=1)) == []
-    (text,) = end_texts(tmp_path, ends("impact_limit", crossed=True))
+    (text,) = end_texts(tmp_path, ends("impact_limit", has_crossed=True))
     assert text.startswith("2 of 100 boulders (2.0 %) were still moving at the limit of contacts")
 
 
@@ -268,7 +274,8 @@ def test_who_stays_at_the_source_is_said_to_lower_fractions(tmp_path, how, said)
 
 
 def test_of_runs_without_rows_it_is_said_that_no_end_can_be_told(tmp_path):
-    none = {name: value[..., :0] for name, value in ends("hit_nodata").items()}
+    none = {name: value[:0] for name, value in ends("hit_nodata").items()}
+    none |= crossings(np.zeros(0, bool))
     (text,) = end_texts(tmp_path, none)
     assert "were not kept (kept = 'none'), so some warnings are impossible" in text
 
@@ -435,7 +442,7 @@ def test_who_rolls_past_a_line_is_said_to_lower_its_quantiles(tmp_path, angle, s
     result = run_scene(read_scene(case, dem=z, transform=grid(z)))
     texts = [one.text for one in model_remarks(result, case)]
     rolling = [text for text in texts if "roll slower than" in text]
-    assert np.isfinite(result.line_speed.values).any(axis=1).all()
+    assert np.isfinite(at_lines(result)["line_speed"].values).any(axis=1).all()
     assert [text.partition(":")[0] for text in rolling] == ["slope"] * said
 
 
@@ -450,7 +457,7 @@ def test_who_rolls_on_smooth_ground_is_said_to_lower_quantiles(tmp_path):
     )  # fmt: skip
     z = 0.65 * y
     result = run_scene(read_scene(case, dem=z, transform=grid(z)))
-    assert np.isfinite(result.line_speed.values).all()
+    assert np.isfinite(at_lines(result)["line_speed"].values).all()
     assert any("roll slower than" in one.text for one in model_remarks(result, case))
 
 

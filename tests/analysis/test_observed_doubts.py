@@ -7,10 +7,10 @@ import pytest
 import rockfall
 from made import make_raster, refused
 from rockfall.analysis.compare import compare
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.observations import read_observed
 from rockfall.analysis.ranks import rank_results
 from rockfall.analysis.validation import validate
+from rockfall.result.crossings import line_values
 from scenes import grid, make_case, rough, sets
 
 WEST, SOUTH = 600_000.0, 5_000_000.0

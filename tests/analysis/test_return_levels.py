@@ -6,19 +6,21 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 from scipy import stats
 
 import rockfall
-from known_law import SAMPLE
+from crossed import STORED, crossed
+from known_law import SAMPLE, made
 from programs import refuses
 from rockfall.analysis.generalised_pareto import fit_gpd
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Values
-from rockfall.analysis.return_levels import QUANTITIES, Level, _profiled, _rising, tail
+from rockfall.analysis.return_levels import Level, _profiled, _rising, tail
 from rockfall.cli import main
 from rockfall.html_report.intervals import estimate, rising_estimates
 from rockfall.quantities import QUANTITIES as SHOWN
+from rockfall.result.crossings import at_lines, masses_of
+from rockfall.result.variables import MASS
 from rockfall.text import line_tables as linetables
 from rockfall.text.summary import summary
 from scenes import grid, make_case, rough, sets
@@ -245,10 +247,16 @@ def result(tmp_path_factory):
     return rockfall.run(case, dem=rough(), transform=grid(rough()))
 
 
+def without_lines(result):
+    return result.drop_dims(["line", "line_vertex", "crossing"])
+
+
 def test_the_table_has_the_tail_of_each_quantity(result):
     table = rockfall.return_levels(result).set_index(["line", "quantity"])
     assert len(table) == 12
-    energy = (result["line_energy_translational"] + result["line_energy_rotational"]).values[0]
+    energy = (
+        at_lines(result)["line_energy_translational"] + at_lines(result)["line_energy_rotational"]
+    ).values[0]
     energy = energy[np.isfinite(energy)]
     found, row = tail(energy), table.loc["L", "energy_total"]
     assert (row["n"], row["max"]) == (energy.size, energy.max())
@@ -260,27 +268,28 @@ def test_the_table_has_the_tail_of_each_quantity(result):
     assert "1 in 100,000: more than 10 times the boulders" in row["refused"]
     none = table.loc["M", "speed"]
     assert none["n"] == 0 and np.isnan(none["max"]) and none["refused"].startswith("0 independent")
-    assert rockfall.return_levels(result.drop_dims(["line", "line_vertex"])).empty
+    assert rockfall.return_levels(without_lines(result)).empty
     with pytest.raises(rockfall.RockfallError, match=r"levels: 0\.5: must be integers > 1"):
         rockfall.return_levels(result, levels=(0.5,))
+
+
+def of_all(values, source=None, attrs=None, names=("L",)):
+    """A result in which each quantity rises with these values (lines, boulders) or (boulders,)."""
+    result = made(np.atleast_2d(values)[0], source, attrs).drop_dims(["line", "crossing"])
+    return result.assign(crossed(result["boulder"], names, **dict.fromkeys(STORED, values)))
 
 
 def test_sources_that_are_a_sample_are_clusters():
     """100 boulders of each of 60 sources, which all do the same."""
     speed = np.repeat(TAILS["exponential"].rvs(60, random_state=1), 100)
-    names = {f"line_{name}": (("line", "boulder"), speed[None]) for name in QUANTITIES[:-1]}
-    start = {f"start_{axis}": ("boulder", np.repeat(np.arange(60.0), 100)) for axis in "xy"}
-    start["source"] = ("boulder", np.repeat(np.arange(1, 61), 100))
-    table = rockfall.return_levels(xr.Dataset({**names, **start}, {"line": ["L"]}, SAMPLE))
+    table = rockfall.return_levels(of_all(speed, np.repeat(np.arange(60), 100), SAMPLE))
     assert set(table["refused"]) == {"3 independent boulders in the upper 5 %, 50 needed"}
 
 
 def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
     """pandas 3 makes NaN of a None among texts, pandas 2 does not: every row has a text."""
     values = np.stack([TAILS["exponential"].rvs(3000, random_state=1), np.full(3000, 2.0)])
-    names = {f"line_{name}": (("line", "boulder"), values) for name in QUANTITIES[:-1]}
-    start = {"source": ("boulder", np.ones(3000, int))}
-    result = xr.Dataset({**names, **start}, {"line": ["L", "M"]})
+    result = of_all(values, names=["L", "M"])
     table = rockfall.return_levels(result, levels=(1000,))
     assert set(table["refused"]) == {"", (reason := "ties leave no 50 boulders above a threshold")}
     printed = "\n".join(linetables._refused(table))
@@ -289,9 +298,7 @@ def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
 
 def test_numbers_of_any_size_stand_in_columns_of_their_own(capsys, tmp_path, result):
     """Each table is one of cells apart by two blanks or more, the numbers as many as the heads."""
-    many = result.assign(
-        {name: 1e4 * result[name] for name in result.data_vars if name.startswith("line_energy")}
-    )
+    many = result.assign(mass=("boulder", 1e4 * masses_of(result), MASS["mass"]))
     rockfall.write_result(many, tmp_path / "out.nc")
     linetables.print_lines(tmp_path / "out.nc")
     rows = [re.split(r" {2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
@@ -346,5 +353,5 @@ def test_bad_input_is_one_line_and_nothing_is_written(name, result, tmp_path, mo
     words, message = HOSTILE[name]
     monkeypatch.chdir(tmp_path)
     rockfall.write_result(result, "out.nc")
-    rockfall.write_result(result.drop_dims(["line", "line_vertex"]), "bare.nc")
+    rockfall.write_result(without_lines(result), "bare.nc")
     refuses(["lines", *words], message, capsys)

@@ -14,6 +14,7 @@ from rockfall.analysis.hazard.risk_files import class_words
 from rockfall.analysis.hazard.vulnerability import BUILDING, read_curves
 from rockfall.language import speaking, translated
 from rockfall.limits import fraction_limits
+from rockfall.result.crossings import at_lines
 from rockfall.text.hazard import hazard_summary
 from rockfall.text.risk import class_legend, class_number, risk_lines, risk_rows
 
@@ -46,7 +47,10 @@ def hits(case, shape, width=0.0):
     x, y = getattr(shape, "exterior", shape).coords.xy
     line = [{"name": "o", "x": list(x), "y": list(y), "object_width": width}]
     result = rockfall.run(case.replace(line=line, scenario=[]), dem=Z, transform=GRID)
-    parts = (result[f"line_energy_{kind}"].values[0] for kind in ("translational", "rotational"))
+    parts = (
+        at_lines(result)[f"line_energy_{kind}"].values[0]
+        for kind in ("translational", "rotational")
+    )
     energy = sum(parts)
     hit = np.isfinite(energy)
     return energy[hit], np.cbrt(6 * result.volume.values[hit] / np.pi)

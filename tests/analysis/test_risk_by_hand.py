@@ -13,6 +13,7 @@ from made import make_layer, refused
 from rockfall.analysis.hazard.risk import layered, mean_of, risk_classes
 from rockfall.analysis.hazard.vulnerability import BUILDING, read_curves, stepped
 from rockfall.limits import fraction_limits
+from rockfall.result.crossings import at_lines
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
@@ -54,7 +55,10 @@ def boulders(tmp_path):
     result = rockfall.run(
         make_case(tmp_path).replace(line=lines, scenario=[]), dem=Z, transform=GRID
     )
-    energy = result.line_energy_translational.values + result.line_energy_rotational.values
+    energy = (
+        at_lines(result)["line_energy_translational"].values
+        + at_lines(result)["line_energy_rotational"].values
+    )
     return energy, 2 * np.cbrt(3 * result.volume.values / (4 * np.pi))
 
 

@@ -21,6 +21,7 @@ from rockfall.analysis.precision.weighted import quantile_interval
 from rockfall.cli import main
 from rockfall.limits import fraction_limits
 from rockfall.plots.hazard_figures import hazard_figures
+from rockfall.result.crossings import at_lines
 from rockfall.text.segments import segment_rows
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
@@ -113,7 +114,8 @@ def test_numbers_weigh_boulders_as_often_as_they_come(tmp_path):
         changed = {"scenario": [], "boulder": {"volume_mean": one["volume_mean"]}, "line": line}
         result = rockfall.run(case.replace(**changed), dem=Z, transform=GRID)
         energy = sum(
-            result[f"line_energy_{kind}"].values[0] for kind in ("translational", "rotational")
+            at_lines(result)[f"line_energy_{kind}"].values[0]
+            for kind in ("translational", "rotational")
         )
         hit = np.isfinite(energy)
         radius = np.cbrt(0.75 * one["volume_mean"] / np.pi)
@@ -146,7 +148,7 @@ def test_numbers_weigh_boulders_as_often_as_they_come(tmp_path):
 def upper_edges(result):
     """Height of the highest point at the only line: the centre's, and a radius."""
     radius = np.cbrt(0.75 * result.volume.values / np.pi)
-    return result.line_passing_height.values[0] + radius
+    return at_lines(result)["line_passing_height"].values[0] + radius
 
 
 def test_classes_are_those_of_the_matrix(tmp_path):

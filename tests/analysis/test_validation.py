@@ -22,6 +22,7 @@ from rockfall.analysis.validation import (
     validate,
 )
 from rockfall.cli import main
+from rockfall.result.crossings import at_lines
 
 OWN = "impact sets, method B"
 
@@ -39,8 +40,8 @@ def made(case, tmp_path_factory):
     places |= {f"start_{name}": result[f"start_{name}"].values for name in "xy"}
     folder = tmp_path_factory.mktemp("observed")
     pd.DataFrame(places).to_csv(folder / "stops.csv", index=False)
-    line = str(result["line"].values[0])
-    speed = result["line_speed"].values[0]
+    line = str(result["line_name"].values[0])
+    speed = at_lines(result)["line_speed"].values[0]
     speed = speed[np.isfinite(speed)]
     rows = {"line": line, "quantity": "speed", "unit": "m/s", "value": speed}
     pd.DataFrame(rows).to_csv(folder / "speeds.csv", index=False)

@@ -19,6 +19,7 @@ from rockfall.analysis.variants import (
 )
 from rockfall.cli import main
 from rockfall.quantities import number
+from rockfall.result.crossings import at_lines, line_names
 from rockfall.text.variants import comparison_notes, rows_of, value_text, variants_text
 from scenes import case_in, grid, place, rough
 
@@ -111,12 +112,12 @@ def test_a_net_lets_less_pass_at_it_and_below(variants):
     assert np.isnan(first.difference) and np.isnan(first.verdict)
     passing = table[(table["variant"] == "net") & (table["statistic"] == "fraction")]
     below = passing.set_index("line").loc["L"]
-    outcome = variants["net"]["barrier_outcome"].values
-    came = ~np.isnan(variants["net"]["line_speed"].values)
+    outcome = at_lines(variants["net"])["barrier_outcome"].values
+    came = ~np.isnan(at_lines(variants["net"])["line_speed"].values)
     stopped = (outcome == 1) & came
     assert stopped.any()
     at_net = passing.set_index("line").loc["net"]
-    k = list(variants["net"]["line"].values).index("net")
+    k = line_names(variants["net"]).index("net")
     assert at_net["n"] == (came[k] & ~stopped[k]).sum()
     assert below["difference_high"] < 0 and below["verdict"] == "less"
     assert np.isnan(at_net["difference"])  # the first has no such line

@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 import rockfall
+from crossed import crossed
 from made import make_layer, make_raster
 from programs import refuses
 from rockfall.analysis.back import study
@@ -42,6 +43,7 @@ from rockfall.analysis.observations import CONTACT, read_observed
 from rockfall.analysis.validation import numbers_beside
 from rockfall.cli import main
 from rockfall.errors import RockfallError
+from rockfall.result.crossings import at_lines
 from rockfall.result.trajectories import left_terrain
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -227,12 +229,10 @@ def test_runs_that_differ_by_more_than_their_boulders_are_worth_less():
 
 def at_line(heights, heading=(0.0, -1.0)):
     """A result with boulders at the line of a mark."""
-    heights = np.asarray(heights, float)
-    values = {f"line_velocity_{axis}": np.full((1, heights.size), one)
-              for axis, one in zip("xy", heading, strict=True)}  # fmt: skip
-    values["line_passing_height"] = heights[None]
-    data = {name: (("line", "boulder"), of) for name, of in values.items()}
-    return xr.Dataset(data, coords={"line": ["mark 1"]})
+    number, (east, north) = np.arange(1, len(heights) + 1), heading
+    made = crossed(number, ["mark 1"], passing_height=heights, velocity_x=east, velocity_y=north)
+    one = "boulder", np.ones(number.size)
+    return xr.Dataset(made | {"volume": one, "mass": one}, {"boulder": number})
 
 
 MARK = Mark("o.csv: line 2", 0.0, 0.0, 1.5, line="mark 1")
@@ -414,9 +414,9 @@ def witnessed(result, marks=15):
     stops = np.column_stack([result["stop_x"], result["stop_y"]])[rest]
     source = result["source"].values[rest].astype(str)
     source[::2] = ""
-    heights = result["line_passing_height"].values[0]
+    heights = at_lines(result)["line_passing_height"].values[0]
     some = np.flatnonzero(np.isfinite(heights))[:marks]
-    place = {axis: result[f"line_{axis}"].values[0][some] for axis in "xy"}
+    place = {axis: at_lines(result)[f"line_{axis}"].values[0][some] for axis in "xy"}
     rows = pd.DataFrame(place | {"height": heights[some]}).reindex(columns=list(CONTACT))
     where = {"stops": tuple(f"block {k}" for k in range(len(stops))),
              "contacts": tuple(f"tree {k}" for k in range(len(some)))}  # fmt: skip

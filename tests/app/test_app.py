@@ -45,6 +45,7 @@ from rockfall.cli.command_line import main  # noqa: E402
 from rockfall.draft.grounds import GROUNDS  # noqa: E402
 from rockfall.errors import RockfallError  # noqa: E402
 from rockfall.plots import style  # noqa: E402
+from rockfall.result.crossings import line_names  # noqa: E402
 from same import same_bits  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -928,7 +929,7 @@ def test_variants_are_saved_with_what_they_name(varied, place):
     cases = rockfall.variants(rockfall.read_case("more.nml"))
     assert [*cases] == ["bare", "net", "dug"]
     for name, one in rockfall.variants(rockfall.read_case(varied)).items():
-        assert same_ends(one, cases[name])["line"].values.tolist()[:2] == ["L", "M"], name
+        assert line_names(same_ends(one, cases[name]))[:2] == ["L", "M"], name
     nets = [one._asdict() for one in document.layers["barriers"][1:]]
     saved = save(site, site.edited(document, {"barriers": nets}, {}), "less", False)
     assert "&variant name = 'net' barriers: no &barrier is called 'Netz'" in saved.remark

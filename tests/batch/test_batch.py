@@ -250,11 +250,11 @@ def test_sources_that_are_nowhere_are_refused_as_by_python(ready, batch):
 
 @pytest.mark.parametrize(
     ("limit", "told"),
-    [(10, "needs at least 1 MB of disk"), (40_000, "needs at least 1 MB"),
+    [(10, "needs at least 1 MB of disk"), (15_000, "needs at least 1 MB"),
      (65_000, "cannot be written"), (300_000, "cannot be written")],
 )  # fmt: skip
 def test_a_full_disk_is_one_line(limit, told, ready, batch):
-    """Rows of 200 boulders take 59 kB."""
+    """Rows of 200 boulders take 20 kB."""
     before = everything(ready)
     done = batch(CASE, "-o", "part", cwd=ready, limit=limit)
     assert done.returncode == 2 and done.stdout == ""

@@ -191,7 +191,13 @@ def test_what_cannot_be_read_is_refused(stopped):
 
 def test_values_that_no_run_has_are_refused(stopped, subtests):
     good = (stopped / "a.nc.checkpoint").read_bytes()
-    wrong = {"status": 9, "tally_cell": 10**9, "tally_shared_source": 10**9, "line_speed": np.inf}
+    wrong = {
+        "status": 9,
+        "tally_cell": 10**9,
+        "tally_shared_source": 10**9,
+        "crossing_omega": np.inf,
+    }
+    wrong |= {"crossing_boulder": 10**9, "crossing_line": 9}
     wrong |= {"volume": -1, "stop_x": 1e30, "start_y": -1e7, "plan_distance": -1}
     for name, value in wrong.items():
         (stopped / "a.nc.checkpoint").write_bytes(good)

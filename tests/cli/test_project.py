@@ -131,7 +131,7 @@ def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, blank_figures, roc
     assert study["value"].iloc[-1] == pytest.approx(fraction, abs=6 * half / 100)
     assert "inf" not in converged
     # sources by name, and nothing of a layer runs in a page
-    assert result["feature"].values.tolist() == ["Nordwand", "<b>Süd</b>"]
+    assert result["feature_name"].values.tolist() == ["Nordwand", "<b>Süd</b>"]
     assert set(np.unique(result["source_feature"])) == {1, 2} and "<b>Süd" not in page
     assert json.loads(result.attrs["input_checksums"])["zones"]
 

@@ -156,11 +156,11 @@ def test_a_finished_file_that_cannot_take_its_name_stays_and_is_named(program, f
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("reserves", [True, False], ids=["fallocate", "statvfs"])
 def test_a_result_larger_than_the_disk_is_refused_before_the_flight(program, reserves, ready, disk):
-    """200 boulders have rows of 59 kB."""
+    """200 boulders have rows of 20 kB."""
     before = everything(ready)
-    how = {"DISK": 50_000} | ({} if reserves else {"NO_FALLOCATE": 1})
+    how = {"DISK": 15_000} | ({} if reserves else {"NO_FALLOCATE": 1})
     status, said = run(program, OUTPUTS[program], ready, disk, **how)
-    told = rf"{program}: {OUTPUTS[program]}: needs at least (0\.1|1) MB of disk"
+    told = rf"{program}: {OUTPUTS[program]}: needs at least (0\.021|1) MB of disk"
     assert status == 2 and re.search(told, said.splitlines()[-1])
     assert everything(ready) == before
 

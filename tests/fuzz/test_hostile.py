@@ -124,9 +124,6 @@ def test_texts_past_all_bounds_are_refused_before_they_are_read(tmp_path):
         list(table_rows(path))
 
 
-CROSSED = "must be a number where a boulder crossed a line"
-
-
 @pytest.fixture
 def parts(made, files):
     return [Path(shutil.copy(made / f"{k}.nc", f"{k}.nc")) for k in (1, 2, 3)]
@@ -137,8 +134,13 @@ def parts(made, files):
     [
         ("tally_cell", 10**9, "2.nc: is damaged: tally_cell"),
         ("tally_shared_cell", 10**9, "2.nc: is damaged: tally_shared_cell"),
-        ("line_x", np.inf, f"2.nc: is damaged: line_x: {CROSSED}"),
-        ("line_speed", np.nan, f"2.nc: is damaged: line_speed: {CROSSED}"),
+        ("crossing_distance", np.inf, "2.nc: is damaged: crossing_distance: must be a number"),
+        ("crossing_velocity_x", np.nan, "2.nc: is damaged: crossing_velocity_x: must be a number"),
+        ("crossing_time", -1, "2.nc: is damaged: crossing_time = -1: must be >= 0"),
+        ("crossing_line", -1, "2.nc: is damaged: crossing_line"),
+        ("crossing_line", 99, "2.nc: is damaged: crossing_line"),
+        ("crossing_boulder", 1, "2.nc: is damaged: crossing_boulder"),
+        ("crossing_boulder", 10**9, "2.nc: is damaged: crossing_boulder"),
         ("volume", -1, "2.nc: is damaged: volume = -1: must be > 0"),
         ("source", 99, "2.nc: is damaged: source: must be that from which each boulder comes"),
         (
@@ -186,8 +188,8 @@ def test_a_part_of_other_shapes_is_named(parts):
     with refused("2.nc: is damaged: stop_y"):
         merge(parts)
     with netCDF4.Dataset(parts[0], "a") as file:
-        file.renameVariable("line_time", "line_q")
-    with refused("1.nc: is damaged: line_time"):
+        file.renameVariable("crossing_time", "crossing_q")
+    with refused("1.nc: is damaged: crossing_time"):
         merge(parts)
     with netCDF4.Dataset(parts[2], "a") as file:
         file.setncattr("boulder_last", 39)
@@ -266,9 +268,21 @@ def change_result(path, change):
         (lambda f: f["incidence_angle_bin_bounds"].__setitem__((3, 1), np.nan),
          "incidence_angle_bin_bounds: must be the edges of bins, each above the last"),
         (lambda f: f["x"].__setitem__(3, np.inf), "x: must be a number for every x"),
-        (lambda f: f["line_speed"].__setitem__((0, 0), np.inf),
-         "line_speed: must be a number where a boulder crossed a line"),
-        ],
+        (lambda f: f["crossing_velocity_x"].__setitem__(0, np.inf),
+         "crossing_velocity_x: must be a number for every crossing"),
+        (lambda f: f["crossing_time"].__setitem__(0, -1), "crossing_time = -1: must be >= 0"),
+        (lambda f: f["row_size"].__setitem__(0, f["row_size"][0] - 1),
+         "row_size: holds what no run has"),
+        (lambda f: f["crossing_line"].__setitem__(0, 1), "row_size: holds what no run has"),
+        (lambda f: f["crossing_boulder"].__setitem__(1, f["crossing_boulder"][0]),
+         "crossing_boulder: holds what no run has"),
+        (lambda f: f["crossing_boulder"].__setitem__(0, 0),
+         "crossing_boulder: holds what no run has"),
+        (lambda f: f.renameVariable("crossing_omega", "q"),
+         "is not a whole result of rockfall: has no crossing_omega"),
+        (lambda f: f.renameVariable("crossing_time", "line_time"),
+         "has the layout of rockfall 1, with all boulders at all lines: run it again"),
+    ],
 )  # fmt: skip
 def test_a_result_that_is_not_whole_is_refused(whole, change, said):
     change_result(whole, change)

@@ -300,7 +300,7 @@ def test_a_case_of_a_drawing_is_the_case_of_a_geopackage(drawing, tmp_path, monk
         assert [line["name"] for line in scene.case.line] == ["Straße"]
     drawn, layers = results
     assert NO_CRS in drawn.attrs["input_warnings"]
-    for name in ("stop_x", "stop_y", "line_time", "barrier_outcome"):
+    for name in ("stop_x", "stop_y", "crossing_time", "crossing_outcome"):
         np.testing.assert_array_equal(drawn[name].values, layers[name].values)
 
 

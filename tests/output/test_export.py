@@ -13,6 +13,7 @@ import rasterio
 import xarray as xr
 
 import rockfall
+from crossed import crossed
 from made import make_raster
 from rockfall.errors import RockfallError
 from rockfall.io.grid import Grid
@@ -36,16 +37,16 @@ def lines_of(names):
     """Two evaluation lines; of five boulders, 2 and 4 cross the first, none the second."""
     time = np.full((2, 5), np.nan)
     time[0, [1, 3]] = 10.25, 12.5
+    made = crossed(range(1, 6), names, time=time, distance=time - 5, speed=2 * time)
     return {
-        "line_x": (("line", "boulder"), 600000.0 + time, {"units": "m"}),
-        "line_y": (("line", "boulder"), 4999990.0 + 0 * time, {"units": "m"}),
-        "line_time": (("line", "boulder"), time, {"units": "s"}),
-        "line_energy_translational": (("line", "boulder"), 1e4 * time, {"units": "J"}),
-        "line_speed": (("line", "boulder"), (2 * time).astype("f4"), {"units": "m s-1"}),
+        **{
+            name: (*of, {"units": "s"} if name == "crossing_time" else {})
+            for name, of in made.items()
+        },
         "line_vertex_line": ("line_vertex", np.array([0, 0, 1, 1, 1], "i4")),
         "line_vertex_x": ("line_vertex", [600000.0, 600010.0, 600000.0, 600005.0, 600010.0]),
         "line_vertex_y": ("line_vertex", [4999990.0, 4999990.0, 4999995.0, 4999996.0, 4999995.0]),
-    }, {"line": names}
+    }
 
 
 def made():
@@ -67,6 +68,7 @@ def made():
     stop_x[4] = np.nan
     boulders = {
         "volume": ("boulder", np.linspace(0.1, 0.9, 5).astype("f4"), {"units": "m3"}),
+        "mass": ("boulder", np.full(5, 200.0), {"units": "kg"}),
         "start_x": ("boulder", [600001.0, 600001.0, 600002.0, 600002.0, 600002.0]),
         "start_y": ("boulder", np.full(5, 4999999.0)),
         "plan_distance": ("boulder", [10.0, 30.0, 20.0, 5.0, np.nan], {"units": "m"}),
@@ -85,10 +87,9 @@ def made():
         "energy_max": (("y", "x"), energy, {"units": "J", "grid_mapping": "crs"}),
         "crs": ((), 0, {"crs_wkt": rasterio.crs.CRS.from_epsg(32632).to_wkt()}),
     }
-    lines, line_names = lines_of(["EL1", "EL 1/x"])
     return xr.Dataset(
-        {**maps, **boulders, **lines, **vertices},
-        coords={"x": GRID.x, "y": GRID.y, **line_names},
+        {**maps, **boulders, **lines_of(["EL1", "EL 1/x"]), **vertices},
+        coords={"x": GRID.x, "y": GRID.y, "boulder": np.arange(1, 6)},
         attrs={"seed": 7, "case": CASE, "case_file": "case.nml"},
     )
 
@@ -196,23 +197,25 @@ def test_boulders_come_back_to_the_last_digit(exported, result):
 
 
 def test_line_tables_have_those_who_crossed(exported):
-    assert table(exported / "line_EL1.csv") == [
-        {"boulder": boulder, "x": x, "y": "4999990.0", "time": time, "energy_translational": energy,
-         "speed": speed}
-        for boulder, x, time, energy, speed in (
-            ("2", "600010.25", "10.25", "102500.0", "20.5"),
-            ("4", "600012.5", "12.5", "125000.0", "25.0"),
-        )
+    rows = table(exported / "line_EL1.csv")
+    assert [
+        (row["boulder"], row["x"], row["y"], row["time"], row["distance"], row["speed"],
+         row["energy_translational"]) for row in rows
+    ] == [
+        ("2", "600005.25", "4999990.0", "10.25", "5.25", "20.5", "42025.0"),
+        ("4", "600007.5", "4999990.0", "12.5", "7.5", "25.0", "62500.0"),
     ]  # fmt: skip
     empty = (exported / "line_EL_1_x.csv").read_text()
-    assert empty == "boulder,x,y,time,energy_translational,speed\n"
+    assert empty == f"{','.join(rows[0])}\n" and empty.startswith(
+        "boulder,x,y,time,distance,speed,"
+    )
 
 
 def test_crossings_and_sources_are_points(exported):
     _, points, columns = layer(exported, "crossings")
-    assert [point.coords[0] for point in points] == [(600010.25, 4999990), (600012.5, 4999990)]
+    assert [point.coords[0] for point in points] == [(600005.25, 4999990), (600007.5, 4999990)]
     assert columns["line"].tolist() == ["EL1", "EL1"] and columns["boulder"].tolist() == [2, 4]
-    assert columns["energy_translational_kJ"].tolist() == [102.5, 125.0]
+    assert columns["energy_translational_kJ"] == pytest.approx([42.025, 62.5], rel=1e-7)
     assert columns["speed_m_s"].tolist() == [20.5, 25.0]
     _, points, columns = layer(exported, "sources")
     assert [point.coords[0] for point in points] == [(600001, 4999999), (600002, 4999999)]
@@ -231,7 +234,7 @@ def test_stops_are_points_with_all_that_is_known(exported, result):
     assert columns["boulder"].tolist() == [1, 2, 3, 4, 5]
     assert columns["status"].tolist()[3] == "left_domain"
     assert columns["travel_time_s"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
-    units = {"travel_time": "_s", "volume": "_m3", "plan_distance": "_m"}
+    units = {"travel_time": "_s", "volume": "_m3", "plan_distance": "_m", "mass": "_kg"}
     assert set(columns) == {"boulder"} | {
         name + units.get(name, "") for name in result.data_vars if result[name].dims == ("boulder",)
     }
@@ -264,13 +267,17 @@ def test_many_boulders_are_written_in_parts(result, tmp_path, monkeypatch):
 
 
 def test_boulder_numbers_of_the_result_are_kept(result, tmp_path):
-    export(result.assign_coords(boulder=np.arange(101, 106)), tmp_path)
+    crossing = result["crossing_boulder"] + 100
+    export(
+        result.assign_coords(boulder=np.arange(101, 106)).assign(crossing_boulder=crossing),
+        tmp_path,
+    )
     assert [row["boulder"] for row in table(tmp_path / "boulders.csv")][0] == "101"
     assert table(tmp_path / "line_EL1.csv")[1]["boulder"] == "104"
 
 
 def test_lines_with_the_same_letters_get_files_of_their_own(result, tmp_path):
-    export(result.assign_coords(line=["../el1", "EL1"]), tmp_path / "out")
+    export(result.assign(line_name=("line", ["../el1", "EL1"])), tmp_path / "out")
     names = sorted(path.name for path in (tmp_path / "out").glob("line_*"))
     assert names == ["line_EL1_2.csv", "line_el1.csv"]
 
@@ -352,7 +359,8 @@ def test_a_full_disk_leaves_nothing_under_the_final_name(result, tmp_path):
         stop_z=("boulder", rng.uniform(size=3000)),
     )
     many.assign_coords(x=grid.x, y=grid.y).to_netcdf(tmp_path / "out.nc")
-    parts = ["passages", "volume stop_z", "line line_vertex_line line_vertex_x line_vertex_y"]
+    line = "line line_name row_size line_vertex_line line_vertex_x line_vertex_y"
+    parts = ["passages", "volume stop_z", line]
     done = subprocess.run(
         [sys.executable, "-c", DISK_FULL, *parts], cwd=tmp_path, capture_output=True, text=True
     )

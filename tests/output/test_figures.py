@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 
 import rockfall
+from crossed import STORED, crossed
 from made import make_raster
 from programs import refuses
 from rockfall.cli import main
@@ -25,6 +26,7 @@ from rockfall.plots.cartography import rasters
 from rockfall.plots.figures import drawn_lines, figures, write_figures
 from rockfall.plots.terrain import terrain_of
 from rockfall.result import trajectories
+from rockfall.result.crossings import at_lines, line_values
 from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.terrain.height import height
 from scenes import grid, make_case, rough, sets
@@ -190,7 +192,9 @@ def test_distributions_hold_the_boulders_that_pass(full, observed):
     from matplotlib.patches import StepPatch
 
     upper, lower = draw(full, "line_energy_total", None, observed).axes
-    energy = (full["line_energy_translational"] + full["line_energy_rotational"]).values[0] / 1000
+    energy = (
+        at_lines(full)["line_energy_translational"] + at_lines(full)["line_energy_rotational"]
+    ).values[0] / 1000
     energy = energy[np.isfinite(energy)]
     share, edges, _ = upper.findobj(StepPatch)[0].get_data()
     assert share == pytest.approx(100 * np.histogram(energy, edges)[0] / energy.size)
@@ -205,7 +209,7 @@ def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
     y = [375.0 - 4 * k for k in range(19)]
     several = [{"name": f"L{k}", "x": [0.0, 300.0], "y": [one, one]} for k, one in enumerate(y)]
     result = run(tmp_path, several, case={"boulders": 30}, release=POINT)
-    passed = np.isfinite(result["line_x"].values).sum(axis=1)
+    passed = np.isfinite(at_lines(result)["line_x"].values).sum(axis=1)
     drawn = {one.name: one for one in figures(result) if one.name.startswith("line_speed")}
     assert [*drawn] == ["line_speed_1", "line_speed_2", "line_speed_3"]
     assert [len(one.draw().axes) for one in drawn.values()] == [16, 16, 6]
@@ -217,14 +221,17 @@ def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
     assert [f"along_{k + 1}" in some for k in range(19)] == [k in which for k in range(19)]
 
 
-@pytest.mark.parametrize("value", [-1e100, 1e100])
-def test_a_number_past_all_bounds_gives_a_distribution_too(full, value):
+@pytest.mark.parametrize(
+    ("name", "value", "drawn"),
+    [("passing_height", -3e38, "passing_height"), ("omega", 3e38, "energy_total")],
+)
+def test_a_number_past_all_bounds_gives_a_distribution_too(full, name, value, drawn):
     from matplotlib.patches import StepPatch
 
     result = full.copy(deep=True)
-    place = np.flatnonzero(np.isfinite(result["line_energy_rotational"].values[0]))[0]
-    result["line_energy_rotational"].values[0, place] = value
-    upper = draw(result, "line_energy_total", None, None).axes[0]
+    result[f"crossing_{name}"].values[0] = value
+    assert np.nanmax(np.abs(line_values(result, drawn, 0))) > 1e37
+    upper = draw(result, f"line_{drawn}", None, None).axes[0]
     assert upper.findobj(StepPatch)[0].get_data().edges.size < 1000
 
 
@@ -284,7 +291,7 @@ def test_captions_and_scales_say_where_a_number_needs_more_boulders(tmp_path):
 def test_a_name_is_no_formula(full, tmp_path):
     from matplotlib.cbook import is_math_text
 
-    named = full.assign_coords(line=("line", np.array([r"$\frac$"], object)))
+    named = full.assign(line_name=("line", np.array([r"$\frac$"], object)))
     for one in figures(named, TERRAIN):
         if one.name in ("trajectories", "profile", "line_speed"):
             drawn = one.draw()
@@ -502,11 +509,10 @@ def test_a_result_without_boulders_is_refused(full):
 
 def test_a_small_fraction_is_not_rounded_to_nothing(full):
     """Neither in the figure nor in its caption, nor are the ends of its interval."""
-    crossed = np.full((1, 20_000), np.nan)
-    crossed[0, :6] = 150.0
-    names = [name for name in full if full[name].dims == ("line", "boulder")]
-    rare = full.drop_dims("boulder").assign(
-        {name: (("line", "boulder"), crossed, full[name].attrs) for name in names}
+    values, number = np.full(20_000, np.nan), np.arange(1, 20_001)
+    values[:6] = 150.0
+    rare = full.drop_dims(["boulder", "line", "crossing"]).assign(
+        crossed(number, ["L"], **dict.fromkeys(STORED, values)) | {"boulder": number}
         | {name: ("boulder", np.resize(full[name].values, 20_000), full[name].attrs)
            for name in full if full[name].dims == ("boulder",)}
     )  # fmt: skip

@@ -54,9 +54,9 @@ def test_memory_is_that_of_the_arrays(tmp_path):
 
 def test_rows_too_many_for_a_file_are_said_before_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(preview, "PILOT_BOULDERS", 500)
-    monkeypatch.setattr(preview, "LARGE_RESULT", preview.LARGE_RESULT / 50)  # rows take time
+    monkeypatch.setattr(preview, "LARGE_RESULT", preview.LARGE_RESULT / 200)  # rows take time
     many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k, 9.0 * k]} for k in range(1, 41)]
-    words = "the result file has as much: &output kept = 'none'"
+    words = "MB: &output kept = 'none' keeps sums and counts"
     for lines, is_said in ((many, True), (many[:1], False)):
         scene = scene_of(tmp_path, 8, 2000, line=lines)
         assert (words in preview._memory(scene, preview._pilot(scene))) == is_said

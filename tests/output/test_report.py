@@ -31,6 +31,7 @@ from rockfall.analysis.run_until import Rule, Verdict, verdicts_of
 from rockfall.app.server import PAGE
 from rockfall.case import case_of
 from rockfall.cli import main
+from rockfall.result.crossings import at_lines, line_names
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
@@ -94,7 +95,7 @@ def result(tmp_path_factory):
 
 def no_levels(result):
     """Return levels as `rockfall.analysis.return_levels` gives them, of which one was refused."""
-    lines = [str(name) for name in result["line"].values] if "line" in result else []
+    lines = line_names(result)
     rows = {"line": lines, "quantity": "speed", "n": 100, "max": 31.0, "level_1000": 30.0,
             "level_1000_low": 28.0, "level_1000_high": 33.0, "level_10000": np.nan,
             "threshold": 20.0, "exceedances": 60.0, "shape": -0.1,
@@ -151,10 +152,7 @@ def test_page_1_says_the_numbers_of_the_line_table(result):
 def test_what_too_few_boulders_know_is_marked_and_not_a_number(result):
     """12 boulders pass: a dash in brackets where a mean or a deviation has no interval, and what it
     means, on page 1 and below the tables, in all languages."""
-    few = result.copy(deep=True)
-    passed = np.flatnonzero(np.isfinite(result["line_time"].values[0]))
-    for name in [name for name in few if few[name].dims == ("line", "boulder")]:
-        few[name].values[0, passed[12:]] = np.nan
+    few = result.isel(crossing=slice(12)).assign(row_size=("line", [12, 0]))
     rows = rows_of(few)
     assert "std, q90" in rows["road <b>"]["speed"]["withheld"]
     (table,) = line_tables(rows)
@@ -322,7 +320,7 @@ def test_the_history_ends_with_the_numbers_of_all(tmp_path, result):
                 assert steps[-1][name] == pytest.approx(last[quantity][name], rel=1e-12), name
     (first,) = history(result, 0, [30])["speed"]
     assert first["mean"] == pytest.approx(
-        np.nanmean(result["line_speed"].values[0, :30]), rel=1e-12
+        np.nanmean(at_lines(result)["line_speed"].values[0, :30]), rel=1e-12
     )
 
 
@@ -921,7 +919,8 @@ def test_what_is_left_out_depends_on_the_case(result):
     stand = {"stems": "stems.tif", "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.0,
              "uniform_conifers": 60.0}  # fmt: skip
     net = {"name": "net", "x": [0.0, 9.0], "y": [5.0, 5.0], "height": 3.0, "class": 2}
-    case = case_of(result).replace(forest=stand, barrier=[net])
+    case = case_of(result)
+    case = case.replace(forest=stand, line=case.line[:1], barrier=[net])
     text = " ".join(warned(result.assign_attrs(case=case.text())))
     assert "The case has no dams." in text and "no trees" not in text and "no nets" not in text
     assert "Stems are vertical" in text and "A barrier takes as much" in text

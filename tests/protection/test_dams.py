@@ -16,6 +16,7 @@ from rockfall.html_report.page import report
 from rockfall.html_report.tables import dam_tables
 from rockfall.language import speaking
 from rockfall.protection.dams import dams_of
+from rockfall.result.crossings import at_lines
 from rockfall.scene.plausible import implausible
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
@@ -75,7 +76,7 @@ def test_more_boulders_pass_on_coarse_cells(tmp_path):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 result = rockfall.run(case.replace(dam=dam))
-            passed[cell, len(dam)] = np.isfinite(result.line_time.values).mean()
+            passed[cell, len(dam)] = np.isfinite(at_lines(result)["line_time"].values).mean()
     left = {cell: passed[cell, 1] / passed[cell, 0] for cell in (5.0, 0.5)}
     assert left[5.0] > 1.5 * left[0.5]
 

@@ -19,6 +19,7 @@ from programs import (
 )
 from rockfall.case import case_in, read_case
 from rockfall.case.files import files_behind, input_files
+from rockfall.result.crossings import line_names
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 
@@ -198,7 +199,7 @@ def test_what_commands_that_count_lines_see(case):
         impact={"stop_speed": 1.0}, boulder={"volume": "fixed", "volume_std": None},
     )  # fmt: skip
     result = rockfall.run_until(of_layer, "fraction@path < 99 %", cap=50)
-    assert list(result["line"].values) == ["road", "path"]
+    assert line_names(result) == ["road", "path"]
     assert (case.folder / "a.gpkg-wal") in set(input_files(of_layer))
 
 

@@ -26,6 +26,7 @@ from rockfall.protection.siting import (
     choose,
     under_doubt,
 )
+from rockfall.result.crossings import at_lines, line_names
 from rockfall.simulation.simulate import run_scene
 from rockfall.text.siting import siting_text
 from scenes import FACTORS, grid, make_case, rough, sets
@@ -86,8 +87,8 @@ def test_a_barrier_there_leaves_what_is_said(case, found):
     net = {"name": "net", "x": ROAD["x"], "y": [340.0] * 2, "height": row["height_needed"],
            "class": int(row["ead_class"])}  # fmt: skip
     result = rockfall.run(case.replace(barrier=[net]), **TERRAIN)
-    come = np.isfinite(result["line_time"].values[0])
-    broke = result["barrier_outcome"].values[1] == 2
+    come = np.isfinite(at_lines(result)["line_time"].values[0])
+    broke = at_lines(result)["barrier_outcome"].values[1] == 2
     said = round(row["remaining"] * found.come)
     assert 0 < come.sum() <= said <= (come | broke).sum()
 
@@ -96,7 +97,7 @@ def test_what_passes_around_a_short_alignment_counts(case):
     """Of those that come to the road, as far as they do not cross the short line before."""
     short = [{"name": "short", "x": [140.0, 160.0], "y": [300.0, 300.0]}]
     result = rockfall.run(case.replace(line=[ROAD, *short]), **TERRAIN)
-    comes, met = np.isfinite(result["line_time"].values)
+    comes, met = np.isfinite(at_lines(result)["line_time"].values)
     layer = make_layer(case.folder / "short.gpkg", [shapely.LineString([(140, 300), (160, 300)])],
                        crs=None, name=["short"])  # fmt: skip
     found = site(case, "road", candidates=layer, **TERRAIN)
@@ -173,18 +174,18 @@ def test_cost_is_that_of_the_cheapest_that_suffices(case, found, tmp_path):
 
 
 def test_runs_in_turn_find_the_same(case, found):
-    """900 boulders with 3 rows of 96 bytes: the line, and two alignments at a time."""
-    memory = 2 * 96 * 900 * 3
+    """900 boulders with 3 rows of 44 bytes: the line, and two alignments at a time."""
+    memory = 2 * 44 * 900 * 3
     turns = site(
         case, "road", every=40.0, to=220.0, max_height=8.0, memory=memory, **TERRAIN
     )  # fmt: skip
     assert turns.table.equals(found.table) and turns.come == found.come
     best = found.table["alignment"][found.table["choice"] == BEST].tolist()
-    assert turns.result["line"].values.tolist() == list(dict.fromkeys(["road", *best]))
-    about = "900 boulders at 6 alignments take 0.00052 GB, more than half of the memory"
+    assert line_names(turns.result) == list(dict.fromkeys(["road", *best]))
+    about = "900 boulders at 6 alignments take 0.00024 GB, more than half of the memory"
     assert turns.notes[0].startswith(f"{about}: 3 runs") and turns.notes[1:] == found.notes
-    for given in ({"memory": 2 * 96 * 900}, {"memory": 1.0}):
-        with refused("site: 900 boulders at 2 lines take 0.00017 GB: more than half of the memory; "
+    for given in ({"memory": 2 * 44 * 900}, {"memory": 1.0}):
+        with refused("site: 900 boulders at 2 lines take 7.9e-05 GB: more than half of the memory; "
                      "give fewer boulders"):  # fmt: skip
             site(case, "road", every=40.0, to=220.0, **given, **TERRAIN)
 
@@ -201,7 +202,7 @@ def test_lines_are_let_go_between_runs(case, monkeypatch):
         return result
 
     monkeypatch.setattr("rockfall.protection.siting.run_scene", counted)
-    site(case, "road", every=100.0, to=200.0, memory=2 * 96 * 900 * 2, **TERRAIN)
+    site(case, "road", every=100.0, to=200.0, memory=2 * 44 * 900 * 2, **TERRAIN)
     assert len(alive) == 4  # three alignments, and the best
 
 

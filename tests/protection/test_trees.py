@@ -9,6 +9,7 @@ from rasterio.transform import from_origin
 import rockfall
 from made import make_raster
 from programs import make_full_case, run_program, same_results
+from rockfall.result.crossings import at_lines
 from rockfall.result.dataset import read_result, write_result
 from rockfall.scene.prepare import prepare
 from same import same, same_numbers
@@ -88,7 +89,7 @@ def test_a_forest_holds_boulders_back(bare, wooded):
     assert 0.2 < stopped.mean() < 0.99
     assert (hit[stopped] > 0).all()
     assert wooded.plan_distance.mean() < 0.5 * bare.plan_distance.mean()
-    passed = [np.isfinite(one.line_time.values).mean() for one in (bare, wooded)]
+    passed = [np.isfinite(at_lines(one)["line_time"].values).mean() for one in (bare, wooded)]
     assert passed[1] < passed[0]
 
 

@@ -23,6 +23,7 @@ import reference
 from reference import Contact, Doubt, Landing, Patch, State, World, exact
 from rockfall.case.text import read_groups
 from rockfall.io.grid import Grid
+from rockfall.result.crossings import at_lines, has_crossed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,6 +39,7 @@ SPEED, IN, OUT, RATIO = slice(4, 7), slice(7, 10), slice(10, 13), 13
 #: what is measured at a contact, its unit, and what the ulps are of
 QUANTITIES = {"place": "m", "height over the patch": "m", "time": "s", "V_in": "m/s",
               "V_out": "m/s", "velocity": "m/s", "heading": "rad", "R_b/R_m": "1"}  # fmt: skip
+SINGLE = 2.0**-24  # relative rounding of what results keep of crossings
 CROSSED = {"line_x": "m", "line_y": "m", "line_time": "s", "line_speed": "m/s",
            "line_jump_height": "m", "line_passing_height": "m", "line_omega": "rad/s"}  # fmt: skip
 TOTALS = ("path_length", "travel_time", "speed_max", "jump_height_max", "volume")
@@ -323,7 +325,7 @@ def _ends(world: World, number: int, rows, result, impacts: int, crossed: set[in
     if int(one["impacts"]) != impacts:
         faults.append(f"has {int(one['impacts'])} contacts, not {impacts}")
     for line in range(len(world.lines)):
-        if np.isfinite(one["line_time"].values[line]) != (line in crossed):
+        if has_crossed(result, line)[number - 1] != (line in crossed):
             faults.append(f"line {line}: crossed by one alone")
     return [f"boulder {number}: {fault}" for fault in faults]
 
@@ -423,11 +425,15 @@ def _lines(world, number, before, state, contact, result, crossed) -> list[list[
         crossed.add(line)
         if doubt.least < UNDECIDED:
             continue
-        row = [float(result[name].values[line, number - 1]) for name in CROSSED]
+        at_line = at_lines(result)
+        row = [float(at_line[name].values[line, number - 1]) for name in CROSSED]
         speed = reference.length(met.v)
         time = exact(before[3]) + met.time
         wanted = [met.x, met.y, time, speed, met.jump, met.passing, met.omega]
         bounds = _line_bounds(world, state, contact, line, met, float(time))
+        length = float(np.hypot(*np.ptp(np.array(world.lines[line], float), axis=0)))
+        sizes = [length, length, *map(float, wanted[2:])]  # places are those along the line
+        bounds = [float(b) + 2 * SINGLE * abs(size) for b, size in zip(bounds, sizes, strict=True)]
         pairs = zip(row, wanted, bounds, strict=True)
         found.append([Error.of(exact(k) - w, bound, w or 1) for k, w, bound in pairs])
     return found

@@ -14,6 +14,7 @@ import pytest
 import rockfall
 import scenes
 from rockfall.case.text import read_groups
+from rockfall.result.crossings import at_lines
 
 VAUJANY = Path(__file__).parents[2] / "cases/vaujany"
 RULES = "past_aspect", "to_aspect", "lab"
@@ -156,7 +157,7 @@ def new_headings(rule, heading, incoming, random):
 
 def offsets_of(result):
     """(boulders, lines): along the contour from below the release."""
-    x, y = (result[f"line_{axis}"].values.T for axis in "xy")
+    x, y = (at_lines(result)[f"line_{axis}"].values.T for axis in "xy")
     return ACROSS[0] * (x - START[0]) + ACROSS[1] * (y - START[1])
 
 

@@ -62,7 +62,11 @@ def total(case, n):
 
 def only(result):
     """A result without what says from where it has its sources."""
-    names = [name for name in ("source_feature", "feature", "mass") if name in result.variables]
+    names = [
+        name
+        for name in ("source_feature", "feature", "feature_name", "mass")
+        if name in result.variables
+    ]
     attrs = {"input_checksums": "", "source_features": "", "decoded_checksums": ""}
     return result.drop_vars(names).assign_attrs(attrs)
 
@@ -141,7 +145,7 @@ def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):
     with pytest.warns(UserWarning, match="boulders stay where the ground"):
         heights = result["start_z"].values[::2000] - rockfall.run(ground)["start_z"].values
     assert np.allclose(heights, [1.0, 9.0, 5.0, 0.0])
-    assert result["feature"].values.tolist() == ["left", "left", "tower", "4"]
+    assert result["feature_name"].values.tolist() == ["left", "left", "tower", "4"]
     densities = (result["mass"] / result["volume"]).values.reshape(4, -1)
     assert np.allclose(densities.T, [2600, 2800, 2500, 2800], rtol=1e-15)
     assert values_of(case, read_scene(case).features).tolist() == [
@@ -179,9 +183,9 @@ def test_both_programs_and_parts_know_the_sources(case):
         assert done.returncode == 0, done.stderr
         same_results(rockfall.merge(["part.nc"]), whole)
     assert set(whole["source_feature"].values) == {1, 2}
-    assert whole["feature"].values.tolist() == ["west", "east"]
+    assert whole["feature_name"].values.tolist() == ["west", "east"]
     rockfall.write_result(whole, "out.nc")
-    assert rockfall.read_result("out.nc")["feature"].values.tolist() == ["west", "east"]
+    assert rockfall.read_result("out.nc")["feature_name"].values.tolist() == ["west", "east"]
 
 
 def test_a_cell_is_of_the_later_polygon_and_results_say_which(case):
@@ -261,7 +265,7 @@ def test_many_names_are_kept(case):
     make_layer("p.gpkg", POINTS[:1] * n, name=[f"block number {k}" for k in range(n)])
     case = at(case).replace(case={"boulders": 1}, output={"maps": None}, impact={"impact_limit": 1})
     rockfall.write_result(rockfall.run(case), "out.nc")
-    assert rockfall.read_result("out.nc")["feature"].values[-1] == f"block number {n - 1}"
+    assert rockfall.read_result("out.nc")["feature_name"].values[-1] == f"block number {n - 1}"
 
 
 def refused_cases():

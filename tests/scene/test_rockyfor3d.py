@@ -14,6 +14,7 @@ from rockfall.analysis.models import ROCKS, run_models
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import overwriting
+from rockfall.result.crossings import at_lines
 from rockfall.rockyfor3d import nets
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
@@ -91,7 +92,7 @@ def test_each_source_has_boulders_of_its_own(tmp_path):
         mine = slice(k * BOULDERS, (k + 1) * BOULDERS)
         assert np.allclose(result.volume[mine], volume, rtol=1e-14)
         speed, energy = (
-            result[f"line_{name}"][0, mine] for name in ("speed", "energy_translational")
+            at_lines(result)[f"line_{name}"][0, mine] for name in ("speed", "energy_translational")
         )
         crossed = speed > 0
         assert crossed.sum() > 10

@@ -25,6 +25,7 @@ from rockfall.case.variants import variants as case_variants
 from rockfall.cli import main
 from rockfall.grounds.impact_tables import BLOCK_SHAPES, plane_files
 from rockfall.html_report.inputs import Parties, input_table
+from rockfall.result.crossings import at_lines
 from rockfall.result.dataset import put_netcdf
 from rockfall.scene.plausible import implausible
 from rockfall.scene.prepare import prepare
@@ -43,6 +44,11 @@ ZONES = "zone,mean_radius,ground\n1,,talus\n2,0.3,rocky-slope\n3,0.3,\n4,,own.nc
 #: Variables that a run sums over all boulders, and maps, which differ between parts of one.
 ROWS = ("volume", "stop_x", "stop_y", "stop_z", "path_length", "travel_time", "speed_max",
         "jump_height_max", "status", "impacts", "line_speed", "line_passing_height")  # fmt: skip
+
+
+def row_of(result, name):
+    """Values of each boulder, at the lines too."""
+    return (at_lines(result) if name.startswith("line_") else result)[name].values
 
 
 def terrain():
@@ -94,7 +100,7 @@ def test_each_boulder_goes_as_in_a_run_of_its_shape(mixed):
         own = shape == number
         assert own.sum() > 30 and "block_shape" not in one
         for name in ROWS:
-            values, others = result[name].values[..., own], one[name].values[..., own]
+            values, others = row_of(result, name)[..., own], row_of(one, name)[..., own]
             assert same_bits(values, others), (number, name)
     stops = [one["stop_y"].values for one in alone.values()]
     assert (stops[0] != stops[1]).mean() > 0.5  # shapes matter here
@@ -186,7 +192,7 @@ def test_terrain_in_windows_gives_the_same(tmp_path):
     assert windowed.windows
     one, other = run_scene(windowed), rockfall.run(case)
     for name in (*ROWS, "block_shape"):
-        assert same_bits(one[name], other[name]), name
+        assert same_bits(row_of(one, name), row_of(other, name)), name
 
 
 def test_fragments_have_the_shape_of_their_boulder(tmp_path):
@@ -197,7 +203,7 @@ def test_fragments_have_the_shape_of_their_boulder(tmp_path):
     alone = rockfall.run(case.replace(boulder={"block_shape": "platy", "block_shape_share": None}))
     own = result["block_shape"].values == 3
     for name in (*ROWS, "fragments", "fines_volume"):
-        assert same_bits(result[name].values[..., own], alone[name].values[..., own]), name
+        assert same_bits(row_of(result, name)[..., own], row_of(alone, name)[..., own]), name
 
 
 # ---- shapes that layers and tables of sources say
@@ -237,7 +243,7 @@ def test_sources_say_the_shape_of_their_boulders(tmp_path):
     for k, one in alone.items():
         own = result["block_shape"].values == k
         for name in ROWS:
-            assert same_bits(result[name].values[..., own], one[name].values[..., own]), (k, name)
+            assert same_bits(row_of(result, name)[..., own], row_of(one, name)[..., own]), (k, name)
 
 
 def test_sources_without_a_shape_have_those_of_the_mix(tmp_path):
@@ -393,7 +399,10 @@ def test_listed_volumes_have_the_shape_of_their_axes(tmp_path):
         )
         own = shape == k
         for name in ROWS:
-            assert same_bits(result[name].values[..., own], alone[name].values[..., own]), (k, name)
+            assert same_bits(row_of(result, name)[..., own], row_of(alone, name)[..., own]), (
+                k,
+                name,
+            )
     same_by_the_program(case, result, tmp_path / "ready")
 
 
@@ -468,7 +477,7 @@ def test_sources_must_all_give_their_shape_where_the_case_has_none(tmp_path):
 def test_numbers_at_lines_split_by_shape(mixed, tmp_path, capsys):
     _, result = mixed
     table = rockfall.line_statistics(result, by="shape", quantities=["speed"])
-    shape, speed = result["block_shape"].values, result["line_speed"].values[0]
+    shape, speed = result["block_shape"].values, at_lines(result)["line_speed"].values[0]
     assert table["shape"].tolist() == [*BLOCK_SHAPES]
     for k, row in enumerate(table.to_dict("records"), start=1):
         own = speed[shape == k]

@@ -10,11 +10,11 @@ import pytest
 import rockfall
 import scenes
 from programs import Killed, killed_after, make_prepared, refuses, same_results
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.result import variables
+from rockfall.result.crossings import at_lines, line_values
 from rockfall.scene.breakage import breaking_speed, split_blocks
 from rockfall.scene.read import read_scene
 from rockfall.simulation import checkpoint
@@ -138,10 +138,10 @@ def test_a_boulder_that_does_not_break_is_as_without_breakage(folder):
         result = run(case(folder, breakage=breakage))
         assert (result["fragments"] == 1).all() and not result["fines_volume"].any()
         same_numbers(result, run(case(folder)))
-        crossed = np.isfinite(result["line_speed"].values)
-        assert np.array_equal(result["line_fragments"].values, crossed)
-        volume = np.broadcast_to(result["volume"].values, crossed.shape)
-        assert np.array_equal(result["line_volume"].values[crossed], volume[crossed])
+        crossed = np.isfinite(at_lines(result)["line_speed"].values)
+        assert np.array_equal(at_lines(result)["line_fragments"].values, crossed)
+        volume = np.broadcast_to(result["volume"].values.astype("f4"), crossed.shape)
+        assert np.array_equal(at_lines(result)["line_volume"].values[crossed], volume[crossed])
 
 
 def test_maps_count_a_release_once_and_deposits_each_fragment(bare):
@@ -170,13 +170,18 @@ def test_the_row_of_a_boulder_is_its_recorded_path(bare):
 
 
 def test_crossings_are_those_of_the_most_energetic_fragment(bare):
-    crossed = np.isfinite(bare["line_speed"].values)
-    fragments, volume = bare["line_fragments"].values, bare["line_volume"].values
+    crossed = np.isfinite(at_lines(bare)["line_speed"].values)
+    fragments, volume = (
+        at_lines(bare)["line_fragments"].values,
+        at_lines(bare)["line_volume"].values,
+    )
     assert np.array_equal(fragments > 0, crossed) and fragments.max() > 5
     assert (volume[crossed] <= np.broadcast_to(bare["volume"].values, crossed.shape)[crossed]).all()
     mass = 2800.0 * volume
-    energy = 0.5 * mass * bare["line_speed"].values ** 2
-    np.testing.assert_allclose(bare["line_energy_translational"].values, energy, rtol=1e-12)
+    energy = 0.5 * mass * at_lines(bare)["line_speed"].values ** 2
+    np.testing.assert_allclose(
+        at_lines(bare)["line_energy_translational"].values, energy, rtol=1e-12
+    )
     assert (fragments <= bare["fragments"].values + bare["breakages"].values).all()
 
 
@@ -212,7 +217,7 @@ def test_what_statistics_count_is_said(folder, bare):
     texts = [one.text for one in model_remarks(bare, case_of(bare)) if one.is_warning]
     assert any(text.startswith("Breakage follows an unvalidated rule") for text in texts)
     (counted,) = (text for text in texts if " broke, into " in text)
-    crossed = bare["line_fragments"].values[0]
+    crossed = at_lines(bare)["line_fragments"].values[0]
     assert f"low: {crossed[crossed > 0].mean():.3g} fragments of each" in counted
     assert any("reached &breakage max_fragments = 60" in text for text in texts)
     whole = run(case(folder))
@@ -231,8 +236,8 @@ def test_observations_are_not_those_of_fragments(folder, bare, tmp_path):
 
 def test_heights_at_a_line_use_the_fragment(bare):
     """The upper edge is a radius of the fragment above its centre."""
-    upper = line_values(bare, "upper_edge", 0) - bare["line_passing_height"].values[0]
-    radius = np.cbrt(0.75 / np.pi * bare["line_volume"].values[0])
+    upper = line_values(bare, "upper_edge", 0) - at_lines(bare)["line_passing_height"].values[0]
+    radius = np.cbrt(0.75 / np.pi * at_lines(bare)["line_volume"].values[0])
     np.testing.assert_allclose(upper, radius, rtol=1e-9)
 
 

@@ -7,6 +7,7 @@ import pytest
 from rockfall._core import rockfall_f2py as _core
 
 from benchmarks.stability import extremes
+from rockfall.result.crossings import at_lines
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from same import same_numbers
@@ -108,7 +109,7 @@ def test_what_is_asked_for_is_the_same_in_lanes(tmp_path, groups):
     scene = slope(tmp_path, **groups)
     alone = carried(scene, ONE_BY_ONE)
     assert "forest" not in groups or alone.trees_hit.sum() > 30
-    assert "barrier" not in groups or {1, 2, 3} <= {*np.unique(alone.barrier_outcome)}
+    assert "barrier" not in groups or {1, 2, 3} <= {*np.unique(at_lines(alone)["barrier_outcome"])}
     for lanes in (NARROW, WIDE, MASKED):
         same_numbers(carried(scene, lanes), alone)
 
@@ -132,7 +133,7 @@ def test_a_line_has_the_same_crossings_among_many(tmp_path, lanes):
     lines = [{"name": f"L{k}", "x": [*x[k]], "y": [*y[k]]} for k in range(40)]
     lines[5] |= {"object_width": 4.0}
     together = carried(slope(tmp_path, lines), lanes, threads=2)
-    assert (np.isfinite(together["line_time"].values).sum(axis=1) > 0).sum() > 20
+    assert (np.isfinite(at_lines(together)["line_time"].values).sum(axis=1) > 0).sum() > 20
     for first in range(0, 40, 8):
         few = carried(slope(tmp_path, lines[first : first + 8]), lanes, threads=2)
         for name in few.variables:

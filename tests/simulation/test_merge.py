@@ -74,8 +74,12 @@ def test_a_part_holds_its_boulders_and_tallies_and_no_maps(case):
     )  # fmt: skip
     assert part.attrs["complete"] == 0 and part.attrs["boulders_requested"] == BOULDERS
     mine = slice(BOULDERS // 3, 2 * BOULDERS // 3)
-    for name in ("stop_x", "line_speed"):
-        assert np.array_equal(part[name], whole[name].isel(boulder=mine), equal_nan=True)
+    assert np.array_equal(part["stop_x"], whole["stop_x"].isel(boulder=mine))
+    number = whole["crossing_boulder"].values
+    own = (number > mine.start) & (number <= mine.stop)
+    for name in ("crossing_boulder", "crossing_line", "crossing_time"):
+        assert np.array_equal(np.sort(part[name]), np.sort(whole[name].values[own])), name
+    assert own.sum() > 50
     assert not {"y", "x"} & set(part.dims)
     box = part.attrs["map_window"]
     counts, cells = part["tally_counts"].values[0], part["tally_cell"].values

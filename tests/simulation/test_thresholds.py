@@ -7,6 +7,7 @@ import pytest
 import rockfall
 import scenes
 from made import refused
+from rockfall.result.crossings import at_lines
 from rockfall.result.flat_maps import flat_maps
 
 MAPS = ["passages", "energy_max", "energy_exceeded"]
@@ -121,9 +122,9 @@ def test_time_at_a_line_is_that_of_its_cells(tmp_path):
     case = make_case(tmp_path, ["travel_time_min", "passages"], line=line)
     result = run(case)
     below = result.travel_time_min.sel(y=297.5).values
-    crossed = result.line_time.values[0]
+    crossed = at_lines(result)["line_time"].values[0]
     first = np.nanmin(crossed)
-    column = int(result.line_x.values[0][np.nanargmin(crossed)] // 5)
+    column = int(at_lines(result)["line_x"].values[0][np.nanargmin(crossed)] // 5)
     assert below[column] == pytest.approx(first, abs=1e-4)
 
 

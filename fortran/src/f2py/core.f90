@@ -10,7 +10,7 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
-   use rockfall_sizes, only: max_message, max_list, max_array_row, n_boulder_fields, n_boulder_counts, n_line_fields, &
+   use rockfall_sizes, only: max_message, max_list, max_array_row, n_boulder_fields, n_boulder_counts, &
                              n_vertex_fields, n_line_quantities, n_impact_sets, n_set_numbers, n_incidence_limits, &
                              n_lateral_classes, n_lateral_quantiles, n_map_counts, n_map_sums, n_map_maxima, n_stacks, &
                              n_histograms, n_ead_classes, n_block_shapes
@@ -28,7 +28,7 @@ module rockfall_f2py
    use rockfall_impact, only: ratio_weights, find_nearest_set, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_outcome, only: boulder_result_t, left_window
    use rockfall_scratch, only: scratch_t
-   use rockfall_run_loop, only: save_rest
+   use rockfall_run_loop, only: save_rest, chunk_crossings
    use rockfall_bounds, only: check_sources, boulder_count, max_volumes, max_tree_hits
    use rockfall_scene, only: feature_fields, object_reach
    use rockfall_flights, only: lanes
@@ -48,10 +48,11 @@ module rockfall_f2py
    use rockfall_ensemble, only: trace_boulder, recorded_boulders
    use rockfall_rows, only: boulder_row, boulder_count_row, vertex_row
    use rockfall_samples, only: sample_edge, n_sample_bins, n_coarse_bins, base_bits
-   use rockfall_line_samples, only: all_quantities => line_quantities, place_along, &
+   use rockfall_line_samples, only: all_quantities => line_quantities, point_along, &
                                     line_quantity, end_quantity, units_of, n_quantities, n_tails => tails
    use rockfall_line, only: line_t, new_line => line
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
+                                 crossing_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_namelist, only: namelist_t, parse_namelist
@@ -65,10 +66,11 @@ module rockfall_f2py
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
    use rockfall_state_table, only: array_t, row_text
    use rockfall_run_state, only: plan_of, add_part => merge_run, settle_run, restore_run, &
-                                 forget_tallies_of => forget_tallies
+                                 forget_tallies_of => forget_tallies, sort_crossings_of => sort_crossings, &
+                                 forget_crossings_of => forget_crossings
    use rockfall_part, only: part_t, part_lengths_t, make_room, pack_run => pack_part, pack_samples, &
                             unpack => unpack_part, unpack_samples
-   use rockfall_value_rules, only: fault_of_values => value_fault, crossing_fault
+   use rockfall_value_rules, only: fault_of_values => value_fault
    use rockfall_same_run, only: identity_t, difference
    use rockfall_handles, only: scene_handle_t, run_handle_t, scene_at, run_at, empty_scene => new_scene, close_handle
    implicit none
@@ -88,7 +90,7 @@ module rockfall_f2py
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
    public :: stand_counts, stand_numbers, shape_numbers, axes_of_shapes, shapes_of_axes
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, boulders_in_parts, fraction_limits
-   public :: sample_edges, sample_units, line_quantities, places_along
+   public :: sample_edges, sample_units, line_quantities, points_along, sort_crossings, forget_crossings
    public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies, split_blocks
 
 contains
@@ -338,7 +340,7 @@ contains
 
    !> Allocate a part of the first `done` boulders of a run, to be filled, with the lengths of part_lengths_t.
    subroutine begin_part(run, done, lengths, code, message)
-      integer(c_int64_t), intent(in) :: run, done, lengths(5)
+      integer(c_int64_t), intent(in) :: run, done, lengths(6)
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
       type(run_handle_t), pointer :: opened
@@ -347,7 +349,7 @@ contains
       opened => run_of(run)
       opened%run%done = done
       associate (n => lengths)
-         call make_room(opened%run, opened%part, part_lengths_t(n(1), n(2), n(3), n(4), n(5)), error)
+         call make_room(opened%run, opened%part, part_lengths_t(n(1), n(2), n(3), n(4), n(5), n(6)), error)
       end associate
       call give_error(error, code, message)
    end subroutine begin_part
@@ -391,19 +393,14 @@ contains
       grid = grid_t(corner(1), corner(2), corner(3), nodes(1), nodes(2))
    end function grid_of
 
-   !> Fault of values of a variable, by its name in files, those at lines by the times of the crossings; blank if a run
-   !> can have them.
-   subroutine value_fault(name, values, times, fault, n)
+   !> Fault of values of a variable, by its name in files; blank if a run can have them.
+   subroutine value_fault(name, values, fault, n)
       integer(c_int), intent(in) :: n
       character(len=*), intent(in) :: name
-      real(c_double), intent(in) :: values(n), times(n)
+      real(c_double), intent(in) :: values(n)
       character(len=max_message), intent(out) :: fault
 
-      if (index(name, "line_") == 1) then
-         fault = crossing_fault(name, values, times)
-      else
-         fault = fault_of_values(name, values)
-      end if
+      fault = fault_of_values(name, values)
    end subroutine value_fault
 
    !> What differs between two runs, of which theirs must begin ours; blank if nothing. Texts are joined by character 1
@@ -482,6 +479,29 @@ contains
       call forget_tallies_of(opened%run, go /= 0)
    end subroutine forget_tallies
 
+   !> Sort the crossings of a run by line, those of a line by boulder; views of them become invalid.
+   subroutine sort_crossings(run, code, message)
+      !f2py threadsafe
+      integer(c_int64_t), intent(in) :: run
+      integer(c_int), intent(out) :: code
+      character(len=max_message), intent(out) :: message
+      type(run_handle_t), pointer :: opened
+      type(error_t), allocatable :: error
+
+      opened => run_of(run)
+      call sort_crossings_of(opened%run, error)
+      call give_error(error, code, message)
+   end subroutine sort_crossings
+
+   !> Forget the crossings of a run, which somebody else keeps; views of them become invalid.
+   subroutine forget_crossings(run)
+      integer(c_int64_t), intent(in) :: run
+      type(run_handle_t), pointer :: opened
+
+      opened => run_of(run)
+      call forget_crossings_of(opened%run)
+   end subroutine forget_crossings
+
    !> Count in the maps of a run only the boulders done of partial sources (sign 1), or revert this (-1).
    subroutine settle_sources(run, handle, done, sign)
       integer(c_int64_t), intent(in) :: run, handle
@@ -527,33 +547,38 @@ contains
       units = units_of
    end subroutine sample_units
 
-   !> Quantities at a line, except the last, of boulders with these rows.
-   subroutine line_quantities(crossing, volume, quantities, n)
+   !> Quantities at a line, except the last, of boulders or fragments that crossed it.
+   subroutine line_quantities(motion, volume, mass, quantities, n)
       integer(c_int), intent(in) :: n
-      real(c_double), intent(in) :: crossing(n_line_fields, n)  !! line_fields
-      real(c_double), intent(in) :: volume(n)        !! [m3]
+      real(c_double), intent(in) :: motion(6, n)   !! velocity [m/s], omega [rad/s], jump and passing height [m]
+      real(c_double), intent(in) :: volume(n), mass(n)  !! [m3], [kg]
       real(c_double), intent(out) :: quantities(n_line_quantities, n)
+      type(boulder_t) :: boulder
       integer :: k
 
       do k = 1, n
-         quantities(:, k) = all_quantities(crossing(:, k), volume(k))
+         boulder = boulder_t(volume(k), sphere_radius(volume(k)), mass(k))
+         associate (v => motion(:3, k), omega => motion(4, k))
+            quantities(:, k) = all_quantities([0.0_c_double, 0.0_c_double, 0.0_c_double, &
+                                               sqrt(v(1)**2 + v(2)**2 + v(3)**2), &
+                                               motion(:, k), kinetic_energy(boulder, v, omega)], volume(k))
+         end associate
       end do
    end subroutine line_quantities
 
-   !> Distances along a line [m] of the points on it nearest to given points; NaN for NaN.
-   subroutine places_along(line_x, line_y, x, y, along, nv, n)
+   !> Points of a line at distances [m] along it.
+   subroutine points_along(line_x, line_y, along, points, nv, n)
       integer(c_int), intent(in) :: nv, n
-      real(c_double), intent(in) :: line_x(nv), line_y(nv), x(n), y(n)  !! [m]
-      real(c_double), intent(out) :: along(n)
+      real(c_double), intent(in) :: line_x(nv), line_y(nv), along(n)  !! [m]
+      real(c_double), intent(out) :: points(2, n)  !! [m]
       type(line_t) :: line
       integer :: k
 
       line = new_line(line_x, line_y)
       do k = 1, n
-         along(k) = x(k)
-         if (x(k) == x(k)) along(k) = place_along(line, [x(k), y(k)])
+         points(:, k) = point_along(line, along(k))
       end do
-   end subroutine places_along
+   end subroutine points_along
 
    !> Split blocks by the breakage of a valid case: their area ratios; the volumes of their fragments, 0 beyond them;
    !> their fines [m3]; and 1 if the number of fragments limited them. A block that does not break is its only fragment.
@@ -1260,6 +1285,7 @@ contains
       case ("lanes"); value = lanes                  ! boulders that a thread carries at a time
       case ("max_grounds"); value = max_grounds      ! of a scene
       case ("save_rest"); value = save_rest          ! minimum pause between saves over the duration of the last
+      case ("chunk_crossings"); value = real(chunk_crossings, c_double)
       case ("z_95"); value = z_95                    ! [-]
       case ("min_for_mean"); value = min_for_mean    ! boulders, for a reliable interval
       case ("min_for_std"); value = min_for_std
@@ -1287,6 +1313,7 @@ contains
       case ("boulder"); text = joined(boulder_fields, " ")
       case ("count"); text = joined(boulder_counts, " ")
       case ("line"); text = joined(line_fields, " ")
+      case ("crossing"); text = joined(crossing_fields, " ")
       case ("vertex"); text = joined(vertex_fields, " ")
       case ("energy"); text = joined(energy_fields, " ")
       case ("feature"); text = joined(feature_fields, " ")

@@ -14,7 +14,8 @@ module rockfall_part_file
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, definition_t, open_netcdf, create_netcdf, close_netcdf, &
                                    record_status, is_ok, mark_damaged, fail_damaged, transfer, length_of, text_of, &
                                    integers_of, real_of
-   use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, statuses
+   use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, statuses, &
+                                 outcomes
    use rockfall_impact_table, only: impact_table_t, largest_block
    use rockfall_block_shape, only: block_shapes
    use rockfall_ground, only: ground_t
@@ -240,6 +241,10 @@ contains
          call record_status(file, nf90_inq_varid(file%id, "status", id))
          call record_status(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=1, size(statuses))]))
          call record_status(file, nf90_put_att(file%id, id, "flag_meanings", joined(statuses, " ")))
+      case ("outcome")
+         call record_status(file, nf90_inq_varid(file%id, definition%name, id))
+         call record_status(file, nf90_put_att(file%id, id, "flag_values", [(int(k, i1), k=0, size(outcomes))]))
+         call record_status(file, nf90_put_att(file%id, id, "flag_meanings", "not_met "//joined(outcomes, " ")))
       case ("block_shape")
          call record_status(file, nf90_inq_varid(file%id, "block_shape", id))
          call record_status(file, nf90_put_att(file%id, id, "flag_values", [(k, k=1, size(block_shapes))]))
@@ -352,6 +357,7 @@ contains
       length%shared = length_of(file, "tally_shared")
       length%bins = length_of(file, "sample_entry")
       length%group_bins = length_of(file, "sample_group_entry")
+      length%crossings = length_of(file, "crossing")
    end function lengths_of
 
    !> Check that the file belongs to this run, and that its boulders are the first to be done here.

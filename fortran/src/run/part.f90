@@ -9,7 +9,8 @@ module rockfall_part
    use rockfall_error, only: error_t, fail
    use rockfall_grid, only: grid_t
    use rockfall_boulder, only: release_t, source_of
-   use rockfall_variables, only: line_fields, row_integers, name_in_files
+   use rockfall_crossing_rows, only: make_rows => make_room, first_unsorted
+   use rockfall_variables, only: row_integers, name_in_files
    use rockfall_samples, only: base_bits, filled_bins_t, filled_bins, fill_bins, restore_tails
    use rockfall_map_tallies, only: tells_sources
    use rockfall_reached_cells, only: reached_cells_t, find_reached_cells, allocate_reached_cells, pack_cells, &
@@ -17,13 +18,11 @@ module rockfall_part
    use rockfall_source_maps, only: contributing_t
    use rockfall_line_samples, only: layout_t
    use rockfall_state_table, only: array_t, table_t
-   use rockfall_run_state, only: run_t, arrays_of, rows_of, no_row
-   use rockfall_value_rules, only: value_fault, crossing_fault
+   use rockfall_run_state, only: run_t, arrays_of, rows_of, row_kept, no_row, sort_crossings
+   use rockfall_value_rules, only: value_fault
    implicit none
    private
    public :: part_t, part_lengths_t, pack_part, pack_samples, make_room, unpack_part, unpack_samples, part_arrays
-
-   integer, parameter :: time = findloc(line_fields, "time", dim=1)
 
    !> Arrays of a part that differ from those of its run.
    type :: part_t
@@ -35,7 +34,7 @@ module rockfall_part
 
    !> Lengths of these arrays in a file; -1: not present.
    type :: part_lengths_t
-      integer(i8) :: rows = -1, cells = -1, shared = -1, bins = -1, group_bins = -1
+      integer(i8) :: rows = -1, cells = -1, shared = -1, bins = -1, group_bins = -1, crossings = -1
    end type part_lengths_t
 
 contains
@@ -126,6 +125,8 @@ contains
          if (.not. is_between(length%bins, size(run%samples%bins, kind=i8))) fault = "sample_bin"
          if (.not. is_between(length%group_bins, size(run%samples%groups, kind=i8))) fault = "sample_group_bin"
       end if
+      if (run%lines > 0 .and. .not. is_between(length%crossings, run%lines*size(run%status, kind=i8))) &
+         fault = "crossing_boulder"
       if (fault /= "") then
          call fail(error, "is damaged: "//fault)
          return
@@ -133,6 +134,11 @@ contains
       allocate (part%maps%cell(length%cells), stat=status)
       fit = status == 0
       if (fit) call allocate_reached_cells(run%maps, part%maps, fit)
+      if (fit .and. run%lines > 0) then
+         run%crossings%n = 0
+         call make_rows(run%crossings, length%crossings, fit)
+         if (fit) run%crossings%n = length%crossings
+      end if
       if (fit .and. allocated(run%number)) then
          part%layout = run%layout
          allocate (part%number(length%rows), part%bins%bin(length%bins), part%bins%count(length%bins), &
@@ -175,6 +181,7 @@ contains
       end if
       if (fault == "") fault = array_fault(run, part_arrays(run, part), grid)
       if (fault == "") fault = source_fault(run)
+      if (fault == "") fault = crossing_fault(run)
       if (fault /= "") then
          call fail(error, "is damaged: "//fault)
       else if (size(part%maps%bin_counts, 2, i8) > size(run%maps%bin_counts, 2, i8)) then
@@ -282,7 +289,6 @@ contains
          real(sp), pointer, contiguous :: f4_values(:, :)
          real(wp), pointer, contiguous :: f8_values(:, :)
          integer(i8) :: shape(2), n
-         integer :: line
 
          shape = [row%length(1), product(row%length(2:))]
          n = shape(1)
@@ -296,27 +302,44 @@ contains
          case ("i4")
             call c_f_pointer(row%at, i4_values, shape)
             fault = value_fault(name, real([minval(i4_values(:n, :)), maxval(i4_values(:n, :))], wp))
-            if (row%variable%group /= "fragment") return
-            do line = 1, size(run%line, 2)
-               if (fault == "") fault = crossing_fault(name, real(i4_values(:n, line), wp), run%line(:n, line, time))
-            end do
          case ("i8")
             call c_f_pointer(row%at, i8_values, shape)
             fault = value_fault(name, real([minval(i8_values), maxval(i8_values)], wp))
          case ("f4")
             call c_f_pointer(row%at, f4_values, shape)
             fault = value_fault(name, real([minval(f4_values), maxval(f4_values)], wp))
-            if (.not. all(ieee_is_finite(f4_values))) fault = name
+            if (fault == "" .and. .not. all(ieee_is_finite(f4_values))) fault = name//": must be a number"
          case ("f8")
             call c_f_pointer(row%at, f8_values, shape)
-            if (all(row%variable%group /= ["line    ", "fragment"])) fault = value_fault(name, f8_values(:n, 1), grid)
-            if (all(row%variable%group /= ["line    ", "fragment"])) return
-            do line = 1, size(run%line, 2)
-               if (fault == "") fault = crossing_fault(name, f8_values(:n, line), run%line(:n, line, time), grid)
-            end do
+            fault = value_fault(name, f8_values(:n, 1), grid)
          end select
       end function fault_of
    end function array_fault
+
+   !> Check that crossings are of lines of the case, by boulders that have rows, each of a line once; and sort them.
+   function crossing_fault(run) result(fault)
+      type(run_t), intent(inout) :: run
+      character(len=:), allocatable :: fault
+      type(error_t), allocatable :: error
+      integer(i8) :: k, row
+
+      fault = ""
+      associate (rows => run%crossings)
+         if (rows%n == 0) return
+         if (any(rows%line(:rows%n) < 0 .or. rows%line(:rows%n) >= run%lines)) fault = "crossing_line"
+         do k = 1, rows%n
+            row = row_kept(run, rows%boulder(k))
+            if (row < 1 .or. row > rows_of(run)) fault = "crossing_boulder"
+         end do
+         if (fault /= "") return
+         call sort_crossings(run, error)
+         if (allocated(error)) then
+            fault = error%message
+         else if (first_unsorted(rows) <= rows%n) then
+            fault = "crossing_boulder"
+         end if
+      end associate
+   end function crossing_fault
 
    !> Check that boulders come from sources in order, and from the expected ones where each source releases the same
    !> number.

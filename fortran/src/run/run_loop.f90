@@ -22,10 +22,13 @@ module rockfall_run_loop
    use rockfall_scene, only: object_reach
    implicit none
    private
-   public :: run_observer_t, run_case, scan_terrain, save_rest
+   public :: run_observer_t, run_case, scan_terrain, save_rest, chunk_crossings
 
    integer(i8), parameter :: first_chunk = 16     !! boulders in the first call
    real(wp), parameter :: chunk_seconds = 1.0_wp  !! duration of a call: at its end threads wait for each other
+
+   !> Approximate crossings of lines in a call, which holds them all, with 170 bytes each.
+   integer(i8), parameter :: chunk_crossings = 250000
 
    !> Minimum time between saves of a run, as a multiple of the duration of the last save.
    real(wp), parameter :: save_rest = 20.0_wp
@@ -141,6 +144,7 @@ contains
          run%wall = run%wall + real(clock_end - clock_start, wp)/rate
          run%cpu = run%cpu + cpu - cpu_start
          chunk = max(1_i8, int(done*min(4.0_wp, chunk_seconds*rate/max(1_i8, clock_end - clock_start)), i8))
+         chunk = min(chunk, max(1_i8, chunk_crossings*run%done/max(1_i8, run%crossings%n)))
       end do
    end subroutine run_all
 

@@ -2,8 +2,7 @@
 !> State of a run: rows of its boulders, sums over them, tallies of maps. Both programs open it, advance it in chunks of
 !> any order, and read its arrays through the table of `arrays_of`; without a scene it is joined from parts.
 module rockfall_run_state
-   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-   use rockfall_kinds, only: wp, i1, i4, i8
+   use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
    use rockfall_scene_type, only: scene_t, n_grounds
@@ -17,9 +16,10 @@ module rockfall_run_state
                                    take_own_tallies, settle_partial_sources, restore_sources
    use rockfall_histogram, only: bins, quantities, n_bins
    use rockfall_boulder, only: release_t
-   use rockfall_variables, only: boulder_counts, line_fields, vertex_fields, histogram_fields, statuses, row_reals, &
-                                 row_integers, real_groups, integer_groups
-   use rockfall_rows, only: boulder_row, boulder_count_row, real_row, integer_row, line_row
+   use rockfall_variables, only: boulder_counts, line_fields, crossing_fields, vertex_fields, histogram_fields, &
+                                 statuses, row_reals, row_integers, real_groups, integer_groups
+   use rockfall_rows, only: boulder_row, boulder_count_row, real_row, integer_row, line_row, crossing_row
+   use rockfall_crossing_rows, only: crossing_rows_t, start_rows, make_room, append_rows, clear_rows, sort_rows, n_reals
    use rockfall_ensemble, only: run_boulders, recorded_boulders
    use rockfall_threads, only: team_size
    use rockfall_case_keys, only: map_names, n_maps
@@ -32,11 +32,11 @@ module rockfall_run_state
    implicit none
    private
    public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance
-   public :: arrays_of, rows_of, no_row, plan_of, settle_run, restore_run, forget_tallies
+   public :: arrays_of, rows_of, row_kept, no_row, plan_of, settle_run, restore_run, forget_tallies, sort_crossings, forget_crossings
 
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
-   integer(i8), parameter :: few_values = 1000000          !! at lines: fewer are filled by one thread
-   integer(i8), parameter :: rows_at_once = 64             !! boulders whose rows at lines are stored together
+   integer, parameter :: passing_height = findloc(crossing_fields, "passing_height", dim=1)
+   integer(i8), parameter :: at_once = 64                  !! boulders whose crossings are added to samples together
    integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
 
    !> Run, or a range of its boulders. Arrays that the case does not need have size zero.
@@ -52,10 +52,8 @@ module rockfall_run_state
       real(wp), allocatable :: reals(:, :)                !! (rows, columns)
       integer(i1), allocatable :: status(:)
       integer(i4), allocatable :: integers(:, :)
-      real(wp), allocatable :: line(:, :, :)              !! (rows, lines, line_fields)
-      integer(i1), allocatable :: outcome(:, :)           !! (rows, barriers), as in crossing_t
-      real(wp), allocatable :: line_volume(:, :)          !! (rows, lines), if boulders may break: of the fragment [m3]
-      integer(i4), allocatable :: line_fragments(:, :)    !! (rows, lines), if they may: those that crossed
+      integer :: lines = 0
+      type(crossing_rows_t) :: crossings                  !! of lines, by the boulders of these rows
       ! Sums over the boulders done:
       integer(i8) :: count(n_totals) = 0                  !! the last of boulder_counts
       integer(i8) :: histogram(bins, quantities) = 0
@@ -173,6 +171,7 @@ contains
       call allocate_rows(case, n_grounds(scene), allocated(scene%release%feature), allocated(scene%shapes), run, error)
       if (allocated(error)) return
       call copy_rows(run, 0_i8, other)
+      call move_crossings(other%crossings, run%crossings)
       run%count = other%count
       run%histogram = other%histogram
       run%by_ground = other%by_ground
@@ -204,6 +203,11 @@ contains
       end if
       if (allocated(run%number)) run%number(row + 1:row + n) = part%number(:n)
       call copy_rows(run, row, part)
+      call append_rows(run%crossings, part%crossings, fit)
+      if (.not. fit) then
+         call report_memory(run, error)
+         return
+      end if
       run%count = run%count + part%count
       run%histogram = run%histogram + part%histogram
       run%by_ground = run%by_ground + part%by_ground
@@ -222,12 +226,35 @@ contains
          run%reals(row + 1:row + n, :) = other%reals(:n, :)
          run%status(row + 1:row + n) = other%status(:n)
          run%integers(row + 1:row + n, :) = other%integers(:n, :)
-         run%line(row + 1:row + n, :, :) = other%line(:n, :, :)
-         run%outcome(row + 1:row + n, :) = other%outcome(:n, :)
-         run%line_volume(row + 1:row + n, :) = other%line_volume(:n, :)
-         run%line_fragments(row + 1:row + n, :) = other%line_fragments(:n, :)
       end associate
    end subroutine copy_rows
+
+   !> Move crossings to a run that continues another one, which keeps none.
+   subroutine move_crossings(from, to)
+      type(crossing_rows_t), intent(inout) :: from, to
+      integer :: k
+
+      to%n = from%n
+      call move_alloc(from%boulder, to%boulder)
+      call move_alloc(from%line, to%line)
+      do k = 1, n_reals
+         call move_alloc(from%real(k)%of, to%real(k)%of)
+      end do
+      call move_alloc(from%volume, to%volume)
+      call move_alloc(from%fragments, to%fragments)
+      call move_alloc(from%outcome, to%outcome)
+      call start_rows(to%may_break, to%may_hit, from)
+   end subroutine move_crossings
+
+   !> Sort crossings by line, those of a line by boulder.
+   subroutine sort_crossings(run, error)
+      type(run_t), intent(inout) :: run
+      type(error_t), allocatable, intent(out) :: error
+      logical :: fit
+
+      call sort_rows(run%lines, run%crossings, fit)
+      if (.not. fit) call report_memory(run, error)
+   end subroutine sort_crossings
 
    subroutine close_run(run)
       type(run_t), intent(inout) :: run
@@ -245,6 +272,13 @@ contains
       call forget_maps(run%maps, stacks)
       call forget_samples(run%samples)
    end subroutine forget_tallies
+
+   !> Forget the crossings, which somebody else keeps now.
+   subroutine forget_crossings(run)
+      type(run_t), intent(inout) :: run
+
+      call clear_rows(run%crossings)
+   end subroutine forget_crossings
 
    ! ---- memory -------------------------------------------------------------------------------
 
@@ -272,32 +306,11 @@ contains
       n = run%boulders
       if (allocated(run%number)) n = size(run%number, kind=i8)
       allocate (run%reals(n, size(run%real_columns)), run%status(n), run%integers(n, size(run%integer_columns)), &
-                run%line(n, size(case%lines), size(line_fields)), &
-                run%outcome(n, count(case%lines%height > 0)), &
-                run%line_volume(n, merge(size(case%lines), 0, allocated(case%breakage))), &
-                run%line_fragments(n, merge(size(case%lines), 0, allocated(case%breakage))), stat=status)
-      if (status /= 0) then
-         call report_memory(run, error)
-         return
-      end if
-      call fill_with_nan(run%line)  ! of thousands of lines a boulder crosses few
-      run%line_volume = ieee_value(0.0_wp, ieee_quiet_nan)
+                stat=status)
+      if (status /= 0) call report_memory(run, error)
+      run%lines = size(case%lines)
+      call start_rows(allocated(case%breakage), any(case%lines%height > 0), run%crossings)
    end subroutine allocate_rows
-
-   !> Fill rows at lines with NaN, by all threads: of thousands of lines they take gigabytes, which are touched here
-   !> for the first time.
-   subroutine fill_with_nan(rows)
-      real(wp), intent(out) :: rows(:, :, :)
-      real(wp) :: nan
-      integer :: line
-
-      nan = ieee_value(0.0_wp, ieee_quiet_nan)
-      !$omp parallel do default(none) shared(rows, nan) if (size(rows, kind=i8) > few_values)
-      do line = 1, size(rows, 2)
-         rows(:, line, :) = nan
-      end do
-      !$omp end parallel do
-   end subroutine fill_with_nan
 
    !> Allocate empty maps, and samples where not all rows are kept.
    subroutine allocate_tallies(run, error)
@@ -308,7 +321,7 @@ contains
       call allocate_maps(run%maps, fit)
       if (fit .and. allocated(run%number)) &
          call allocate_samples(run%samples, n_quantities, size(run%layout%part_last), size(run%layout%group_part), &
-                               size(run%line, 2) + 1, size(statuses), tails, run%total, fit)
+                               run%lines + 1, size(statuses), tails, run%total, fit)
       if (.not. fit) call report_memory(run, error)
    end subroutine allocate_tallies
 
@@ -337,6 +350,7 @@ contains
       integer(i8), allocatable :: row(:)  !! of each boulder; 0: none
       integer(i8) :: k, last
       integer :: status, thread, threads
+      logical :: fit
 
       n = 0
       allocate (results(chunk), crossings(chunk), row(chunk), stat=status)
@@ -363,14 +377,21 @@ contains
                                                  boulder_count_row(results(k)))
       end do
       if (allocated(scene%lines)) then
+         call store_crossings(run, scene, first, step, results(:n), crossings(:n), row(:n), fit)
+         if (.not. fit) then
+            call report_memory(run, error)
+            return
+         end if
+      end if
+      if (allocated(scene%lines) .and. allocated(run%number)) then
          threads = min(team_size(run%threads), size(scene%lines))
          ! with the whole team, since threads that a smaller one leaves out end, and start again for the next chunk
          !$omp parallel do default(none) num_threads(team_size(run%threads)) &
-         !$omp& shared(run, scene, results, crossings, row, n, threads) private(k, last)
+         !$omp& shared(run, scene, results, crossings, n, threads) private(k, last)
          do thread = 1, threads
-            do k = 1, n, rows_at_once
-               last = min(n, k + rows_at_once - 1)
-               call store_crossings(run, scene, results(k:last), crossings(k:last), row(k:last), thread, threads)
+            do k = 1, n, at_once
+               last = min(n, k + at_once - 1)
+               call sample_crossings(run, scene, results(k:last), crossings(k:last), thread, threads)
             end do
          end do
          !$omp end parallel do
@@ -406,20 +427,81 @@ contains
       run%reals(row, :) = reals(run%real_columns)
       run%status(row) = int(result%status, i1)
       run%integers(row, :) = integers(run%integer_columns)
-      run%outcome(row, :) = 0
-      run%line_fragments(row, :) = 0
    end subroutine store_row
 
-   !> Store boulders at the lines of one thread, in their rows and in the samples: line by line, because the rows and
-   !> samples of one lie together in memory, and those of thousands do not.
-   subroutine store_crossings(run, scene, results, crossings, row, thread, threads)
+   !> Store the crossings of boulders of a chunk that have rows, after those of earlier chunks.
+   subroutine store_crossings(run, scene, first, step, results, crossings, row, fit)
+      type(run_t), intent(inout) :: run
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: first, step  !! numbers of the boulders
+      type(boulder_result_t), intent(in) :: results(:)
+      type(crossings_t), intent(in) :: crossings(:)
+      integer(i8), intent(in) :: row(:)       !! of each boulder; 0: none
+      logical, intent(out) :: fit
+      integer(i8) :: before(size(crossings) + 1), k
+
+      before(1) = run%crossings%n
+      do k = 1, size(crossings, kind=i8)
+         before(k + 1) = before(k)
+         if (row(k) > 0) before(k + 1) = before(k) + count(crossings(k)%at(:crossings(k)%n)%crossed)
+      end do
+      associate (last => before(size(before)))
+         call make_room(run%crossings, last - run%crossings%n, fit)
+         if (.not. fit) return
+         run%crossings%n = last
+      end associate
+      !$omp parallel do default(none) num_threads(team_size(run%threads)) schedule(static, at_once) &
+      !$omp& shared(run, scene, first, step, results, crossings, before)
+      do k = 1, size(crossings, kind=i8)
+         if (before(k + 1) > before(k)) &
+            call store_boulder(run%crossings, scene, first + (k - 1)*step, crossings(k), before(k))
+      end do
+      !$omp end parallel do
+   end subroutine store_crossings
+
+   !> Store the crossings of a boulder after a number of rows.
+   pure subroutine store_boulder(rows, scene, number, crossings, before)
+      type(crossing_rows_t), intent(inout) :: rows
+      type(scene_t), intent(in) :: scene
+      integer(i8), intent(in) :: number  !! of the boulder
+      type(crossings_t), intent(in) :: crossings
+      integer(i8), intent(in) :: before
+      real(wp) :: values(n_reals)
+      integer(i8) :: row
+      integer :: j, k
+
+      row = before
+      do j = 1, crossings%n
+         associate (at => crossings%at(j))
+            if (.not. at%crossed) cycle
+            row = row + 1
+            values = crossing_row(scene%lines(at%line), at)
+            rows%boulder(row) = number
+            rows%line(row) = at%line - 1
+            do k = 1, n_reals
+               rows%real(k)%of(row) = real(values(k), sp)
+            end do
+            ! rounded up: a barrier as high as the highest crossing of a result stops that boulder
+            associate (height => rows%real(passing_height)%of(row))
+               if (real(height, wp) < values(passing_height)) height = nearest(height, 1.0_sp)
+            end associate
+            if (rows%may_break) then
+               rows%volume(row) = real(at%fragment%volume, sp)
+               rows%fragments(row) = at%fragments
+            end if
+            if (rows%may_hit) rows%outcome(row) = at%outcome
+         end associate
+      end do
+   end subroutine store_boulder
+
+   !> Add boulders at the lines of one thread to the samples: line by line, because the samples of one lie together in
+   !> memory, and those of thousands do not.
+   subroutine sample_crossings(run, scene, results, crossings, thread, threads)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: results(:)
       type(crossings_t), intent(in) :: crossings(:)
-      integer(i8), intent(in) :: row(:)        !! of each boulder; 0: none
       integer, intent(in) :: thread, threads   !! number of this one, and of all
-      real(wp) :: values(size(line_fields))
       integer :: first(size(scene%lines) + 1), boulder(sum(crossings%n)), place(sum(crossings%n)), line, k, m
 
       call sort_by_line(crossings, first, boulder, place)
@@ -428,20 +510,14 @@ contains
             k = boulder(m)
             if (results(k)%status == left_window) cycle
             associate (at => crossings(k)%at(place(m)), origin => [scene%dem%x0, scene%dem%y0])
-               values = line_row(scene%dem, results(k), at)
-               if (allocated(run%number) .and. at%crossed) &
+               if (at%crossed) &
                   call add_crossing(run%samples, run%layout, line, scene%lines(line), origin, &
-                                    results(k)%boulder%volume, int(results(k)%source), values)
-               if (row(k) == 0) cycle
-               if (at%outcome /= 0) run%outcome(row(k), findloc(scene%barriers%line, line, dim=1)) = at%outcome
-               run%line(row(k), line, :) = values
-               if (at%fragments == 0) cycle
-               run%line_volume(row(k), line) = at%fragment%volume
-               run%line_fragments(row(k), line) = at%fragments
+                                    results(k)%boulder%volume, int(results(k)%source), &
+                                    line_row(scene%dem, results(k), at))
             end associate
          end do
       end do
-   end subroutine store_crossings
+   end subroutine sample_crossings
 
    !> Sort the crossings of some boulders by line, those of a line by boulder.
    pure subroutine sort_by_line(crossings, first, boulder, place)
@@ -535,17 +611,7 @@ contains
             call table%add(integer_groups(column), row_integers(column), ["boulder"], run%integers(:, k))
          end associate
       end do
-      if (size(run%line, 2) > 0) then
-         do k = 1, size(line_fields)
-            call table%add("line", line_fields(k), [character(len=7) :: "boulder", "line"], run%line(:, :, k))
-         end do
-      end if
-      if (size(run%line_volume, 2) > 0) then
-         call table%add("fragment", "volume", [character(len=7) :: "boulder", "line"], run%line_volume)
-         call table%add("fragment", "fragments", [character(len=7) :: "boulder", "line"], run%line_fragments)
-      end if
-      if (size(run%outcome, 2) > 0) &
-         call table%add("barrier", "outcome", [character(len=7) :: "boulder", "barrier"], run%outcome)
+      if (run%lines > 0) call add_crossing_arrays(run%crossings, table)
       do k = 1, n_totals
          call table%add("count", boulder_counts(size(boulder_counts) - n_totals + k), [character ::], run%count(k))
       end do
@@ -568,6 +634,25 @@ contains
       call table%add("work", "left", ["left"], run%left, "i8")
       call table%add("work", "left_at", [character(len=4) :: "left", "axis"], run%left_at, "f8")
    end function arrays_of
+
+   subroutine add_crossing_arrays(rows, table)
+      type(crossing_rows_t), intent(in), target :: rows
+      type(table_t), intent(inout) :: table
+      integer :: k
+
+      associate (n => rows%n)
+         call table%add("crossing", "boulder", ["crossing"], rows%boulder(:n))
+         call table%add("crossing", "line", ["crossing"], rows%line(:n))
+         do k = 1, n_reals
+            call table%add("crossing", crossing_fields(k), ["crossing"], rows%real(k)%of(:n))
+         end do
+         if (rows%may_break) then
+            call table%add("fragment", "volume", ["crossing"], rows%volume(:n))
+            call table%add("fragment", "fragments", ["crossing"], rows%fragments(:n))
+         end if
+         if (rows%may_hit) call table%add("hit", "outcome", ["crossing"], rows%outcome(:n))
+      end associate
+   end subroutine add_crossing_arrays
 
    subroutine add_sample_arrays(run, table)
       type(run_t), intent(in), target :: run

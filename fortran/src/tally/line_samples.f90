@@ -9,7 +9,7 @@ module rockfall_line_samples
    use rockfall_variables, only: boulder_fields, boulder_counts, line_fields
    implicit none
    private
-   public :: layout_t, layout_of, add_end, add_crossing, line_quantities, place_along
+   public :: layout_t, layout_of, add_end, add_crossing, line_quantities, place_along, point_along
    public :: line_quantity, end_quantity, units_of, n_quantities, tails
 
    !> Quantities at a line, of which the first may have a tail; quantities at the end of a boulder.
@@ -186,4 +186,24 @@ contains
          before = before + length
       end do
    end function place_along
+
+   !> Point of a line at a distance [m] along it, the inverse of `place_along`.
+   pure function point_along(line, along) result(point)
+      type(line_t), intent(in) :: line
+      real(wp), intent(in) :: along  !! from its first vertex [m]
+      real(wp) :: point(2), start(2), side(2), length, before
+      integer :: k
+
+      point = [line%x(1), line%y(1)]
+      before = 0
+      do k = 1, size(line%x) - 1
+         start = [line%x(k), line%y(k)]
+         side = [line%x(k + 1), line%y(k + 1)] - start
+         length = sqrt(dot_product(side, side))
+         if (length <= 0) cycle
+         point = start + max(0.0_wp, min(1.0_wp, (along - before)/length))*side
+         before = before + length
+         if (along <= before) return
+      end do
+   end function point_along
 end module rockfall_line_samples

@@ -10,7 +10,7 @@ module rockfall_value_rules
    use rockfall_barrier, only: passed_over
    implicit none
    private
-   public :: value_fault, crossing_fault
+   public :: value_fault
 
    !> Range of values; the grid of the terrain, if known, bounds places.
    type :: range_t
@@ -49,42 +49,22 @@ contains
       end if
    end function value_fault
 
-   !> The same for values at lines, by the times of the crossings: they are missing (NaN, counts zero) where a boulder
-   !> did not cross, and only there.
-   pure function crossing_fault(name, values, times, grid) result(fault)
-      character(len=*), intent(in) :: name
-      real(wp), intent(in) :: values(:), times(:)
-      type(grid_t), intent(in), optional :: grid
-      character(len=:), allocatable :: fault
-
-      if (name == "line_fragments") then
-         fault = name//": must be > 0 where a boulder crossed a line"
-         if (any((values > 0) .eqv. ieee_is_nan(times))) return
-         fault = value_fault(name, values)
-      else
-         fault = name//": must be a number where a boulder crossed a line"
-         if (any(ieee_is_nan(values) .neqv. ieee_is_nan(times))) return
-         if (any(.not. (ieee_is_nan(values) .or. ieee_is_finite(values)))) return
-         fault = value_fault(name, pack(values, .not. ieee_is_nan(values)), grid)
-      end if
-   end function crossing_fault
-
    !> Range of a variable; lengths, times, speeds, energies and counts are not negative.
    pure type(range_t) function range_of(name, grid) result(range)
       character(len=*), intent(in) :: name
       type(grid_t), intent(in), optional :: grid
 
       select case (name)
-      case ("volume", "line_volume"); range%excludes_lowest = .true.
-      case ("source", "source_feature", "tally_shared_source"); range%lowest = 1
+      case ("volume", "crossing_volume"); range%excludes_lowest = .true.
+      case ("source", "source_feature", "tally_shared_source", "crossing_fragments"); range%lowest = 1
       case ("status")
          range%lowest = 1
          range%highest = size(statuses)
       case ("block_shape")
          range%lowest = 1
          range%highest = n_block_shapes
-      case ("barrier_outcome"); range%highest = passed_over
-      case ("start_x", "stop_x", "line_x", "start_y", "stop_y", "line_y")
+      case ("crossing_outcome"); range%highest = passed_over
+      case ("start_x", "stop_x", "start_y", "stop_y")
          range%lowest = -huge(1.0_wp)
          if (.not. present(grid)) return
          range%place = ", on the terrain"
@@ -95,8 +75,8 @@ contains
             range%lowest = grid%north - grid%ny*grid%cell
             range%highest = grid%north
          end if
-      case ("path_length", "plan_distance", "travel_time", "speed_max", "jump_height_max", "impacts", "line_time", &
-            "line_speed", "line_energy_translational", "line_energy_rotational", "line_fragments", "trees_hit", &
+      case ("path_length", "plan_distance", "travel_time", "speed_max", "jump_height_max", "impacts", "trees_hit", &
+            "crossing_time", "crossing_distance", &
             "fines_volume", "fragments", "breakages", "breakages_capped")
          range%lowest = 0
       case default

@@ -7,11 +7,12 @@ module rockfall_variables
    private
    public :: variable_t, variable_table, variable_of, variable_text, stored_as, name_in_files
    public :: boulder_fields, boulder_counts, energy_fields, row_reals, row_integers, real_groups, integer_groups, &
-             line_fields, vertex_fields, map_fields, histogram_fields, statuses
+             line_fields, crossing_fields, vertex_fields, map_fields, histogram_fields, statuses, &
+             outcomes
    public :: scene_layout, part_layout, piece, max_packing
 
    ! Versions of scene and part files:
-   integer(i8), parameter :: scene_layout = 2, part_layout = 5
+   integer(i8), parameter :: scene_layout = 2, part_layout = 6
    integer(i8), parameter :: piece = 2_i8**17    !! values per checksum
    integer(i8), parameter :: max_packing = 1100  !! maximum compression ratio of zlib
 
@@ -20,12 +21,13 @@ module rockfall_variables
       !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), feature (per
       !> boulder, if sources come from a layer), shape (per boulder, if they have several), mass (if sources come from
       !> a layer or give densities), tree (per boulder, if there are trees), breakage (per boulder, if they may break),
-      !> line (first crossing), fragment (at lines, if boulders may break), line_vertex, barrier, map, histogram, vertex
+      !> crossing (first one of a line), fragment (there, if boulders may break), hit (there, if there are barriers), line
+      !> (what follows from a crossing, in no file), line_vertex, barrier, map, histogram, vertex
       !> (of a trajectory), tally (per cell, in part files), kept and sample (if not all rows are kept); or status,
       !> outcome and leg: values of the status of a boulder, of the outcome at a barrier, and of the motion from a
       !> vertex to the next.
       character(len=11) :: group
-      character(len=27) :: name       !! in files prefixed by line_, trajectory_, tally_, followed by _histogram
+      character(len=27) :: name       !! in files prefixed by crossing_, trajectory_, tally_, followed by _histogram
       character(len=7) :: kind        !! real, integer, word
       character(len=7) :: units       !! in CF notation; of a histogram: those of its bins
       character(len=80) :: long_name
@@ -121,8 +123,21 @@ module rockfall_variables
                  "height of the boulder's centre above the surface, vertical"), &
       variable_t("line", "energy_translational", "real", "J", "translational energy"//at_crossing), &
       variable_t("line", "energy_rotational", "real", "J", "rotational energy"//at_crossing), &
+      variable_t("crossing", "boulder", "integer", "1", "number of the boulder"), &
+      variable_t("crossing", "line", "integer", "1", "index of the line", "counts from 0", "i4"), &
+      variable_t("crossing", "time", "real", "s", "time from release to the first crossing", stored="f4"), &
+      variable_t("crossing", "distance", "real", "m", "distance along the line, from its first vertex", stored="f4"), &
+      variable_t("crossing", "velocity_x", "real", "m s-1", "eastward velocity"//at_crossing, stored="f4"), &
+      variable_t("crossing", "velocity_y", "real", "m s-1", "northward velocity"//at_crossing, stored="f4"), &
+      variable_t("crossing", "velocity_z", "real", "m s-1", "upward velocity"//at_crossing, stored="f4"), &
+      variable_t("crossing", "omega", "real", "rad s-1", &
+                 "angular velocity at the first crossing, forward rolling > 0", stored="f4"), &
+      variable_t("crossing", "jump_height", "real", "m", &
+                 "height of the boulder's point above the surface, 0 at a contact", stored="f4"), &
+      variable_t("crossing", "passing_height", "real", "m", &
+                 "height of the boulder's centre above the surface, vertical", stored="f4"), &
       variable_t("fragment", "volume", "real", "m3", "volume of the fragment whose crossing is given", &
-                 "that of the most energy; heights are those of no fragment exceeded"), &
+                 "that of the most energy; heights are those of no fragment exceeded", "f4"), &
       variable_t("fragment", "fragments", "integer", "1", "fragments that crossed", stored="i4"), &
       variable_t("line_vertex", "line", "integer", "1", &
                  "index of the evaluation line", "counts from 0"), &
@@ -130,7 +145,7 @@ module rockfall_variables
       variable_t("line_vertex", "y", "real", "m", "northing"), &
       variable_t("barrier", "height", "real", "m", "height of the top edge above the ground"), &
       variable_t("barrier", "capacity", "real", "J", "energy that the barrier takes at most"), &
-      variable_t("barrier", "outcome", "integer", "1", "what the barrier did", &
+      variable_t("hit", "outcome", "integer", "1", "what the barrier did", &
                  "of several crossings the one that mattered: stopped, broken_through, passed_over", "i1"), &
       variable_t("map", "passages", "integer", "1", &
                  "boulders that passed the cell, each counted once"), &
@@ -286,6 +301,8 @@ module rockfall_variables
    character(len=11), parameter :: integer_groups(*) = pack(variable_table%group, is_row_integer)
    character(len=27), parameter :: line_fields(n_line_fields) = pack(variable_table%name, &
       variable_table%group == "line")
+   character(len=27), parameter :: crossing_fields(*) = pack(variable_table%name, &
+      variable_table%group == "crossing" .and. variable_table%kind == "real")
    character(len=27), parameter :: vertex_fields(n_vertex_fields) = pack(variable_table%name, &
       variable_table%group == "vertex" .and. variable_table%kind == "real")
    character(len=27), parameter :: map_fields(*) = pack(variable_table%name, &
@@ -294,6 +311,8 @@ module rockfall_variables
       variable_table%group == "histogram")
    character(len=27), parameter :: statuses(*) = pack(variable_table%name, &
       variable_table%group == "status")
+   character(len=27), parameter :: outcomes(*) = pack(variable_table%name, &
+      variable_table%group == "outcome")
 
 contains
 
@@ -323,8 +342,8 @@ contains
 
       name = trim(row%name)
       select case (row%group)
-      case ("line", "barrier", "tally", "sample"); name = trim(row%group)//"_"//name
-      case ("fragment"); name = "line_"//name
+      case ("line", "crossing", "barrier", "tally", "sample"); name = trim(row%group)//"_"//name
+      case ("fragment", "hit"); name = "crossing_"//name
       case ("vertex"); name = "trajectory_"//name
       case ("histogram"); name = name//"_histogram"
       end select

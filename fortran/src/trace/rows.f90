@@ -1,17 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Results as rows of numbers in map coordinates, the same for both programs.
 module rockfall_rows
-   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i8
    use rockfall_terrain, only: terrain_t
+   use rockfall_line, only: line_t
+   use rockfall_line_samples, only: place_along
    use rockfall_boulder, only: boulder_t, release_t, feature_of, kinetic_energy
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: crossing_t
    use rockfall_scratch, only: contact_t
-   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields, row_reals, row_integers
+   use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields, row_reals, row_integers, &
+                                 crossing_fields
    implicit none
    private
-   public :: boulder_row, boulder_count_row, real_row, integer_row, line_row, vertex_row
+   public :: boulder_row, boulder_count_row, real_row, integer_row, line_row, crossing_row, vertex_row
 
 contains
 
@@ -59,7 +61,7 @@ contains
              outcome%trees_hit, outcome%fragments, outcome%breakages, outcome%capped]
    end function integer_row
 
-   !> Values of `line_fields`; NaN if the boulder did not cross. Energies: Bourrier et al. 2009, eqs 1-3.
+   !> Values of `line_fields`. Energies: Bourrier et al. 2009, eqs 1-3.
    pure function line_row(dem, outcome, crossing) result(row)
       type(terrain_t), intent(in) :: dem
       type(boulder_result_t), intent(in) :: outcome
@@ -67,8 +69,6 @@ contains
       real(wp) :: row(size(line_fields))
       type(boulder_t) :: boulder
 
-      row = ieee_value(0.0_wp, ieee_quiet_nan)
-      if (.not. crossing%crossed) return
       boulder = outcome%boulder
       if (crossing%fragments > 0) boulder = crossing%fragment
       row = [crossing%x + dem%x0, crossing%y + dem%y0, crossing%time, &
@@ -76,6 +76,16 @@ contains
              crossing%jump_height, crossing%passing_height, &
              kinetic_energy(boulder, crossing%v, crossing%omega)]
    end function line_row
+
+   !> Values of `crossing_fields`.
+   pure function crossing_row(line, crossing) result(row)
+      type(line_t), intent(in) :: line
+      type(crossing_t), intent(in) :: crossing
+      real(wp) :: row(size(crossing_fields))
+
+      row = [crossing%time, place_along(line, [crossing%x, crossing%y]), crossing%v, crossing%omega, &
+             crossing%jump_height, crossing%passing_height]
+   end function crossing_row
 
    !> Values of `vertex_fields`.
    pure function vertex_row(dem, vertex) result(row)

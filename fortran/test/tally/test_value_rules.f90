@@ -5,7 +5,7 @@ program test_value_rules
    use rockfall_kinds, only: wp
    use rockfall_text, only: real_text
    use rockfall_grid, only: grid_t
-   use rockfall_value_rules, only: value_fault, crossing_fault
+   use rockfall_value_rules, only: value_fault
    use check_m, only: check, finish
    implicit none
 
@@ -26,14 +26,11 @@ program test_value_rules
               .and. value_fault("stop_y", [160.0_wp, 200.0_wp], grid) == "")
    call check("beyond them", value_fault("stop_y", [159.0_wp], grid) &
               == "stop_y = 159: must be 160 to 200, on the terrain" .and. value_fault("stop_y", [159.0_wp]) == "")
-   call check("crossings", crossing_fault("line_speed", [1.0_wp, nan], [2.0_wp, nan]) == "")
-   call check("a crossing without a number", crossing_fault("line_omega", [nan, nan], [2.0_wp, nan]) /= "")
-   call check("a number without a crossing", crossing_fault("line_omega", [1.0_wp, 1.0_wp], [2.0_wp, nan]) /= "")
-   call check("an infinite one", crossing_fault("line_omega", [infinity], [2.0_wp]) /= "")
-   call check("a negative one", crossing_fault("line_speed", [-1.0_wp], [2.0_wp]) == "line_speed = -1: must be >= 0")
-   call check("counts at lines", crossing_fault("line_fragments", [2.0_wp, 0.0_wp], [2.0_wp, nan]) == "" &
-              .and. crossing_fault("line_fragments", [0.0_wp], [2.0_wp]) /= "" &
-              .and. crossing_fault("line_fragments", [-1.0_wp], [nan]) /= "")
+   call check("a crossing", value_fault("crossing_time", [0.0_wp]) == "" &
+              .and. value_fault("crossing_time", [-1.0_wp]) == "crossing_time = -1: must be >= 0" &
+              .and. value_fault("crossing_omega", [-1.0_wp]) == "" .and. value_fault("crossing_omega", [nan]) /= "")
+   call check("fragments at a line", value_fault("crossing_fragments", [0.0_wp]) /= "" &
+              .and. value_fault("crossing_volume", [0.0_wp]) /= "")
    call check("numbers as text", real_text(600000.0_wp, 10) == "600000" .and. real_text(1e30_wp, 6) == "1e30" &
               .and. real_text(-1e-9_wp, 6) == "-1e-9" .and. real_text(0.1_wp, 6) == "0.1" &
               .and. real_text(0.0_wp, 6) == "0" .and. real_text(123456.5_wp, 10) == "123456.5")

@@ -13,6 +13,7 @@ import numpy as np
 from rockfall.analysis.runs import run
 from rockfall.case import read_case
 from rockfall.errors import RockfallError
+from rockfall.result.crossings import at_lines as crossed
 from rockfall.result.motion import are_met
 from rockfall.scene.rebound import ratio_class
 from rockfall.scene.sets import Sets, restitution
@@ -104,8 +105,9 @@ def _as_fitted(sets: Sets) -> dict[int, ImpactSet]:
 def at_lines(method: str, result: xr.Dataset) -> dict[str, float]:
     """Numbers at the lines, by a method."""
     numbers: dict[str, float] = {}
-    for line in result["line"].values:
-        numbers |= _at_line(result.sel(line=line), f"{method}_{line}")
+    dense = crossed(result)
+    for line in dense["line"].values:
+        numbers |= _at_line(dense.sel(line=line), f"{method}_{line}")
     return numbers
 
 

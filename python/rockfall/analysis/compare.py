@@ -14,7 +14,6 @@ import numpy as np
 from rockfall.analysis.contacts import REACH, contacts_table, stops_table
 from rockfall.analysis.deposits import MIN_COMPARED, agreement, at_rest, grid_for, witnesses
 from rockfall.analysis.line_statistics import SIGNED, line_numbers, sample_numbers
-from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.observations import UNITS, Observed, read_observed
 from rockfall.analysis.observed_doubts import (
     check_exchanged,
@@ -43,6 +42,7 @@ from rockfall.io.output_files import check_output
 from rockfall.io.tables import write_csv
 from rockfall.language import say
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
+from rockfall.result.crossings import line_names, line_values
 from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import ends, left_terrain
 

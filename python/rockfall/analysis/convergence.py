@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.line_statistics import line_numbers, with_limits
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.model_limits import model_warnings
 from rockfall.analysis.model_warnings import warn_each
 from rockfall.analysis.precision.intervals import TARGETS, boulders_needed, sources
@@ -21,6 +20,7 @@ from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.limits import Z
+from rockfall.result.crossings import line_names, line_values
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.sources import refuse_by_area
@@ -173,7 +173,7 @@ def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
     for size in sizes:
         part = result.isel(boulder=number < size)
         source = sources(part)
-        for k, line in enumerate(part["line"].values):
+        for k, line in enumerate(line_names(part)):
             for quantity in QUANTITIES:
                 numbers = line_numbers(part, k, quantity, source)
                 for statistic in (*STATISTICS, "max"):

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.lines.values import HEIGHTS
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.errors import RockfallError
 from rockfall.limits import fraction_limits
+from rockfall.result.crossings import HEIGHTS, line_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,7 +78,7 @@ def line_statistics(
     """
     import pandas as pd
 
-    known_quantities = QUANTITIES + ((FRAGMENTS,) if f"line_{FRAGMENTS}" in result else ())
+    known_quantities = QUANTITIES + ((FRAGMENTS,) if f"crossing_{FRAGMENTS}" in result else ())
     chosen_quantities = known_quantities if quantities is None else quantities
     for chosen_quantity in chosen_quantities:
         if chosen_quantity not in known_quantities:
@@ -87,7 +87,7 @@ def line_statistics(
     samples = LineSamples(result)
     parts = samples.groups(by, classes) if by else [("", None)]
     rows = []
-    for k, line in enumerate(result["line"].values if "line" in result else []):
+    for k, line in enumerate(line_names(result)):
         for name, chosen in parts:
             for quantity in chosen_quantities:
                 sample = samples.sample(k, quantity, chosen)

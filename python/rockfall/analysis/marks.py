@@ -34,6 +34,7 @@ import numpy as np
 
 from rockfall.analysis.deposits import ANYWHERE, silverman
 from rockfall.analysis.observations import Observed
+from rockfall.result.crossings import line_names, values_at
 from rockfall.scene.scene import Scene
 from rockfall.simulation.simulate import run_scene
 
@@ -110,7 +111,7 @@ def with_lines_at(scene: Scene, marks: list[Mark]) -> tuple[Scene, list[Mark]]:
             objects.append({"name": f"{name}: {width:g}", "object_width": width, **place})
     trial = _with_lines(scene, objects)
     result = run_scene(trial)
-    order = [str(name) for name in result["line"].values]
+    order = line_names(result)
     first, lines, named = order.index(str(objects[0]["name"])), [], []
     for mark, name in zip(marks, names, strict=True):
         widths = _widths(mark)
@@ -133,12 +134,12 @@ def _line(
     result: xr.Dataset, mark: Mark, widths: list[float], rows: slice
 ) -> dict[str, list[float]]:
     """Ends of the line at a mark, from the boulders that touch the objects (`rows`) there."""
-    touched = np.isfinite(result["line_speed"].values[rows])
-    many = touched.sum(axis=1) >= ENOUGH
+    touched = result["row_size"].values[rows]
+    many = touched >= ENOUGH
     k = int(np.argmax(many)) if many.any() else len(widths) - 1
-    if touched[k].any():
-        velocity = [result[f"line_velocity_{axis}"].values[rows][k] for axis in "xy"]
-        heading = np.array([np.nanmean(components) for components in velocity])
+    if touched[k]:
+        at = rows.start + k
+        heading = np.array([values_at(result, f"velocity_{axis}", at).mean() for axis in "xy"])
     else:  # none comes: from the middle of the sources
         start = [result[f"start_{axis}"].values.mean() for axis in "xy"]
         heading = np.array([mark.x, mark.y]) - start
@@ -152,13 +153,13 @@ def _line(
 def passing_at(result: xr.Dataset, mark: Mark) -> Passing:
     """Heights of the boulders of a run that cross the line of a mark; of a mark on a known side
     those that move towards it."""
-    k = [str(name) for name in result["line"].values].index(mark.line)
-    heights = result["line_passing_height"].values[k]
-    able = np.isfinite(heights)
+    k = line_names(result).index(mark.line)
+    heights = values_at(result, "passing_height", k)
+    able = np.ones(heights.size, bool)
     if not np.isnan(mark.side):
         out = np.radians(mark.side)
-        east, north = (result[f"line_velocity_{axis}"].values[k] for axis in "xy")
-        able &= np.nan_to_num(east * np.sin(out) + north * np.cos(out)) < 0
+        east, north = (values_at(result, f"velocity_{axis}", k) for axis in "xy")
+        able &= east * np.sin(out) + north * np.cos(out) < 0
     return Passing(heights[able], result.sizes["boulder"])
 
 

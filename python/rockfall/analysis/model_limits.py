@@ -23,6 +23,7 @@ from rockfall.grounds.impact_tables import open_table, own_table, shipped_tables
 from rockfall.language import Text, say, word
 from rockfall.limits import fraction_limits
 from rockfall.quantities import first_of, part_of_boulders, part_of_rebounds, percent
+from rockfall.result.crossings import MOTION, has_crossed, line_names, stored_at, volumes_at
 from rockfall.result.grounds import (
     classical_grounds,
     rebounds_by_ground,
@@ -271,13 +272,11 @@ def breakage_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 def _fragments_at_lines(values: Variables) -> Iterator[Text]:
     """Mean number of fragments at each line, of the boulders that cross it."""
-    if "line_fragments" not in values:
+    if not all(name in values for name in ("crossing_fragments", "line_name", "row_size")):
         return
-    for name, counts in zip(
-        np.asarray(values["line"]), np.asarray(values["line_fragments"]), strict=True
-    ):
-        if (counts > 0).any():
-            yield say("model.fragments", line=str(name), mean=counts[counts > 0].mean())
+    for k, name in enumerate(line_names(values)):
+        if (counts := stored_at(values, "fragments", k)).size:
+            yield say("model.fragments", line=name, mean=counts.mean())
 
 
 def forest_text(model: str = "vaujany-observed") -> Text:
@@ -300,20 +299,17 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     A boulder rolls where the ground is steeper than the rest angle. The passing height of a boulder
     on the ground is R_b/cos(slope), which gives the slope there.
     """
-    volumes = "line_volume" if "line_volume" in values else "volume"
-    names = ("line", "line_speed", "line_passing_height", "line_jump_height", volumes)
-    if not all(name in values for name in names):
+    if not all(name in values for name in ("line_name", "row_size", "volume")):
         return
-    lines, speeds, passing, jump, volume = (np.asarray(values[name]) for name in names)
-    radius = np.broadcast_to(np.cbrt(0.75 / np.pi * volume), speeds.shape)
     lowest = LOWEST_REST if rebounds_by_ground(values) else repose()
     cosine = np.cos(np.radians(case.impact.get("rest_angle", lowest)))
-    for k, name in enumerate(lines):
-        passed = np.flatnonzero(np.isfinite(speeds[k]))
-        above = passing[k, passed] - jump[k, passed]
-        rolls = (radius[k, passed] < above * cosine) & (speeds[k, passed] < SLOW)
-        if passed.size and (fraction := float(rolls.mean())) > MAX_SLOW:
-            attrs = {"line": str(name), "fraction": percent(fraction), "slow": SLOW}
+    for k, name in enumerate(line_names(values)):
+        motion = np.array([stored_at(values, part, k) for part in MOTION], "f8")
+        radius = np.cbrt(0.75 / np.pi * volumes_at(values, k))
+        above = motion[MOTION.index("passing_height")] - motion[MOTION.index("jump_height")]
+        rolls = (radius < above * cosine) & (np.hypot.reduce(motion[:3]) < SLOW)
+        if rolls.size and (fraction := float(rolls.mean())) > MAX_SLOW:
+            attrs = {"line": name, "fraction": percent(fraction), "slow": SLOW}
             yield Remark(say("model.rolling", **attrs), True)
 
 
@@ -350,18 +346,24 @@ def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iter
     """Lines that few boulders cross, beside those that ended while moving and would meet them if
     they went straight on: with these the fraction would be above its 95 % interval. Boulders that
     come far are the few that leave the terrain, too."""
-    if not (is_moving.any() and case.lines and "line_speed" in values):
+    if not (is_moving.any() and case.lines and "row_size" in values):
         return
-    n, crossed = is_moving.size, np.isfinite(np.asarray(values["line_speed"]))
+    n = is_moving.size
     start, stop = _ends(values, is_moving)
-    for line, has_crossed in zip(case.lines, crossed, strict=False):
-        passed = int(has_crossed.sum())
+    for k, line in _lines_of(values, case):
+        crossed = has_crossed(values, k)
+        passed = int(crossed.sum())
         most = max(MAX_LOST * passed, n * fraction_limits(passed / n, n)[1] - passed)
-        open_ = ~has_crossed[is_moving]
+        open_ = ~crossed[is_moving]
         if open_.sum() <= most:
             continue
         if (lost := int((_meets_line(stop, stop - start, line) & open_).sum())) > most:
             yield say("model.lost_at_line", line=line["name"], lost=lost, passed=passed)
+
+
+def _lines_of(values: Variables, case: Case) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Index and group of the lines of a case that the values are of, its first ones."""
+    return zip(range(np.size(values["row_size"])), case.lines, strict=False)
 
 
 def _ends(values: Variables, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -376,14 +378,15 @@ def _ends(values: Variables, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def _misses_line(values: Variables, case: Case, chosen: np.ndarray) -> np.ndarray:
     """Mask (chosen boulders,) of those that crossed no line, or that would meet one that they did
     not cross if they went straight on; all without lines."""
-    if not case.lines or "line_speed" not in values:
+    if not case.lines or "row_size" not in values:
         return np.ones(int(chosen.sum()), bool)
-    crossed = np.isfinite(np.asarray(values["line_speed"])[:, chosen])
     start, stop = _ends(values, chosen)
-    misses = ~crossed.any(axis=0)
-    for line, has_crossed in zip(case.lines, crossed, strict=False):
-        misses |= _meets_line(stop, stop - start, line) & ~has_crossed
-    return misses
+    misses, meets = np.ones(int(chosen.sum()), bool), np.zeros(int(chosen.sum()), bool)
+    for k, line in _lines_of(values, case):
+        crossed = has_crossed(values, k)[chosen]
+        misses &= ~crossed
+        meets |= _meets_line(stop, stop - start, line) & ~crossed
+    return misses | meets
 
 
 def _meets_line(origin: np.ndarray, direction: np.ndarray, line: dict[str, Any]) -> np.ndarray:

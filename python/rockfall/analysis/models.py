@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import line_numbers, sample_numbers
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.model_limits import model_warnings
 from rockfall.analysis.model_warnings import joined_warnings
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
@@ -37,6 +36,7 @@ from rockfall.io.netcdf import load_dataset
 from rockfall.language import Text, packed, say, unpacked
 from rockfall.quantities import percent
 from rockfall.result.contents import Contents
+from rockfall.result.crossings import has_crossed, line_names, line_values
 from rockfall.result.dataset import put_netcdf
 from rockfall.result.trajectories import left_terrain
 from rockfall.scene.read import read_scene
@@ -408,9 +408,9 @@ def _choice(scene: Scene, sizes: np.ndarray, small: int, large: int) -> np.ndarr
 def _rows(result: xr.Dataset, first: xr.Dataset) -> Iterator[dict[str, Any]]:
     """Numbers of a result, and their differences from those of the first."""
     source = sources(result)
-    for k, line in enumerate(result["line"].values if "line" in result else []):
+    for k, line in enumerate(line_names(result)):
         speeds = line_numbers(result, k, "speed", source)
-        crossed, before = (np.isfinite(run["line_time"].values[k]) for run in (result, first))
+        crossed, before = (has_crossed(run, k) for run in (result, first))
         apart = NO_DIFFERENCE
         if result is not first:
             apart = _fraction_difference(crossed, before, source)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.observations import Observed
 from rockfall.analysis.observed_doubts import check_exchanged
 from rockfall.analysis.precision.intervals import sources
@@ -26,6 +25,7 @@ from rockfall.analysis.run_out import (
     weights,
 )
 from rockfall.errors import RockfallError
+from rockfall.result.crossings import line_names, line_values
 from rockfall.result.same_case import check_same_site
 
 if TYPE_CHECKING:

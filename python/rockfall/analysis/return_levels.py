@@ -24,6 +24,7 @@ from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.errors import RockfallError
 from rockfall.language import say
 from rockfall.limits import Z
+from rockfall.result.crossings import line_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,7 +101,7 @@ def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.Data
     _check(levels)
     samples = LineSamples(result)
     rows = []
-    for k, line in enumerate(result["line"].values if "line" in result else []):
+    for k, line in enumerate(line_names(result)):
         for quantity in QUANTITIES:
             sample = samples.sample(k, quantity)
             row = _row(sample, tail_of(sample, levels))

@@ -219,7 +219,7 @@ def starts(result: xr.Dataset) -> Starts:
     places = np.column_stack([place.real, place.imag])
     if "source_feature" in result:
         group, features = pd.factorize(result["source_feature"].values)
-        names = [str(result["feature"].values[k - 1]) for k in features]
+        names = [str(result["feature_name"].values[k - 1]) for k in features]
         group_at = np.zeros(len(places), int)
         group_at[number] = group
         return Starts(group, names, places, group_at)

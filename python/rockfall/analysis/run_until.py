@@ -21,6 +21,7 @@ from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
 from rockfall.language import localised, say
 from rockfall.limits import MIN_FOR_MEAN
+from rockfall.result.crossings import line_names
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
@@ -187,7 +188,7 @@ def verdicts_of(result: Held) -> list[Verdict]:
     """Verdict of a result on each rule of its `run_until`; empty without rules."""
     if "until" not in result.attrs:
         return []
-    return evaluate(read_rules(result.attrs["until"], list(result["line"].values)), result)
+    return evaluate(read_rules(result.attrs["until"], line_names(result)), result)
 
 
 def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:

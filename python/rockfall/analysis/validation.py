@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.deposits import agreement
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.model_limits import model_warnings
 from rockfall.analysis.model_warnings import joined_warnings
 from rockfall.analysis.models import by_tables, named_notes, variants
@@ -28,6 +27,7 @@ from rockfall.analysis.run_out import (
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.language import Text
+from rockfall.result.crossings import line_names, line_values
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import run_scene
 
@@ -199,7 +199,7 @@ def run_out_numbers(
 
 def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
     """Values of the boulders that crossed a line; None if the case has no such line."""
-    lines = list(result["line"].values) if "line" in result else []
+    lines = line_names(result)
     if line not in lines:
         return None
     values = line_values(result, quantity, lines.index(line))

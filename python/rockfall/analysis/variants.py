@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.precision.intervals import (
     WITHHELD,
     Shape,
@@ -33,6 +32,7 @@ from rockfall.io.arrays import grid_of
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.tables import write_csv
 from rockfall.limits import MIN_FOR_MEAN, Z
+from rockfall.result.crossings import line_names, line_values, outcomes_at
 from rockfall.result.export import write_map
 from rockfall.result.same_case import check_same_site
 from rockfall.result.samples import check_rows, simulated
@@ -137,8 +137,8 @@ def _at_line(result: xr.Dataset, line: str) -> dict[str, np.ndarray] | None:
         return None
     k = names.index(line)
     at_line = {quantity: line_values(result, quantity, k) for quantity in QUANTITIES}
-    if "barrier_outcome" in result:
-        stopped = result["barrier_outcome"].values[k] == OUTCOME["stopped"]
+    if "crossing_outcome" in result:
+        stopped = outcomes_at(result, k) == OUTCOME["stopped"]
         at_line = {name: np.where(stopped, np.nan, values) for name, values in at_line.items()}
     return at_line
 

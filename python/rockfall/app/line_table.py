@@ -11,10 +11,10 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import numbers, withheld
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.lines.values import line_names
 from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.quantities import QUANTITIES
 from rockfall.result.contents import Contents
+from rockfall.result.crossings import line_names
 
 if TYPE_CHECKING:
     import xarray as xr

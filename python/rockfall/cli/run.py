@@ -7,7 +7,7 @@ import argparse
 import math
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.run_until import simulate_until, verdicts_of
 from rockfall.case import Case
@@ -104,7 +104,7 @@ def _run_to(
             raise RockfallError(f"{path}: {EXISTS}")
     with interrupts():  # completed work is written too
         try:
-            result = _simulate(scene, arguments, shard, checkpoint)
+            result = _simulate(scene, arguments, shard, checkpoint, path.parent)
         except Interrupted as stop:
             return _keep(stop.contents, path, checkpoint)
         _write(result, path, checkpoint)
@@ -130,13 +130,15 @@ def _simulate(
     arguments: argparse.Namespace,
     shard: tuple[int, int],
     checkpoint: Checkpoint | None,
+    folder: Path,
 ) -> Contents:
     """Simulate as many boulders as the case specifies, or as the rules of `--until` need."""
     shown = not arguments.quiet
     if arguments.dask is not None:
         return run_on_cluster(scene, arguments.dask, progress=shown)
     if arguments.until is None:
-        return simulate(scene, shard=shard, checkpoint=checkpoint, progress=shown, keep=False)
+        how: dict[str, Any] = {"progress": shown, "keep": False, "spill": folder}
+        return simulate(scene, shard=shard, checkpoint=checkpoint, **how)
     return simulate_until(scene, arguments.until, arguments.cap, progress=shown, keep=False)
 
 

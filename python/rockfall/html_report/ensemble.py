@@ -13,6 +13,7 @@ from rockfall.html_report.tables import Table
 from rockfall.language import Text, say, translated
 from rockfall.plots.style import capital
 from rockfall.quantities import QUANTITIES, statistic, with_unit
+from rockfall.result.crossings import line_index, line_names
 from rockfall.text.ensemble import (
     INDICES,
     UNDECIDED,
@@ -33,7 +34,7 @@ PER_LINE = 1 + len(INDICES)  # tables
 def range_answers(result: xr.Dataset) -> list[str]:
     """A sentence for each line: range of the draws, then value of the unchanged case."""
     answers = []
-    for line in map(str, result["line"].values) if "line" in result else ():
+    for line in line_names(result):
         passing, energy, height, _ = _headline_numbers(result, line)
         values = dict(zip(("low", "high", "fraction"), passing, strict=True))
         values |= zip(("e_low", "e_high", "energy"), energy, strict=True)
@@ -49,7 +50,7 @@ def range_answers(result: xr.Dataset) -> list[str]:
 def range_headline(result: xr.Dataset) -> Table:
     """Ranges of the draws at the lines, with the unchanged case in brackets."""
     rows = []
-    for line in map(str, result["line"].values):
+    for line in line_names(result):
         cells = (
             f"{'-' if '-' in (low, high) else say('interval.range', low=low, high=high)}\n"
             f"({translated(case)})"
@@ -65,7 +66,7 @@ def _headline_numbers(result: xr.Dataset, line: str) -> Iterator[list[str]]:
     headline; "-" if too few boulders pass in some draw."""
     for quantity, number in HEADLINE.values():
         name = "fraction" if quantity == "fraction" else f"{quantity}.{number}"
-        of_number = result.sel(line=line, result=name)
+        of_number = result.isel(line=line_index(result, line)).sel(result=name)
         yield [in_unit(of_number[key].item(), quantity) for key in ("q05", "q95", "case_value")]
 
 
@@ -76,7 +77,7 @@ def range_tables(result: xr.Dataset, rows: Rows) -> list[Table]:
         return []
     tables = []
     for line, numbers in rows.items():
-        at = result.sel(line=line)
+        at = result.isel(line=line_index(result, line))
         head = ("", say("ensemble.the_case_as_it_is"), say("ensemble.monte_carlo_interval"),
                 say("ensemble.uncertain_inputs_of_the_draws"),
                 say("ensemble.standard_deviations_monte_carlo"),

@@ -30,6 +30,7 @@ from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import number, percent, with_unit
 from rockfall.result.block_shapes import boulders_by_shape
+from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, simulated
 from rockfall.scene.read import read_scene
 
@@ -65,8 +66,8 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
     """Table of the inputs of the run."""
     case = case_of(result)
     west, north, cell = corner_of(result["crs"].attrs)
-    nets = ", ".join(str(result["line"].values[k]) for k in barriers_of(result))
-    lines = ", ".join(map(str, result["line"].values)) if "line" in result else ""
+    nets = ", ".join(line_names(result)[k] for k in barriers_of(result))
+    lines = ", ".join(line_names(result))
     volumes = _range(result["volume"].values) if has_rows(result) else say("inputs.not_kept")
     rows = [
         (say("inputs.terrain_model"), _file(case.terrain["dem"])),

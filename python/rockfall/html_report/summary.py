@@ -18,6 +18,7 @@ from rockfall.html_report.tables import Table
 from rockfall.language import Number, Text, say, say_count
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import number, percent
+from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import ended
 
@@ -54,7 +55,7 @@ def question(rows: Rows, has_hazard: bool) -> str:
 
 def answers(result: xr.Dataset, rows: Rows) -> list[str]:
     """A sentence for each line; the run-out if there is none."""
-    nets = {str(result["line"].values[k]) for k in barriers_of(result)}
+    nets = {line_names(result)[k] for k in barriers_of(result)}
     return [*(_line(line, rows[line], line in nets) for line in rows), *run_out(result)]
 
 

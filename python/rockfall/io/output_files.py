@@ -82,7 +82,7 @@ def check_space(path: Path, size: int) -> None:
         reserve(path.parent, size)
     except OSError as error:
         raise RockfallError(
-            f"{path}: needs at least {size / 1e6:,.1f} MB of disk: {error.strerror}"
+            f"{path}: needs at least {size / 1e6:,.2g} MB of disk: {error.strerror}"
         ) from error
 
 

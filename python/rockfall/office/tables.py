@@ -24,6 +24,7 @@ from rockfall.office.document import Part, write_document
 from rockfall.office.workbook import Sheet, write_workbook
 from rockfall.protection.barriers import barrier_statistics, barriers_of
 from rockfall.protection.design import Design
+from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, kept_note
 from rockfall.text.design import factor_lines
 
@@ -99,7 +100,7 @@ def put_design(
 
 def _result_sheets(result: xr.Dataset) -> Iterator[Sheet]:
     """Tables of a result as they are in CSV files."""
-    if "line" in result:
+    if line_names(result):
         yield Sheet("line_statistics", line_statistics(result))
         yield Sheet("return_levels", return_levels(result))
         if barriers_of(result) and has_rows(result):
@@ -108,7 +109,7 @@ def _result_sheets(result: xr.Dataset) -> Iterator[Sheet]:
 
 def _result_parts(result: xr.Dataset) -> Iterator[Part]:
     """Tables of a result as they are in a report."""
-    if "line" in result:
+    if line_names(result):
         shown = [*line_tables(rows_of(result)), level_table(return_levels(result))]
         if barriers_of(result) and has_rows(result):
             shown.append(barrier_table(result))

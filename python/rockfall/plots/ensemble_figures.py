@@ -14,6 +14,7 @@ from rockfall.language import word
 from rockfall.limits import Z
 from rockfall.plots.style import BLUE, GREY, INK, WIDE, capital, new_figure, plain, styled
 from rockfall.quantities import QUANTITIES
+from rockfall.result.crossings import line_index, line_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,12 +34,12 @@ PANEL, BINS = 1.5, 16  # of a posterior: panel size [inch], and bins of its dens
 def ranges_figure(data: xr.Dataset) -> Figure:
     """Row of panels for each line: grey, 90 % of the draws; blue, the unchanged case with the 95 %
     interval of its boulders."""
-    lines = data["line"].values
+    lines = line_names(data)
     figure = new_figure(1.35 * WIDE, 1.1 * len(lines) + 0.4)
     grid = figure.subplots(len(lines), len(NUMBERS), squeeze=False)
     for row, line in zip(grid, lines, strict=True):
         for axes, (quantity, names) in zip(row, NUMBERS.items(), strict=True):
-            _draw(axes, data.sel(line=line), quantity, names)
+            _draw(axes, data.isel(line=line_index(data, line)), quantity, names)
         row[0].set_title(plain(str(line)))
     return figure
 

@@ -44,6 +44,7 @@ from rockfall.plots.rebound_figures import (
 from rockfall.plots.section_figure import section_figure
 from rockfall.plots.style import FORMATS, capital, save
 from rockfall.quantities import number
+from rockfall.result.crossings import line_names
 from rockfall.result.flat_maps import flat_maps
 from rockfall.result.grounds import sets_followed
 from rockfall.result.map_labels import map_label
@@ -191,7 +192,7 @@ def drawn_lines(result: xr.Dataset, most: int | None = None) -> list[int]:
     """Lines of figures, counted from 0, in their order: all, or those that most boulders pass."""
     if not lines(result):
         return []
-    passed = np.isfinite(result["line_x"].values).sum(axis=1)
+    passed = result["row_size"].values
     return sorted(np.argsort(-passed, kind="stable")[:most].tolist())
 
 
@@ -203,7 +204,7 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
     for k in which:
         n, *percents = passing_percent(result, k)
         limits = dict(zip(("fraction", "low", "high"), map(number, percents), strict=True))
-        passed[k] = say("figures.passed", line=str(result["line"].values[k]), n=n, **limits)
+        passed[k] = say("figures.passed", line=line_names(result)[k], n=n, **limits)
     shown = say("figures.some_lines", part=len(which), n=result.sizes["line"])
     some_ = [shown] if len(which) < result.sizes["line"] else []
     blocks = [which[k : k + PER_FIGURE] for k in range(0, len(which), PER_FIGURE)]
@@ -217,8 +218,8 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
                 partial(distribution_figure, result, name, observed, block),
             )
     for k in which:
-        name = str(result["line"].values[k])
-        if np.isfinite(result["line_x"].values[k]).any():
+        name = line_names(result)[k]
+        if result["row_size"].values[k]:
             yield Figure(
                 f"along_{k + 1}",
                 say("figures.along_title", line=name),

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.analysis.run_out import passing
 from rockfall.language import say, say_count, word
@@ -28,6 +27,7 @@ from rockfall.plots.style import (
 )
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import QUANTITIES, number, round_step
+from rockfall.result.crossings import boulders_at, line_names, places_at, values_at
 from rockfall.result.trajectories import from_start, left_terrain, lines, stop_distances
 
 if TYPE_CHECKING:
@@ -65,8 +65,8 @@ def distribution_figure(
     `which` of them, counted from 0; below it mean and standard deviation, and those which
     `observed` has (see `rockfall.plots.figures`)."""
     which = list(range(result.sizes["line"]) if which is None else which)
-    display, names = QUANTITIES[quantity], [str(result["line"].values[k]) for k in which]
-    ours = [display.factor * _finite(line_values(result, quantity, k)) for k in which]
+    display, names = QUANTITIES[quantity], [line_names(result)[k] for k in which]
+    ours = [display.factor * values_at(result, quantity, k) for k in which]
     theirs = [display.factor * _sample(observed, name, quantity) for name in names]
     rows = [_rows(*sample, quantity, observed) for sample in zip(names, ours, theirs, strict=True)]
     edges = _bins([*ours, *theirs])
@@ -148,9 +148,9 @@ def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None
     """Mark lines in all panels, at the median distance of the boulders that cross them."""
     barriers = barriers_of(result)
     for k, (name, _, _) in enumerate(lines(result)):
-        distance = _finite(
-            from_start(result, result["line_x"].values[k], result["line_y"].values[k])
-        )
+        boulders = boulders_at(result, k)
+        x, y = places_at(result, k)
+        distance = from_start(result, x, y, boulders)
         if not distance.size:
             continue
         where = np.median(distance)

@@ -10,6 +10,7 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.result.crossings import line_names, outcomes_at
 from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import flags_of
 
@@ -48,12 +49,12 @@ def barrier_rows(result: Held) -> Iterator[dict[str, Any]]:
         check_rows(result, "what barriers did")
     for k in barriers_of(result):
         attrs = {
-            "barrier": str(result["line"].values[k]),
+            "barrier": line_names(result)[k],
             "height": float(result["barrier_height"].values[k]),
             "capacity": float(result["barrier_capacity"].values[k]),
         }
-        outcome = result["barrier_outcome"].values[k]
-        for name, number in flags_of(result["barrier_outcome"]).items():
+        outcome = outcomes_at(result, k)
+        for name, number in flags_of(result["crossing_outcome"]).items():
             if number:
                 hit = outcome == number
                 interval = fraction_interval(hit, sources(result))

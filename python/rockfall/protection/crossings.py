@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.lines.values import line_values, volumes_at_line
 from rockfall.analysis.precision.intervals import Sources, between_ranks, effective_number, sources
 from rockfall.limits import barrier_outcomes
+from rockfall.result.crossings import DERIVED, boulders_at, derived_at, stored_at, volumes_at
+from rockfall.result.samples import check_rows
 from rockfall.result.variables import OUTCOME
 
 if TYPE_CHECKING:
@@ -42,13 +43,11 @@ class Crossings(NamedTuple):
 
 def crossings(result: xr.Dataset, line: int) -> Crossings:
     """Crossings at the line of this index."""
-    came = ~np.isnan(result["line_speed"].values[line])
-
-    def at_line(quantity: str) -> np.ndarray:
-        return line_values(result, quantity, line)[came]
-
-    numbers = (at_line(name) for name in Crossings._fields[2:])
-    return Crossings(sources(result)[came], volumes_at_line(result, line)[came], *numbers)
+    check_rows(result, "a quantity of each boulder at a line")
+    derived, position = derived_at(result, line), stored_at(result, "distance", line).astype("f8")
+    numbers = (derived[DERIVED[name]] for name in Crossings._fields[3:])
+    source = sources(result)[boulders_at(result, line)]
+    return Crossings(source, volumes_at(result, line), position, *numbers)
 
 
 def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, float, float]:

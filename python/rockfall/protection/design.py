@@ -14,7 +14,6 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import sample_numbers, with_limits
 from rockfall.analysis.lines.profile import line_number, windows
-from rockfall.analysis.lines.values import line_names
 from rockfall.analysis.model_limits import has_own_grounds, model_warnings
 from rockfall.analysis.population import population_notes
 from rockfall.analysis.precision.intervals import passing_percent
@@ -27,6 +26,7 @@ from rockfall.protection.crossings import Crossings, crossings
 from rockfall.protection.demand import ENDS, demand, usable
 from rockfall.protection.factors import BACK_ANALYSED, Conditions, Factors, read_factors
 from rockfall.protection.selection import choices, cost_remarks, read_costs, residual_of
+from rockfall.result.crossings import line_names, stored_at
 from rockfall.result.grounds import classical_grounds
 from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import flags_of
@@ -112,7 +112,7 @@ def design(
     case = case_of(result)
     how = standard, case.boulder["density"], volume
     doubts: dict[str, Any] = {"unconfirmed": unconfirmed_of(result, case, standard)}
-    came = {str(name): crossings(result, k) for k, name in enumerate(result["line"].values)}
+    came = {name: crossings(result, k) for k, name in enumerate(line_names(result))}
     asked = [{"line": name, **demand(at_line, *how), **doubts} for name, at_line in came.items()]
     for k, row in enumerate(asked):
         _, *percents = passing_percent(result, k)
@@ -223,8 +223,8 @@ def _check_of(
     """Check of a barrier against the standard, and the boulders it let pass in the run."""
     came = crossings(result, k)
     height, capacity = (float(result[f"barrier_{name}"][k]) for name in ("height", "capacity"))
-    flags = flags_of(result["barrier_outcome"])
-    outcome = result["barrier_outcome"].values[k][~np.isnan(result["line_speed"].values[k])]
+    flags = flags_of(result["crossing_outcome"])
+    outcome = stored_at(result, "outcome", k)
     over, through = (outcome == flags[name] for name in ("passed_over", "broken_through"))
     allowed = usable(capacity, factors)
     high, high_certain = _verdict(asked, "height_needed", lambda needed: height >= needed)

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import with_limits
-from rockfall.analysis.lines.values import line_names
 from rockfall.analysis.model_limits import model_warnings
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.case import Case
@@ -26,6 +25,7 @@ from rockfall.protection.demand import ENDS, demand
 from rockfall.protection.design import conditions_of, unconfirmed_of
 from rockfall.protection.factors import Conditions, Factors, read_factors
 from rockfall.protection.selection import MAX_HEIGHT, Costs, cost_of, read_costs, residual_of
+from rockfall.result.crossings import has_crossed, line_names, line_values
 from rockfall.scene.plausible import warn_of
 from rockfall.scene.read import read_scene
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
@@ -218,7 +218,7 @@ def _limits(height: float | None, ead_class: int | None, bypass: float) -> Limit
 
 def _crossed(result: xr.Dataset, line: str) -> np.ndarray:
     """Mark boulders that cross a line."""
-    return np.isfinite(result["line_time"].values[line_names(result).index(line)])
+    return has_crossed(result, line_names(result).index(line))
 
 
 def _row(
@@ -257,7 +257,7 @@ def _around(result: xr.Dataset, line: str, alignment: str) -> tuple[np.ndarray, 
     """Boulders that come to the protected line, and those that do not cross the alignment before
     they do."""
     names = line_names(result)
-    there, before = (result["line_time"].values[names.index(name)] for name in (line, alignment))
+    there, before = (line_values(result, "time", names.index(name)) for name in (line, alignment))
     return np.isfinite(there), ~(before <= there)
 
 

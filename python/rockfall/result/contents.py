@@ -20,9 +20,18 @@ class Variable:
     """Values along named dimensions, with attributes."""
 
     def __init__(self, dims: str | tuple[str, ...], values: Any, attrs: Mapping[str, Any]) -> None:
+        """`values` may also be a column that is read from a file when it is needed."""
         self.dims = (dims,) if isinstance(dims, str) else dims
-        self.values, self.attrs = np.asarray(values), dict(attrs)
-        self.dtype, self.shape, self.ndim = self.values.dtype, self.values.shape, self.values.ndim
+        self.held = values if hasattr(values, "pieces") else np.asarray(values)
+        self.attrs = dict(attrs)
+        self.dtype, self.shape, self.ndim = self.held.dtype, self.held.shape, self.held.ndim
+
+    @property
+    def values(self) -> np.ndarray:
+        return np.asarray(self.held)
+
+    def __getitem__(self, rows: Any) -> np.ndarray:
+        return self.held[rows]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         array = np.asarray(self.values, dtype)  # NumPy 1 only has always and never

@@ -18,6 +18,7 @@ from rockfall.io.input_warnings import stored_warnings
 from rockfall.io.netcdf import open_dataset, open_netcdf
 from rockfall.io.output_files import check_result_path, why_unwritten
 from rockfall.limits import PIECE
+from rockfall.result.crossings import without_absent
 from rockfall.result.validate import TEXTS, check_result, check_values
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ NO_COUNT = -1  # fill value of counts
 DAMAGED = (
     OSError, ValueError, TypeError, LookupError, RuntimeError, AttributeError, OverflowError,
 )  # fmt: skip
+CHUNK = 32_768  # crossings compressed together
+CACHE = 2**20  # bytes of a variable of crossings; by default all of it stays in memory
 TILE = 256  # cells of a compressed tile along each side
 
 
@@ -124,7 +127,7 @@ def write_result(result: Held, path: str | Path) -> None:
     """
     check_result_path(path, files_behind(result), tries=False)
     with atomic_write(path) as part:
-        put_netcdf(result, part, path)
+        put_netcdf(without_absent(result), part, path)
 
 
 def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
@@ -172,6 +175,12 @@ def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
     if variable.dims[-2:] == ("y", "x"):
         tile = [1] * (variable.ndim - 2) + [min(TILE, size) for size in variable.shape[-2:]]
         how = {"chunksizes": tile, "zlib": True, "complevel": 1, "shuffle": True}
+    if not checksums and variable.dims == ("crossing",) and variable.shape[0]:
+        # by default a chunk is most of a variable, and one line costs the reading of all; reals
+        # lose a quarter by compression, which takes longer than all else
+        how = {"chunksizes": [min(variable.shape[0], CHUNK)], "chunk_cache": CACHE}
+        if variable.dtype.kind == "i":
+            how |= {"zlib": True, "complevel": 1, "shuffle": True}
     if not checksums or not variable.ndim:
         return how
     room, pieces = PIECE, []
@@ -190,6 +199,12 @@ def _write_variable(
     stored = file.createVariable(name, str if text else variable.dtype, variable.dims, **how)
     stored.setncatts(variable.attrs | attached)
     stored.set_auto_maskandscale(False)
+    if pieces := getattr(getattr(variable, "held", None), "pieces", None):
+        first = 0
+        for piece in pieces():
+            stored[first : first + piece.size] = piece
+            first += piece.size
+        return
     values = variable.values.astype(object) if text else variable.values
     for rows in row_blocks(values.shape, TILE) if is_map else [...]:
         stored[rows] = values[rows]

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import csv
-import re
 import shutil
 import sqlite3
 import tempfile
@@ -28,12 +27,14 @@ from rockfall.io.raster import write_geotiff
 from rockfall.io.tables import spreadsheet_text
 from rockfall.quantities import SHOWN
 from rockfall.result.classes import classes_of, shown_as
+from rockfall.result.crossings import HEIGHTS, columns_at, line_names
 from rockfall.result.dataset import NO_COUNT, open_result
 from rockfall.result.drawing import write_drawing
 from rockfall.result.flat_maps import PLAN, flat_maps
 from rockfall.result.geographic import geographic
 from rockfall.result.kml import write_kml
 from rockfall.result.motion import TOLERANCE, Sampled, motion_of, sampled, seconds
+from rockfall.result.names import distinct_words
 from rockfall.result.protection_lines import dam_lines, dams_in
 from rockfall.result.qgis_style import write_classes
 from rockfall.result.source_areas import SourceTable, are_cells, source_areas
@@ -44,6 +45,7 @@ from rockfall.result.trajectory_layers import (
     trajectory_features,
 )
 from rockfall.result.validate import check_dimensions
+from rockfall.result.variables import CROSSING, FRAGMENT, LINE
 from rockfall.result.vector_style import STYLES, Style, put_styles
 from rockfall.system import has_locks
 
@@ -61,6 +63,10 @@ GONE = {"czml": "is no longer written: use kml, which Cesium reads"}
 DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF: each feature once
 MEASURED = {"LineString ZM": "Measured 3D LineString"}  # by its name in pyogrio
 _ROWS = 100_000  # boulders in memory at a time
+PLACES = 4  # decimals of places of crossings [m], which are known to a tenth of a millimetre
+METRES = {"units": "m"}
+#: Attributes of the columns of crossings.
+ABOUT = {**dict.fromkeys(HEIGHTS, METRES), **LINE, **CROSSING, **FRAGMENT}
 
 
 class Chosen(NamedTuple):
@@ -252,10 +258,9 @@ def _words(data: xr.DataArray) -> xr.DataArray:
 
 
 def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
-    """Variables for each boulder, on (boulder) and (line, boulder), in chunks."""
+    """Variables for each boulder, in chunks."""
     number = _numbers(data, "boulder")
-    row_dims = {("boulder",), ("line", "boulder")}
-    data = data[[name for name in data.data_vars if data[name].dims in row_dims]]
+    data = data[[name for name in data.data_vars if data[name].dims == ("boulder",)]]
     for first in range(0, number.size, _ROWS):
         rows = slice(first, first + _ROWS)
         yield data.isel(boulder=rows).assign_coords(boulder=number[rows])
@@ -270,36 +275,24 @@ def _columns(data: xr.Dataset) -> dict[str, xr.DataArray]:
 def _write_lines(folder: Path, data: xr.Dataset) -> Iterator[Path]:
     """One table for each evaluation line: the boulders that crossed it."""
     if "line" in data.dims:
-        for k, name in enumerate(_file_names(data)):
-            tables = (_crossings(boulder, k) for boulder in _boulders(data))
-            yield _write_table(folder / f"line_{name}.csv", tables)
+        for k, name in enumerate(distinct_words(line_names(data))):
+            yield _write_table(folder / f"line_{name}.csv", [_crossings(data, k)])
 
 
 def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
-    """Every variable of a line, for those boulders that crossed it."""
-    names = [str(name) for name in data.data_vars if data[name].dims == ("line", "boulder")]
-    data = data[names].isel(line=line).load()  # older xarray selects file variables incorrectly
-    crossed = np.flatnonzero(~np.isnan(_stored(data["line_time"])[0]))
-    data = data.isel(boulder=crossed)
-    return {"boulder": data["boulder"]} | {n.removeprefix("line_"): data[n] for n in names}
+    """Columns of the boulders that cross a line, in the precision that a result keeps."""
+    import xarray as xr
 
-
-def _line_names(data: xr.Dataset) -> list[str]:
-    names = _numbers(data, "line").tolist()
-    return [name.decode() if isinstance(name, bytes) else str(name) for name in names]
-
-
-def _file_names(data: xr.Dataset) -> list[str]:
-    """Names of the lines in characters valid for files, made unique where necessary."""
-    names: list[str] = []
-    for name in _line_names(data):
-        plain = stem = re.sub(r"[^\w.+-]+", "_", name).strip("._") or "line"
-        count = 1
-        while stem.lower() in (other.lower() for other in names):
-            count += 1
-            stem = f"{plain}_{count}"
-        names.append(stem)
-    return names
+    columns = {}
+    for name, values in columns_at(data, line).items():
+        attrs = ABOUT.get(name, {})
+        if name == "outcome":
+            attrs = data["crossing_outcome"].attrs
+        values = np.round(values, PLACES) if name in ("x", "y") else values
+        if values.dtype == np.float64 and name not in ("x", "y"):
+            values = values.astype("f4")
+        columns[name] = xr.DataArray(values, dims="boulder", attrs=attrs)
+    return columns
 
 
 def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
@@ -325,7 +318,7 @@ def _layers(data: xr.Dataset, moving: Sampled | None, what: str = "GeoPackages")
     """The layers that the result has; `what` needs them, for a message."""
     layers: Layers = {}
     has_rows = data.sizes.get("boulder", 1) > 0
-    has_crossings = has_rows and "line" in data.dims and "line_x" in data
+    has_crossings = has_rows and "row_size" in data
     if "stop_x" in data or {"line_vertex", "trajectory_vertex"} & set(data.dims):
         need(f"{what} need" + "s" * (what != "GeoPackages"), "vector", "pyogrio", "shapely")
     if "start_x" in data and has_rows:
@@ -367,9 +360,9 @@ def _source_table(data: xr.Dataset) -> SourceTable:
         places, axis=0, return_index=True, return_inverse=True, return_counts=True
     )
     feature, names = np.ones(len(places), np.int64), ("",)
-    if "source_feature" in data and "feature" in data.coords:
+    if "source_feature" in data and "feature_name" in data.variables:
         feature = _stored(data["source_feature"])[0][first].astype(np.int64)
-        names = tuple(map(str, data["feature"].values))
+        names = tuple(map(str, data["feature_name"].values))
     furthest = None
     if "plan_distance" in data:
         furthest = np.zeros(len(places))
@@ -394,12 +387,11 @@ def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
     """First crossings of each line, with all their variables."""
     import shapely
 
-    for k, name in enumerate(_line_names(data)):
-        for boulder in _boulders(data):
-            columns = _crossings(boulder, k)
-            points = shapely.points(columns["x"].values, columns["y"].values)
-            line = {"line": np.full(points.size, name, dtype=object)}
-            yield points, line | dict(_field(*column) for column in columns.items())
+    for k, name in enumerate(line_names(data)):
+        columns = _crossings(data, k)
+        points = shapely.points(columns["x"].values, columns["y"].values)
+        line = {"line": np.full(points.size, name, dtype=object)}
+        yield points, line | dict(_field(*column) for column in columns.items())
 
 
 def _field(name: str, column: xr.DataArray) -> tuple[str, np.ndarray]:
@@ -413,7 +405,7 @@ def _field(name: str, column: xr.DataArray) -> tuple[str, np.ndarray]:
 
 def _lines(data: xr.Dataset) -> Features:
     """Evaluation lines in plan; `line_vertex_line` counts lines from 0."""
-    names, line = _line_names(data), data["line_vertex_line"].values
+    names, line = line_names(data), data["line_vertex_line"].values
     if not np.array_equal(np.unique(line), np.arange(len(names))):
         raise RockfallError(
             "line_vertex_line: must have every line, counted from 0", code=OUR_FAULT

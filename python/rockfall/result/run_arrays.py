@@ -107,7 +107,7 @@ class RunArrays:
 
     def begin_part(self, boulders: int, lengths: Sequence[int], name: str) -> None:
         """Make room for a part of the first boulders, to be filled: numbers of rows, cells, shared
-        cells, bins, and coarse bins of samples (-1: none)."""
+        cells, bins, and coarse bins of samples, crossings (-1: none)."""
         code, message = _core.begin_part(self.handle, boulders, lengths)
         check_kernel(code, message, name)
         self.changed()
@@ -118,6 +118,16 @@ class RunArrays:
         corner, nodes = (grid.west, grid.north, grid.cell), (grid.nx, grid.ny)
         code, message = _core.unpack_part(self.handle, only_samples, corner, nodes)
         check_kernel(code, message, name)
+        self.changed()
+
+    def sort_crossings(self) -> None:
+        """Sort the crossings by line, those of a line by boulder; views of them become invalid."""
+        check_kernel(*_core.sort_crossings(self.handle))
+        self.changed()
+
+    def forget_crossings(self) -> None:
+        """Forget the crossings; views of them become invalid."""
+        _core.forget_crossings(self.handle)
         self.changed()
 
     def forget_part(self) -> None:

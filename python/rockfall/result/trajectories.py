@@ -80,19 +80,25 @@ def curves(motion: Motion) -> list[Trajectory]:
     ]
 
 
+ALL = slice(None)
+
+
 def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Name, x and y of each evaluation line."""
     if "line_vertex_line" not in result:
         return []
     owner = result["line_vertex_line"].values
     x, y = result["line_vertex_x"].values, result["line_vertex_y"].values
-    names = result["line"].values
+    names = result["line_name"].values
     return [(str(name), x[owner == k], y[owner == k]) for k, name in enumerate(names)]
 
 
-def from_start(result: xr.Dataset, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Straight plan distance [m] of a place of each boulder from its start."""
-    return np.hypot(x - result["start_x"].values, y - result["start_y"].values)
+def from_start(
+    result: xr.Dataset, x: np.ndarray, y: np.ndarray, boulders: np.ndarray | slice = ALL
+) -> np.ndarray:
+    """Straight plan distance [m] of a place of each boulder, or of some, from its start."""
+    start_x, start_y = (result[f"start_{axis}"].values[boulders] for axis in "xy")
+    return np.hypot(x - start_x, y - start_y)
 
 
 def stop_distances(result: xr.Dataset) -> np.ndarray:

@@ -32,15 +32,19 @@ NUMBERS = (  # numeric ones among them
     "seed", "boulder_first", "boulder_last", "boulders_requested", "complete", "threads",
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip
-TEXTS = ("line", "feature", "ground", "ground_model")  # text variables
-#: Dimensions without missing values; at lines NaN means that a boulder did not cross.
-FINITE = ("x", "y", "boulder", "line_vertex", "trajectory_vertex")
+TEXTS = ("line_name", "feature_name", "ground", "ground_model")  # text variables
+#: Dimensions without missing values.
+FINITE = ("x", "y", "boulder", "crossing", "line_vertex", "trajectory_vertex")
 
 
 def check_result(data: xr.Dataset, path: str | Path) -> None:
     """Refuse a result that lacks a required variable or part of a group of variables."""
     if "case" not in data.attrs or "boulder" not in data.dims:
         raise RockfallError(f"{path}: is not a result of rockfall")
+    if "line_time" in data.variables:
+        raise RockfallError(
+            f"{path}: has the layout of rockfall 1, with all boulders at all lines: run it again"
+        )
     missing = sorted({*variables.BOULDER, *variables.COUNT, "crs"} - set(data.variables))
     if missing := missing + [name for name in ALWAYS if name not in data.attrs]:
         raise RockfallError(f"{path}: is not a whole result of rockfall: has no {missing[0]}")
@@ -89,9 +93,10 @@ def known_variables() -> _Group:
 
 def _groups() -> Iterator[_Group]:
     """Groups of variables that a result has completely or not at all."""
-    at_lines = {f"line_{name}": ("line", "boulder") for name in variables.LINE}
+    crossed = {f"crossing_{name}": ("crossing",) for name in variables.CROSSING}
     vertices = {f"line_vertex_{name}": ("line_vertex",) for name in variables.LINE_VERTEX}
-    yield {"line": ("line",), **at_lines, **vertices}
+    of_line: _Group = {name: ("line",) for name in ("line", "line_name", "row_size")}
+    yield {**of_line, **crossed, **vertices}
     on_grounds = ("ground", "ground_model", *variables.GROUND)
     yield {name: ("ground",) for name in on_grounds}
     yield {"ground_block_radius": ("ground",)}
@@ -100,12 +105,12 @@ def _groups() -> Iterator[_Group]:
     yield {name: ("boulder",) for name in variables.MASS}
     yield {name: ("boulder",) for name in variables.TREE}
     yield {name: ("boulder",) for name in variables.BREAKAGE}
-    yield {f"line_{name}": ("line", "boulder") for name in variables.FRAGMENT}
+    yield {f"crossing_{name}": ("crossing",) for name in variables.FRAGMENT}
     of_boulders: _Group = {name: ("boulder",) for name in variables.FEATURE}
-    yield of_boulders | {"feature": ("feature",)}
+    yield of_boulders | {"feature": ("feature",), "feature_name": ("feature",)}
     yield {
         "barrier_height": ("line",), "barrier_capacity": ("line",),
-        "barrier_outcome": ("line", "boulder"),
+        "crossing_outcome": ("crossing",),
     }  # fmt: skip
     vertex: _Group = {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
     yield {"trajectory_leg": vertex.pop("trajectory_leg")}  # which older versions lack
@@ -135,6 +140,7 @@ def _check_variable(
 def check_values(data: xr.Dataset, path: str | Path) -> None:
     """Refuse missing or infinite required values, and bins without width."""
     check_samples(data, path)
+    check_crossings(data, path)
     for name, dims in known_variables().items():
         if name not in data.variables:
             continue
@@ -142,12 +148,29 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
         along = dims[0] if len(dims) == 1 else ""
         if (along in FINITE or along.endswith("_bin")) and not np.isfinite(values).all():
             raise RockfallError(f"{path}: {name}: must be a number for every {along}")
-        if "boulder" in dims:
-            times = data["line_time"].values if "line" in dims and "line_time" in data else None
-            if fault := variables.fault_of(name, values, times):
+        if {"boulder", "crossing"} & {*dims}:
+            if fault := variables.fault_of(name, values):
                 raise RockfallError(f"{path}: {fault}")
         if name.endswith("_bin_bounds") and not _are_edges(values):
             raise RockfallError(f"{path}: {name}: must be the edges of bins, each above the last")
+
+
+def check_crossings(data: xr.Dataset, path: str | Path) -> None:
+    """Refuse crossings that are not sorted by line, then by boulder, or of a boulder without a
+    row."""
+    if "row_size" not in data:
+        return
+    sizes, line, number = (
+        data[name].values for name in ("row_size", "crossing_line", "crossing_boulder")
+    )
+    kept = data["boulder"].values
+    fault = ""
+    if (sizes < 0).any() or not np.array_equal(line, np.repeat(np.arange(sizes.size), sizes)):
+        fault = "row_size"
+    elif (np.diff(number)[np.diff(line) == 0] <= 0).any() or not np.isin(number, kept).all():
+        fault = "crossing_boulder"
+    if fault:
+        raise RockfallError(f"{path}: {fault}: holds what no run has")
 
 
 def check_samples(data: xr.Dataset, path: str | Path) -> None:
@@ -164,9 +187,9 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
     )
     sizes = (data.sizes[dim] for dim in ("boulder", "sample_entry", "sample_group_entry"))
     rows, *bins = map(int, sizes)
-    run.begin_part(boulders[2], (rows, 0, 0, *bins), str(path))
+    run.begin_part(boulders[2], (rows, 0, 0, *bins, 0), str(path))
     for array in run.part_arrays():
-        if array.group == "sample" or array.name == "boulder":
+        if array.group in ("sample", "kept"):
             values = data[array.file_name].values
             own = array.values
             if (values.shape, values.dtype.kind) != (own.shape, own.dtype.kind):

@@ -22,8 +22,10 @@ SHAPE = _TABLE["shape"]  # of each boulder, where they have several block shapes
 MASS = _TABLE["mass"]  # of each boulder, there, and where sources give its density
 TREE = _TABLE["tree"]  # of each boulder, where there are trees
 BREAKAGE = _TABLE["breakage"]  # of each boulder, where they may break
-FRAGMENT = _TABLE["fragment"]  # at lines, where boulders may break: line_volume, ...
-LINE = _TABLE["line"]  # in files line_x, ...
+CROSSING = _TABLE["crossing"]  # of lines, by boulders: crossing_time, ...
+FRAGMENT = _TABLE["fragment"]  # of crossings, where boulders may break: crossing_volume, ...
+HIT = _TABLE["hit"]  # of crossings, where there are barriers: crossing_outcome
+LINE = _TABLE["line"]  # what follows from a crossing, in no file
 LINE_VERTEX = _TABLE["line_vertex"]
 BARRIER = _TABLE["barrier"]  # in files barrier_height, ...
 MAP = _TABLE["map"]
@@ -36,7 +38,9 @@ OUTCOME = {name: number for number, name in enumerate(_TABLE["outcome"], start=1
 BLOCK_SHAPE = {
     name: number for number, name in enumerate(_core.fields("block_shape").decode().split(), 1)
 }
-FLAGS = {"status": STATUS, "block_shape": BLOCK_SHAPE}
+FLAGS = {
+    "status": STATUS, "block_shape": BLOCK_SHAPE, "crossing_outcome": {"not_met": 0, **OUTCOME},
+}  # fmt: skip
 LEG = {name: number for number, name in enumerate(_TABLE["leg"], start=1)}  # 0: the end
 
 EXCEEDED = ("energy_exceeded", "hits_energy_exceeded")  # maps with a layer for each threshold
@@ -52,16 +56,13 @@ def map_dims(name: str) -> tuple[str, ...]:
     return ("threshold", "y", "x") if name in EXCEEDED else ("y", "x")
 
 
-def fault_of(name: str, values: np.ndarray, times: np.ndarray | None = None) -> str:
-    """Fault of values that are impossible in a run, by the name of their variable in files, those
-    at lines by the times of the crossings; "" if none."""
-    if not values.size:
-        return ""
-    times = values if times is None else times
-    return _core.value_fault(name, np.ravel(values), np.ravel(times)).decode().strip()
+def fault_of(name: str, values: np.ndarray) -> str:
+    """Fault of values that are impossible in a run, by the name of their variable in files; "" if
+    none."""
+    return _core.value_fault(name, np.ravel(values)).decode().strip() if values.size else ""
 
 
 def fields(rows: str) -> list[str]:
-    """Names of the kernel's columns: of a boulder, its counts, a line, a vertex, an energy, and of
-    the quantities of samples."""
+    """Names of the kernel's columns: of a boulder, its counts, a line, a crossing, a vertex, an
+    energy, and of the quantities of samples."""
     return _core.fields(rows).decode().split()

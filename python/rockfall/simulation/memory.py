@@ -7,12 +7,15 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 from rockfall.errors import RockfallError
 from rockfall.limits import MACHINE_MEMORY
-from rockfall.result.variables import LINE
+from rockfall.result.variables import TYPES
 from rockfall.system import memory_limits
 
-BYTES_AT_LINE = 8 * len(LINE)  # of a boulder at an evaluation line
+#: Of a boulder that crosses an evaluation line.
+BYTES_AT_LINE = sum(np.dtype(kind).itemsize for kind in TYPES["crossing"].values())
 ROOM = 0.5  # fraction of the memory for boulders at lines
 UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 

@@ -44,10 +44,11 @@ BEFORE = "tally_"  # prefix of the names of tallies
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_requested", "boulder_first", "boulder_last", "threads")
 LAYOUT_OF = {"part": "sample_part_last", "group": "sample_group_part"}  # of samples
-LENGTHS = ("status", "tally_cell", "tally_shared_cell", "sample_bin", "sample_group_bin")
+LENGTHS = ("status", "tally_cell", "tally_shared_cell", "sample_bin", "sample_group_bin",
+           "crossing_boulder")  # fmt: skip
 OWN = (  # dimensions whose lengths depend on the part
     "boulder", "tally", "tally_shared", "sample_part", "sample_group", "sample_entry",
-    "sample_group_entry",
+    "sample_group_entry", "crossing",
 )  # fmt: skip
 SUMS = ("input_checksums", "decoded_checksums")
 #: Attributes that a part may lack.
@@ -64,6 +65,8 @@ PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zli
 def make_part(tally: Tally) -> Contents:
     """Part with the completed boulders of a tally, which may continue; its arrays are views until
     the next part is made."""
+    if tally.spilled is not None:
+        tally.spilled.take(tally.run, 1)
     tally.settle()
     try:
         tally.run.pack_part()
@@ -338,7 +341,7 @@ def _table(
     )
     table: dict[str, tuple[Any, tuple[str, ...]]] = {"crs": ("i4", ())}
     shape: dict[str, int] = {}
-    run.begin_part(0, (0, 0, 0, 0, 0), "")
+    run.begin_part(0, (0,) * len(LENGTHS), "")
     for array in run.part_arrays():
         table[array.file_name] = array.values.dtype, array.dims
         shape |= dict(zip(array.dims, array.values.shape, strict=True))

@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from rockfall.scene.windows import groups
 from rockfall.simulation.part_file import make_part
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.run_state import Run
+from rockfall.simulation.spilled_crossings import SpilledCrossings
 from rockfall.simulation.tally import Tally, shard_range
 from rockfall.simulation.tally_dataset import make_result
 from rockfall.system import before_fork
@@ -38,6 +40,7 @@ before_fork(_core.end_team)
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
 MAX_SECONDS = 1.0  # after which a call starts no more boulders, where they are slower than before
 FIRST_CHUNK = 16  # boulders
+CHUNK_CROSSINGS = int(_core.constant("chunk_crossings"))  # about: a call holds them all
 STATUS = fields("count").index("status")  # row of the kernel's integers
 STOP = [fields("boulder").index(name) for name in ("stop_x", "stop_y")]  # rows of its reals
 LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be repeated in a larger window
@@ -87,10 +90,13 @@ def simulate(
     shard: tuple[int, int] = (1, 1),
     checkpoint: Checkpoint | None = None,
     keep: bool = True,
+    spill: Path | None = None,
 ) -> Contents:
     """Results of the run of a scene; see `run`.
 
-    The run resumes from `checkpoint`, and updates it at intervals. The rasters of a scene that need
+    The run resumes from `checkpoint`, and updates it at intervals. Crossings of lines go to a file
+    without a name in the folder `spill`, if it is given, so that memory does not grow with them.
+    The rasters of a scene that need
     not be kept are freed before the result is made, to save memory.
     """
     import netCDF4  # noqa: F401  what writes the result, before the run: there may be no memory
@@ -101,6 +107,8 @@ def simulate(
     input_warnings(scene)  # before its rasters are freed
     with interrupts() as interrupted:  # no chunk is lost half-way
         tally = start(scene, threads, shard)
+        if spill is not None and scene.case.lines and scene.windows is None:
+            tally.spilled = SpilledCrossings(spill, len(scene.case.lines))
         if checkpoint:
             checkpoint.check_space(tally)
             checkpoint.restore(tally)
@@ -109,6 +117,8 @@ def simulate(
 
             def step(boulders: int) -> None:
                 advance(boulders)
+                if tally.spilled is not None:
+                    tally.spilled.take(tally.run)
                 if checkpoint:
                     checkpoint.look(tally)
 
@@ -165,6 +175,7 @@ def run_chunks(
         advance(size)
         if chunk is None:
             size = max(1, int(size * min(4.0, CHUNK_SECONDS / max(wall, 1e-9))))
+            size = min(size, max(1, int(CHUNK_CROSSINGS * tally.done / max(1, tally.crossed()))))
 
 
 def _run_range(tally: Tally, first: int, size: int) -> int:

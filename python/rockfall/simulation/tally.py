@@ -23,6 +23,8 @@ from rockfall.scene.parts import Features
 from rockfall.scene.scene import Scene
 from rockfall.simulation.maps import tells_sources
 from rockfall.simulation.run_state import Run
+from rockfall.simulation.spilled_crossings import GROUPS as CROSSINGS
+from rockfall.simulation.spilled_crossings import SpilledCrossings
 from rockfall.terrain.dams import DamShape
 from rockfall.version import __version__
 
@@ -83,6 +85,7 @@ class Tally:
     threads: int = 0
     crs: dict[str, Any] = field(default_factory=dict)  # attributes of a grid without a CRS
     marks: np.ndarray | None = None  # bool, of each boulder: done; None: the first `done` are
+    spilled: SpilledCrossings | None = None  # crossings that are in a file, not in the run
     goes_on: bool = False  # results are made while the run goes on: they are copies
 
     def array(self, file_name: str) -> np.ndarray:
@@ -102,9 +105,27 @@ class Tally:
         boulders."""
         return self._chosen(self.run.arrays(*groups))
 
+    def crossings(self) -> list[Array]:
+        """Arrays of crossings, sorted by line, then by boulder."""
+        if self.spilled is not None:
+            return self.spilled.columns(self.run)
+        self.run.sort_crossings()
+        return self.arrays(*CROSSINGS)
+
+    def crossed(self) -> int:
+        """Number of crossings of lines so far."""
+        if not self.scene.case.lines:
+            return 0
+        before = int(self.spilled.ends[-1]) if self.spilled is not None else 0
+        return before + self.array("crossing_line").size
+
     def part_arrays(self) -> list[Array]:
         """Arrays of the packed part, likewise."""
-        return self._chosen(self.run.part_arrays())
+        arrays = self._chosen(self.run.part_arrays())
+        if self.spilled is None:
+            return arrays
+        others = [array for array in arrays if array.group not in CROSSINGS]
+        return others + self.spilled.columns(self.run)
 
     def _chosen(self, arrays: Iterable[Array]) -> list[Array]:
         rows, chosen = self.chosen, []

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -17,6 +17,7 @@ from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import CONVENTIONS, centre_variables, feature_names, provenance
 from rockfall.result.grounds import source_text
+from rockfall.result.names import distinct_words
 from rockfall.result.run_arrays import Array
 from rockfall.result.variables import fields
 from rockfall.simulation.maps import HITS, boulders_per_cluster, plan_of
@@ -39,12 +40,9 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
     data |= sample_variables(tally)
     data |= _grounds_themselves(tally) | table_variables(tally, "ground")
     if tally.scene.features is not None:
-        names = np.array(tally.scene.features.names, dtype=object)
-        data["feature"] = ("feature", names, {"long_name": "polygon or point of sources"})
+        data |= numbered("feature", tally.scene.features.names, "polygon or point of sources")
     if tally.scene.case.lines:
-        data |= _line_itself(tally) | table_variables(tally, "line", "fragment")
-    if tally.scene.case.barrier:
-        data |= _barrier_variables(tally)
+        data |= line_variables(tally)
     data["crs"] = ((), np.int32(0), tally.georeference())
     if maps:
         if requested := tally.scene.case.output.get("maps", []):
@@ -75,7 +73,7 @@ def described(arrays: Iterable[Array]) -> dict[str, Any]:
     data: dict[str, tuple] = {}
     for array in arrays:
         attrs: dict[str, Any] = {**variables.about(array.group, array.name)}
-        if flags := variables.FLAGS.get(array.name):
+        if flags := variables.FLAGS.get(array.file_name):
             attrs |= _flags(flags, array.values.dtype)
         if array.group == "histogram":
             attrs |= {"units": "1", "long_name": f"rebounds by {attrs['long_name']}"}
@@ -119,11 +117,12 @@ def _grounds_themselves(tally: Tally) -> dict[str, Any]:
     }
 
 
-def _line_itself(tally: Tally) -> dict[str, Any]:
-    """Names and vertices of the evaluation lines."""
-    lines = tally.scene.case.lines
-    names = np.array([line["name"] for line in lines], dtype=object)
-    data: dict[str, Any] = {"line": ("line", names, {"long_name": "name of the evaluation line"})}
+def line_variables(tally: Tally) -> dict[str, Any]:
+    """Evaluation lines, which of them are barriers, and their first crossings, by line, then by
+    boulder."""
+    case, lines = tally.scene.case, tally.scene.case.lines
+    names = [str(line["name"]) for line in lines]
+    data = numbered("line", names, "name of the evaluation line")
     vertices = {
         "line": np.repeat(np.arange(len(lines)), [len(line["x"]) for line in lines]).astype("i4"),
         "x": np.concatenate([line["x"] for line in lines]),
@@ -131,22 +130,31 @@ def _line_itself(tally: Tally) -> dict[str, Any]:
     }
     for name, attrs in variables.LINE_VERTEX.items():
         data[f"line_vertex_{name}"] = ("line_vertex", vertices[name], attrs)
-    return data
+    if case.barrier:
+        height, capacity = _core.barriers(case.text().encode(), len(lines))
+        height[capacity == 0] = capacity[capacity == 0] = np.nan
+        data["barrier_height"] = ("line", height, variables.BARRIER["height"])
+        data["barrier_capacity"] = ("line", capacity, variables.BARRIER["capacity"])
+    crossings = described(tally.crossings())
+    if tally.spilled is None:
+        sizes = np.bincount(crossings["crossing_line"][1], minlength=len(lines))
+    else:
+        sizes = np.diff(tally.spilled.ends)
+    words = {"units": "1", "long_name": "crossings of the line", "sample_dimension": "crossing"}
+    return data | {"row_size": ("line", sizes.astype("i4"), words)} | crossings
 
 
-def _barrier_variables(tally: Tally) -> dict[str, Any]:
-    """Properties and results of the lines that are barriers."""
-    case = tally.scene.case
-    height, capacity = _core.barriers(case.text().encode(), len(case.lines))
-    outcome = np.zeros((len(height), tally.rows), "i1")
-    outcome[height > 0] = tally.arrays("barrier")[0].values
-    height[capacity == 0] = capacity[capacity == 0] = np.nan
-    attrs = {**variables.BARRIER}
-    attrs["outcome"] = attrs["outcome"] | _flags({"not_met": 0, **variables.OUTCOME}, "i1")
+def numbered(dim: str, names: Sequence[str], long_name: str) -> dict[str, Any]:
+    """Coordinate of a named dimension: numbers from 0 with a word for each, since programs lose or
+    refuse variables on a coordinate of text, and next to it the names."""
+    numbers = np.arange(len(names), dtype="i4")
+    flags = {
+        "flag_values": numbers if numbers.size > 1 else np.int32(0),  # as files have a single one
+        "flag_meanings": " ".join(distinct_words(names, only_ascii=True)),
+    }
     return {
-        "barrier_height": ("line", height, attrs["height"]),
-        "barrier_capacity": ("line", capacity, attrs["capacity"]),
-        "barrier_outcome": (("line", "boulder"), outcome, attrs["outcome"]),
+        dim: (dim, numbers, {"long_name": f"index, {long_name}"} | flags),
+        f"{dim}_name": (dim, np.array(names, dtype=object), {"long_name": long_name}),
     }
 
 

@@ -12,6 +12,7 @@ from rockfall.analysis.ensemble.sobol_indices import limits, runs_needed
 from rockfall.language import say
 from rockfall.limits import Z
 from rockfall.quantities import SHOWN, number
+from rockfall.result.crossings import line_names
 from rockfall.text.summary import remark_lines
 from rockfall.text.table import table
 
@@ -43,8 +44,8 @@ def ensemble_summary(data: xr.Dataset) -> str:
         f"{data.attrs['title'] or 'rockfall'}: {blocks} draws of {variants} runs, "
         f"{data.sizes['boulder']:,} boulders each"
     ]
-    for line in data["line"].values if "line" in data else []:
-        text.append(table(_line_block(data.sel(line=line), str(line))))
+    for k, line in enumerate(line_names(data)):
+        text.append(table(_line_block(data.isel(line=k), line)))
     if "drawn_source_redrawn" in data and data["drawn_source_redrawn"].any():
         redrawn = int(data["drawn_source_redrawn"].sum())
         text.append(f"  shifts drawn again, as a source left the terrain: {redrawn:,}")
@@ -66,11 +67,11 @@ def more_needed(data: xr.Dataset) -> str:
 def orders_reversed(data: xr.Dataset) -> Iterator[str]:
     """Warnings of a first-order index above the total, which is impossible in theory, with the
     significance of the difference, for the result with the largest one."""
-    for line in map(str, data["line"].values) if "line" in data else ():
+    for index, line in enumerate(line_names(data)):
         within: list[str] = []
         beyond: list[str] = []
         for name in map(str, data["input"].values):
-            at = data.sel(line=line, input=name)
+            at = data.isel(line=index).sel(input=name)
             errors = [at[f"{kind}_error"].values for kind in INDICES]
             first, total = (
                 np.array([limits(*pair)[0] for pair in zip(at[kind].values, error, strict=True)])

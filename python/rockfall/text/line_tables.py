@@ -17,6 +17,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.output_files import atomic_folder, check_output
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES, TOO_FEW, number
+from rockfall.result.crossings import line_names
 from rockfall.result.dataset import read_result
 from rockfall.result.samples import simulated
 from rockfall.text.ensemble import ensemble_summary
@@ -56,7 +57,7 @@ def open_lines(
     without `table`."""
     first = table and _csv(Path(table))
     result = read_result(path)
-    if "line" not in result:
+    if not line_names(result):
         raise RockfallError(f"{path}: has no evaluation lines")
     if not first:
         return result, []

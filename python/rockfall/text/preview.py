@@ -26,10 +26,11 @@ from rockfall.scene.scene import Scene
 from rockfall.scene.source_attributes import values_of
 from rockfall.scene.sources import threshold
 from rockfall.simulation.maps import HITS, plan_of
-from rockfall.simulation.memory import machine_memory
+from rockfall.simulation.memory import BYTES_AT_LINE, machine_memory
 from rockfall.simulation.simulate import check_team, run_chunks, start
+from rockfall.simulation.spilled_crossings import BLOCK
 from rockfall.simulation.tally import Tally
-from rockfall.simulation.tally_dataset import MAXIMA
+from rockfall.simulation.tally_dataset import MAXIMA, line_variables
 from rockfall.text.breakage import breakage_lines
 from rockfall.text.dams import dam_lines
 from rockfall.text.stands import stand_lines
@@ -73,9 +74,11 @@ def preview(scene: Scene) -> str:
             "ground_block_radius": [ground.block_radius for ground in scene.grounds],
             "rebounds_by_ground": pilot.tally.array("rebounds_by_ground"),
         }
-    values |= {
-        array.file_name: array.values for array in pilot.tally.arrays("shape", "breakage", "line")
-    }
+    values |= {a.file_name: a.values for a in pilot.tally.arrays("shape", "breakage")}
+    if case.lines:  # of whose names messages of a pilot run say nothing
+        at_lines = {name: data for name, (_, data, _) in line_variables(pilot.tally).items()}
+        del at_lines["line_name"]
+        values |= at_lines | {"boulder": pilot.tally.numbers()}
     rows = [
         ("terrain", _terrain(scene)),
         ("elevations", _elevations(scene.ground)),
@@ -126,6 +129,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
         is_map = "y" in array.dims
         if array.file_name != "tally_bin_counts":
             held["maps" if is_map else "results"] += array.values.nbytes
+    sorting = 3 * 8  # bytes: two orders of the crossings, and a column of them again
+    held["crossings"] = min(BLOCK, _crossings(tally, pilot)) * (BYTES_AT_LINE + sorting)
     made = len(names - {*plan.counts, *MAXIMA, HITS}) * 4 * math.prod(tally.box.shape)
     if scene.windows:
         rasters = scene.windows.bytes + READING
@@ -141,6 +146,12 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
         "program": PROGRAM,
         "made": PACKAGES + made,
     }
+
+
+def _crossings(tally: Tally, pilot: Pilot) -> int:
+    """Approximate number of crossings of lines by the boulders whose rows are kept."""
+    rows = tally.run.array("status").size / max(1, pilot.tally.rows)
+    return round(rows * pilot.tally.crossed())
 
 
 def _pilot(scene: Scene) -> Pilot:
@@ -407,8 +418,12 @@ def _memory(scene: Scene, pilot: Pilot) -> str:
     total = sum(need.values()) + max(0, made - need["rasters"])  # rasters go before maps are made
     parts = ", ".join(f"{name} {_bytes(size)}" for name, size in need.items() if size)
     warning = "; more than this machine has" if total > machine_memory() else ""
-    if need["results"] > LARGE_RESULT:
-        warning += "; the result file has as much: &output kept = 'none' keeps sums and counts"
+    tally = start(scene, threads=1)
+    file = tally.row_bytes + BYTES_AT_LINE * _crossings(tally, pilot)
+    if file > LARGE_RESULT:
+        warning += (
+            f"; the result file takes {_bytes(file)}: &output kept = 'none' keeps sums and counts"
+        )
     return f"about {_bytes(total)} ({parts}){warning}"
 
 

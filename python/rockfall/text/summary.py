@@ -17,6 +17,7 @@ from rockfall.protection.barriers import barrier_rows, barriers_of
 from rockfall.protection.dams import dams_of
 from rockfall.protection.stands import stands_of
 from rockfall.quantities import QUANTITIES, TOO_FEW, Quantity, percent
+from rockfall.result.crossings import line_names
 from rockfall.result.grounds import GroundRebounds, rebounds_by_ground
 from rockfall.result.samples import kept_note, simulated
 from rockfall.result.trajectories import ended
@@ -71,7 +72,7 @@ def _passages(result: Held) -> Iterator[list[str]]:
         *(f"mean {key.replace('_', ' ')}" for key in shown),
     ]
     samples = LineSamples(result)
-    for k, name in enumerate(result["line"].values):
+    for k, name in enumerate(line_names(result)):
         rows = {key: numbers(samples.sample(k, key), key) for key in shown}
         passed = rows["speed"]
         if not passed["n"]:

@@ -32,7 +32,6 @@ from rockfall.analysis.back.deposited import Deposited
 from rockfall.analysis.back.marked import Marked
 from rockfall.analysis.back.witnesses import worth_of
 from rockfall.analysis.deposits import MIN_FITTED, at_rest, witnesses
-from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.marks import Mark
 from rockfall.analysis.observations import Observed
 from rockfall.analysis.run_out import (
@@ -44,6 +43,7 @@ from rockfall.analysis.run_out import (
     way_of,
 )
 from rockfall.errors import RockfallError
+from rockfall.result.crossings import line_names, line_values
 
 if TYPE_CHECKING:
     import xarray as xr

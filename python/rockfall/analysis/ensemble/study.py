@@ -16,7 +16,6 @@ from rockfall.analysis.ensemble.maps import RANGED, MemberMaps
 from rockfall.analysis.ensemble.sobol_indices import Indices, deviations, indices, limits
 from rockfall.analysis.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
 from rockfall.analysis.line_statistics import line_numbers
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.model_warnings import warn_of_model, with_model_warnings
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import Case
@@ -26,6 +25,7 @@ from rockfall.interrupts import interrupts
 from rockfall.io.output_files import check_output
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES
+from rockfall.result.crossings import line_names, line_values
 from rockfall.result.dataset import write_result
 from rockfall.scene.lines import with_lines_of
 from rockfall.scene.plausible import warn_of
@@ -184,7 +184,7 @@ def _run(scene: Scene) -> _Run:
 def _dataset(base: _Run, names: list[str], y: np.ndarray, indices: Indices) -> dict[str, Any]:
     """Results of the runs and the parts of their variance; dimensions run, variant, input, line,
     result."""
-    lines: np.ndarray | list[str] = base.result["line"].values if "line" in base.result else []
+    lines = line_names(base.result)
     shape, per_line = (len(lines), len(RESULTS)), ("line", "result")
 
     def table(values: np.ndarray, long_name: str) -> tuple:
@@ -194,7 +194,6 @@ def _dataset(base: _Run, names: list[str], y: np.ndarray, indices: Indices) -> d
         return (*dims, *per_line), values.reshape(*ahead, *shape), {"long_name": long_name}
 
     texts = {
-        "line": lines,
         "result": list(RESULTS),
         "input": names,
         "variant": ["A", "B", *(f"A with {name} of B" for name in names)],
@@ -293,9 +292,9 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
     names = ("case_value", "mean", "q05", "q95", "monte_carlo_std", "epistemic_std")
     names += ("too_few",)
     rows = []
-    for line in found["line"].values if "line" in found else []:
+    for k, line in enumerate(line_names(found)):
         for result in found["result"].values:
-            at = found.sel(line=line, result=result)
+            at = found.isel(line=k).sel(result=result)
             row = {"line": line, "result": result, "units": at["result_units"].item()}
             row |= {name: at[name].item() for name in names}
             for name in found["input"].values:

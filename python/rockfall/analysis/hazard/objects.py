@@ -26,6 +26,7 @@ from rockfall.io.layers import read_features
 from rockfall.io.polygons import points_inside
 from rockfall.io.unused_attributes import note_marks, note_unused
 from rockfall.language import remark
+from rockfall.result.crossings import line_values
 from rockfall.result.samples import check_all_rows
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
 
@@ -252,8 +253,7 @@ def object_energies(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int,
         check_all_rows(result, "an object that is a line")
         energy = np.full(result.sizes["boulder"], np.nan)
         for line in np.flatnonzero(objects.owner == number):
-            parts = (f"line_energy_{kind}" for kind in ("translational", "rotational"))
-            energy = np.fmax(energy, sum(result[part].values[line] for part in parts))
+            energy = np.fmax(energy, line_values(result, "energy_total", int(line)))
         yield int(number), energy
 
 

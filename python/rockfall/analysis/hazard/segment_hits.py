@@ -11,8 +11,8 @@ import numpy as np
 
 from rockfall.analysis.hazard.risk import diameters
 from rockfall.analysis.hazard.segments import Segments
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.weighted import quantile_interval
+from rockfall.result.crossings import line_values
 from rockfall.result.samples import check_all_rows
 
 if TYPE_CHECKING:

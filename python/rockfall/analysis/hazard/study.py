@@ -263,7 +263,7 @@ class _Run:
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
         self.grounds = rebounds_by_ground(result)
-        without_objects = result.drop_vars("line_speed", errors="ignore")  # zones end at any edge
+        without_objects = result.drop_vars("row_size", errors="ignore")  # zones end at any edge
         self.warnings = model_warnings(without_objects, case_of(result))
 
     def _risk(self, objects: Objects, result: xr.Dataset) -> RunRisk:

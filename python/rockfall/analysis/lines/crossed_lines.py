@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelopes
-from rockfall.analysis.lines.values import line_values
 from rockfall.analysis.precision.intervals import sources
 from rockfall.case import case_of
+from rockfall.result.crossings import line_values
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import lines
 from rockfall.terrain.polyline import intersections

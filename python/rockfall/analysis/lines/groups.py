@@ -76,7 +76,7 @@ def _names(result: Held, numbers: np.ndarray) -> list[str]:
     """Names of features, or of sources without features."""
     if "feature" not in result:
         return [str(k) for k in numbers]
-    names = [str(name) for name in result["feature"].values]
+    names = [str(name) for name in result["feature_name"].values]
     labels = [(names[k - 1], k) for k in numbers]
     return [f"{name} ({k})" if names.count(name) > 1 else name for name, k in labels]
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import sample_numbers, with_limits
-from rockfall.analysis.lines.values import line_names, line_values
 from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.errors import RockfallError
 from rockfall.quantities import round_step
+from rockfall.result.crossings import line_names, line_values
 from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import lines
 from rockfall.terrain.polyline import lengths

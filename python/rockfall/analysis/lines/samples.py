@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.lines.groups import Group, check_by, groups, part_names
-from rockfall.analysis.lines.values import QUANTITIES, derived_values, is_derived, line_values
 from rockfall.analysis.precision.intervals import Sources, are_sampled, sources
 from rockfall.analysis.precision.samples import Counts, Sample, Values
 from rockfall.case import case_of
@@ -22,7 +21,13 @@ from rockfall.limits import (
     SAMPLE_TAILS,
     SAMPLE_UNITS,
 )
-from rockfall.result.samples import check_all_rows, simulated
+from rockfall.result.crossings import (
+    DERIVED,
+    boulders_at,
+    derived_at,
+    line_values,
+)
+from rockfall.result.samples import check_all_rows, check_rows, simulated
 from rockfall.result.variables import fields
 
 if TYPE_CHECKING:
@@ -38,7 +43,7 @@ class LineSamples:
         if source is None and not self._counted:
             source = sources(result)
         self._source = source
-        self._derived: dict[int, np.ndarray] = {}  # values of derived quantities at the last line
+        self._derived: dict[int, np.ndarray] = {}  # of the boulders that cross the last line
         self.sampled = are_sampled(result) if source is None else source.sampled
 
     @property
@@ -88,11 +93,14 @@ class LineSamples:
 
     def _values(self, line: int, quantity: str) -> np.ndarray:
         """Values of each boulder; those derived from others are computed together, once a line."""
-        if not is_derived(self.result, quantity) or not self.result.sizes["boulder"]:
+        if quantity not in DERIVED:
             return line_values(self.result, quantity, line)
+        check_rows(self.result, "a quantity of each boulder at a line")
         if line not in self._derived:
-            self._derived = {line: derived_values(self.result, line)}
-        return self._derived[line][QUANTITIES.index(quantity)]
+            self._derived = {line: derived_at(self.result, line)}
+        values = np.full(self.result.sizes["boulder"], np.nan)
+        values[boulders_at(self.result, line)] = self._derived[line][DERIVED[quantity]]
+        return values
 
     def ends(self, quantity: str) -> Sample:
         """Sample of a quantity at the ends of boulders: plan_distance, path_length and so on."""

@@ -19,9 +19,9 @@ from rockfall.analysis.lines.crossed_lines import crossed_lines
 from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelopes
 from rockfall.analysis.lines.stations import SectionLine, stations_of
 from rockfall.analysis.precision.intervals import Sources, sources
-from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.io.arrays import corner_of
+from rockfall.result.crossings import masses_of
 from rockfall.result.motion import Motion, motion_of, spins, spread
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import curves
@@ -121,7 +121,7 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     among = Sources.of(np.unique(own.number[rows], return_inverse=True)[1], own.sampled)
     lines = crossed_lines(result, line.vertices, line.within)
     radius = sphere_radius(result["volume"].values)
-    context = _Known(_masses(result), radius, terrain if _is_fine(result, terrain) else None)
+    context = _Known(masses_of(result), radius, terrain if _is_fine(result, terrain) else None)
     table, passages, crossing = [], [], []
     for at, place, direction in zip(*stations[:3], strict=True):
         k, part = _first_crossings(motion, place, direction, line.within)
@@ -168,26 +168,6 @@ def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.
         if here.any():
             paths.append(np.where(here, [along, curve.z], np.nan))
     return tuple(paths)
-
-
-def _masses(result: xr.Dataset) -> np.ndarray:
-    """Mass of each boulder [kg], NaN if unknown: by the density of the case, or, where the layer or
-    a raster of sources may have others, by that of a boulder of the same feature or source which
-    crossed a line with a known energy."""
-    case, volume = case_of(result), result["volume"].values
-    own = "rock_density" in case.boulder
-    if not own and "source_feature" not in result:
-        return volume * case.boulder["density"]
-    names, numbers = np.unique(
-        result["source" if own else "source_feature"].values, return_inverse=True
-    )
-    density = np.full(names.size, np.nan)
-    if "line_energy_translational" in result:
-        energy, speed = (result[f"line_{key}"].values for key in ("energy_translational", "speed"))
-        _, moved = np.nonzero(speed > 0)  # False for NaN
-        mass = 2 * energy[speed > 0] / speed[speed > 0] ** 2
-        density[numbers[moved]] = mass / volume[moved]
-    return volume * density[numbers]
 
 
 def _first_crossings(

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_numbers
+from rockfall.analysis.line_statistics import numbers
 from rockfall.analysis.precision.intervals import Sources, sources
+from rockfall.analysis.precision.samples import Values
+from rockfall.result.crossings import line_values
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -54,14 +56,15 @@ def known_of(number: np.ndarray, source: Sources) -> Sources:
 
 def history(result: xr.Dataset, line: int, n: list[int]) -> History:
     """Numbers at the line of this index after each of `n` boulders."""
-    names = ["start_x", "start_y", *(n for n in result if result[n].dims == ("line", "boulder"))]
-    at_line = result[names].isel(line=[line])  # copies of all lines would take memory
     source = sources(result)
     order = mixed(source)
-    ordered, number = at_line.isel(boulder=order), source.number[order]
-    numbers: History = {quantity: [] for quantity in SHOWN}
+    number = source.number[order]
+    values = {quantity: line_values(result, quantity, line)[order] for quantity in SHOWN}
+    numbers_by_size: History = {quantity: [] for quantity in SHOWN}
     for size in n:
-        part, released = ordered.isel(boulder=slice(size)), known_of(number[:size], source)
+        released = known_of(number[:size], source)
         for quantity in SHOWN:
-            numbers[quantity].append(line_numbers(part, 0, quantity, released))
-    return numbers
+            numbers_by_size[quantity].append(
+                numbers(Values(values[quantity][:size], released), quantity)
+            )
+    return numbers_by_size

@@ -20,6 +20,7 @@ import numpy as np
 
 from rockfall.case import case_of
 from rockfall.limits import MIN_FOR_MEAN, Z, fraction_limits, limit_ranks
+from rockfall.result.crossings import has_crossed
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
@@ -276,7 +277,7 @@ def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float,
 def passing_percent(result: Held, line: int) -> tuple[int, float, float, float]:
     """Number of boulders that pass the line of this index, and their fraction with the limits of
     its 95 % interval [%]."""
-    crossed = np.isfinite(result["line_speed"].values[line])
+    crossed = has_crossed(result, line)
     fraction, low, high = fraction_interval(crossed, sources(result))
     return int(crossed.sum()), 100 * fraction, 100 * low, 100 * high
 

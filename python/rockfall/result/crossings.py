@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""First crossings of evaluation lines: one row for each line that a boulder crosses, sorted by
+line, then by boulder. Results keep what the kernel measured; speeds, energies and further heights
+follow by its rules."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.case import case_of
+from rockfall.errors import RockfallError
+from rockfall.limits import line_quantities, points_along
+from rockfall.result.contents import Contents
+from rockfall.result.samples import check_rows
+from rockfall.result.variables import FRAGMENT, HIT, LINE, fields
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from rockfall.result.contents import Held
+
+    Known = Held | Mapping[str, Any]  # or arrays by name
+
+HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
+QUANTITIES = fields("line_quantity")  # in the kernel's numbering; the last is not derived
+DERIVED = {name: k for k, name in enumerate(QUANTITIES[:-1])}
+MOTION = ("velocity_x", "velocity_y", "velocity_z", "omega", "jump_height", "passing_height")
+POSITION = "position"  # the distance along a line, among quantities
+MAX_DENSE = 2e9  # bytes of a dense view
+
+
+def line_names(result: Known) -> list[str]:
+    """Names of the evaluation lines of a result, which may have none."""
+    return [str(name) for name in np.asarray(result["line_name"])] if "line_name" in result else []
+
+
+def line_index(result: Held, line: str | int) -> int:
+    """Index of a line, given by its name or index; a RockfallError lists the names."""
+    names = line_names(result)
+    if isinstance(line, str) and line in names:
+        return names.index(line)
+    if isinstance(line, int | np.integer) and 0 <= line < len(names):
+        return int(line)
+    raise RockfallError(f"line {line}: no such line; lines: {', '.join(names) or 'none'}")
+
+
+def rows_at(result: Known, line: int) -> slice:
+    """Rows of the crossings of the line of this index."""
+    sizes = np.asarray(result["row_size"])
+    first = int(sizes[:line].sum(dtype="i8"))
+    return slice(first, first + int(sizes[line]))
+
+
+def _rows_and_boulders(result: Known, line: int) -> tuple[slice | np.ndarray, np.ndarray]:
+    """Rows of the crossings of a line, and index along `boulder` of each; only of the boulders that
+    a result has, of which some may have been selected."""
+    rows, kept = rows_at(result, line), np.asarray(result["boulder"])
+    numbers = np.asarray(result["crossing_boulder"][rows])  # of a file only these rows are read
+    if not kept.size or not numbers.size:
+        return slice(0), np.zeros(0, "i8")
+    if (kept[1:] - kept[:-1] == 1).all():
+        index = numbers - kept[0]
+        has_all = numbers[0] >= kept[0] and numbers[-1] <= kept[-1]
+        is_kept = np.ones(0, bool) if has_all else (index >= 0) & (index < kept.size)
+    else:
+        order = np.argsort(kept, kind="stable")
+        index = order[np.minimum(np.searchsorted(kept, numbers, sorter=order), kept.size - 1)]
+        is_kept = kept[index] == numbers
+        has_all = bool(is_kept.all())
+    if has_all:
+        return rows, index
+    return rows.start + np.flatnonzero(is_kept), index[is_kept]
+
+
+def boulders_at(result: Known, line: int) -> np.ndarray:
+    """Index along `boulder` of each boulder that crosses a line, in the order of their numbers."""
+    return _rows_and_boulders(result, line)[1]
+
+
+def has_crossed(result: Known, line: int) -> np.ndarray:
+    """Mask (boulder,) of the boulders that cross a line."""
+    crossed = np.zeros(np.asarray(result["boulder"]).size, bool)
+    crossed[boulders_at(result, line)] = True
+    return crossed
+
+
+def stored_at(result: Known, name: str, line: int) -> np.ndarray:
+    """Values of a stored variable, crossing_NAME, of the crossings of a line."""
+    return np.asarray(result[f"crossing_{name}"][_rows_and_boulders(result, line)[0]])
+
+
+def volumes_at(result: Known, line: int) -> np.ndarray:
+    """Volume [m3] of each boulder that crosses a line; where boulders may break, of the fragment
+    whose crossing is given."""
+    if "crossing_volume" in result:
+        return stored_at(result, "volume", line).astype("f8")
+    return np.asarray(result["volume"])[boulders_at(result, line)]
+
+
+def masses_of(result: Held) -> np.ndarray:
+    """Mass of each boulder [kg]."""
+    if "mass" in result:
+        return result["mass"].values
+    return result["volume"].values * case_of(result).boulder["density"]
+
+
+def derived_at(result: Held, line: int) -> np.ndarray:
+    """Quantities that follow from others, in the order of `DERIVED` (quantities, n), of the
+    boulders that cross a line."""
+    volume, boulders = volumes_at(result, line), boulders_at(result, line)
+    if not boulders.size:
+        return np.empty((len(DERIVED), 0))
+    mass = masses_of(result)[boulders]
+    if "crossing_volume" in result:
+        mass = mass * (volume / result["volume"].values[boulders])
+    motion = np.array([stored_at(result, name, line) for name in MOTION], "f8", order="F")
+    return line_quantities(motion, volume, mass)
+
+
+def values_at(result: Held, quantity: str, line: int) -> np.ndarray:
+    """Values of a quantity of the boulders that cross a line, in the order of `boulders_at`."""
+    check_rows(result, "a quantity of each boulder at a line")
+    if quantity in ("x", "y"):
+        return places_at(result, line)["xy".index(quantity)]
+    if quantity in DERIVED and quantity not in MOTION:
+        return derived_at(result, line)[DERIVED[quantity]]
+    values = stored_at(result, "distance" if quantity == POSITION else quantity, line)
+    return values.astype("f8") if values.dtype.kind in "fi" else values
+
+
+def places_at(result: Held, line: int) -> np.ndarray:
+    """Map coordinates (2, n) [m] of the crossings of a line."""
+    on_line = result["line_vertex_line"].values == line
+    vertices = (result[f"line_vertex_{axis}"].values[on_line] for axis in "xy")
+    return points_along(*vertices, stored_at(result, "distance", line).astype("f8"))
+
+
+def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
+    """Values (boulder,) of a quantity at a line; NaN where a boulder does not cross."""
+    values = np.full(result.sizes["boulder"], np.nan)
+    values[boulders_at(result, line)] = values_at(result, quantity, line)
+    return values
+
+
+def outcomes_at(result: Held, line: int) -> np.ndarray:
+    """Outcome (boulder,) at the barrier on a line; 0 where a boulder does not reach it."""
+    outcome = np.zeros(result.sizes["boulder"], "i1")
+    outcome[boulders_at(result, line)] = stored_at(result, "outcome", line)
+    return outcome
+
+
+def without_absent(result: Held) -> Held:
+    """Result without the crossings of boulders that it does not have, as after a selection."""
+    if isinstance(result, Contents) or "row_size" not in result:
+        return result
+    line, number = (result[f"crossing_{name}"].values for name in ("line", "boulder"))
+    is_kept = np.isin(number, result["boulder"].values)
+    if is_kept.all():
+        return result
+    sizes = np.bincount(line[is_kept], minlength=result.sizes["line"]).astype("i4")
+    chosen = result.isel(crossing=np.flatnonzero(is_kept))
+    return chosen.assign(row_size=("line", sizes, result["row_size"].attrs))
+
+
+def crossings(result: xr.Dataset, line: str | int | None = None) -> pd.DataFrame:
+    """One row for each first crossing of a line (by name or index; default: of all lines), sorted
+    by line, then by boulder.
+
+    Columns: line (name), boulder (number), x, y [m], time [s], distance along the line [m], speed
+    and its components [m/s], omega [rad/s], heights [m], energies [J]; volume [m3] and fragments
+    where boulders may break, outcome where there are barriers. Times and motion are stored in
+    single precision: relative errors are below 1e-7, places along a line of 1 km are within 0.1 mm.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> rockfall.crossings(result, "L")["line"].iloc[0]
+    'L'
+    """
+    import pandas as pd
+
+    names = line_names(result)
+    parts = []
+    for k in range(len(names)) if line is None else [line_index(result, line)]:
+        columns = {"line": names[k], **columns_at(result, k)}
+        parts.append(pd.DataFrame(columns))
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=["line"])
+
+
+def columns_at(result: Held, line: int) -> dict[str, np.ndarray]:
+    """Columns of `crossings` at the line of this index, without its name."""
+    x, y = places_at(result, line)
+    derived = derived_at(result, line)
+    columns = {"boulder": stored_at(result, "boulder", line), "x": x, "y": y}
+    for name in ("time", "distance", *[*LINE][3:], *HEIGHTS):
+        columns[name] = (
+            derived[DERIVED[name]]
+            if name in DERIVED
+            else stored_at(result, name, line).astype("f8")
+        )
+    extra = {**FRAGMENT, **HIT}
+    return columns | {n: stored_at(result, n, line) for n in extra if f"crossing_{n}" in result}
+
+
+def at_lines(result: xr.Dataset) -> xr.Dataset:
+    """Crossings as a dense Dataset of line_x, line_y, line_time and so on, dimensions (line,
+    boulder), NaN where a boulder does not cross; for a few lines.
+
+    A RockfallError refuses more than 2 GB.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> rockfall.at_lines(result)["line_speed"].dims
+    ('line', 'boulder')
+    """
+    import xarray as xr
+
+    lines, boulders = len(line_names(result)), result.sizes["boulder"]
+    if (size := 8 * lines * boulders * len(LINE)) > MAX_DENSE:
+        raise RockfallError(
+            f"at_lines: {lines:,} lines of {boulders:,} boulders take {size / 1e9:,.1f} GB; "
+            "rockfall.crossings(result, line) takes one line"
+        )
+    data: dict[str, Any] = {}
+
+    def put(name: str, attrs: dict[str, str], values: list[np.ndarray]) -> None:
+        shape = lines, boulders
+        data[name] = (("line", "boulder"), np.array(values).reshape(shape), attrs)
+
+    for name, attrs in LINE.items():
+        put(f"line_{name}", attrs, [line_values(result, name, k) for k in range(lines)])
+    if "crossing_volume" in result:
+        volumes = [line_values(result, "volume", k) for k in range(lines)]
+        put("line_volume", FRAGMENT["volume"], volumes)
+        counts = [np.nan_to_num(line_values(result, "fragments", k)) for k in range(lines)]
+        put("line_fragments", FRAGMENT["fragments"], [count.astype("i4") for count in counts])
+    if "crossing_outcome" in result:
+        attrs = dict(result["crossing_outcome"].attrs)
+        put("barrier_outcome", attrs, [outcomes_at(result, k) for k in range(lines)])
+    coords = {"line": line_names(result), "boulder": result["boulder"].values}
+    return xr.Dataset(data, coords)

@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Names as words, for files and flags."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable
+
+
+def distinct_words(names: Iterable[str], only_ascii: bool = False) -> list[str]:
+    """Names in letters, digits and a few marks, valid in file names and in CF's flag_meanings (the
+    latter in ASCII only), made unique where necessary."""
+    words: list[str] = []
+    taken: set[str] = set()
+    for name in names:
+        if only_ascii:
+            name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+        word = stem = re.sub(r"[^\w.+-]+", "_", name).strip("._") or "line"
+        count = 1
+        while word.lower() in taken:
+            count += 1
+            word = f"{stem}_{count}"
+        taken.add(word.lower())
+        words.append(word)
+    return words

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Crossings of a long run in a file next to its output, so that memory does not grow with them. The
+kernel hands them over in blocks, each sorted by line; the result reads them line by line."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from itertools import accumulate
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.result.run_arrays import Array, RunArrays
+
+GROUPS = ("crossing", "fragment", "hit")
+BLOCK = 1_000_000  # crossings in the kernel from which they go to the file
+PIECE = 1_000_000  # crossings in memory at a time when they are read again
+
+
+class _Block(NamedTuple):
+    """Place of the columns of a block in the file, and its crossings of each line."""
+
+    offsets: dict[str, int]  # by name in files
+    ends: np.ndarray  # rows up to the end of each line, from 0 for none
+
+
+class SpilledCrossings:
+    """Blocks of crossings of the boulders of a run, in the order in which these end."""
+
+    def __init__(self, folder: Path, lines: int) -> None:
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  as long as this lives
+        self._blocks: list[_Block] = []
+        self._columns: dict[str, Array] = {}  # with no values
+        self._lines = lines
+
+    def take(self, run: RunArrays, least: int = BLOCK) -> None:
+        """Take the crossings of a run over, if there are at least so many (one or more)."""
+        if run.array("crossing_line").size < least:
+            return
+        run.sort_crossings()
+        offsets = {}
+        for array in run.arrays(*GROUPS):
+            offsets[array.file_name] = self._file.seek(0, 2)
+            array.values.tofile(self._file)
+            self._columns[array.file_name] = array._replace(values=array.values[:0].copy())
+        sizes = np.bincount(run.array("crossing_line"), minlength=self._lines)
+        self._blocks.append(_Block(offsets, np.array([0, *accumulate(sizes.tolist())])))
+        self._file.flush()
+        run.forget_crossings()
+
+    def columns(self, run: RunArrays) -> list[Array]:
+        """All crossings, those of the run too, as arrays whose values are read when they are
+        needed."""
+        self.take(run, 1)
+        if not self._blocks:
+            return [*run.arrays(*GROUPS)]
+        return [
+            array._replace(values=_Column(self, name, array.values.dtype))  # type: ignore[arg-type]
+            for name, array in self._columns.items()
+        ]
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Rows of all blocks up to the end of each line, from 0 for none."""
+        none = np.zeros(self._lines + 1, "i8")
+        return np.sum([none, *(block.ends for block in self._blocks)], axis=0)
+
+    def rows(self, name: str, first: int, last: int) -> np.ndarray:
+        """Values of a column at the lines first to last - 1, sorted by line, then by boulder."""
+        dtype = self._columns[name].values.dtype
+        ends = self.ends[first : last + 1] - self.ends[first]
+        values = np.empty(int(ends[-1]), dtype)
+        free = ends[:-1].copy()  # first row of each line that no block has filled
+        for block in self._blocks:
+            begin, *stops = (block.ends[first : last + 1] - block.ends[first]).tolist()
+            if not stops or not stops[-1]:
+                continue
+            start = block.offsets[name] + int(block.ends[first]) * dtype.itemsize
+            part = self._read(start, stops[-1], dtype)
+            for k, stop in enumerate(stops):
+                if stop > begin:
+                    values[free[k] : free[k] + stop - begin] = part[begin:stop]
+                    free[k] += stop - begin
+                begin = stop
+        return values
+
+    def _read(self, start: int, size: int, dtype: np.dtype) -> np.ndarray:
+        self._file.seek(start)
+        return np.fromfile(self._file, dtype, size)
+
+
+class _Column:
+    """A column of all crossings; numpy reads it as a whole, a slice alone."""
+
+    def __init__(self, store: SpilledCrossings, name: str, dtype: np.dtype) -> None:
+        self._store, self._name, self.dtype = store, name, dtype
+        self._ends = store.ends
+        self.shape, self.ndim = (int(self._ends[-1]),), 1
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.asarray(self[:], dtype)
+
+    def __getitem__(self, rows: slice) -> np.ndarray:
+        start, stop, step = rows.indices(self.shape[0])
+        first = int(np.searchsorted(self._ends, start, side="right")) - 1
+        last = int(np.searchsorted(self._ends, stop, side="left"))
+        values = self._store.rows(self._name, first, max(first, last))
+        return values[start - self._ends[first] : stop - self._ends[first] : step]
+
+    def pieces(self) -> Iterator[np.ndarray]:
+        """All values, some lines at a time."""
+        first = 0
+        while first < self._ends.size - 1:
+            last = int(np.searchsorted(self._ends, self._ends[first] + PIECE, side="right")) - 1
+            last = max(first + 1, last)
+            yield self._store.rows(self._name, first, last)
+            first = last
