@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What boulders at many evaluation lines cost: run, lines and report of a result, by several builds.
+"""What boulders at many evaluation lines cost: run, lines and report, by several builds.
 
     python -m benchmarks.speed.crossings [--lines 1000] [--boulders 100000] [--repeat 3]
         [--other PYTHON ...] [--commands run lines report]
