@@ -110,4 +110,5 @@ def test_the_file_is_one_that_other_programs_read(result, tmp_path):
             assert "line_name" not in getattr(variable, "coordinates", "")
         assert file["crossing_time"].dtype == "f4" and file["crossing_line"].filters()["zlib"]
         assert max(file["crossing_omega"].chunking()) <= 32_768
-    xr.testing.assert_identical(rockfall.read_result(tmp_path / "out.nc"), result)
+    again = rockfall.read_result(tmp_path / "out.nc")
+    assert again.equals(result) and {*again.attrs} <= {*result.attrs}
