@@ -16,6 +16,20 @@ import slope_case
 from programs import MANY, find_program, make_prepared, run_program
 
 
+def pytest_addoption(parser):
+    parser.addoption("--all", action="store_true", help="run also what is marked `all`")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out what is marked `all`, and all that needs a browser, where not asked for."""
+    kept, left = [], []
+    for item in items:
+        extra = item.get_closest_marker("all") or "browser" in item.fixturenames
+        (left if extra and not config.getoption("all") else kept).append(item)
+    config.hook.pytest_deselected(items=left)
+    items[:] = kept
+
+
 def pytest_collection_finish():
     """Modules stay; to look through them for garbage again and again takes a tenth of the time, and
     to look as often as Python does through all else 3 %."""

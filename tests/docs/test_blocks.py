@@ -218,6 +218,7 @@ def test_every_block_says_what_it_is():
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.all
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize(
     "page", [str(page) for page in PAGES if any(one["kind"] != "text" for one in blocks(page))]

@@ -20,6 +20,7 @@ BLOCK = r"```{} title=\"(.+?)\"\n(.*?)^```$"
 QUICK = ["-Dpython=false", "-Dlibrary=true", "-Dnetcdf=disabled", "-Db_lto=false", "--libdir=lib"]
 
 
+@pytest.mark.all
 @pytest.mark.skipif(not shutil.which("Rscript"), reason="R is not installed")
 def test_r_runs_a_case(tmp_path, monkeypatch):
     """The files of the page, and its commands, with a library of this tree."""

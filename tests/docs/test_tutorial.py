@@ -15,6 +15,7 @@ pytest.importorskip("jinja2", reason="the report extra is not installed")
 FEW = {"20_000": "2_000", "1360": "136", "road<5%": "road<20%"}
 
 
+@pytest.mark.all
 def test_the_notebook_runs(tmp_path, monkeypatch, blank_figures):
     path = tutorial.PAGES / "tutorial.ipynb"
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]

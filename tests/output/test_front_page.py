@@ -128,6 +128,7 @@ def test_what_page_1_has_no_room_for_is_on_page_2(result, bare, monkeypatch):
     assert "more on page 2" not in page_1(result).split("answers")[0]
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_a_browser_prints_the_signature_on_page_1_of_a4(pages, tmp_path, language):
     chromium = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)

@@ -143,6 +143,7 @@ def within(site, qgis, forked):
     return json.loads(said.splitlines()[-1])
 
 
+@pytest.mark.all
 @needs_qgis
 def test_qgis_process_gives_the_maps_of_the_command_line(site, qgis, monkeypatch):
     layers = [f"{name.upper()}={site / 'site.gpkg'}|layername={name}" for name in
@@ -170,6 +171,7 @@ def test_qgis_process_gives_the_maps_of_the_command_line(site, qgis, monkeypatch
     assert "sources" not in names  # one area, not thousands of points
 
 
+@pytest.mark.all
 @needs_qgis
 def test_layers_in_memory_run_and_results_load_with_their_styles(within):
     loaded = within["run"]["loaded"]
@@ -206,6 +208,7 @@ def opened(site, qgis):
     return json.loads(said.splitlines()[-1]), folder
 
 
+@pytest.mark.all
 @needs_qgis
 def test_a_project_opens_elsewhere_with_all_its_layers(opened):
     seen, _ = opened
@@ -218,6 +221,7 @@ def test_a_project_opens_elsewhere_with_all_its_layers(opened):
     assert seen["labelled"] == ["Evaluation lines"]
 
 
+@pytest.mark.all
 @needs_qgis
 def test_each_map_has_a_layout_that_prints(opened):
     seen, folder = opened
@@ -234,6 +238,7 @@ def test_each_map_has_a_layout_that_prints(opened):
     assert "\u2264 10 kJ" in energy and "Sources" in energy
 
 
+@pytest.mark.all
 @needs_qgis
 def test_what_is_drawn_is_neither_blank_nor_hidden(opened):
     seen, _ = opened
@@ -243,6 +248,7 @@ def test_what_is_drawn_is_neither_blank_nor_hidden(opened):
     assert ink["Sources"] > 0.0005
 
 
+@pytest.mark.all
 @needs_qgis
 @pytest.mark.parametrize(
     "what, line",
@@ -262,6 +268,7 @@ def test_what_is_wrong_is_one_line_and_leaves_nothing(within, what, line):
     assert within[what]["left"] == []
 
 
+@pytest.mark.all
 @needs_qgis
 def test_layers_of_a_project_become_a_case_with_dams_nets_and_a_forest(within):
     assert within["new"]["found"]["CASE"] == "drawn/case.nml"
@@ -273,6 +280,7 @@ def test_layers_of_a_project_become_a_case_with_dams_nets_and_a_forest(within):
     assert "dams" in within["protected"]["loaded"] and "barriers" in within["protected"]["loaded"]
 
 
+@pytest.mark.all
 @needs_qgis
 @pytest.mark.parametrize(
     "what, files",
@@ -291,6 +299,7 @@ def test_studies_write_what_the_program_writes(within, what, files):
     assert within[what]["found"]["TEXT"]
 
 
+@pytest.mark.all
 @needs_qgis
 def test_zones_and_differences_are_loaded(within):
     zones = within["hazard"]["loaded"]["zones"]
@@ -299,6 +308,7 @@ def test_zones_and_differences_are_loaded(within):
     assert any("passing" in name for name in within["compare"]["loaded"])
 
 
+@pytest.mark.all
 @needs_qgis
 def test_the_program_is_a_setting(within):
     assert within["setting"].endswith("/dem.tif")

@@ -59,6 +59,7 @@ def outcome(first, folder):
     return done.stdout.split()
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("library", FIRST)
 def test_bits_and_threads_next_to_another_openmp(library, few_boulders):
     if not importlib.util.find_spec(library):
