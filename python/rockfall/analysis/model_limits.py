@@ -23,7 +23,7 @@ from rockfall.grounds.impact_tables import open_table, own_table, shipped_tables
 from rockfall.language import Text, say, word
 from rockfall.limits import fraction_limits
 from rockfall.quantities import first_of, part_of_boulders, part_of_rebounds, percent
-from rockfall.result.crossings import MOTION, has_crossed, line_names, stored_at, volumes_at
+from rockfall.result.crossings import MOTION, AtLine, has_crossed, line_names, stored_at
 from rockfall.result.grounds import (
     classical_grounds,
     rebounds_by_ground,
@@ -304,8 +304,9 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     lowest = LOWEST_REST if rebounds_by_ground(values) else repose()
     cosine = np.cos(np.radians(case.impact.get("rest_angle", lowest)))
     for k, name in enumerate(line_names(values)):
-        motion = np.array([stored_at(values, part, k) for part in MOTION], "f8")
-        radius = np.cbrt(0.75 / np.pi * volumes_at(values, k))
+        at = AtLine(values, k)
+        motion = np.array([at.stored(part) for part in MOTION], "f8")
+        radius = np.cbrt(0.75 / np.pi * at.volumes)
         above = motion[MOTION.index("passing_height")] - motion[MOTION.index("jump_height")]
         rolls = (radius < above * cosine) & (np.hypot.reduce(motion[:3]) < SLOW)
         if rolls.size and (fraction := float(rolls.mean())) > MAX_SLOW:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.precision.intervals import Sources, between_ranks, effective_number, sources
+from rockfall.analysis.precision.intervals import Sources, between_ranks, sources
 from rockfall.limits import barrier_outcomes
-from rockfall.result.crossings import DERIVED, boulders_at, derived_at, stored_at, volumes_at
+from rockfall.result.crossings import AtLine
 from rockfall.result.samples import check_rows
 from rockfall.result.variables import OUTCOME
 
@@ -44,10 +44,9 @@ class Crossings(NamedTuple):
 def crossings(result: xr.Dataset, line: int) -> Crossings:
     """Crossings at the line of this index."""
     check_rows(result, "a quantity of each boulder at a line")
-    derived, position = derived_at(result, line), stored_at(result, "distance", line).astype("f8")
-    numbers = (derived[DERIVED[name]] for name in Crossings._fields[3:])
-    source = sources(result)[boulders_at(result, line)]
-    return Crossings(source, volumes_at(result, line), position, *numbers)
+    at = AtLine(result, line)
+    numbers = (at.values(name) for name in Crossings._fields[2:])
+    return Crossings(sources(result)[at.boulders], at.volumes, *numbers)
 
 
 def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, float, float]:
@@ -57,7 +56,7 @@ def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, 
         return np.nan, np.nan, np.nan
     ordered = np.sort(values)
     value = float(np.quantile(ordered, level))
-    effective = effective_number((values <= value).astype(float), source)
+    effective = source.effective_number(values <= value)
     low, high = between_ranks(ordered, level, effective)
     return value, float(low), float(high)
 

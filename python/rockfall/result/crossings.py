@@ -6,11 +6,12 @@ follow by its rules."""
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.case import case_of
+from rockfall.case import case_in
 from rockfall.errors import RockfallError
 from rockfall.limits import line_quantities, points_along
 from rockfall.result.contents import Contents
@@ -55,30 +56,92 @@ def rows_at(result: Known, line: int) -> slice:
     return slice(first, first + int(sizes[line]))
 
 
-def _rows_and_boulders(result: Known, line: int) -> tuple[slice | np.ndarray, np.ndarray]:
-    """Rows of the crossings of a line, and index along `boulder` of each; only of the boulders that
-    a result has, of which some may have been selected."""
-    rows, kept = rows_at(result, line), np.asarray(result["boulder"])
-    numbers = np.asarray(result["crossing_boulder"][rows])  # of a file only these rows are read
-    if not kept.size or not numbers.size:
-        return slice(0), np.zeros(0, "i8")
-    if (kept[1:] - kept[:-1] == 1).all():
-        index = numbers - kept[0]
-        has_all = numbers[0] >= kept[0] and numbers[-1] <= kept[-1]
-        is_kept = np.ones(0, bool) if has_all else (index >= 0) & (index < kept.size)
-    else:
-        order = np.argsort(kept, kind="stable")
-        index = order[np.minimum(np.searchsorted(kept, numbers, sorter=order), kept.size - 1)]
-        is_kept = kept[index] == numbers
-        has_all = bool(is_kept.all())
-    if has_all:
-        return rows, index
-    return rows.start + np.flatnonzero(is_kept), index[is_kept]
+class AtLine:
+    """Crossings of the line of this index by the boulders that a result has, of which some may have
+    been selected; what is read or computed is kept."""
+
+    def __init__(self, result: Known, line: int) -> None:
+        """Of arrays by name there are no energies, for want of a case."""
+        self._result: Any = result
+        self._line = line
+        self._rows, self.boulders = self._rows_and_boulders()
+
+    def _rows_and_boulders(self) -> tuple[slice | np.ndarray, np.ndarray]:
+        """Rows of the crossings, and index along `boulder` of each, in the order of numbers."""
+        rows, kept = rows_at(self._result, self._line), np.asarray(self._result["boulder"])
+        numbers = np.asarray(self._result["crossing_boulder"][rows])  # of a file only these rows
+        if not kept.size or not numbers.size:
+            return slice(0), np.zeros(0, "i8")
+        if kept[-1] - kept[0] + 1 == kept.size and (kept[1:] > kept[:-1]).all():
+            index = numbers - kept[0]
+            has_all = numbers[0] >= kept[0] and numbers[-1] <= kept[-1]
+            is_kept = np.ones(0, bool) if has_all else (index >= 0) & (index < kept.size)
+        else:
+            order = np.argsort(kept, kind="stable")
+            index = order[np.minimum(np.searchsorted(kept, numbers, sorter=order), kept.size - 1)]
+            is_kept = kept[index] == numbers
+            has_all = bool(is_kept.all())
+        if has_all:
+            return rows, index
+        return rows.start + np.flatnonzero(is_kept), index[is_kept]
+
+    def stored(self, name: str) -> np.ndarray:
+        """Values of a stored variable, crossing_NAME."""
+        return np.asarray(self._result[f"crossing_{name}"][self._rows])
+
+    @cached_property
+    def volumes(self) -> np.ndarray:
+        """Volume [m3] of each boulder; where boulders may break, of the fragment whose crossing is
+        given."""
+        if "crossing_volume" in self._result:
+            return self.stored("volume").astype("f8")
+        return np.asarray(self._result["volume"])[self.boulders]
+
+    @cached_property
+    def derived(self) -> np.ndarray:
+        """Quantities that follow from others, in the order of `DERIVED` (quantities, n)."""
+        if not self.boulders.size:
+            return np.empty((len(DERIVED), 0))
+        mass = masses_of(self._result, self.boulders)
+        if "crossing_volume" in self._result:
+            mass = mass * (self.volumes / np.asarray(self._result["volume"])[self.boulders])
+        motion = np.array([self.stored(name) for name in MOTION], "f8", order="F")
+        return line_quantities(motion, self.volumes, mass)
+
+    def values(self, quantity: str) -> np.ndarray:
+        """Values of a quantity, in the order of `boulders`; the result must keep rows."""
+        if quantity in ("x", "y"):
+            return self.places()["xy".index(quantity)]
+        if quantity in DERIVED and quantity not in MOTION:
+            return self.derived[DERIVED[quantity]]
+        values = self.stored("distance" if quantity == POSITION else quantity)
+        return values.astype("f8") if values.dtype.kind in "fi" else values
+
+    def places(self) -> np.ndarray:
+        """Map coordinates (2, n) [m]."""
+        on_line = self._result["line_vertex_line"].values == self._line
+        vertices = (self._result[f"line_vertex_{axis}"].values[on_line] for axis in "xy")
+        return points_along(*vertices, self.stored("distance").astype("f8"))
+
+
+def masses_of(result: Held, boulders: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """Mass [kg] of each boulder, or of those with these indices."""
+    if "mass" in result:
+        return np.asarray(result["mass"])[boulders]
+    density = _density(str(result.attrs["case"]), str(result.attrs["case_file"]))
+    return np.asarray(result["volume"])[boulders] * density
+
+
+@lru_cache(maxsize=8)
+def _density(text: str, file: str) -> float:
+    """Density of the boulders of a case [kg/m3]; to read the case of many lines takes longer than
+    to compute what happens at one."""
+    return float(case_in({"case": text, "case_file": file}).boulder["density"])
 
 
 def boulders_at(result: Known, line: int) -> np.ndarray:
     """Index along `boulder` of each boulder that crosses a line, in the order of their numbers."""
-    return _rows_and_boulders(result, line)[1]
+    return AtLine(result, line).boulders
 
 
 def has_crossed(result: Known, line: int) -> np.ndarray:
@@ -90,66 +153,32 @@ def has_crossed(result: Known, line: int) -> np.ndarray:
 
 def stored_at(result: Known, name: str, line: int) -> np.ndarray:
     """Values of a stored variable, crossing_NAME, of the crossings of a line."""
-    return np.asarray(result[f"crossing_{name}"][_rows_and_boulders(result, line)[0]])
-
-
-def volumes_at(result: Known, line: int) -> np.ndarray:
-    """Volume [m3] of each boulder that crosses a line; where boulders may break, of the fragment
-    whose crossing is given."""
-    if "crossing_volume" in result:
-        return stored_at(result, "volume", line).astype("f8")
-    return np.asarray(result["volume"])[boulders_at(result, line)]
-
-
-def masses_of(result: Held) -> np.ndarray:
-    """Mass of each boulder [kg]."""
-    if "mass" in result:
-        return result["mass"].values
-    return result["volume"].values * case_of(result).boulder["density"]
-
-
-def derived_at(result: Held, line: int) -> np.ndarray:
-    """Quantities that follow from others, in the order of `DERIVED` (quantities, n), of the
-    boulders that cross a line."""
-    volume, boulders = volumes_at(result, line), boulders_at(result, line)
-    if not boulders.size:
-        return np.empty((len(DERIVED), 0))
-    mass = masses_of(result)[boulders]
-    if "crossing_volume" in result:
-        mass = mass * (volume / result["volume"].values[boulders])
-    motion = np.array([stored_at(result, name, line) for name in MOTION], "f8", order="F")
-    return line_quantities(motion, volume, mass)
+    return AtLine(result, line).stored(name)
 
 
 def values_at(result: Held, quantity: str, line: int) -> np.ndarray:
     """Values of a quantity of the boulders that cross a line, in the order of `boulders_at`."""
     check_rows(result, "a quantity of each boulder at a line")
-    if quantity in ("x", "y"):
-        return places_at(result, line)["xy".index(quantity)]
-    if quantity in DERIVED and quantity not in MOTION:
-        return derived_at(result, line)[DERIVED[quantity]]
-    values = stored_at(result, "distance" if quantity == POSITION else quantity, line)
-    return values.astype("f8") if values.dtype.kind in "fi" else values
+    return AtLine(result, line).values(quantity)
 
 
 def places_at(result: Held, line: int) -> np.ndarray:
     """Map coordinates (2, n) [m] of the crossings of a line."""
-    on_line = result["line_vertex_line"].values == line
-    vertices = (result[f"line_vertex_{axis}"].values[on_line] for axis in "xy")
-    return points_along(*vertices, stored_at(result, "distance", line).astype("f8"))
+    return AtLine(result, line).places()
 
 
 def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
     """Values (boulder,) of a quantity at a line; NaN where a boulder does not cross."""
-    values = np.full(result.sizes["boulder"], np.nan)
-    values[boulders_at(result, line)] = values_at(result, quantity, line)
+    check_rows(result, "a quantity of each boulder at a line")
+    values, at = np.full(result.sizes["boulder"], np.nan), AtLine(result, line)
+    values[at.boulders] = at.values(quantity)
     return values
 
 
 def outcomes_at(result: Held, line: int) -> np.ndarray:
     """Outcome (boulder,) at the barrier on a line; 0 where a boulder does not reach it."""
-    outcome = np.zeros(result.sizes["boulder"], "i1")
-    outcome[boulders_at(result, line)] = stored_at(result, "outcome", line)
+    outcome, at = np.zeros(result.sizes["boulder"], "i1"), AtLine(result, line)
+    outcome[at.boulders] = at.stored("outcome")
     return outcome
 
 
@@ -192,17 +221,12 @@ def crossings(result: xr.Dataset, line: str | int | None = None) -> pd.DataFrame
 
 def columns_at(result: Held, line: int) -> dict[str, np.ndarray]:
     """Columns of `crossings` at the line of this index, without its name."""
-    x, y = places_at(result, line)
-    derived = derived_at(result, line)
-    columns = {"boulder": stored_at(result, "boulder", line), "x": x, "y": y}
-    for name in ("time", "distance", *[*LINE][3:], *HEIGHTS):
-        columns[name] = (
-            derived[DERIVED[name]]
-            if name in DERIVED
-            else stored_at(result, name, line).astype("f8")
-        )
+    at = AtLine(result, line)
+    x, y = at.places()
+    columns = {"boulder": at.stored("boulder"), "x": x, "y": y}
+    columns |= {name: at.values(name) for name in ("time", "distance", *[*LINE][3:], *HEIGHTS)}
     extra = {**FRAGMENT, **HIT}
-    return columns | {n: stored_at(result, n, line) for n in extra if f"crossing_{n}" in result}
+    return columns | {name: at.stored(name) for name in extra if f"crossing_{name}" in result}
 
 
 def at_lines(result: xr.Dataset) -> xr.Dataset:

@@ -12,7 +12,7 @@ import numpy as np
 
 from rockfall.analysis.lines.groups import Group, check_by, groups, part_names
 from rockfall.analysis.precision.intervals import Sources, are_sampled, sources
-from rockfall.analysis.precision.samples import Counts, Sample, Values
+from rockfall.analysis.precision.samples import Counts, Passing, Sample, Values
 from rockfall.case import case_of
 from rockfall.limits import (
     SAMPLE_BINS,
@@ -22,12 +22,9 @@ from rockfall.limits import (
     SAMPLE_UNITS,
 )
 from rockfall.result.crossings import (
-    DERIVED,
-    boulders_at,
-    derived_at,
-    line_values,
+    AtLine,
 )
-from rockfall.result.samples import check_all_rows, check_rows, simulated
+from rockfall.result.samples import check_all_rows, simulated
 from rockfall.result.variables import fields
 
 if TYPE_CHECKING:
@@ -43,7 +40,7 @@ class LineSamples:
         if source is None and not self._counted:
             source = sources(result)
         self._source = source
-        self._derived: dict[int, np.ndarray] = {}  # of the boulders that cross the last line
+        self._last: tuple[int, AtLine, Passing] | None = None  # of the last line
         self.sampled = are_sampled(result) if source is None else source.sampled
 
     @property
@@ -85,22 +82,23 @@ class LineSamples:
         """Sample of a quantity at the line of this index, for all boulders or a group."""
         if self._counted:
             return self._counts(line, quantity, chosen)
-        values, source = self._values(line, quantity), self._source
-        assert source is not None
+        at, passing = self._at(line)
+        values = at.values(quantity)
         if chosen is None:
-            return Values(values, source)
-        return Values(values[chosen], source[chosen])
+            return Values(values, passing)
+        assert self._source is not None
+        among = chosen[at.boulders]
+        places = np.cumsum(chosen) - 1  # of those chosen among themselves
+        which = places[at.boulders[among]]
+        return Values(values[among], Passing(self._source[chosen], which))
 
-    def _values(self, line: int, quantity: str) -> np.ndarray:
-        """Values of each boulder; those derived from others are computed together, once a line."""
-        if quantity not in DERIVED:
-            return line_values(self.result, quantity, line)
-        check_rows(self.result, "a quantity of each boulder at a line")
-        if line not in self._derived:
-            self._derived = {line: derived_at(self.result, line)}
-        values = np.full(self.result.sizes["boulder"], np.nan)
-        values[boulders_at(self.result, line)] = self._derived[line][DERIVED[quantity]]
-        return values
+    def _at(self, line: int) -> tuple[AtLine, Passing]:
+        """Crossings of a line, and who passes it: all quantities of a line need them."""
+        assert self._source is not None
+        if self._last is None or self._last[0] != line:
+            at = AtLine(self.result, line)
+            self._last = line, at, Passing(self._source, at.boulders)
+        return self._last[1:]
 
     def ends(self, quantity: str) -> Sample:
         """Sample of a quantity at the ends of boulders: plan_distance, path_length and so on."""

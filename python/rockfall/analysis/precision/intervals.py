@@ -71,9 +71,29 @@ class Sources:
 
     def sums(self, residual: np.ndarray) -> Sums:
         """Sums of a variable of the boulders, less its mean."""
-        clusters, size = self._of, self.released.size
-        total, squares = (np.bincount(clusters, v, size) for v in (residual, residual**2))
+        size = self.released.size
+        if size == 1:
+            total, squares = (np.array([v.sum()]) for v in (residual, residual**2))
+        else:
+            total, squares = (np.bincount(self._of, v, size) for v in (residual, residual**2))
         return Sums(self._numbers, total, squares, self.released, self.sampled)
+
+    def indicator(self, holds: np.ndarray) -> Sums:
+        """Sums of what is 1 for boulders of which something holds, a mask or indices, 0 for the
+        others, less its mean."""
+        size, n = self.released.size, self._numbers
+        if size > 1:
+            held = np.bincount(self._of[holds], minlength=size).astype(float)
+        else:
+            held = np.array([np.count_nonzero(holds) if holds.dtype == bool else holds.size], float)
+        fraction = held.sum() / max(1.0, n.sum())
+        squares = held * (1 - fraction) ** 2 + (n - held) * fraction**2
+        return Sums(n, held - n * fraction, squares, self.released, self.sampled)
+
+    def effective_number(self, holds: np.ndarray) -> float:
+        """Effective number of independent boulders for the fraction of those of which something
+        holds, (boulders,) of bool."""
+        return self.indicator(holds).effective_number(float(holds.mean()))
 
     @property
     def _of(self) -> np.ndarray:
@@ -194,18 +214,22 @@ class Shape:
     def of(cls, values: np.ndarray, counts: np.ndarray | None = None) -> Shape:
         """Shape of values with the given counts; each once by default."""
         if counts is None:
-            counts, middle = np.ones(values.size), (values.size - 1) // 2
+            n, middle = float(values.size), (values.size - 1) // 2
             median = np.partition(values, middle)[middle] if values.size else 0.0
+            apart = int(np.count_nonzero(values != median)) + 1
         else:
             order = np.argsort(values)
             middle = np.searchsorted(np.cumsum(counts[order]), counts.sum() / 2)
-            median = values[order[middle]]
-        n, apart = float(counts.sum()), int(counts[values != median].sum()) + 1
+            median, n = values[order[middle]], float(counts.sum())
+            apart = int(counts[values != median].sum()) + 1
         if apart < 3:
             return cls(0.0, 1.0, 1.0, apart)
-        deviations = values - counts @ values / n
-        second = counts @ deviations**2 / n
-        skewness = counts @ deviations**3 / n / second**1.5 * math.sqrt(n * (n - 1)) / (n - 2)
+        deviations = values - (values.sum() if counts is None else counts @ values) / n
+        squares = deviations * deviations
+        weighted = squares if counts is None else counts * squares
+        second = weighted.sum() / n
+        third = (weighted * deviations).sum() / n
+        skewness = third / second**1.5 * math.sqrt(n * (n - 1)) / (n - 2)
         std = math.sqrt(second * n / (n - 1))
         return cls(skewness, -deviations.min() / std, deviations.max() / std, apart)
 
@@ -271,7 +295,7 @@ def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float,
     """Fraction of the boulders for which something holds, and the limits of its 95 % interval
     (Wilson 1927)."""
     fraction = float(holds.mean())
-    return fraction, *fraction_limits(fraction, effective_number(holds.astype(float), source))
+    return fraction, *fraction_limits(fraction, source.effective_number(holds))
 
 
 def passing_percent(result: Held, line: int) -> tuple[int, float, float, float]:
@@ -280,12 +304,6 @@ def passing_percent(result: Held, line: int) -> tuple[int, float, float, float]:
     crossed = has_crossed(result, line)
     fraction, low, high = fraction_interval(crossed, sources(result))
     return int(crossed.sum()), 100 * fraction, 100 * low, 100 * high
-
-
-def effective_number(indicator: np.ndarray, source: Sources) -> float:
-    """Effective number of independent boulders for the fraction of an indicator."""
-    fraction = indicator.mean()
-    return source.sums(indicator - fraction).effective_number(fraction)
 
 
 @lru_cache(maxsize=256)

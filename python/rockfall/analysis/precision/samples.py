@@ -19,7 +19,6 @@ from rockfall.analysis.precision.intervals import (
     Sources,
     Sums,
     between_ranks,
-    effective_number,
     ranks_around,
     strata,
 )
@@ -106,13 +105,26 @@ class Sample(ABC):
         return min(int(self.n / (2 * math.sqrt(max(self.n - 4, 1)))), (self.n - 1) // 2)
 
 
-class Values(Sample):
-    """Values of boulders from these sources, NaN for those without one."""
+class Passing:
+    """Boulders that have values, among all from these sources."""
 
-    def __init__(self, values: np.ndarray, source: Sources) -> None:
-        self._has, self._all = ~np.isnan(values), source
-        self.values, self._source = values[self._has], source[self._has]
-        self.n, self.released = self.values.size, values.size
+    def __init__(self, everyone: Sources, which: np.ndarray) -> None:
+        """`which` of all have values: their indices, or a mask."""
+        self.released, self.source = everyone.number.size, everyone[which]
+        self.fraction = everyone.indicator(which)
+
+
+class Values(Sample):
+    """Values of boulders."""
+
+    def __init__(self, values: np.ndarray, source: Sources | Passing) -> None:
+        """Values of those that have one, or of all from these sources, NaN for those without."""
+        if isinstance(source, Sources):
+            has = ~np.isnan(values)
+            values, source = values[has], Passing(source, has)
+        self.values, self._source = values, source.source
+        self._fraction = source.fraction
+        self.n, self.released = values.size, source.released
 
     @cached_property
     def _ordered(self) -> np.ndarray:
@@ -137,10 +149,10 @@ class Values(Sample):
         return self._ordered[max(0, self.n - n) :]
 
     def effective_passing(self) -> float:
-        return effective_number(self._has.astype(float), self._all)
+        return self._fraction.effective_number(self.n / self.released)
 
     def effective_below(self, value: float) -> float:
-        return effective_number((self.values <= value).astype(float), self._source)
+        return self._source.effective_number(self.values <= value)
 
     def limits_of_mean(self, signed: bool) -> tuple[float, float]:
         return self._limits_of(self.values, signed)
