@@ -3,7 +3,9 @@
 about, that forest is not validated, what lies beyond what the model was made from."""
 
 import re
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -538,37 +540,41 @@ STAND = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.
         ("in-proportion.nc", 60.0, False),
     ],
 )  # fmt: skip
-def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(tmp_path, table, volume, said):
+def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(
+    tmp_path, tables, table, volume, said
+):
     """Of ground whose strength is not in proportion to R_b: on that all sizes are alike."""
-    write_tables(tmp_path)
+    shutil.copytree(tables, tmp_path, dirs_exist_ok=True)
     law = {"impact": {"form": "table", "table": table}, "boulder": {"volume_mean": volume}}
     texts = remarks(*on_grounds(tmp_path, {}, **law))
     assert any("larger than R_b = 2.25 m" in text for text in texts) == said, texts
 
 
-def write_tables(folder):
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
     """Tables whose largest blocks are of R_b = 1.8 m: of ground of one strength, or in proportion
     to R_b."""
     (row, *_) = plane_files("ploughed", "compact").values()
     table = open_table(row)
     strength = USUAL_WEIGHT * 1.8 / table.size[-1]
+    folder = tmp_path_factory.mktemp("tables")
     for name, radius in ("own.nc", 0.0), ("in-proportion.nc", 1.8):
         ground = table.ground._replace(strength=strength, strength_radius=radius)
         save_table(replace(table, ground=ground), folder / name)
+    return folder
 
 
-def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path):
+def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path, tables):
     """The user's own table is at hand for the run alone; without its number the one of a result of
     before, or none, is taken from the table at hand."""
-    own = tmp_path / "own.nc"
-    write_tables(tmp_path)
+    own = Path(shutil.copy(tables / "own.nc", tmp_path))
     law = {"impact": {"form": "table", "table": "own.nc"}, "boulder": {"volume_mean": 60.0}}
     case, result = on_grounds(tmp_path, {}, **law)
     before = result.drop_vars("ground_block_radius")
     for held, said in ((result, [True, True]), (before, [True, False])):
         for is_there, is_said in zip((True, False), said, strict=True):
             if is_there:
-                write_tables(tmp_path)
+                shutil.copy(tables / "own.nc", own)
             else:
                 own.unlink()
             large = [text for text in remarks(case, held) if "larger than R_b = 2.25 m" in text]

@@ -36,13 +36,14 @@ NEVER = {"name": "never", "x": [0.0, 10.0], "y": [395.0, 395.0]}
 )
 def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, within):
     """The interval of a quantile lies between two order statistics, its width is itself a matter of
-    chance: the mean stop is that near, and most of the stops."""
+    chance: the mean stop is that near, and most of the stops. `benchmarks.accuracy.intervals` has
+    thousands of such runs."""
     random = np.random.default_rng(1)
     rules = read_rules(rule, ["L"])
     statistic = rules[0].statistic
     truth, need = theory(statistic, rules[0].limit)
     stops, held = [], []
-    for _ in range(200):
+    for _ in range(40):
         result = stages(rules, random)
         row = line_numbers(result, 0, "speed", sources(result))
         assert (row[f"{statistic}_high"] - row[f"{statistic}_low"]) / 2 <= (
@@ -52,7 +53,7 @@ def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, withi
         held.append(row[f"{statistic}_low"] <= truth <= row[f"{statistic}_high"])
     assert abs(np.mean(stops) - 1) < 0.2
     assert np.mean(np.abs(np.array(stops) - 1) <= 0.2) >= within
-    assert 0.92 <= np.mean(held) <= 0.98
+    assert np.mean(held) >= 0.875  # of 40: 2.2 standard errors below 0.95
 
 
 def test_heavy_tails_take_no_more_boulders_than_theory_asks():

@@ -135,6 +135,7 @@ def test_no_point_is_higher_than_its_leg_allows(moved):
     assert (z.min(axis=1) >= ends.min(axis=0) - 1e-6).all()
 
 
+@pytest.mark.parametrize("moved", ["table"], indirect=True, scope="module")
 def test_trajectories_without_kinds_of_legs_are_flights(moved, tmp_path, capsys):
     """As older versions wrote them; and a line says so, once."""
     result, line = moved[1].drop_vars("trajectory_leg"), "slides and waits are drawn as flights"

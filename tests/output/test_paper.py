@@ -116,25 +116,27 @@ def within(limits, start, size):
     return max(limits[0], start), min(limits[1], start + size)
 
 
-@pytest.mark.parametrize("kind", ["usual", "wide"])
 @pytest.mark.parametrize("locale", LOCALES)
-def test_every_text_is_within_its_sheet_and_cell(documents, kind, locale):
-    found = [*texts(documents(kind, locale))]
+def test_every_text_is_within_its_sheet_and_cell(documents, locale):
+    """With energies of seven digits."""
+    all_within(documents("wide", locale))
+
+
+def all_within(document):
+    found = [*texts(document)]
     assert len(found) > 300
     assert [(page, text) for page, text, fits in found if not fits] == []
 
 
 @pytest.mark.parametrize("locale", LOCALES)
-def test_no_interval_of_usual_numbers_is_wrapped(documents, locale):
-    intervals = [text for _, text, _ in texts(documents("usual", locale)) if text.startswith("(")]
+def test_a_page_of_usual_numbers_fits_wraps_no_interval_and_has_a_map_to_read(documents, locale):
+    """Page 1 has the whole project and title; the map has at least 60 mm between its title and its
+    scale, a third of the sheet's width."""
+    document = documents("usual", locale)
+    all_within(document)
+    intervals = [text for _, text, _ in texts(document) if text.startswith("(")]
     assert len([text for text in intervals if "–" in text]) > 60
     assert [text for text in intervals if text.endswith("–")] == []
-
-
-@pytest.mark.parametrize("locale", LOCALES)
-def test_page_1_has_the_whole_project_and_title_and_a_map_to_read(documents, locale):
-    """The map has at least 60 mm between its title and its scale, a third of the sheet's width."""
-    document = documents("usual", locale)
     words = " ".join(text for page, text, _ in texts(document) if page == 1)
     assert PROJECT in words and TITLE in words
     assert "signature" in document.pages[0].anchors
