@@ -22,7 +22,7 @@ from rockfall.language import speaking
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.figures import section_entry
 from rockfall.plots.section_figure import section_figure
-from rockfall.result.crossings import at_lines, line_values
+from rockfall.result.crossings import at_lines, has_crossed, line_values
 from rockfall.terrain.height import height
 from rockfall.terrain.polyline import intersections
 from rockfall.text.section import section_notes
@@ -306,7 +306,7 @@ def test_recorded_boulders_have_the_kernels_numbers(meeting, tmp_path):
     found = section_of(run, SectionLine(DOWN, 150.0, 10.0), TERRAIN)
     compared = 0
     for k, line in enumerate(lines):
-        crossed = np.isfinite(at_lines(run)["line_speed"].values[k])
+        crossed = has_crossed(run, k)
         here = found.passages[found.passages["distance"] == 400.0 - line["y"][0]]
         assert sorted(here["boulder"]) == run["boulder"].values[crossed].tolist()
         here = here.set_index("boulder").loc[run["boulder"].values[crossed]]
