@@ -553,7 +553,7 @@ def undrawn(*given):
     return [replace(one, draw=lambda: None) for one in figures(*given)]
 
 
-def only_said(figure, title, caption):
+def only_said(figure, title, caption, on_paper=False):
     return Picture(title, caption, "data:,", 500, 300)
 
 

@@ -29,6 +29,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     _open_closed_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # for names with unsupported letters
+    if argv is None and sys.argv[1:2] != ["run"]:
+        _leave_dask_out()
     try:
         with stoppable():
             arguments = make_parser().parse_args(argv)
@@ -70,6 +72,12 @@ def _check_names(arguments: argparse.Namespace) -> None:
     for name in (*(name for name in names if isinstance(name, Path)), Path.cwd()):
         if os.fsencode(name).decode("utf-8", "replace") != str(name):
             raise RockfallError(f"{name}: is not a name in UTF-8")
+
+
+def _leave_dask_out() -> None:
+    """Let Dask seem missing, which only `run` uses: xarray would import it, in a quarter of a
+    second, to ask whether arrays are Dask's."""
+    sys.modules.setdefault("dask", None)  # type: ignore[arg-type]
 
 
 def _fault(error: Exception) -> int:

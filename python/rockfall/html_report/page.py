@@ -217,7 +217,7 @@ def report(
         parties=parties,
         question=texts["question"],
         front=front,
-        overview=[picture(figure, title, "") for title, figure in drawn_first],
+        overview=[picture(figure, title, "", on_paper) for title, figure in drawn_first],
         doubtful_inputs=doubts,
         indices=[index for k, index in enumerate(ranges) if k % PER_LINE],
         inputs=[
@@ -226,7 +226,7 @@ def report(
             *dam_tables(result),
             *stand_tables(result),
         ],
-        ground_map=picture(grounds, say(GROUNDS), "") if grounds else None,
+        ground_map=picture(grounds, say(GROUNDS), "", on_paper) if grounds else None,
         ends=[ends_table(result)],
         angle=list(angle(result)),
         cautions=cautions(result, rows, levels),
@@ -243,27 +243,29 @@ def report(
         hazard_warnings=[]
         if hazard is None
         else [say("hazard.two_populations"), *hazard_warnings(hazard)],
-        hazard_figures=_pictures([] if hazard is None else hazard_figures(hazard, terrain)),
+        hazard_figures=_pictures(
+            [] if hazard is None else hazard_figures(hazard, terrain), on_paper
+        ),
         grounds=[
             *([ground_table(result)] if "rebounds_by_ground" in result else ()),
             *model_tables(models),
         ],
         has_clusters=LineSamples(result).sampled,
-        convergence=list(_convergence(result, rows)),
+        convergence=list(_convergence(result, rows, on_paper)),
         comparison=None if observed is None else compared(compare(result, observed)),
-        figures=_pictures(figure for figure in shown if figure.name not in LABORATORY),
-        appendix=_pictures(laboratory),
+        figures=_pictures([figure for figure in shown if figure.name not in LABORATORY], on_paper),
+        appendix=_pictures(laboratory, on_paper),
         technical=[*technical(result), *requested(result)],
         provenance=provenance(result),
     )
 
 
-def _pictures(shown: Iterable[Figure]) -> list[Picture]:
-    return [picture(figure.draw(), figure.title, figure.caption) for figure in shown]
+def _pictures(shown: Iterable[Figure], on_paper: bool) -> list[Picture]:
+    return [picture(figure.draw(), figure.title, figure.caption, on_paper) for figure in shown]
 
 
 def _convergence(
-    result: xr.Dataset, rows: Rows
+    result: xr.Dataset, rows: Rows, on_paper: bool
 ) -> Iterator[tuple[str, Picture | None, Table | None]]:
     """Figure and table of convergence of each line; none if no boulder passes."""
     of_several = LineSamples(result).sources > 1
@@ -275,7 +277,7 @@ def _convergence(
             figure = None
             if k in which:
                 drawn = history_figure(result, k)
-                figure = picture(drawn, say("page.convergence_at", line=line), caption)
+                figure = picture(drawn, say("page.convergence_at", line=line), caption, on_paper)
             yield line, figure, precision_table(line, numbers, simulated(result))
         else:
             yield line, None, None

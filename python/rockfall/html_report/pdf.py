@@ -8,6 +8,7 @@ import warnings
 from pathlib import Path
 
 from rockfall.errors import RockfallError, need
+from rockfall.html_report.maps import data_uri
 from rockfall.io.files import atomic_write
 
 PANGO = "libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"  # packages of Debian
@@ -35,16 +36,34 @@ def _number_of_fonts() -> int:
     return int(fonts.nfont) if fonts != ffi.NULL else 0
 
 
+def _fonts_of_figures() -> str:
+    """Style sheet with the fonts of the texts of figures, which the system may lack."""
+    from matplotlib.font_manager import FontProperties, findfont
+
+    rules = []
+    for weight in ("normal", "bold"):
+        font = FontProperties(family="DejaVu Sans", weight=weight)
+        uri = data_uri(Path(findfont(font)).read_bytes(), "font/ttf")
+        face = f"font-family: 'DejaVu Sans'; font-weight: {weight}; src: url({uri})"
+        rules.append(f"@font-face {{ {face} }}")
+    return "\n".join(rules)
+
+
 def write_pdf(page: str, path: Path) -> None:
     """Typeset an HTML page, atomically and without network access."""
-    from weasyprint import HTML
+    from weasyprint import CSS, HTML
+    from weasyprint.text.fonts import FontConfiguration
     from weasyprint.urls import URLFetcher
 
     logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it warns about CSS for screens
     with atomic_write(path) as part:
         fetcher = URLFetcher(allowed_protocols=["data"])
         attrs = {"pdf_version": "1.4"}  # later versions hide the creator in a stream
-        document = HTML(string=page, url_fetcher=fetcher).render(**attrs)
+        fonts = FontConfiguration()
+        style = CSS(string=_fonts_of_figures(), font_config=fonts, url_fetcher=fetcher)
+        document = HTML(string=page, url_fetcher=fetcher).render(
+            font_config=fonts, stylesheets=[style], **attrs
+        )
         if "signature" not in document.pages[0].anchors:
             reason = "the signature is not on page 1; shorten the title and the names of lines"
             warnings.warn(f"{path}: {reason}", stacklevel=4)

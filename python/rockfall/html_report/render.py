@@ -36,10 +36,15 @@ class Picture(NamedTuple):
     high: int
 
 
-def picture(figure: Figure, title: str, caption: str) -> Picture:
-    """Figure as vectors (SVG), or rasterised if too dense. The same figure gives the same bytes."""
+def picture(figure: Figure, title: str, caption: str, on_paper: bool = False) -> Picture:
+    """Figure as vectors (SVG), or rasterised if too dense. The same figure gives the same bytes.
+    Texts are outlines, since readers lack the font; on paper they are texts, whose font `write_pdf`
+    includes: half of typesetting a page went into outlines."""
+    import matplotlib
+
     wide, high = (round(96 * inch) for inch in figure.get_size_inches())
-    content, kind = _saved(figure, "svg"), "image/svg+xml"
+    with matplotlib.rc_context({"svg.fonttype": "none" if on_paper else "path"}):
+        content, kind = _saved(figure, "svg"), "image/svg+xml"
     if len(content) > MAX_SVG:
         content, kind = _saved(figure, "png"), "image/png"
     return Picture(capital(title), caption, data_uri(content, kind), wide, high)

@@ -132,6 +132,7 @@ def _page(
                 difference_figure(drawn, name, terrain),
                 say("variants.map_of", variant=name),
                 say("variants.map_caption"),
+                on_paper,
             )
             for name in list(results)[1:]
             if f"{name}_passing" in drawn

@@ -43,6 +43,7 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "svg.hashsalt": "rockfall",  # reproducible bytes
 }
+POINTS = 72  # per inch, the dots of vectors
 PDF = {"Creator": "rockfall", "CreationDate": None}  # metadata
 
 
@@ -99,10 +100,23 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
         ".svg": {"Creator": "rockfall", "Date": None},
     }
     with matplotlib.rc_context(STYLE), atomic_write(path) as part:
+        _lay_out(figure, Path(path).suffix, dpi)
         try:
             figure.savefig(part, dpi=dpi, metadata=style.get(part.suffix))
         except ValueError as error:  # not an image extension
             raise RockfallError(f"{path}: cannot be written: {error}") from error
+
+
+def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
+    """Lay a figure out, as its first format draws texts: Matplotlib would draw it twice."""
+    from matplotlib.backend_bases import get_registered_canvas_class
+
+    engine, canvas = figure.get_layout_engine(), get_registered_canvas_class(ending[1:])
+    if engine is not None and canvas is not None:
+        canvas(figure)
+        figure.set_dpi(dpi if ending == ".png" else POINTS)
+        engine.execute(figure)
+        figure.set_layout_engine(None)  # by the defaults: none
 
 
 def save_pages(pages: Iterable[Figure], path: str | Path, dpi: int) -> None:

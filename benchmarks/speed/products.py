@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a result's products cost: report, PDF, hazard, export, lines, figures, by several builds.
+
+    python -m benchmarks.speed.products [--boulders 100000] [--repeat 3]
+        [--other PYTHON ...] [--commands report pdf hazard export lines figures]
+
+The slope of `cases/vaujany` with seven maps; for the hazard `cases/settlement`, with few boulders,
+so that its files count. `--other` are Pythons of other builds of rockfall, which take turns with
+this one, each with a result of its own; numbers are minima of the turns. On a busy machine look at
+the CPU.
+"""
+
+import argparse
+import shutil
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import rockfall
+from benchmarks.machine import ROOT, VAUJANY, machine, run_child
+
+MB = 1e6
+MAPS = (
+    "passages", "reach_probability", "deposits", "energy_max", "energy_q95", "speed_q95",
+    "jump_height_q95",
+)  # fmt: skip
+SETTLEMENT = ROOT / "cases/settlement"
+COMMANDS = {
+    "report": "report out.nc -o out.html --overwrite",
+    "pdf": "report out.nc --pdf --language de -o out.pdf --overwrite",
+    "hazard": "hazard settlement/case.nml --objects settlement/objects.geojson --boulders 5 "
+    "--quiet -o hazard --overwrite",
+    "export": "export out.nc -o exported --overwrite",
+    "lines": "lines out.nc",
+    "figures": "figures out.nc -o figures --overwrite",
+}
+
+
+def prepare(python: str, folder: Path, boulders: int) -> None:
+    """The result, by a build, and the case of the hazard."""
+    case = rockfall.read_case(VAUJANY)
+    case = case.replace(
+        case={"boulders": boulders}, output={"maps": list(MAPS)}, ensemble=None,
+        terrain={"dem": str(VAUJANY.parent / "dem.tif")},
+        surface={name: str(VAUJANY.parent / f"zones.{end}") for name, end in
+                 (("zones", "tif"), ("table", "csv"))},
+    )  # fmt: skip
+    (folder / "out.nml").write_text(case.text())
+    words = "run out.nml -o out.nc --overwrite --quiet"
+    run_child(python, "-m", "rockfall", *words.split(), cwd=folder)
+    shutil.copytree(SETTLEMENT, folder / "settlement")
+    run_child(sys.executable, SETTLEMENT / "make_terrain.py", folder / "settlement")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--boulders", type=int, default=100_000)
+    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--other", nargs="*", default=[])
+    parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=COMMANDS)
+    given = parser.parse_args()
+    print(machine())
+    print(f"{given.boulders:,} boulders, {len(MAPS)} maps")
+    pythons = [*given.other, sys.executable]
+    with TemporaryDirectory(dir=Path.cwd()) as top:
+        folders = [Path(top) / f"{k}" for k in range(len(pythons))]
+        for python, folder in zip(pythons, folders, strict=True):
+            folder.mkdir()
+            prepare(python, folder, given.boulders)
+        for command in given.commands:
+            best = [(float("inf"),) * 3] * len(pythons)
+            words = COMMANDS[command].split()
+            for _ in range(given.repeat):
+                for k, (python, folder) in enumerate(zip(pythons, folders, strict=True)):
+                    begun = time.perf_counter()
+                    _, cpu, peak = run_child(python, "-m", "rockfall", *words, cwd=folder)
+                    now = time.perf_counter() - begun, cpu, peak
+                    best[k] = tuple(map(min, best[k], now))
+            for python, (wall, cpu, peak) in zip(pythons, best, strict=True):
+                print(f"{command:7} {wall:6.1f} s, {cpu:6.1f} s of CPU ({cpu / best[0][1]:.2f}), "
+                      f"{peak / MB:6,.0f} MB  {python}", flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
