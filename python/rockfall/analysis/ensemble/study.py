@@ -15,7 +15,8 @@ import numpy as np
 from rockfall.analysis.ensemble.maps import RANGED, MemberMaps
 from rockfall.analysis.ensemble.sobol_indices import Indices, deviations, indices, limits
 from rockfall.analysis.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
-from rockfall.analysis.line_statistics import line_numbers
+from rockfall.analysis.line_statistics import numbers
+from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.model_warnings import warn_of_model, with_model_warnings
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import Case
@@ -25,7 +26,7 @@ from rockfall.interrupts import interrupts
 from rockfall.io.output_files import check_output
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES
-from rockfall.result.crossings import line_names, line_values
+from rockfall.result.crossings import AtLine, line_names
 from rockfall.result.dataset import write_result
 from rockfall.scene.lines import with_lines_of
 from rockfall.scene.plausible import warn_of
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-#: At each line: name, then quantity and number of `line_numbers`.
+#: At each line: name, then quantity and number of `line_statistics`.
 RESULTS = {
     "fraction": ("speed", "fraction"),
     **{
@@ -170,10 +171,13 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
 def _run(scene: Scene) -> _Run:
     result = run_scene(scene)
     source, values, deviates = sources(result), [], []
-    alone = Sources.alone(scene.boulders)  # intervals are not used
+    samples = LineSamples(result, Sources.alone(scene.boulders))  # intervals are not used
     for k in range(len(scene.case.lines)):
-        at_line = {q: line_values(result, q, k) for q, _ in RESULTS.values()}
-        rows = {q: line_numbers(result, k, q, alone) for q in at_line}
+        at, at_line, rows = AtLine(result, k), {}, {}
+        for quantity in dict.fromkeys(of for of, _ in RESULTS.values()):
+            at_line[quantity] = np.full(result.sizes["boulder"], np.nan)
+            at_line[quantity][at.boulders] = at.values(quantity)
+            rows[quantity] = numbers(samples.sample(k, quantity), quantity)
         for quantity, number in RESULTS.values():
             row = rows[quantity]
             deviates.append(deviations(at_line[quantity], number, row, source))
