@@ -11,6 +11,7 @@ the CPU.
 """
 
 import argparse
+import re
 import shutil
 import sys
 import time
@@ -41,12 +42,13 @@ def prepare(python: str, folder: Path, boulders: int) -> None:
     """The result, by a build, and the case of the hazard."""
     case = rockfall.read_case(VAUJANY)
     case = case.replace(
-        case={"boulders": boulders}, output={"maps": list(MAPS)}, ensemble=None,
+        case={"boulders": boulders}, output={"maps": list(MAPS)},
         terrain={"dem": str(VAUJANY.parent / "dem.tif")},
         surface={name: str(VAUJANY.parent / f"zones.{end}") for name, end in
                  (("zones", "tif"), ("table", "csv"))},
     )  # fmt: skip
-    (folder / "out.nml").write_text(case.text())
+    text = re.sub(r"^&ensemble.*?^/$", "", case.text(), flags=re.M | re.S)  # older builds lack keys
+    (folder / "out.nml").write_text(text)
     words = "run out.nml -o out.nc --overwrite --quiet"
     run_child(python, "-m", "rockfall", *words.split(), cwd=folder)
     shutil.copytree(SETTLEMENT, folder / "settlement")

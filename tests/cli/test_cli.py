@@ -257,6 +257,24 @@ def test_check_says_what_would_run_and_writes_nothing(place, capsys):
     assert re.search(r"of CPU, .* \(estimated from 20 boulders\)", rows["time"])
 
 
+@pytest.mark.parametrize("more", [0, 1, 5])
+def test_the_terminal_shows_twenty_lines_and_says_how_to_get_the_others(place, more, capsys):
+    lines = [{"name": f"L{k}", "x": [600000.0, 600120.0], "y": [4999930.0 - k] * 2}
+             for k in range(20 + more)]  # fmt: skip
+    case = rockfall.read_case("case.nml").replace(line=lines)
+    Path("many.nml").write_text(case.text())
+    said = f"  and {more} more: `rockfall lines OUT.nc -o FILE.csv` writes all"
+    for words in ["run", "many.nml", "-o", "many.nc"], ["lines", "many.nc", "-o", "many.csv"]:
+        assert main(words) == 0
+        out = capsys.readouterr().out
+        assert [f"L{k}" for k in range(20 + more) if re.search(rf"^ *L{k}\b", out, re.M)] == [
+            f"L{k}" for k in range(20)
+        ]
+        assert (said in out.splitlines()) == (more > 0)
+    names = [row.split(",")[0] for row in Path("many.csv").read_text().splitlines()]
+    assert {f"L{k}" for k in range(20 + more)} <= {*names}
+
+
 def test_run_writes_the_result_of_the_api_and_a_summary(place, capsys):
     assert main(["run", "case.nml"]) == 0
     out, err = capsys.readouterr()

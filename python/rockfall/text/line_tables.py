@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ from rockfall.result.crossings import line_names
 from rockfall.result.dataset import read_result
 from rockfall.result.samples import simulated
 from rockfall.text.ensemble import ensemble_summary
+from rockfall.text.table import MOST_LINES, more_lines
 from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
@@ -85,9 +87,10 @@ def _csv(path: Path) -> Path:
 
 
 def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iterator[str]:
-    """Both tables, line after line."""
+    """Both tables, line after line, of the first ones."""
     yield ABOUT
-    for line, rows in statistics.groupby("line", sort=False):
+    by_line = statistics.groupby("line", sort=False)
+    for line, rows in itertools.islice(by_line, MOST_LINES):
         first = rows.iloc[0]
         fraction, low, high = (number(100 * first[f"fraction{end}"], 4) for end in ENDS)
         yield ""
@@ -98,6 +101,7 @@ def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iter
             yield aligned(_levels(tails))
             yield from _bounded(tails)
             yield from _refused(tails)
+    yield from more_lines(by_line.ngroups)
 
 
 def _statistics(rows: pd.DataFrame) -> Iterator[list[str]]:

@@ -23,7 +23,7 @@ from rockfall.result.samples import kept_note, simulated
 from rockfall.result.trajectories import ended
 from rockfall.text.dams import dam_lines
 from rockfall.text.stands import stand_lines
-from rockfall.text.table import table
+from rockfall.text.table import MOST_LINES, more_lines, table
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
@@ -37,7 +37,7 @@ def summary(result: Held) -> str:
         lines[0] += f", rows of {rows:,} kept"
     lines.append(table(_ends(result)))
     if "line" in result:
-        lines.append(table(_passages(result)))
+        lines += [table(_passages(result)), *more_lines(result.sizes["line"])]
     if barriers_of(result) and rows:
         lines.append(table(_barriers(result)))
         lines += [f"  {note}" for note in filter(None, [kept_note(result)])]
@@ -63,7 +63,7 @@ def _ends(result: Held) -> Iterator[list[str]]:
 
 
 def _passages(result: Held) -> Iterator[list[str]]:
-    """Boulders at each line, their mean speed and passing height, with 95 % intervals."""
+    """Boulders at the first lines, their mean speed and passing height, with 95 % intervals."""
     shown = "speed", "passing_height"
     yield [
         "  line (95 %)",
@@ -72,7 +72,7 @@ def _passages(result: Held) -> Iterator[list[str]]:
         *(f"mean {key.replace('_', ' ')}" for key in shown),
     ]
     samples = LineSamples(result)
-    for k, name in enumerate(line_names(result)):
+    for k, name in enumerate(line_names(result)[:MOST_LINES]):
         rows = {key: numbers(samples.sample(k, key), key) for key in shown}
         passed = rows["speed"]
         if not passed["n"]:

@@ -8,6 +8,8 @@ from itertools import zip_longest
 
 from rich.cells import cell_len  # columns on a terminal; the rest of rich takes long to import
 
+MOST_LINES = 20  # evaluation lines that a terminal shows
+
 
 def table(rows: Iterable[Iterable[str]]) -> str:
     """Columns as wide as their longest cell, the first left-aligned, the others right-aligned. A
@@ -16,6 +18,12 @@ def table(rows: Iterable[Iterable[str]]) -> str:
     columns = zip_longest(*(row for row in cells if len(row) > 1), fillvalue="")
     widths = [max(map(cell_len, column)) for column in columns]
     return "\n".join(row[0] if len(row) == 1 else _line(row, widths) for row in cells)
+
+
+def more_lines(lines: int) -> list[str]:
+    """Note on how many of these evaluation lines are not shown, and where all are; none if all are."""
+    more = lines - MOST_LINES
+    return [f"  and {more:,} more: `rockfall lines OUT.nc -o FILE.csv` writes all"] * (more > 0)
 
 
 def _line(row: list[str], widths: list[int]) -> str:
