@@ -21,7 +21,7 @@ def table(rows: Iterable[Iterable[str]]) -> str:
 
 
 def more_lines(lines: int) -> list[str]:
-    """Note on how many of these evaluation lines are not shown, and where all are; none if all are."""
+    """Note on how many evaluation lines are not shown, and where all are; none if all are shown."""
     more = lines - MOST_LINES
     return [f"  and {more:,} more: `rockfall lines OUT.nc -o FILE.csv` writes all"] * (more > 0)
 
