@@ -61,7 +61,7 @@ class AtLine:
     been selected; what is read or computed is kept."""
 
     def __init__(self, result: Known, line: int) -> None:
-        """Of arrays by name there are no energies, for want of a case."""
+        """Crossings of a result, or of arrays by name, which have no energies: they lack a case."""
         self._result: Any = result
         self._line = line
         self._rows, self.boulders = self._rows_and_boulders()
