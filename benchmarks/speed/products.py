@@ -32,9 +32,9 @@ COMMANDS = {
     "pdf": "report out.nc --pdf --language de -o out.pdf --overwrite",
     "hazard": "hazard settlement/case.nml --objects settlement/objects.geojson --boulders 5 "
     "--quiet -o hazard --overwrite",
-    "export": "export out.nc -o exported --overwrite",
+    "export": "export out.nc exported --overwrite",
     "lines": "lines out.nc",
-    "figures": "figures out.nc -o figures --overwrite",
+    "figures": "figures out.nc figures --overwrite",
 }
 
 
