@@ -174,7 +174,7 @@ def _run(scene: Scene) -> _Run:
     samples = LineSamples(result, Sources.alone(scene.boulders))  # intervals are not used
     for k in range(len(scene.case.lines)):
         at, at_line, rows = AtLine(result, k), {}, {}
-        for quantity in dict.fromkeys(of for of, _ in RESULTS.values()):
+        for quantity in dict.fromkeys(quantity for quantity, _ in RESULTS.values()):
             at_line[quantity] = np.full(result.sizes["boulder"], np.nan)
             at_line[quantity][at.boulders] = at.values(quantity)
             rows[quantity] = numbers(samples.sample(k, quantity), quantity)
