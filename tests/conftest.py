@@ -20,6 +20,22 @@ def pytest_addoption(parser):
     parser.addoption("--all", action="store_true", help="run also what is marked `all`")
 
 
+#: What is no error of a test: the first is what a run says of its case, which tests of it expect.
+HARMLESS = (
+    "ignore::UserWarning",
+    "ignore::ResourceWarning",
+    "ignore:Use `@` matmul:PendingDeprecationWarning",
+    "ignore:Normalized/laundered field name:RuntimeWarning",
+    "ignore:The 'float_precision' argument",
+    "ignore:It looks like `register_random`",
+)
+
+
+def pytest_configure(config):
+    for one in ("error", *HARMLESS):
+        config.addinivalue_line("filterwarnings", one)
+
+
 def pytest_collection_modifyitems(config, items):
     """Leave out what is marked `all`, and all that needs a browser, where not asked for."""
     kept, left = [], []

@@ -197,7 +197,10 @@ def test_terrain_in_windows_gives_the_same(tmp_path):
 
 def test_fragments_have_the_shape_of_their_boulder(tmp_path):
     case = full_case(tmp_path, block_shape=["platy", "elongated"], block_shape_share=None)
-    case = case.replace(breakage={"at": "impact", "min_area_ratio": 0.3}, output={"maps": None})
+    case = case.replace(
+        case={"boulders": 15}, breakage={"at": "impact", "min_area_ratio": 0.3},
+        output={"maps": None},
+    )  # fmt: skip
     result = rockfall.run(case)
     assert {*np.unique(result["block_shape"])} == {2, 3} and (result["fragments"] > 1).sum() > 5
     alone = rockfall.run(case.replace(boulder={"block_shape": "platy", "block_shape_share": None}))
