@@ -403,7 +403,7 @@ def first_page(found, monkeypatch, language="en"):
     monkeypatch.setattr(html_page, "figures", lambda *_: shown)
     monkeypatch.setattr(
         html_page, "picture",
-        lambda figure, title, caption: Picture(title, caption, "data:,", 9, 9),
+        lambda figure, title, caption, *_: Picture(title, caption, "data:,", 9, 9),
     )  # fmt: skip
     monkeypatch.setattr(html_page, "history_figure", lambda *_: None)
     with speaking(language):

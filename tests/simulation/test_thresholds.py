@@ -63,6 +63,8 @@ def test_the_thresholds_are_a_coordinate_in_joule(result, tmp_path):
     assert result.threshold.values.tolist() == [0.0, 5e3, 40e3, 200e3]
     rockfall.write_result(result, tmp_path / "a.nc")
     again = rockfall.read_result(tmp_path / "a.nc")
+    result = result.copy()
+    del result.attrs["model_warnings"]  # which no file keeps
     assert again.identical(result)
 
 
