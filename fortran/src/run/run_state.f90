@@ -32,7 +32,8 @@ module rockfall_run_state
    implicit none
    private
    public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance
-   public :: arrays_of, rows_of, row_kept, no_row, plan_of, settle_run, restore_run, forget_tallies, sort_crossings, forget_crossings
+   public :: arrays_of, rows_of, row_kept, no_row, plan_of, settle_run, restore_run, forget_tallies
+   public :: sort_crossings, forget_crossings
 
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
    integer, parameter :: passing_height = findloc(crossing_fields, "passing_height", dim=1)

@@ -6,7 +6,8 @@ module rockfall_crossing_rows
    use rockfall_variables, only: crossing_fields
    implicit none
    private
-   public :: crossing_rows_t, column_t, start_rows, make_room, append_rows, clear_rows, sort_rows, first_unsorted, n_reals
+   public :: crossing_rows_t, start_rows, make_room, append_rows, clear_rows, sort_rows, &
+             first_unsorted, n_reals
 
    integer, parameter :: n_reals = size(crossing_fields)
    integer(i8), parameter :: first_room = 1024  !! rows

@@ -21,8 +21,8 @@ module rockfall_variables
       !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), feature (per
       !> boulder, if sources come from a layer), shape (per boulder, if they have several), mass (if sources come from
       !> a layer or give densities), tree (per boulder, if there are trees), breakage (per boulder, if they may break),
-      !> crossing (first one of a line), fragment (there, if boulders may break), hit (there, if there are barriers), line
-      !> (what follows from a crossing, in no file), line_vertex, barrier, map, histogram, vertex
+      !> crossing (first one of a line), fragment (there, if boulders may break), hit (there, if there are barriers),
+      !> line (what follows from a crossing, in no file), line_vertex, barrier, map, histogram, vertex
       !> (of a trajectory), tally (per cell, in part files), kept and sample (if not all rows are kept); or status,
       !> outcome and leg: values of the status of a boulder, of the outcome at a barrier, and of the motion from a
       !> vertex to the next.

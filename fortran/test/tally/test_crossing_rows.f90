@@ -2,7 +2,8 @@
 !> Rows of crossings: appended, sorted by line and boulder from any order of arrival, and told apart.
 program test_crossing_rows
    use rockfall_kinds, only: sp, i8
-   use rockfall_crossing_rows, only: crossing_rows_t, start_rows, make_room, append_rows, sort_rows, first_unsorted, n_reals
+   use rockfall_crossing_rows, only: crossing_rows_t, start_rows, make_room, append_rows, sort_rows, &
+                                     first_unsorted, n_reals
    use check_m, only: check, finish
    implicit none
 
