@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rockfall.errors import RockfallError
 from rockfall.result.run_arrays import Array, RunArrays
 
 GROUPS = ("crossing", "fragment", "hit")
@@ -30,25 +31,35 @@ class SpilledCrossings:
     """Blocks of crossings of the boulders of a run, in the order in which these end."""
 
     def __init__(self, folder: Path, lines: int) -> None:
+        self._folder = folder
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  as long as this lives
         self._blocks: list[_Block] = []
         self._columns: dict[str, Array] = {}  # with no values
         self._lines = lines
 
-    def take(self, run: RunArrays, least: int = BLOCK) -> None:
-        """Take the crossings of a run over, if there are at least so many (one or more)."""
-        if run.array("crossing_line").size < least:
+    def take(self, run: RunArrays, least: int | None = None) -> None:
+        """Take the crossings of a run over, if there are at least so many (default: a block)."""
+        if run.array("crossing_line").size < (BLOCK if least is None else least):
             return
         run.sort_crossings()
         offsets = {}
         for array in run.arrays(*GROUPS):
             offsets[array.file_name] = self._file.seek(0, 2)
-            array.values.tofile(self._file)
+            self._write(array.values)
             self._columns[array.file_name] = array._replace(values=array.values[:0].copy())
         sizes = np.bincount(run.array("crossing_line"), minlength=self._lines)
         self._blocks.append(_Block(offsets, np.array([0, *accumulate(sizes.tolist())])))
-        self._file.flush()
         run.forget_crossings()
+
+    def _write(self, values: np.ndarray) -> None:
+        try:
+            self._file.write(values.data)
+            self._file.flush()
+        except OSError as error:
+            raise RockfallError(
+                f"{self._folder}: cannot keep the crossings of lines: {error.strerror}; "
+                "free disk space, or take fewer lines"
+            ) from error
 
     def columns(self, run: RunArrays) -> list[Array]:
         """All crossings, those of the run too, as arrays whose values are read when they are
@@ -88,7 +99,7 @@ class SpilledCrossings:
 
     def _read(self, start: int, size: int, dtype: np.dtype) -> np.ndarray:
         self._file.seek(start)
-        return np.fromfile(self._file, dtype, size)
+        return np.frombuffer(self._file.read(size * dtype.itemsize), dtype)
 
 
 class _Column:
