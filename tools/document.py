@@ -186,8 +186,9 @@ then by `boulder`; `row_size` counts the rows of each line. Times and motion are
 precision, within 1e-7 of their value; a place along a line of 1 km is within 0.1 mm.
 `rockfall.crossings(result, line)` gives the table of a line with x, y, speed and energies, which
 follow, `rockfall.at_lines(result)` dense variables `line_speed` and so on (`line`, `boulder`) of a
-few lines. The place of a boulder that touches an object (`object_width`) is the point of the
-object nearest to its centre.
+few lines. Until a run ends they are in a file without a name next to its output, so that the disk
+needs room for them twice. The place of a boulder that touches an object (`object_width`) is the
+point of the object nearest to its centre.
 """,
     OF_MAPS: MAPS,
     OF_SAMPLES: SAMPLES,
