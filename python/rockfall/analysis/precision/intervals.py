@@ -231,7 +231,10 @@ class Shape:
         third = (weighted * deviations).sum() / n
         skewness = third / second**1.5 * math.sqrt(n * (n - 1)) / (n - 2)
         std = math.sqrt(second * n / (n - 1))
-        return cls(skewness, -deviations.min() / std, deviations.max() / std, apart)
+        below, above = -deviations.min() / std, deviations.max() / std
+        if not min(below, above) > 0:  # the values differ by roundings of their mean
+            return cls(0.0, 1.0, 1.0, apart)
+        return cls(skewness, below, above, apart)
 
 
 def hall(
