@@ -23,7 +23,7 @@ program rockfall_batch
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
    use rockfall_version, only: version
-   use rockfall_case, only: case_t
+   use rockfall_case, only: case_t, case_line_t
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_case_file, only: read_case_file
    use rockfall_system, only: start_process, end_at_once, is_folder, is_regular, path_exists, same_file, folder_of, &
@@ -210,9 +210,7 @@ contains
       if (case%title /= "") write (output_unit, "(a)") case%title
       write (output_unit, "(i0,a,*(4a))") state%boulders, " boulders", &
          (merge(": ", ", ", k == 1), percent(ended(k), state%boulders), " ", trim(statuses(k)), k=1, size(statuses))
-      do k = 1, size(case%lines)
-         call line_summary(case%lines(k)%name, k, state)
-      end do
+      call line_summaries(case%lines, state)
       associate (counts => state%count)
          write (output_unit, "(i0,a,5(i0,a))") counts(1), " rebounds; ", counts(2), " redrawn, ", &
             counts(3), " forced, ", counts(4), &
@@ -256,39 +254,54 @@ contains
       text = decimal(100.0_wp*part/max(1_i8, whole), 1)//" %"
    end function percent
 
-   subroutine line_summary(name, k, state)
-      character(len=*), intent(in) :: name
-      integer, intent(in) :: k
+   !> Print what crossed each line.
+   subroutine line_summaries(lines, state)
+      type(case_line_t), intent(in) :: lines(:)
       type(run_t), intent(in) :: state
+      integer(i8) :: n(size(lines))           !! boulders
+      real(wp) :: total(2, size(lines))       !! speeds [m/s], passing heights [m]
+      integer :: k
+
+      call add_up_crossings(state, n, total)
+      do k = 1, size(lines)
+         if (n(k) == 0) then
+            write (output_unit, "(3a)") "line ", lines(k)%name, ": no boulder"
+         else
+            write (output_unit, "(3a,i0,7a)") "line ", lines(k)%name, ": ", n(k), " boulders (", &
+               percent(n(k), state%boulders), "), mean speed ", decimal(total(1, k)/n(k), 2), &
+               " m/s, mean passing height ", decimal(total(2, k)/n(k), 2), " m"
+         end if
+      end do
+   end subroutine line_summaries
+
+   !> Count and add up what crossed each line, by the rows of boulders in one pass, or by samples.
+   subroutine add_up_crossings(state, n, total)
+      type(run_t), intent(in) :: state
+      integer(i8), intent(out) :: n(:)
+      real(wp), intent(out) :: total(:, :)
       integer, parameter :: along_x = findloc(crossing_fields, "velocity_x", dim=1), &
                             passing = findloc(crossing_fields, "passing_height", dim=1)
       integer, parameter :: quantity(2) = [findloc(line_quantity, "speed", dim=1), &
                                            findloc(line_quantity, "passing_height", dim=1)]
-      real(wp) :: total(2)
-      integer(i8) :: n, j
-      integer :: q
+      integer(i8) :: j
+      integer :: k, q
 
+      n = 0
+      total = 0
       if (allocated(state%number)) then
-         n = sample_size(state%samples, 1, k + 1)
-         total = [(sample_sum(state%samples, quantity(q), k + 1)/units_of(quantity(q), 1), q=1, 2)]
-      else
-         n = 0
-         total = 0
-         associate (rows => state%crossings)
-            do j = 1, rows%n
-               if (rows%line(j) /= k - 1) cycle
-               n = n + 1
-               total = total + [norm2([(real(rows%real(along_x + q)%of(j), wp), q=0, 2)]), &
-                                real(rows%real(passing)%of(j), wp)]
-            end do
-         end associate
+         do k = 1, size(n)
+            n(k) = sample_size(state%samples, 1, k + 1)
+            total(:, k) = [(sample_sum(state%samples, quantity(q), k + 1)/units_of(quantity(q), 1), q=1, 2)]
+         end do
+         return
       end if
-      if (n == 0) then
-         write (output_unit, "(3a)") "line ", name, ": no boulder"
-      else
-         write (output_unit, "(3a,i0,7a)") "line ", name, ": ", n, " boulders (", percent(n, state%boulders), &
-            "), mean speed ", decimal(total(1)/n, 2), " m/s, mean passing height ", &
-            decimal(total(2)/n, 2), " m"
-      end if
-   end subroutine line_summary
+      associate (rows => state%crossings)
+         do j = 1, rows%n
+            k = rows%line(j) + 1
+            n(k) = n(k) + 1
+            total(:, k) = total(:, k) + [norm2([(real(rows%real(along_x + q)%of(j), wp), q=0, 2)]), &
+                                         real(rows%real(passing)%of(j), wp)]
+         end do
+      end associate
+   end subroutine add_up_crossings
 end program rockfall_batch
