@@ -5,6 +5,7 @@ import os
 import platform
 import subprocess
 import sys
+import time
 from importlib.metadata import version
 from pathlib import Path
 
@@ -25,6 +26,18 @@ def machine() -> str:
     load = f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
     program = f"rockfall {version('rockfall')}"
     return ", ".join([cpu, f"{os.cpu_count()} cores", load, platform.platform(), program])
+
+
+def best_turns(pythons: list, folders: list[Path], words: list[str], repeat: int) -> list[tuple]:
+    """Wall and CPU seconds and peak memory [bytes] of a command of rockfall by several Pythons,
+    each in its folder, which take turns: minima."""
+    best = [(float("inf"),) * 3] * len(pythons)
+    for _ in range(repeat):
+        for k, (python, folder) in enumerate(zip(pythons, folders, strict=True)):
+            begun = time.perf_counter()
+            _, cpu, peak = run_child(python, "-m", "rockfall", *words, cwd=folder)
+            best[k] = tuple(map(min, best[k], (time.perf_counter() - begun, cpu, peak)))
+    return best
 
 
 def run_child(*words: str | Path, cwd: Path | None = None) -> tuple[str, float, int]:

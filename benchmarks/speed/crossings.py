@@ -11,11 +11,10 @@ at the CPU.
 
 import argparse
 import sys
-import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmarks.machine import VAUJANY, machine, run_child
+from benchmarks.machine import VAUJANY, best_turns, machine
 
 MB = 1e6
 COMMANDS = {
@@ -64,14 +63,7 @@ def main() -> None:
             folder.mkdir()
             write_case(folder, given.lines, given.boulders)
         for command in given.commands:
-            best = [(float("inf"),) * 3] * len(pythons)
-            for _ in range(given.repeat):
-                for k, (python, folder) in enumerate(zip(pythons, folders, strict=True)):
-                    words = [python, "-m", "rockfall", *COMMANDS[command]]
-                    begun = time.perf_counter()
-                    _, cpu, peak = run_child(*words, cwd=folder)
-                    now = time.perf_counter() - begun, cpu, peak
-                    best[k] = tuple(map(min, best[k], now))
+            best = best_turns(pythons, folders, [*COMMANDS[command]], given.repeat)
             for python, folder, (wall, cpu, peak) in zip(pythons, folders, best, strict=True):
                 size = (folder / FILES[command]).stat().st_size if command in FILES else 0
                 print(f"{command:7} {wall:7.1f} s, {cpu:7.1f} s of CPU, {peak / MB:7,.0f} MB, "

@@ -14,12 +14,11 @@ import argparse
 import re
 import shutil
 import sys
-import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import rockfall
-from benchmarks.machine import ROOT, VAUJANY, machine, run_child
+from benchmarks.machine import ROOT, VAUJANY, best_turns, machine, run_child
 
 MB = 1e6
 MAPS = (
@@ -71,14 +70,7 @@ def main() -> None:
             folder.mkdir()
             prepare(python, folder, given.boulders)
         for command in given.commands:
-            best = [(float("inf"),) * 3] * len(pythons)
-            words = COMMANDS[command].split()
-            for _ in range(given.repeat):
-                for k, (python, folder) in enumerate(zip(pythons, folders, strict=True)):
-                    begun = time.perf_counter()
-                    _, cpu, peak = run_child(python, "-m", "rockfall", *words, cwd=folder)
-                    now = time.perf_counter() - begun, cpu, peak
-                    best[k] = tuple(map(min, best[k], now))
+            best = best_turns(pythons, folders, COMMANDS[command].split(), given.repeat)
             for python, (wall, cpu, peak) in zip(pythons, best, strict=True):
                 print(f"{command:7} {wall:6.1f} s, {cpu:6.1f} s of CPU ({cpu / best[0][1]:.2f}), "
                       f"{peak / MB:6,.0f} MB  {python}", flush=True)  # fmt: skip
