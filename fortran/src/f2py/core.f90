@@ -51,8 +51,7 @@ module rockfall_f2py
    use rockfall_line_samples, only: all_quantities => line_quantities, point_along, &
                                     line_quantity, end_quantity, units_of, n_quantities, n_tails => tails
    use rockfall_line, only: line_t, new_line => line
-   use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, line_fields, &
-                                 crossing_fields, &
+   use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, crossing_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
    use rockfall_namelist, only: namelist_t, parse_namelist
@@ -1312,7 +1311,6 @@ contains
       select case (rows)
       case ("boulder"); text = joined(boulder_fields, " ")
       case ("count"); text = joined(boulder_counts, " ")
-      case ("line"); text = joined(line_fields, " ")
       case ("crossing"); text = joined(crossing_fields, " ")
       case ("vertex"); text = joined(vertex_fields, " ")
       case ("energy"); text = joined(energy_fields, " ")

@@ -172,7 +172,11 @@ contains
       call allocate_rows(case, n_grounds(scene), allocated(scene%release%feature), allocated(scene%shapes), run, error)
       if (allocated(error)) return
       call copy_rows(run, 0_i8, other)
-      call move_crossings(other%crossings, run%crossings)
+      call append_rows(run%crossings, other%crossings, fit)
+      if (.not. fit) then
+         call report_memory(run, error)
+         return
+      end if
       run%count = other%count
       run%histogram = other%histogram
       run%by_ground = other%by_ground
@@ -229,23 +233,6 @@ contains
          run%integers(row + 1:row + n, :) = other%integers(:n, :)
       end associate
    end subroutine copy_rows
-
-   !> Move crossings to a run that continues another one, which keeps none.
-   subroutine move_crossings(from, to)
-      type(crossing_rows_t), intent(inout) :: from, to
-      integer :: k
-
-      to%n = from%n
-      call move_alloc(from%boulder, to%boulder)
-      call move_alloc(from%line, to%line)
-      do k = 1, n_reals
-         call move_alloc(from%real(k)%of, to%real(k)%of)
-      end do
-      call move_alloc(from%volume, to%volume)
-      call move_alloc(from%fragments, to%fragments)
-      call move_alloc(from%outcome, to%outcome)
-      call start_rows(to%may_break, to%may_hit, from)
-   end subroutine move_crossings
 
    !> Sort crossings by line, those of a line by boulder.
    subroutine sort_crossings(run, error)

@@ -80,9 +80,6 @@ def curves(motion: Motion) -> list[Trajectory]:
     ]
 
 
-ALL = slice(None)
-
-
 def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Name, x and y of each evaluation line."""
     if "line_vertex_line" not in result:
@@ -94,7 +91,7 @@ def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:
 
 
 def from_start(
-    result: xr.Dataset, x: np.ndarray, y: np.ndarray, boulders: np.ndarray | slice = ALL
+    result: xr.Dataset, x: np.ndarray, y: np.ndarray, boulders: np.ndarray | slice = slice(None)
 ) -> np.ndarray:
     """Straight plan distance [m] of a place of each boulder, or of some, from its start."""
     start_x, start_y = (result[f"start_{axis}"].values[boulders] for axis in "xy")

@@ -65,8 +65,6 @@ PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zli
 def make_part(tally: Tally) -> Contents:
     """Part with the completed boulders of a tally, which may continue; its arrays are views until
     the next part is made."""
-    if tally.spilled is not None:
-        tally.spilled.take(tally.run, 1)
     tally.settle()
     try:
         tally.run.pack_part()

@@ -121,7 +121,7 @@ def _lines(case: Case) -> str:
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     """Memory of a run in bytes: its rasters, map tallies, class counts, result rows, the program;
-    and `made`, for the outputs made after the rasters are freed."""
+    `made`, for the outputs made after the rasters are freed; and `file`, bytes of rows in it."""
     names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
     plan, held = plan_of(scene.case), {"maps": 0, "results": scene.x.nbytes + scene.y.nbytes}
@@ -130,7 +130,9 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
         if array.file_name != "tally_bin_counts":
             held["maps" if is_map else "results"] += array.values.nbytes
     sorting = 3 * 8  # bytes: two orders of the crossings, and a column of them again
-    held["crossings"] = min(BLOCK, _crossings(tally, pilot)) * (BYTES_AT_LINE + sorting)
+    rows = tally.run.array("status").size / max(1, pilot.tally.rows)
+    crossings = round(rows * pilot.tally.crossed())
+    held["crossings"] = min(BLOCK, crossings) * (BYTES_AT_LINE + sorting)
     made = len(names - {*plan.counts, *MAXIMA, HITS}) * 4 * math.prod(tally.box.shape)
     if scene.windows:
         rasters = scene.windows.bytes + READING
@@ -145,13 +147,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
         **held,
         "program": PROGRAM,
         "made": PACKAGES + made,
+        "file": tally.row_bytes + BYTES_AT_LINE * crossings,
     }
-
-
-def _crossings(tally: Tally, pilot: Pilot) -> int:
-    """Approximate number of crossings of lines by the boulders whose rows are kept."""
-    rows = tally.run.array("status").size / max(1, pilot.tally.rows)
-    return round(rows * pilot.tally.crossed())
 
 
 def _pilot(scene: Scene) -> Pilot:
@@ -414,12 +411,10 @@ def _range(low: float, high: float) -> str:
 
 def _memory(scene: Scene, pilot: Pilot) -> str:
     need = memory(scene, pilot)
-    made = need.pop("made")
+    made, file = need.pop("made"), need.pop("file")
     total = sum(need.values()) + max(0, made - need["rasters"])  # rasters go before maps are made
     parts = ", ".join(f"{name} {_bytes(size)}" for name, size in need.items() if size)
     warning = "; more than this machine has" if total > machine_memory() else ""
-    tally = start(scene, threads=1)
-    file = tally.row_bytes + BYTES_AT_LINE * _crossings(tally, pilot)
     if file > LARGE_RESULT:
         warning += (
             f"; the result file takes {_bytes(file)}: &output kept = 'none' keeps sums and counts"
