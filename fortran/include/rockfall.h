@@ -59,7 +59,7 @@ int rockfall_advance(rockfall_run *run, int64_t n, char message[ROCKFALL_MESSAGE
 
 /* Array k of a run, from 0: "group name file_name type dimension ..." (names as in docs/result.md), lengths of up to
    four dimensions, the first varies fastest, and the values, which are the run's. Returns 0 past the last array. List from
-   k = 0 again after rockfall_advance. */
+   k = 0 again after rockfall_advance: this sorts crossings by line, those of a line by boulder (0 if memory is short). */
 int rockfall_array(rockfall_run *run, int k, char text[ROCKFALL_TEXT], int64_t length[4], const void **values);
 
 /* A map of &output maps over the boulders done, on the cells of the run's maps (the lengths of its arrays of maps).

@@ -7,6 +7,7 @@ module rockfall_c
    use rockfall_sizes, only: max_message, max_array_row
    use rockfall_grid, only: grid_t
    use rockfall_state_table, only: array_t, row_text
+   use rockfall_run_state, only: sort_crossings
    use rockfall_handles, only: scene_handle_t, run_handle_t, scene_at, run_at, new_scene, close_handle
    implicit none
    private
@@ -108,8 +109,12 @@ contains
       type(c_ptr), intent(out) :: at
       type(run_handle_t), pointer :: opened
       type(array_t), pointer :: row
+      type(error_t), allocatable :: error
 
       opened => run_at(run)
+      exists = 0
+      if (k == 0) call sort_crossings(opened%run, error)
+      if (allocated(error)) return
       row => opened%list(k + 1, of_part=.false.)
       exists = merge(1, 0, associated(row))
       if (.not. associated(row)) return

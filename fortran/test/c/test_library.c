@@ -136,12 +136,16 @@ int main(int argc, char **argv)
     for (int k = 0; k < NX * NY; k++)
         most = fmax(most, passages[k]);
     check("every boulder passes the cell of the source", most == BOULDERS);
-    const double *energy = array(run, "line_energy_translational", &n);
-    int64_t passed = 0;
-    check("the line has a row for each boulder", energy != NULL && n == BOULDERS);
-    for (int64_t k = 0; k < n; k++)
-        passed += energy[k] > 0.0;
-    check("boulders pass the line", passed > 0 && passed < BOULDERS);
+    const float *time = array(run, "crossing_time", &n);
+    const int32_t *line = array(run, "crossing_line", &n);
+    const int64_t *boulder = array(run, "crossing_boulder", &n);
+    const int64_t passed = n;
+    check("some boulders cross the line", time && line && boulder && passed > 0 && passed < BOULDERS);
+    int64_t good = 0;
+    for (int64_t k = 0; k < passed; k++)
+        good += line[k] == 0 && boulder[k] >= 1 && boulder[k] <= BOULDERS && (k == 0 || boulder[k] > boulder[k - 1]) &&
+                time[k] > 0.0f;
+    check("each at most once, in order, after its release", good == passed);
     printf("%lld of %d boulders pass the road\n", (long long)passed, BOULDERS);
     rockfall_close_run(run);
     rockfall_close_scene(scene);
