@@ -95,7 +95,7 @@ def blank_figures(monkeypatch):
     for name in ("html_report.page.figures", "html_report.page.hazard_figures",
                  "cli.hazard.hazard_figures"):  # fmt: skip
         monkeypatch.setattr(f"rockfall.{name}", lambda *_: [])
-    monkeypatch.setattr("rockfall.cli.hazard.hazard_sheet", empty)
+    monkeypatch.setattr("rockfall.cli.commands.hazard.hazard_sheet", empty)
     monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
 
 

@@ -6,8 +6,8 @@ import xarray as xr
 from scipy.stats import norm
 
 from crossed import crossed
-from rockfall.analysis.run_until import FIRST, evaluate, next_stage
 from rockfall.limits import Z
+from rockfall.studies.run_until import FIRST, evaluate, next_stage
 
 SHARE, SIGMA = 0.6, 0.4  # of a made law: boulders that cross, and their lognormal speeds
 

@@ -12,7 +12,7 @@ import rasterio
 from affine import Affine
 
 from rockfall.errors import RockfallError
-from rockfall.io.grid import NO_ID, Grid
+from rockfall.io.rasters.grid import NO_ID, Grid
 
 UTM = "EPSG:32632"
 PLACE = Affine(5.0, 0.0, 600000.0, 0.0, -5.0, 5000000.0)

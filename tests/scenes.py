@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import rockfall
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.result import variables
 
 #: Factors of standards, which are not shipped: numbers for tests alone.

@@ -27,6 +27,7 @@ LEVELS = [
     ["scene"],
     ["simulation"],
     ["analysis"],
+    ["studies"],
     ["draft", "protection", "rockyfor3d", "session"],
     ["__init__"],
     ["plots", "text"],
@@ -41,7 +42,7 @@ LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 DOORS = {
     "_core": re.compile(
         r"case\.(case|keys|text)|errors|grounds\.grounds|limits|scene\..*|simulation\..*"
-        r"|result\.(ground_strength|run_arrays|variables)"
+        r"|result\.(boulders|run_arrays|variables)"
     ),
     "rockfall_lab._lab": re.compile(r"rockfall_lab\..*"),
 }

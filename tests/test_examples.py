@@ -50,7 +50,7 @@ def site(tmp_path_factory):
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("name", sorted(NAMES))
 def test_example(name, site, tmp_path, monkeypatch, blank_figures):
-    monkeypatch.setattr("rockfall.analysis.back.study.ROUND", 16)
+    monkeypatch.setattr("rockfall.studies.back.study.ROUND", 16)
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     monkeypatch.chdir(shutil.copytree(site, tmp_path / "site"))
     monkeypatch.setattr("rockfall.app.show.PAGE", make_page(Path("page")))

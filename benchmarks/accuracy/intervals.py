@@ -20,8 +20,8 @@ from known_law import stages, theory
 from rockfall.analysis import return_levels as tails
 from rockfall.analysis.line_statistics import QUANTITIES, line_numbers
 from rockfall.analysis.precision.intervals import sources
-from rockfall.analysis.run_until import read_rules
 from rockfall.result.crossings import line_names, line_values
+from rockfall.studies.run_until import read_rules
 
 SIZE = 10_000  # boulders of a sample
 SHOWN = ("fraction", "mean", "std", "q50", "q90", "q95", "q98", "q99")

@@ -29,10 +29,10 @@ from rockfall.errors import RockfallError
 from rockfall.grounds import table_names
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.io.files import atomic_write
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.limits import Z
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
-from rockfall.scene.sets import Sets, read_sets
+from rockfall.scene.rebounds.sets import Sets, read_sets
 
 SLOPES = range(24, 47, 2)  # [degree]
 RATIOS = range(1, 6)

@@ -18,7 +18,6 @@ import numpy as np
 
 import rockfall
 from benchmarks.machine import machine
-from rockfall.analysis.convergence import KEYS, MIN_REFERENCE, MIN_TURNS, converge
 from rockfall.analysis.line_statistics import line_numbers, sample_numbers
 from rockfall.analysis.precision.intervals import (
     Sources,
@@ -27,10 +26,11 @@ from rockfall.analysis.precision.intervals import (
     half_width,
     sources,
 )
-from rockfall.analysis.run_until import evaluate, read_rules
-from rockfall.io.grid import Grid
-from rockfall.io.raster import write_geotiff
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.rasters.raster import write_geotiff
 from rockfall.limits import Z
+from rockfall.studies.convergence import KEYS, MIN_REFERENCE, MIN_TURNS, converge
+from rockfall.studies.run_until import evaluate, read_rules
 
 NUMBERS = ("fraction", "mean", "std", "q95")
 KINDS: dict[str, Callable] = {  # chance of passing at each place, 0 to 1 along the sources

@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.machine import ROOT
 from rockfall.io.files import atomic_write
-from rockfall.scene.sets import read_sets
+from rockfall.scene.rebounds.sets import read_sets
 from rockfall_lab.scorecard.score import BESIDE, Score, Target, score, targets, verdict
 from rockfall_lab.scorecard.site import Site
 

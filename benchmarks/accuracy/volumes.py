@@ -19,7 +19,7 @@ import numpy as np
 
 import rockfall
 from benchmarks.machine import NOTHING, ROOT, machine
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.plots.style import BLUE, VERMILION, new_figure, save, styled
 from rockfall.result.crossings import at_lines
 

@@ -21,15 +21,15 @@ import pandas as pd
 
 import rockfall
 from benchmarks.accuracy.truths import all_truths, parser_of
-from rockfall.analysis.back.posterior import parameters, posterior_table, warnings
-from rockfall.analysis.back.study import Back, back_analysis
-from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
-from rockfall.analysis.observations import CONTACT, Observed, read_observed
-from rockfall.io.grid import Grid
+from rockfall.analysis.observed.observations import CONTACT, Observed, read_observed
+from rockfall.io.rasters.grid import Grid
 from rockfall.result.crossings import at_lines
 from rockfall.result.trajectories import left_terrain
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.back.posterior import parameters, posterior_table, warnings
+from rockfall.studies.back.study import Back, back_analysis
+from rockfall.studies.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.text.back import back_text
 
 NY, NX, CELL = 100, 60, 5.0

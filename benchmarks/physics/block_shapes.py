@@ -21,9 +21,9 @@ import pandas as pd
 import rockfall
 from benchmarks.machine import NOTHING, ROOT, machine
 from cases.tschamut.make_case import HALVES, make
-from rockfall.analysis.observations import read_observed
-from rockfall.analysis.validation import RUN_OUT, numbers_beside
+from rockfall.analysis.observed.observations import read_observed
 from rockfall.grounds.impact_tables import BLOCK_SHAPES
+from rockfall.studies.validation import RUN_OUT, numbers_beside
 
 
 def ways(folder: Path) -> Iterator[tuple[str, str, dict[str, Any]]]:

@@ -21,7 +21,7 @@ import rockfall
 from benchmarks.machine import VAUJANY, machine
 from rockfall.case import Case
 from rockfall.result.crossings import at_lines, line_names
-from rockfall.scene.breakage import split_blocks
+from rockfall.scene.rebounds.breakage import split_blocks
 
 VOLUMES = 0.1, 1.0, 10.0  # [m3]
 FALLS = 1.0, 3.0, 10.0, 30.0  # [m]

@@ -38,9 +38,15 @@ from benchmarks.physics import impacts, platrock_runs
 from benchmarks.physics.laws import Law, add_laws, changed_ground, ground, matrix, table
 from benchmarks.physics.tschamut import SHAPE_OF_BLOCK
 from cases.tschamut.make_case import HALVES, make
-from rockfall.analysis.observations import Observed, read_observed
-from rockfall.analysis.run_out import Sample
-from rockfall.analysis.validation import (
+from rockfall.analysis.observed.observations import Observed, read_observed
+from rockfall.analysis.observed.run_out import Sample
+from rockfall.errors import RockfallError
+from rockfall.field.download import fetch
+from rockfall.grounds import shipped_rows, yielding_ground
+from rockfall.io.files import atomic_write
+from rockfall.quantities import QUANTITIES
+from rockfall.result.crossings import line_names, line_values
+from rockfall.studies.validation import (
     BEYOND,
     COLUMNS,
     FEWEST,
@@ -54,12 +60,6 @@ from rockfall.analysis.validation import (
     over_runs,
     run_out_numbers,
 )
-from rockfall.errors import RockfallError
-from rockfall.field.download import fetch
-from rockfall.grounds import shipped_rows, yielding_ground
-from rockfall.io.files import atomic_write
-from rockfall.quantities import QUANTITIES
-from rockfall.result.crossings import line_names, line_values
 from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
 
 PAGE = ROOT / "docs" / "validation" / "field" / "every_law.md"

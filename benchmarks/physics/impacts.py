@@ -23,7 +23,7 @@ import rockfall
 from benchmarks.machine import machine
 from benchmarks.physics.laws import Law, table
 from lab.benchmarks.blocks import energy_left
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.io.tables import Row, read_table
 from rockfall_lab.blocks.case import BlockCase
 

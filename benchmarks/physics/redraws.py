@@ -17,9 +17,9 @@ import numpy as np
 
 import rockfall
 from benchmarks.machine import NOTHING, VAUJANY, machine
-from rockfall.scene.coefficients import covariance_root
-from rockfall.scene.rebound import admissible
-from rockfall.scene.sets import read_sets
+from rockfall.scene.rebounds.coefficients import covariance_root
+from rockfall.scene.rebounds.rebound import admissible
+from rockfall.scene.rebounds.sets import read_sets
 
 SET = "vaujany-observed"
 ANGLES = 5, 10, 20, 30, 45, 60, 90  # of incidence, from the surface [degree]

@@ -14,7 +14,7 @@ import numpy as np
 
 import rockfall
 from benchmarks.machine import machine
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.result.crossings import at_lines
 
 CELL, ROWS, COLUMNS = 2.5, 120, 60

@@ -24,7 +24,7 @@ from benchmarks.evidence import record, with_origin
 from benchmarks.machine import machine
 from benchmarks.physics.laws import Law, add_laws, matrix
 from rockfall.analysis.model_limits import faster_than_observed
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 
 SLOPES = 30, 34, 38, 42, 45  # [degree]
 LIMIT = 0.8  # [m/s per degree]

@@ -24,7 +24,7 @@ import numpy as np
 import rockfall
 from benchmarks.evidence import record, with_origin
 from benchmarks.machine import machine
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 
 ANGLE = 27.5  # [degree]
 FACE, TALUS = (100.0, 70.0), 200.0  # height [m] and slope [degree]; height

@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 import rockfall
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 
 SPEEDS, DIAMETERS = (5, 10, 15, 20), (20, 30, 40, 50)  # [m/s], [cm]
 DENSITY, STILL = 2500.0, 0.02

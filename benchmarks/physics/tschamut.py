@@ -27,10 +27,10 @@ import rockfall
 from benchmarks import evidence
 from benchmarks.machine import machine
 from benchmarks.physics.laws import Law, add_laws, matrix, table
-from rockfall.analysis.validation import distribution_numbers
 from rockfall.grounds.impact_tables import save_table
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.io.tables import read_table
+from rockfall.studies.validation import distribution_numbers
 from rockfall_lab.blocks.case import BlockCase
 from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.tables import table_of

@@ -19,8 +19,8 @@ import rockfall
 from benchmarks.machine import NOTHING, VAUJANY, machine, run_child
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.simulation.checkpoint import Checkpoint
 from rockfall.simulation.dask import run_on_cluster
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
 
 OUTPUT = NOTHING | {"maps": ["passages", "energy_max", "energy_q95"]}

@@ -34,12 +34,12 @@ import numpy as np
 import rockfall
 from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine
 from benchmarks.variant import build, copy_sources, go_one_by_one, replace
-from rockfall.io.grid import Grid
-from rockfall.io.raster import read_dem
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.rasters.raster import read_dem
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import fields, run_scene, start
 from rockfall.simulation.tally import Tally
 

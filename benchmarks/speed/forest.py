@@ -34,7 +34,7 @@ MEMORY = """
 import sys
 import numpy as np
 import rockfall
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.scene.read import read_scene
 import scipy.special, rasterio
 trees, side = int(sys.argv[1]), 2000

@@ -24,7 +24,7 @@ import numpy as np
 DENSITY = 10.0  # [1/m2]
 READER = """
 import resource, sys, time
-from rockfall.io.point_clouds import read_clouds
+from rockfall.io.vectors.point_clouds import read_clouds
 begin = time.process_time()
 points, _ = read_clouds(sys.argv[2:], thin=float(sys.argv[1]) or None)
 peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import rockfall
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from scenes import LIVELY_COVARIANCE as COVARIANCE
 from scenes import LIVELY_MEAN as MEAN
 from scenes import LIVELY_SPREAD as SPREAD

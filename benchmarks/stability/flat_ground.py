@@ -16,7 +16,7 @@ import rockfall
 from benchmarks.machine import machine
 from rockfall.grounds import table_names
 from rockfall.grounds.shapes import SHAPES
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 
 THROWN = (3, -1), (10, -3), (25, -2), (25, -15), (40, -30)  # velocity along and up [m/s]
 CELL, COLUMNS, ROWS = 10.0, 400, 200  # [m]

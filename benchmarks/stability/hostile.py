@@ -40,11 +40,11 @@ from benchmarks.stability import mutators
 from made import write_ascii
 from rockfall import cli
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.io.grid import Grid
-from rockfall.io.raster import write_geotiff
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.rasters.raster import write_geotiff
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_chunks, start
 
 PROGRAM = ROOT / "build/fortran/rockfall-batch"
@@ -486,9 +486,9 @@ def _import_all() -> None:
     import pyproj  # noqa: F401
     import scipy.stats  # noqa: F401
 
-    import rockfall.cli.check
-    import rockfall.cli.results
-    import rockfall.cli.run  # noqa: F401
+    import rockfall.cli.commands.check
+    import rockfall.cli.commands.results
+    import rockfall.cli.commands.run  # noqa: F401
 
     rasterio.Env().__enter__()
 

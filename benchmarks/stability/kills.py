@@ -36,7 +36,7 @@ CRASHED, INTERRUPTED = 137, 130  # exit status
 STEPS = {"rockfall": range(1, 35), "rockfall-batch": range(1, 18)}
 HANDLERS = {"rockfall": range(1, 5), "rockfall-batch": range(1, 2)}
 PROGRESS = 50  # crashes from a line to the next
-PRELOAD = ["__main__", "rockfall.simulation.checkpoint", "rockfall.text.summary"]
+PRELOAD = ["__main__", "rockfall.simulation.parts.checkpoint", "rockfall.text.summary"]
 
 
 def build_shim(folder: Path) -> dict[str, str]:

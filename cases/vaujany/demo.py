@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 
 import rockfall
-from rockfall.analysis.compare import compare
-from rockfall.analysis.observations import read_observed
+from rockfall.analysis.observed.compare import compare
+from rockfall.analysis.observed.observations import read_observed
 from rockfall.html_report.page import write_report
-from rockfall.io.raster import read_dem
+from rockfall.io.rasters.raster import read_dem
 from rockfall.plots.figures import figures, write_figures
 from rockfall.text.comparison import text
 from rockfall.text.summary import summary

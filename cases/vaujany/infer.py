@@ -48,7 +48,7 @@ import pandas as pd
 
 from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.result.motion import motion_of
-from rockfall.scene.sets import Sets, restitution
+from rockfall.scene.rebounds.sets import Sets, restitution
 from rockfall_lab.scorecard.site import QUANTITIES, TANGENTIAL, Site, tangential_above
 from rockfall_lab.scorecard.talus import Talus
 from rockfall_lab.sets.fit import ImpactSet

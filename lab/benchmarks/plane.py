@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 
 
 def plane(slope: float, rows: int, columns: int, cell: float) -> dict[str, Any]:

@@ -17,10 +17,10 @@ from rockfall.grounds.impact_tables import save_table, shipped_tables
 from rockfall.grounds.relief import Spectrum, measure
 from rockfall.interrupts import exit_status
 from rockfall.io.output_files import check_output, overwriting
-from rockfall.io.raster import read_dem
-from rockfall.scene.sets import read_sets
-from rockfall.simulation.finished import FINISHED
-from rockfall.simulation.lock import locked
+from rockfall.io.rasters.raster import read_dem
+from rockfall.scene.rebounds.sets import read_sets
+from rockfall.simulation.parts.finished import FINISHED
+from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.progress import progress_bar
 from rockfall_lab.blocks.case import is_block_case, read_block_case, relief_keys
 from rockfall_lab.blocks.contacts import run_throws

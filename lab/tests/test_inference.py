@@ -8,7 +8,7 @@ import pytest
 
 from cases.vaujany import infer
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.scene.sets import read_sets
+from rockfall.scene.rebounds.sets import read_sets
 
 NAMES = "bourrier2009", "vaujany-observed"
 ROW = re.compile(r"!   (\S+): (?:at \w+ )?(\S+) \+- (\S+), (\S+?)(?: \+- (\S+))?(?: NOT MET)?$")

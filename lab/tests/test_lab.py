@@ -18,7 +18,7 @@ from made import refused
 from programs import everything, refuses
 from rockfall import RockfallError
 from rockfall.cli import main
-from rockfall.simulation.lock import locked
+from rockfall.simulation.parts.lock import locked
 from rockfall_lab import remake, summary
 from rockfall_lab.case import LabCase, lab_case_of, names, read_lab_case
 from rockfall_lab.sets.fit import fit_impacts, impacts_of

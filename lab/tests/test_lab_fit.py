@@ -13,7 +13,7 @@ from rockfall.analysis.planes.plane_bounce import (
     resampled_rebound,
     set_rebound,
 )
-from rockfall.scene.rebound import admissible
+from rockfall.scene.rebounds.rebound import admissible
 from rockfall_lab.sets import fit
 from rockfall_lab.sets.fit import Impacts, as_rebounds, fit_set
 from rockfall_lab.sets.setfile import write_sets

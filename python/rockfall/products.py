@@ -13,33 +13,33 @@ from rockfall.analysis.hazard.files import put_zones, read_hazard
 from rockfall.analysis.lines.drawn_line import drawn_line
 from rockfall.analysis.lines.section import Section, section_of
 from rockfall.analysis.lines.stations import SectionLine
-from rockfall.analysis.models import read_models
-from rockfall.analysis.observations import Observed, read_observed
+from rockfall.analysis.observed.observations import Observed, read_observed
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import check_page, is_pdf, write_report
 from rockfall.html_report.spread import check_models
 from rockfall.html_report.variants_page import Given, write_variants_page
-from rockfall.io.grid import Grid
 from rockfall.io.output_files import atomic_folder
-from rockfall.io.raster_file import raster_files
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.rasters.raster_file import raster_files
 from rockfall.language import catalogue, say
 from rockfall.office.tables import check_tables, put_tables
 from rockfall.plots.cartography.basemap import read_basemap
 from rockfall.plots.extent import cell_of, reached
 from rockfall.plots.figures import figures as figures_of
 from rockfall.plots.figures import write_figures
-from rockfall.plots.hazard_sheet import NOBODY, Imprint
+from rockfall.plots.hazard.hazard_sheet import NOBODY, Imprint
 from rockfall.plots.map_figures import Look
 from rockfall.plots.terrain import terrain_of
 from rockfall.qgis_project.project import put_project
-from rockfall.result.classes import read_limits
 from rockfall.result.dataset import read_result
-from rockfall.result.export import EXPORTED, Chosen, crs_wkt, put_export
+from rockfall.result.files.export import EXPORTED, Chosen, crs_wkt, put_export
+from rockfall.result.maps.classes import read_limits
 from rockfall.result.same_case import check_same_case
 from rockfall.result.samples import has_rows
 from rockfall.scene.layers import file_checksum
+from rockfall.studies.models import read_models
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,14 +11,14 @@ import pytest
 import rockfall
 from made import make_raster
 from programs import refuses
-from rockfall.analysis.back import study
-from rockfall.analysis.back.evidence import Counted, Printed, predictive_p
-from rockfall.analysis.back.posterior import posterior_table, warnings, weighted_quantile
-from rockfall.analysis.back.sampling import Sampler, effective
-from rockfall.analysis.back.smoothing import smoothed
-from rockfall.analysis.observations import read_observed
+from rockfall.analysis.observed.observations import read_observed
 from rockfall.cli import main
 from rockfall.result.crossings import at_lines
+from rockfall.studies.back import study
+from rockfall.studies.back.evidence import Counted, Printed, predictive_p
+from rockfall.studies.back.posterior import posterior_table, warnings, weighted_quantile
+from rockfall.studies.back.sampling import Sampler, effective
+from rockfall.studies.back.smoothing import smoothed
 from scenes import grid, make_case, rough, sets
 
 stats = pytest.importorskip("scipy.stats")

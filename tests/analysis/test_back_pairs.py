@@ -9,14 +9,14 @@ import pytest
 import rockfall
 from made import make_raster
 from programs import refuses
-from rockfall.analysis.back import study
-from rockfall.analysis.back.posterior import draws_table, posterior_table, warnings
-from rockfall.analysis.back.ridges import ridges
-from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
-from rockfall.analysis.observations import read_observed
+from rockfall.analysis.observed.observations import read_observed
 from rockfall.result.crossings import line_values
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.back import study
+from rockfall.studies.back.posterior import draws_table, posterior_table, warnings
+from rockfall.studies.back.ridges import ridges
+from rockfall.studies.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from scenes import grid, make_case, rough, sets
 
 TERRAIN = rough()

@@ -13,9 +13,9 @@ import pytest
 
 import rockfall
 from programs import refuses
-from rockfall.analysis.compare import compare
-from rockfall.analysis.observations import read_observed
-from rockfall.analysis.ranks import rank_results
+from rockfall.analysis.observed.compare import compare
+from rockfall.analysis.observed.observations import read_observed
+from rockfall.analysis.observed.ranks import rank_results
 from rockfall.cli import main
 from rockfall.result.crossings import at_lines
 from rockfall.text.comparison import ranks_text

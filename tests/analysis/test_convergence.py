@@ -10,13 +10,13 @@ import pytest
 
 import rockfall
 from programs import refuses
-from rockfall.analysis import convergence
-from rockfall.analysis.convergence import KEYS, NUMBERS, _costs, _errors, _numbers, converge
-from rockfall.analysis.terrain_variants import larger_cells, other_digits
 from rockfall.cli import main
-from rockfall.io.grid import Grid
-from rockfall.io.raster import write_geotiff
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.rasters.raster import write_geotiff
 from rockfall.scene.read import read_scene
+from rockfall.studies import convergence
+from rockfall.studies.convergence import KEYS, NUMBERS, _costs, _errors, _numbers, converge
+from rockfall.studies.terrain_variants import larger_cells, other_digits
 from rockfall.text.convergence import text
 from scenes import grid, make_case, rough, sets
 

@@ -14,17 +14,6 @@ import xarray as xr
 import rockfall
 from made import leave_pictures_blank, make_raster, refused
 from programs import find_program, refuses
-from rockfall.analysis.ensemble import study
-from rockfall.analysis.ensemble.sobol_indices import (
-    MIN_CROSSED,
-    deviations,
-    indices,
-    limits,
-    parts,
-    runs_needed,
-)
-from rockfall.analysis.ensemble.study import RESULTS
-from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.cli import main
 from rockfall.errors import RockfallError
@@ -35,9 +24,20 @@ from rockfall.language import speaking
 from rockfall.limits import Z
 from rockfall.plots.figures import figures
 from rockfall.result.crossings import line_values
-from rockfall.result.map_labels import map_label
+from rockfall.result.maps.map_labels import map_label
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.ensemble import study
+from rockfall.studies.ensemble.sobol_indices import (
+    MIN_CROSSED,
+    deviations,
+    indices,
+    limits,
+    parts,
+    runs_needed,
+)
+from rockfall.studies.ensemble.study import RESULTS
+from rockfall.studies.ensemble.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
 from rockfall.text.ensemble import ensemble_summary, orders_reversed
 from rockfall.text.summary import remark_lines
 from scenes import grid, make_case, rough, sets, write_sets

@@ -20,9 +20,9 @@ from rockfall.analysis.hazard.classes import (
     intensities,
     unseen,
 )
-from rockfall.analysis.hazard.study import read_study
 from rockfall.limits import fraction_limits
 from rockfall.result.crossings import at_lines
+from rockfall.studies.hazard import read_study
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 

@@ -10,11 +10,11 @@ import pytest
 
 import rockfall
 from made import make_raster
-from rockfall.analysis import convergence
-from rockfall.analysis.back import study
 from rockfall.analysis.model_limits import model_warnings
 from rockfall.case import case_of
 from rockfall.cli import main
+from rockfall.studies import convergence
+from rockfall.studies.back import study
 
 CASE = """&case boulders = 60, seed = 7, threads = 1 /
 &terrain dem = 'dem.tif' /

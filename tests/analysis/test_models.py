@@ -11,7 +11,12 @@ import pytest
 import rockfall
 from made import make_raster
 from programs import everything, make_full_case, refuses
-from rockfall.analysis.models import (
+from rockfall.cli import main
+from rockfall.grounds import GroundTable, shipped_grounds
+from rockfall.result.crossings import at_lines
+from rockfall.scene.read import read_scene
+from rockfall.simulation.simulate import run_scene
+from rockfall.studies.models import (
     COLUMNS,
     ROCKS,
     read_models,
@@ -20,11 +25,6 @@ from rockfall.analysis.models import (
     with_rocks,
     write_models,
 )
-from rockfall.cli import main
-from rockfall.grounds import GroundTable, shipped_grounds
-from rockfall.result.crossings import at_lines
-from rockfall.scene.read import read_scene
-from rockfall.simulation.simulate import run_scene
 
 SHIPPED = GroundTable(shipped_grounds())
 CLASSICAL = [*ROCKS]

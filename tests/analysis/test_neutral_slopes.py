@@ -130,7 +130,7 @@ def test_sizes_in_rasters_are_told_by_fifths(tmp_path):
 
 def test_what_is_told_does_not_depend_on_windows(zoned):
     """Rows in bands, as terrain is read that does not fit in memory."""
-    from rockfall.io.grid import Box
+    from rockfall.io.rasters.grid import Box
     from rockfall.scene.ground import Ground
 
     whole = zoned()

@@ -6,11 +6,11 @@ import pytest
 
 import rockfall
 from made import make_raster, refused
-from rockfall.analysis.compare import compare
-from rockfall.analysis.observations import read_observed
-from rockfall.analysis.ranks import rank_results
-from rockfall.analysis.validation import validate
+from rockfall.analysis.observed.compare import compare
+from rockfall.analysis.observed.observations import read_observed
+from rockfall.analysis.observed.ranks import rank_results
 from rockfall.result.crossings import line_values
+from rockfall.studies.validation import validate
 from scenes import grid, make_case, rough, sets
 
 WEST, SOUTH = 600_000.0, 5_000_000.0

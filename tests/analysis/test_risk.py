@@ -9,9 +9,9 @@ import pytest
 import rockfall
 import scenes
 from made import make_layer, refused
-from rockfall.analysis.hazard.risk import layered, mean_of, risk_classes
 from rockfall.analysis.hazard.risk_files import class_words
-from rockfall.analysis.hazard.vulnerability import BUILDING, read_curves
+from rockfall.analysis.objects.risk import layered, mean_of, risk_classes
+from rockfall.analysis.objects.vulnerability import BUILDING, read_curves
 from rockfall.language import speaking, translated
 from rockfall.limits import fraction_limits
 from rockfall.result.crossings import at_lines

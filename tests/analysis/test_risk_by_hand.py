@@ -10,8 +10,8 @@ import pytest
 import rockfall
 import scenes
 from made import make_layer, refused
-from rockfall.analysis.hazard.risk import layered, mean_of, risk_classes
-from rockfall.analysis.hazard.vulnerability import BUILDING, read_curves, stepped
+from rockfall.analysis.objects.risk import layered, mean_of, risk_classes
+from rockfall.analysis.objects.vulnerability import BUILDING, read_curves, stepped
 from rockfall.limits import fraction_limits
 from rockfall.result.crossings import at_lines
 

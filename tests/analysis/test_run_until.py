@@ -9,10 +9,13 @@ from scipy.stats import norm
 
 import rockfall
 from known_law import SAMPLE, lognormal, made, stages, theory
-from rockfall.analysis import run_until as until
 from rockfall.analysis.line_statistics import line_numbers
 from rockfall.analysis.precision.intervals import sources
-from rockfall.analysis.run_until import (
+from rockfall.cli import main
+from rockfall.limits import Z
+from rockfall.result.crossings import has_crossed
+from rockfall.studies import run_until as until
+from rockfall.studies.run_until import (
     CROSSED,
     FIRST,
     evaluate,
@@ -20,9 +23,6 @@ from rockfall.analysis.run_until import (
     read_rules,
     verdicts_of,
 )
-from rockfall.cli import main
-from rockfall.limits import Z
-from rockfall.result.crossings import has_crossed
 from rockfall.text.summary import summary
 from scenes import grid, make_case, rough, sets
 
@@ -235,7 +235,7 @@ def test_a_case_without_lines_and_a_bad_cap_are_refused(tmp_path):
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     """A folder with a case file on a plane, made the current one."""
-    from rockfall.io.raster import write_geotiff
+    from rockfall.io.rasters.raster import write_geotiff
 
     monkeypatch.chdir(tmp_path)
     write_geotiff("dem.tif", rough(dtype="f4"), grid(rough()))

@@ -17,7 +17,7 @@ from rockfall.analysis.lines.stations import SectionLine
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.case import case_of
 from rockfall.cli import main
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.language import speaking
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.figures import section_entry

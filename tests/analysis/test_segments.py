@@ -12,16 +12,16 @@ from scipy.optimize import brentq
 import rockfall
 import scenes
 from made import make_frame, make_layer, refused
-from rockfall.analysis.hazard.object_layers import File
 from rockfall.analysis.hazard.segment_files import segment_table
-from rockfall.analysis.hazard.segments import edges_along, read_segments, strips_along
-from rockfall.analysis.hazard.study import read_study
+from rockfall.analysis.objects.object_layers import File
+from rockfall.analysis.objects.segments import edges_along, read_segments, strips_along
 from rockfall.analysis.precision.intervals import between_ranks
 from rockfall.analysis.precision.weighted import quantile_interval
 from rockfall.cli import main
 from rockfall.limits import fraction_limits
-from rockfall.plots.hazard_figures import hazard_figures
+from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.result.crossings import at_lines
+from rockfall.studies.hazard import read_study
 from rockfall.text.segments import segment_rows
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
@@ -417,7 +417,9 @@ def site(place):
 def test_the_command_writes_a_layer_and_a_table(site, monkeypatch, capsys):
     pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
     figure = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")
-    monkeypatch.setattr("rockfall.cli.hazard.hazard_sheet", lambda *_: figure.Figure((1, 1)))
+    monkeypatch.setattr(
+        "rockfall.cli.commands.hazard.hazard_sheet", lambda *_: figure.Figure((1, 1))
+    )
     assert main([*site, "-o", "out"]) == 0
     said = capsys.readouterr().out
     assert "K 12, 0 to 25 m" in said

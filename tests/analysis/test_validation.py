@@ -9,10 +9,12 @@ from scipy import stats
 
 import rockfall
 from programs import make_full_case, refuses
-from rockfall.analysis.models import AS_GIVEN, run_models
-from rockfall.analysis.observations import read_observed
-from rockfall.analysis.run_out import kolmogorov_smirnov
-from rockfall.analysis.validation import (
+from rockfall.analysis.observed.observations import read_observed
+from rockfall.analysis.observed.run_out import kolmogorov_smirnov
+from rockfall.cli import main
+from rockfall.result.crossings import at_lines
+from rockfall.studies.models import AS_GIVEN, run_models
+from rockfall.studies.validation import (
     BEYOND,
     COLUMNS,
     RUN_OUT,
@@ -21,8 +23,6 @@ from rockfall.analysis.validation import (
     numbers_beside,
     validate,
 )
-from rockfall.cli import main
-from rockfall.result.crossings import at_lines
 
 OWN = "impact sets, method B"
 

@@ -15,11 +15,11 @@ from programs import (  # fmt: skip
     run_program,
     same_results,
 )
-from rockfall.analysis import variant_runs
 from rockfall.case.variants import variants
 from rockfall.cli import main
 from rockfall.result.crossings import at_lines
-from rockfall.simulation.merge import join
+from rockfall.simulation.parts.merge import join
+from rockfall.studies import variant_runs
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no part of it lies over the terrain")
 WEST, NORTH = 600000.0, 5000000.0
@@ -172,10 +172,10 @@ def test_a_stopped_run_goes_on(here, capsys, monkeypatch):
             raise KeyboardInterrupt
         return run(*scene, **how)
 
-    monkeypatch.setattr("rockfall.analysis.variant_runs.run_scene", once)
+    monkeypatch.setattr("rockfall.studies.variant_runs.run_scene", once)
     assert main(["variants", "case.nml", "-o", "out", "--quiet"]) == 130
     assert not (here / "out").exists() and (here / "out.today.checkpoint").exists()
-    monkeypatch.setattr("rockfall.analysis.variant_runs.run_scene", run)
+    monkeypatch.setattr("rockfall.studies.variant_runs.run_scene", run)
     file = f"{here.as_posix()}/out.today.checkpoint"
     stopped = f"{file}: holds 120 boulders of a variant that was stopped; .*"
     refuses(["variants", "case.nml", "-o", "out"], stopped, capsys)

@@ -8,8 +8,11 @@ import rasterio
 import rockfall
 from made import make_raster, refused
 from rockfall.analysis.precision.intervals import Sources
-from rockfall.analysis.variant_runs import check_variant_scenes
-from rockfall.analysis.variants import (
+from rockfall.cli import main
+from rockfall.quantities import number
+from rockfall.result.crossings import at_lines, line_names
+from rockfall.studies.variant_runs import check_variant_scenes
+from rockfall.studies.variants import (
     compare_variants,
     difference,
     difference_maps,
@@ -17,9 +20,6 @@ from rockfall.analysis.variants import (
     mean_of,
     quantile_of,
 )
-from rockfall.cli import main
-from rockfall.quantities import number
-from rockfall.result.crossings import at_lines, line_names
 from rockfall.text.variants import comparison_notes, rows_of, value_text, variants_text
 from scenes import case_in, grid, place, rough
 

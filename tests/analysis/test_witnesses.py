@@ -13,12 +13,7 @@ import rockfall
 from crossed import crossed
 from made import make_layer, make_raster
 from programs import refuses
-from rockfall.analysis.back import study
-from rockfall.analysis.back.contributions import contributions
-from rockfall.analysis.back.deposited import Deposited
-from rockfall.analysis.back.marked import Marked
-from rockfall.analysis.back.posterior import alone_table, posterior_table, warnings
-from rockfall.analysis.deposits import (
+from rockfall.analysis.observed.deposits import (
     Blocks,
     Kernel,
     Rest,
@@ -30,7 +25,7 @@ from rockfall.analysis.deposits import (
     log_density,
     witnesses,
 )
-from rockfall.analysis.marks import (
+from rockfall.analysis.observed.marks import (
     Heights,
     Mark,
     height_sums,
@@ -38,15 +33,20 @@ from rockfall.analysis.marks import (
     passing_at,
     with_lines_at,
 )
-from rockfall.analysis.marks import log_density as log_height
-from rockfall.analysis.observations import CONTACT, read_observed
-from rockfall.analysis.validation import numbers_beside
+from rockfall.analysis.observed.marks import log_density as log_height
+from rockfall.analysis.observed.observations import CONTACT, read_observed
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.result.crossings import at_lines
 from rockfall.result.trajectories import left_terrain
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.back import study
+from rockfall.studies.back.contributions import contributions
+from rockfall.studies.back.deposited import Deposited
+from rockfall.studies.back.marked import Marked
+from rockfall.studies.back.posterior import alone_table, posterior_table, warnings
+from rockfall.studies.validation import numbers_beside
 from rockfall.text.back import back_text
 from rockfall.text.comparison import text as as_text
 from scenes import grid, make_case, sets

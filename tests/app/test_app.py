@@ -33,13 +33,13 @@ import scenes  # noqa: E402
 from made import make_layer, make_page, make_raster  # noqa: E402
 from programs import makes_links, sends_signals  # noqa: E402
 from rockfall.app import exhibit, show  # noqa: E402
-from rockfall.app.document import runnable  # noqa: E402
+from rockfall.app.edited.document import runnable  # noqa: E402
+from rockfall.app.edited.opening import open_site  # noqa: E402
+from rockfall.app.edited.saving import save  # noqa: E402
 from rockfall.app.messages import MAX_BYTES, binary_message  # noqa: E402
-from rockfall.app.opening import open_site  # noqa: E402
 from rockfall.app.outbox import Client, Outbox  # noqa: E402
 from rockfall.app.pictures import MAX_LINES  # noqa: E402
 from rockfall.app.room import Room  # noqa: E402
-from rockfall.app.saving import save  # noqa: E402
 from rockfall.app.server import FILES, Server, bind  # noqa: E402
 from rockfall.cli.command_line import main  # noqa: E402
 from rockfall.draft.grounds import GROUNDS  # noqa: E402

@@ -38,7 +38,7 @@ from rockfall.draft.groups import RADIUS  # noqa: E402
 from rockfall.result import variables  # noqa: E402
 from rockfall.result.dataset import write_result  # noqa: E402
 from rockfall.scene.read import read_scene  # noqa: E402
-from rockfall.simulation.checkpoint import Checkpoint  # noqa: E402
+from rockfall.simulation.parts.checkpoint import Checkpoint  # noqa: E402
 from rockfall.simulation.simulate import simulate  # noqa: E402
 
 pytestmark = [

@@ -21,7 +21,7 @@ from programs import (
     same_results,
 )
 from rockfall.cli import main
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 

@@ -26,7 +26,7 @@ from programs import (
     sends_signals,
 )
 from rockfall.cli import main
-from rockfall.simulation.part_file import boulders_in
+from rockfall.simulation.parts.part_file import boulders_in
 
 PROGRAMS = ("rockfall", "rockfall-batch")
 

@@ -16,7 +16,7 @@ import rockfall
 from rockfall.case import REPEATABLE, broken_rule, default_values, given_groups, key_table
 from rockfall.case.text import Entry, Group, case_text, namelist_text, read_groups, read_values
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.scene.coefficients import open_sets
+from rockfall.scene.rebounds.coefficients import open_sets
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = [path for home in (ROOT, ROOT / "lab") for path in sorted(home.glob("cases/*/*.nml"))]

@@ -31,7 +31,7 @@ from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.files import object_table, read_hazard
 from rockfall.analysis.hazard.variables import TABLE, map_names
 from rockfall.cli import main
-from rockfall.result.flat_maps import flat_maps
+from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.simulation import simulate
 from rockfall.text.hazard import hazard_warnings, warning_groups
 from scenes import CALM_SETS
@@ -57,8 +57,8 @@ ARGUMENTS = ["hazard", "case.nml", "-o", "out", "--objects", "objects.gpkg", "--
 def no_figures():
     """Drawing takes longer than all else."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rockfall.cli.hazard.hazard_figures", lambda *_: [])
-        sheet = "rockfall.cli.hazard.hazard_sheet"
+        patch.setattr("rockfall.cli.commands.hazard.hazard_figures", lambda *_: [])
+        sheet = "rockfall.cli.commands.hazard.hazard_sheet"
         patch.setattr(sheet, lambda *_: matplotlib.Figure(figsize=(1, 1)))
         yield
 

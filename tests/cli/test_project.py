@@ -12,9 +12,9 @@ import pytest
 import rockfall
 import scenes
 from made import make_layer, make_raster
-from rockfall.analysis import convergence
-from rockfall.analysis.back import study as study_of_back
 from rockfall.cli import main
+from rockfall.studies import convergence
+from rockfall.studies.back import study as study_of_back
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 pyproj = pytest.importorskip("pyproj", reason="the vector extra is not installed")

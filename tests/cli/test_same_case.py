@@ -11,8 +11,8 @@ from affine import Affine
 
 from made import PLACE, make_raster
 from programs import everything, refuses
-from rockfall.analysis.models import read_models
 from rockfall.cli import main
+from rockfall.studies.models import read_models
 from slope_case import CASE, slope, zones
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")

@@ -202,8 +202,8 @@ def page_site(site, tmp_path, monkeypatch, blank_figures):
     """A copy of it, made the current folder."""
     folder = shutil.copytree(site, tmp_path / "site")
     monkeypatch.chdir(folder)
-    monkeypatch.setattr("rockfall.analysis.back.study.ROUND", 16)
-    monkeypatch.setattr("rockfall.analysis.convergence.MIN_REFERENCE", 1)  # not the turns
+    monkeypatch.setattr("rockfall.studies.back.study.ROUND", 16)
+    monkeypatch.setattr("rockfall.studies.convergence.MIN_REFERENCE", 1)  # not the turns
     monkeypatch.setattr("rockfall.app.show.PAGE", make_page(tmp_path / "page"))
     return folder
 

@@ -7,9 +7,9 @@ import pytest
 
 import rockfall
 from programs import refused_in_one_line, refuses
-from rockfall.scene.plausible import implausible
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import implausible
 from slope_case import CASE, write_slope
 
 RELEASE = "x = 600060.0, y = 4999980.0"

@@ -17,14 +17,14 @@ import rockfall
 from programs import Killed, everything, find_program, killed_after, same_results
 from rockfall.cli import main
 from rockfall.simulation import simulate
-from rockfall.simulation.part_file import boulders_in
+from rockfall.simulation.parts.part_file import boulders_in
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="LD_PRELOAD is of POSIX")
 PROGRAMS = ("rockfall", "rockfall-batch")
 #: Commands one after the other, with their status and what they print on stderr.
 SEVERAL = """import sys
 from rockfall.cli import main
-from rockfall.io.layers import layer_names, read_attributes
+from rockfall.io.vectors.layers import layer_names, read_attributes
 print(*[main(words.split()) for words in sys.argv[1:]], file=sys.stderr)
 print(*[len(read_attributes("tables/rockfall.gpkg", "stops", name)) > 0 for name in
         layer_names("tables/rockfall.gpkg")], file=sys.stderr)

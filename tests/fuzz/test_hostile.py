@@ -19,14 +19,14 @@ import rockfall
 from benchmarks.machine import ROOT
 from benchmarks.stability import hostile, mutators
 from made import refused
-from rockfall.analysis.observations import read_observed
-from rockfall.analysis.runs import merge
+from rockfall.analysis.observed.observations import read_observed
 from rockfall.io.tables import table_rows
-from rockfall.result.export import export
+from rockfall.result.files.export import export
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_chunks, start
+from rockfall.studies.runs import merge
 
 
 @pytest.fixture(scope="module")

@@ -23,9 +23,9 @@ from programs import (
 )
 from rockfall import interrupts
 from rockfall.cli import main
-from rockfall.result import export
+from rockfall.result.files import export
 from rockfall.scene.prepare import prepare
-from rockfall.simulation.part_file import boulders_in
+from rockfall.simulation.parts.part_file import boulders_in
 
 ONE_CHUNK = """import sys
 from rockfall.simulation import simulate

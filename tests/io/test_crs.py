@@ -13,10 +13,16 @@ from rasterio.crs import CRS
 
 from made import hill, make_layer, make_raster
 from rockfall.errors import RockfallError
-from rockfall.io.crs import crs_name, grid_mapping, length_scale, same_crs, vertical_datum
-from rockfall.io.grid import Grid
-from rockfall.io.layers import read_points
-from rockfall.io.raster import aligned_blocks, read_dem
+from rockfall.io.coordinates.crs import (
+    crs_name,
+    grid_mapping,
+    length_scale,
+    same_crs,
+    vertical_datum,
+)
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.rasters.raster import aligned_blocks, read_dem
+from rockfall.io.vectors.layers import read_points
 
 WKT = "crs_wkt", "spatial_ref"
 

@@ -7,7 +7,13 @@ import pytest
 import rockfall
 import scenes
 from made import make_layer, make_raster, refused
-from rockfall.io.layers import burn_polygons, layer_names, read_features, read_lines, read_polygons
+from rockfall.io.vectors.layers import (
+    burn_polygons,
+    layer_names,
+    read_features,
+    read_lines,
+    read_polygons,
+)
 from rockfall.scene.read import read_scene
 
 ezdxf = pytest.importorskip("ezdxf", reason="the cad extra is not installed")
@@ -340,7 +346,7 @@ def nowhere(drawing):
     ],
 )
 def test_drawings_without_an_end_are_one_line(spoil, message, drawing, tmp_path, monkeypatch):
-    monkeypatch.setattr("rockfall.io.drawing.MAX_PARTS", 1000)
+    monkeypatch.setattr("rockfall.io.vectors.drawing.MAX_PARTS", 1000)
     spoil(drawing)
     path = saved(drawing, tmp_path)
     with refused(f"{path}: {message}"):

@@ -19,7 +19,7 @@ from affine import Affine
 
 import rockfall
 from made import make_layer, make_raster
-from rockfall.analysis.observations import read_observed
+from rockfall.analysis.observed.observations import read_observed
 from rockfall.errors import RockfallError
 from rockfall.field import download
 from rockfall.field.archives import ARCHIVES, RemoteFile

@@ -19,8 +19,8 @@ from rasterio.io import MemoryFile
 from made import PLACE, UTM, hill, make_ascii, make_layer, refused
 from rockfall.draft.dem import dem_of_points
 from rockfall.errors import RockfallError
-from rockfall.io.raster import read_dem
-from rockfall.io.raster_file import open_raster
+from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.raster_file import open_raster
 from rockfall.io.tables import read_columns
 
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")

@@ -12,8 +12,8 @@ from made import refused
 from rockfall.cli import main
 from rockfall.draft.dem import dem_of_points
 from rockfall.errors import RockfallError
-from rockfall.io.point_clouds import read_clouds
-from rockfall.io.raster import read_dem
+from rockfall.io.rasters.raster import read_dem
+from rockfall.io.vectors.point_clouds import read_clouds
 
 laspy = pytest.importorskip("laspy", reason="the points extra is not installed")
 pytest.importorskip("lazrs", reason="the points extra is not installed")
@@ -75,7 +75,7 @@ def test_ground_that_is_not_withheld_is_taken(name, tmp_path, monkeypatch):
     wanted = points[(number % 3 == 2) & (number >= 300)]
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9)
     assert crs.to_epsg() == 2056
-    monkeypatch.setattr("rockfall.io.point_clouds.CHUNK", 7)
+    monkeypatch.setattr("rockfall.io.vectors.point_clouds.CHUNK", 7)
     np.testing.assert_array_equal(read_clouds([path])[0], found)
 
 
@@ -172,7 +172,7 @@ def test_thinned_points_are_means_of_squares(tmp_path, monkeypatch):
         for square in np.unique(squares, axis=0)
     ]
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-7)
-    monkeypatch.setattr("rockfall.io.point_clouds.CHUNK", 100)
+    monkeypatch.setattr("rockfall.io.vectors.point_clouds.CHUNK", 100)
     np.testing.assert_allclose(read_clouds([path], thin=7.0)[0], found, rtol=0, atol=1e-7)
     points[:, 2] = np.round(500 + 0.5 * (points[:, 0] - W) - 0.25 * (points[:, 1] - S), 6)
     (tmp_path / "plane.xyz").write_text("\n".join(" ".join(map(repr, p)) for p in points.tolist()))
@@ -182,7 +182,7 @@ def test_thinned_points_are_means_of_squares(tmp_path, monkeypatch):
 
 def test_too_many_points_are_refused_with_the_way_out(tmp_path, monkeypatch):
     path = cloud(tmp_path / "a.laz", places())
-    monkeypatch.setattr("rockfall.io.point_clouds.MAX_POINTS", 1000)
+    monkeypatch.setattr("rockfall.io.vectors.point_clouds.MAX_POINTS", 1000)
     with refused(
         "more than 1,000 points: --thin M takes the mean of those in each square of M metres"
     ):

@@ -6,14 +6,14 @@ import pytest
 
 import scenes
 from made import make_layer, make_raster
-from rockfall.analysis.hazard.segments import _sources_on
+from rockfall.analysis.objects.segments import _sources_on
 from rockfall.cli import main
-from rockfall.io.grid import NO_ID, Grid
-from rockfall.io.layers import burn_polygons, numbered_polygons
-from rockfall.io.polygons import held_cells, points_inside
-from rockfall.io.raster import read_dem
-from rockfall.scene.plausible import implausible
+from rockfall.io.rasters.grid import NO_ID, Grid
+from rockfall.io.rasters.raster import read_dem
+from rockfall.io.vectors.layers import burn_polygons, numbered_polygons
+from rockfall.io.vectors.polygons import held_cells, points_inside
 from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import implausible
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 

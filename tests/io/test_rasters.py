@@ -19,10 +19,10 @@ from rasterio.rio.main import main_group
 
 from made import PLACE, UTM, hill, make_ascii, make_raster, refused, write_ascii
 from rockfall.errors import RockfallError
-from rockfall.io import grid as grid_module
-from rockfall.io.arrays import from_array
-from rockfall.io.grid import NO_ID, Grid
-from rockfall.io.raster import aligned_blocks, read_dem, write_geotiff
+from rockfall.io.rasters import grid as grid_module
+from rockfall.io.rasters.arrays import from_array
+from rockfall.io.rasters.grid import NO_ID, Grid
+from rockfall.io.rasters.raster import aligned_blocks, read_dem, write_geotiff
 from rockfall.result.dataset import read_result
 
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
@@ -301,7 +301,7 @@ def test_ascii_does_not_depend_on_where_its_text_is_cut(monkeypatch):
     z = np.random.default_rng(1).normal(scale=1e3, size=(13, 7))
     write_ascii("dem.asc", z, Grid(0.0, 13.0, 1.0, 7, 13))
     for chunk in (1, 2, 7, 64, 1000):
-        monkeypatch.setattr("rockfall.io.ascii_grid._CHUNK", chunk)
+        monkeypatch.setattr("rockfall.io.rasters.ascii_grid._CHUNK", chunk)
         np.testing.assert_array_equal(read_dem("dem.asc")[0], z)
 
 
@@ -354,7 +354,7 @@ def test_an_ascii_header_is_read_as_strictly_as_the_numbers(head, message):
 
 
 def test_text_without_end_is_refused(monkeypatch):
-    monkeypatch.setattr("rockfall.io.ascii_grid._CHUNK", 1000)
+    monkeypatch.setattr("rockfall.io.rasters.ascii_grid._CHUNK", 1000)
     make_ascii("dem.asc", "1 2 3 " + "9" * 10_000)
     with refused("dem.asc: not text with numbers; damaged"):
         read_dem("dem.asc")

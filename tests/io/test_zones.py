@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from made import make_layer, refused
-from rockfall.analysis.hazard.object_layers import File
-from rockfall.analysis.hazard.objects import read_objects
+from rockfall.analysis.objects.object_layers import File
+from rockfall.analysis.objects.objects import read_objects
 from rockfall.errors import RockfallError
-from rockfall.io import grid as grid_module
-from rockfall.io.grid import NO_ID, Grid, row_blocks
-from rockfall.io.layers import (
+from rockfall.io.rasters import grid as grid_module
+from rockfall.io.rasters.grid import NO_ID, Grid, row_blocks
+from rockfall.io.vectors.layers import (
     burn_polygons,
     numbered_polygons,
     read_attributes,

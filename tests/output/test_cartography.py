@@ -9,10 +9,10 @@ import pytest
 
 import rockfall
 from rockfall.errors import RockfallError
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.plots.extent import reached
 from rockfall.plots.map_figures import Look, map_figure, stops_figure
-from rockfall.result.classes import LIMITS, classes_of, read_limits
+from rockfall.result.maps.classes import LIMITS, classes_of, read_limits
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")

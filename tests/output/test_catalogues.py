@@ -11,7 +11,6 @@ import pytest
 pytest.importorskip("babel", reason="needed to check the catalogues")
 from babel.messages.pofile import read_po  # noqa: E402
 
-from rockfall.analysis.ensemble.uncertain_inputs import INPUTS  # noqa: E402
 from rockfall.analysis.hazard.classes import CLASSES  # noqa: E402
 from rockfall.errors import RockfallError  # noqa: E402
 from rockfall.grounds import IMPACT_SETS, models  # noqa: E402
@@ -28,8 +27,9 @@ from rockfall.language import (  # noqa: E402
     unpacked,
     word,
 )
-from rockfall.result.map_labels import map_comment, map_label  # noqa: E402
+from rockfall.result.maps.map_labels import map_comment, map_label  # noqa: E402
 from rockfall.result.variables import MAP, OUTCOME, STATUS  # noqa: E402
+from rockfall.studies.ensemble.uncertain_inputs import INPUTS  # noqa: E402
 
 PACKAGE = Path(__file__).parents[2] / "python/rockfall"
 PAGE = Path(__file__).parents[2] / "web/src"  # of `rockfall app`; says "app...." only

@@ -15,7 +15,7 @@ import rockfall
 from made import make_raster
 from rockfall.app.pictures import trajectory_message
 from rockfall.case import case_of
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.result.motion import motion_of
 from rockfall.terrain.height import height
 from scenes import make_case, rough, sets

@@ -18,7 +18,7 @@ from made import make_raster
 from programs import refuses
 from rockfall.cli import main
 from rockfall.errors import RockfallError
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.plots import extent, style, terrain
 from rockfall.plots import map_figures as mapfigures
 from rockfall.plots import rebound_figures as reboundfigures
@@ -65,7 +65,7 @@ def full(tmp_path_factory):
 
 @pytest.fixture
 def observed():
-    """As `rockfall.analysis.observations.read_observed` gives it."""
+    """As `rockfall.analysis.observed.observations.read_observed` gives it."""
     names = ["line", "method", "quantity", "mean", "std", "max"]
     rows = [("L", "observed", "energy_total", 2e5, 1e5, 9e5), ("L", "A", "speed", 9.0, 2.0, 20.0)]
     rows += [("L", "B", "speed", np.nan, np.nan, 21.0)]

@@ -12,8 +12,15 @@ from made import make_layer
 from rockfall.analysis.hazard.zones import zones_of
 from rockfall.language import say, speaking
 from rockfall.plots.cartography.sheet import INCH
-from rockfall.plots.hazard_figures import hazard_figures
-from rockfall.plots.hazard_sheet import HIGH, MARGIN, WIDE, Imprint, hazard_sheet, warning_pages
+from rockfall.plots.hazard.hazard_figures import hazard_figures
+from rockfall.plots.hazard.hazard_sheet import (
+    HIGH,
+    MARGIN,
+    WIDE,
+    Imprint,
+    hazard_sheet,
+    warning_pages,
+)
 from scenes import grid, make_case, rough, sets
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")

@@ -14,9 +14,9 @@ from rockfall.cli import main
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import at_lines
 from rockfall.result.dataset import write_result
+from rockfall.result.files.trajectory_layers import flight_features
 from rockfall.result.motion import EXACT, motion_of, sampled
 from rockfall.result.trajectories import POINTS, curves
-from rockfall.result.trajectory_layers import flight_features
 from rockfall.result.variables import LEG
 from rockfall.terrain.height import height
 from scenes import grid, make_case, rough, sets

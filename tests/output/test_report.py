@@ -19,7 +19,7 @@ import pytest
 import rockfall
 from browser import open_browser, resize
 from made import leave_pictures_blank
-from rockfall.analysis.observations import read_observed
+from rockfall.analysis.observed.observations import read_observed
 from rockfall.analysis.precision.intervals import (
     Sources,
     boulders_needed,
@@ -27,11 +27,11 @@ from rockfall.analysis.precision.intervals import (
     rounded_up,
     sources,
 )
-from rockfall.analysis.run_until import Rule, Verdict, verdicts_of
 from rockfall.app.server import PAGE
 from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.result.crossings import at_lines, line_names
+from rockfall.studies.run_until import Rule, Verdict, verdicts_of
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
@@ -259,7 +259,7 @@ def test_what_lies_outside_the_model_is_a_box_at_the_top(tmp_path, monkeypatch):
 
 
 def test_the_origin_of_every_shipped_set_is_known():
-    from rockfall.scene.sets import read_sets
+    from rockfall.scene.rebounds.sets import read_sets
 
     folder = Path(rockfall.__file__).parent / "data" / "impact_sets"
     single = {path.stem for path in folder.glob("*.nml") if len(read_sets(path)) == 1}

@@ -11,8 +11,8 @@ from programs import Killed, killed_after, make_full_case, run_program
 from rockfall.result.crossings import at_lines, line_names
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.simulation import checkpoint
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.parts import checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
 from same import same, same_numbers
 from scenes import make_case, rough, sets, status

@@ -17,9 +17,9 @@ from rockfall.html_report.tables import dam_tables
 from rockfall.language import speaking
 from rockfall.protection.dams import dams_of
 from rockfall.result.crossings import at_lines
-from rockfall.scene.plausible import implausible
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import implausible
 from rockfall.terrain.dams import COARSE, FINE
 from scenes import make_case, sets
 

@@ -15,8 +15,9 @@ import scipy.stats  # noqa: F401
 import xarray  # noqa: F401
 from matplotlib.figure import Figure
 
-from rockfall.analysis.back import study
-from rockfall.cli import hazard, main
+from rockfall.cli import main
+from rockfall.cli.commands import hazard
+from rockfall.studies.back import study
 
 
 def run(words, folder, env, streams):

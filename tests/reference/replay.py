@@ -22,7 +22,7 @@ import classical
 import reference
 from reference import Contact, Doubt, Landing, Patch, State, World, exact
 from rockfall.case.text import read_groups
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.result.crossings import at_lines, has_crossed
 
 if TYPE_CHECKING:

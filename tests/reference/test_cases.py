@@ -12,14 +12,14 @@ import pytest
 import rasterio
 
 import rockfall
-from rockfall.analysis.hazard.study import read_study, run_study
 from rockfall.case import read_case
 from rockfall.case.text import read_values
 from rockfall.evidence import only
-from rockfall.io.raster import write_geotiff
+from rockfall.io.rasters.raster import write_geotiff
 from rockfall.result.crossings import at_lines, has_crossed
-from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import implausible
+from rockfall.studies.hazard import read_study, run_study
 
 CASES = Path(__file__).parents[2] / "cases"
 VAUJANY, PLANE = CASES / "vaujany", CASES / "plane"

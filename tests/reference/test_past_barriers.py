@@ -7,7 +7,7 @@ import pytest
 from rasterio.transform import from_origin
 
 import rockfall
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.result.trajectories import ends
 from rockfall.terrain.height import height
 from scenes import make_case, rough, sets

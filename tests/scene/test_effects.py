@@ -13,8 +13,8 @@ import scenes
 from made import PLACE
 from programs import make_full_case, refused_in_one_line, run_program
 from rockfall.analysis.hazard.scenarios import base_case
-from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import implausible
 
 BASE = {
     "case": {"boulders": 2},

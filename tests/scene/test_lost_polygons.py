@@ -8,8 +8,8 @@ import rockfall
 import scenes
 from made import make_layer, make_raster, refused
 from rockfall.cli import main
-from rockfall.scene.plausible import input_warnings
 from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import input_warnings
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 

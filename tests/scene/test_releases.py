@@ -10,18 +10,18 @@ import pytest
 import rockfall
 from made import make_layer
 from programs import find_program, make_full_case, refuses, run_program, same_results
-from rockfall.analysis.back.evidence import evidence
-from rockfall.analysis.compare import compare
-from rockfall.analysis.ensemble.study import run_ensemble
-from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
-from rockfall.analysis.hazard.study import read_study
-from rockfall.analysis.observations import read_observed
+from rockfall.analysis.observed.compare import compare
+from rockfall.analysis.observed.observations import read_observed
 from rockfall.cli import main
-from rockfall.scene.plausible import input_warnings
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.scene.source_attributes import values_of
+from rockfall.scene.releases.source_attributes import values_of
+from rockfall.scene.rules.plausible import input_warnings
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.back.evidence import evidence
+from rockfall.studies.ensemble.study import run_ensemble
+from rockfall.studies.ensemble.uncertain_inputs import Uncertain, drawn_scene
+from rockfall.studies.hazard import read_study
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 pytestmark = pytest.mark.filterwarnings("ignore:.*no part of it lies over the terrain")

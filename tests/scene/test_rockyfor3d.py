@@ -10,7 +10,6 @@ import pytest
 import rockfall
 from made import refused, write_ascii
 from programs import everything, find_program, run_program, same_results
-from rockfall.analysis.models import ROCKS, run_models
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import overwriting
@@ -18,6 +17,7 @@ from rockfall.result.crossings import at_lines
 from rockfall.rockyfor3d import nets
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
+from rockfall.studies.models import ROCKS, run_models
 from rockfall.text.preview import preview
 from scenes import grid, status
 

@@ -7,7 +7,7 @@ from affine import Affine
 
 import rockfall
 from made import make_raster
-from rockfall.io.grid import row_blocks
+from rockfall.io.rasters.grid import row_blocks
 from rockfall.scene.read import read_scene
 
 NY, NX = 1300, 1000  # more than a block

@@ -9,8 +9,8 @@ import rockfall
 import scenes
 from rockfall.analysis.planes.plane_bounce import set_rebound
 from rockfall.errors import RockfallError
-from rockfall.scene.coefficients import covariance_root
-from rockfall.scene.sets import read_sets, restitution
+from rockfall.scene.rebounds.coefficients import covariance_root
+from rockfall.scene.rebounds.sets import read_sets, restitution
 
 LOSES = np.array([0.2, 0, 0, 0, -0.3, 0, 0, 0, 0.2])  # a mean far from the limits of a rebound
 

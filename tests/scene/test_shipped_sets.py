@@ -6,8 +6,8 @@ import pytest
 
 from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.scene.coefficients import covariance_root
-from rockfall.scene.sets import read_sets
+from rockfall.scene.rebounds.coefficients import covariance_root
+from rockfall.scene.rebounds.sets import read_sets
 
 
 @pytest.mark.parametrize("name", shipped_sets())

@@ -9,11 +9,11 @@ import pytest
 import rockfall
 from made import make_layer, make_raster, refused
 from programs import refuses
-from rockfall.analysis.convergence import converge
-from rockfall.analysis.ensemble.study import run_ensemble
-from rockfall.analysis.run_until import run_until
 from rockfall.cli import main
 from rockfall.scene.read import read_scene
+from rockfall.studies.convergence import converge
+from rockfall.studies.ensemble.study import run_ensemble
+from rockfall.studies.run_until import run_until
 from same import same
 from scenes import grid, make_case, rough, sets
 

@@ -10,14 +10,14 @@ from affine import Affine
 
 import rockfall
 from made import make_raster, write_ascii
-from rockfall.analysis.run_until import run_scene_until, run_until
 from rockfall.cli import main
 from rockfall.errors import RockfallError
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.scene.read import read_scene
 from rockfall.simulation import memory
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.run_until import run_scene_until, run_until
 from same import same
 from scenes import make_case, rough, sets
 

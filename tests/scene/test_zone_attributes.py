@@ -11,7 +11,7 @@ from programs import find_program, make_full_case, run_program, same_results
 from rockfall.html_report.inputs import zone_table
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.simulation.merge import join
+from rockfall.simulation.parts.merge import join
 from rockfall.text.preview import preview
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")

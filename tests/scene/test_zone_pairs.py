@@ -10,13 +10,13 @@ import pytest
 import rockfall
 from made import make_layer
 from programs import find_program, make_full_case, run_program, same_results
-from rockfall.analysis.models import variants
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundTable, shipped_grounds
 from rockfall.html_report.inputs import zone_table
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.simulation.merge import join
+from rockfall.simulation.parts.merge import join
+from rockfall.studies.models import variants
 
 HEAD = "zone,mean_radius,ground,ground_strength,ground_relief\n"
 PAIRS = {"talus": {"strength": 3e5, "relief": 12.5}, "meadow": {"relief": 15.0}}

@@ -19,20 +19,20 @@ from programs import (
     run_program,
     same_results,
 )
-from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
-from rockfall.analysis.models import variants
 from rockfall.case.variants import variants as case_variants
 from rockfall.cli import main
 from rockfall.grounds.impact_tables import BLOCK_SHAPES, plane_files
 from rockfall.html_report.inputs import Parties, input_table
 from rockfall.result.crossings import at_lines
 from rockfall.result.dataset import put_netcdf
-from rockfall.scene.plausible import implausible
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.simulation import checkpoint
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.scene.rules.plausible import implausible
+from rockfall.simulation.parts import checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.ensemble.uncertain_inputs import Uncertain, drawn_scene
+from rockfall.studies.models import variants
 from same import same, same_bits
 from scenes import case_in, grid, place, rough
 

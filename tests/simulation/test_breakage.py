@@ -15,9 +15,9 @@ from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.result import variables
 from rockfall.result.crossings import at_lines, line_values
-from rockfall.scene.breakage import breaking_speed, split_blocks
 from rockfall.scene.read import read_scene
-from rockfall.simulation import checkpoint
+from rockfall.scene.rebounds.breakage import breaking_speed, split_blocks
+from rockfall.simulation.parts import checkpoint
 from rockfall.simulation.simulate import run_scene
 from same import same, same_numbers
 

@@ -82,7 +82,14 @@ def test_a_run_by_the_library_has_the_bits_of_a_run_by_the_package(maps):
         library.advance(n)
     found = library.results()
     shared = [name for name in found if name in expected]
-    assert {"status", "stop_x", "crossing_line", "crossing_boulder", "crossing_time", "impacts"} <= {*shared}
+    assert {
+        "status",
+        "stop_x",
+        "crossing_line",
+        "crossing_boulder",
+        "crossing_time",
+        "impacts",
+    } <= {*shared}
     for name in shared:
         assert np.array_equal(found[name].T, expected[name].values, equal_nan=True) or (
             np.array_equal(found[name], expected[name].values, equal_nan=True)

@@ -12,9 +12,10 @@ import rockfall
 from programs import Killed, killed_after
 from rockfall.cli import main
 from rockfall.scene.read import read_scene
-from rockfall.simulation import checkpoint, simulate
-from rockfall.simulation.checkpoint import Checkpoint
-from rockfall.simulation.lock import locked
+from rockfall.simulation import simulate
+from rockfall.simulation.parts import checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
+from rockfall.simulation.parts.lock import locked
 from same import same
 from scenes import case_in, grid, place, rough
 

@@ -15,7 +15,7 @@ from rockfall.language import speaking
 from rockfall.result.crossings import at_lines
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_chunks, run_scene, start
 from rockfall.text.preview import preview
 from same import same

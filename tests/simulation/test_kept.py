@@ -13,7 +13,6 @@ from programs import Killed, killed_after, make_prepared, same_results
 from rockfall.analysis.line_statistics import numbers_of
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Counts, Values
-from rockfall.analysis.run_until import run_until
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.html_report.page import report
@@ -24,8 +23,9 @@ from rockfall.result.crossings import at_lines
 from rockfall.result.samples import kept_note, simulated
 from rockfall.result.validate import check_values
 from rockfall.scene.read import read_scene
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.run_until import run_until
 from rockfall.text.design import design_text
 from rockfall.text.summary import summary
 from same import same, same_numbers

@@ -13,7 +13,7 @@ import rockfall
 from made import make_raster, refused
 from rockfall.cli import main
 from rockfall.scene.read import read_scene
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
 from same import same
 from scenes import BOULDERS, case_in, grid, place, rough

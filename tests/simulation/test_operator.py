@@ -9,13 +9,13 @@ import pytest
 import rockfall
 from made import refused
 from programs import refuses
-from rockfall.analysis.ensemble.uncertain_inputs import Uncertain
 from rockfall.case import given_groups
 from rockfall.errors import RockfallError
 from rockfall.grounds import draws_of, ensemble_grounds
 from rockfall.grounds.impact_tables import plane_files
-from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import implausible
+from rockfall.studies.ensemble.uncertain_inputs import Uncertain
 from same import same, same_numbers
 from scenes import case_in, grid, place, rough, sets, write_sets
 

@@ -13,7 +13,7 @@ from rockfall.io.files import atomic_write
 from rockfall.result.dataset import put_netcdf
 from rockfall.scene.read import read_scene
 from rockfall.simulation import spilled_crossings
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import simulate
 from same import same
 from scenes import grid, make_case, rough, sets

@@ -12,7 +12,6 @@ from rockfall._core import rockfall_f2py as _core
 import rockfall
 from made import refused
 from programs import make_full_case, run_program, same_results
-from rockfall.analysis.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import case_of
 from rockfall.grounds import YIELDING, draws_of, ensemble_names, shipped_rows
@@ -29,6 +28,7 @@ from rockfall.result.trajectories import vertices_of
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.text.summary import summary
 from same import same, same_numbers
 from scenes import case_in, grid, place, rough

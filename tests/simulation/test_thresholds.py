@@ -8,7 +8,7 @@ import rockfall
 import scenes
 from made import refused
 from rockfall.result.crossings import at_lines
-from rockfall.result.flat_maps import flat_maps
+from rockfall.result.maps.flat_maps import flat_maps
 
 MAPS = ["passages", "energy_max", "energy_exceeded"]
 WAYS = ["energy_line_angle_max", "energy_line_angle_min", "travel_time_min"]

@@ -17,7 +17,7 @@ import numpy as np
 
 from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.errors import RockfallError
-from rockfall.scene.sets import Sets, restitution
+from rockfall.scene.rebounds.sets import Sets, restitution
 from rockfall_lab.scorecard.site import QUANTITIES, Site
 from rockfall_lab.scorecard.talus import Talus
 

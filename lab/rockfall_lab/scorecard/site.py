@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.runs import run
 from rockfall.case import read_case
 from rockfall.errors import RockfallError
 from rockfall.result.crossings import at_lines as crossed
 from rockfall.result.motion import are_met
-from rockfall.scene.rebound import ratio_class
-from rockfall.scene.sets import Sets, restitution
+from rockfall.scene.rebounds.rebound import ratio_class
+from rockfall.scene.rebounds.sets import Sets, restitution
+from rockfall.studies.runs import run
 from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus
 from rockfall_lab.sets.fit import ImpactSet
 from rockfall_lab.sets.lateral import incidence

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.scene.sets import Lateral
+from rockfall.scene.rebounds.sets import Lateral
 
 LIMITS = 10.0, 20.0, 40.0  # between classes of incidence [degrees]
 MIN_IN_CLASS = 30  # impacts: fewer do not define the largest tenth

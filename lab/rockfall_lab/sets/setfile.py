@@ -11,7 +11,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write, read_text
-from rockfall.scene.sets import ERROR_MARK
+from rockfall.scene.rebounds.sets import ERROR_MARK
 from rockfall_lab.case import LabCase, lab_case_of
 from rockfall_lab.spheres.experiment import STATUS, checksum
 

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.block_survey import Survey, Volumes, read_survey, survey_remarks
 from rockfall.analysis.generalised_pareto import Fit, best_of, fit_gpd, lowest_valid
 from rockfall.analysis.line_statistics import with_limits
+from rockfall.analysis.observed.block_survey import Survey, Volumes, read_survey, survey_remarks
 from rockfall.analysis.return_levels import BARTLETT, MAX_PERIOD, MAX_SHAPE, THRESHOLDS
 from rockfall.case import broken_rule, key_table
 from rockfall.errors import RockfallError

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.run_out import falls_and_distances, mean_slopes
+from rockfall.analysis.observed.run_out import falls_and_distances, mean_slopes
 from rockfall.evidence import evidence, largest_error, only
 from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, block_radius, other_tables, repose
 from rockfall.grounds.impact_sets import shipped_sets

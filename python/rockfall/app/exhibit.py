@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.app.document import Document, Site
-from rockfall.app.features import LAYERS
-from rockfall.app.forms import Form, layer_forms, settings_forms
+from rockfall.app.edited.document import Document, Site
+from rockfall.app.edited.features import LAYERS
+from rockfall.app.edited.forms import Form, layer_forms, settings_forms
+from rockfall.app.edited.opening import line_features
 from rockfall.app.line_table import LineTable
 from rockfall.app.messages import Message, binary_message, text_message
-from rockfall.app.opening import line_features
 from rockfall.app.pictures import (
     MAX_SOURCES,
     Ground,
@@ -26,7 +26,7 @@ from rockfall.app.pictures import (
     trajectory_message,
 )
 from rockfall.case import case_of, given_groups
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.language import LANGUAGES
 from rockfall.plots.extent import cell_of, reached
 from rockfall.plots.terrain import terrain_of

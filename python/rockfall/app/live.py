@@ -10,8 +10,9 @@ from itertools import islice
 from threading import Condition, Event, Thread
 from typing import TYPE_CHECKING, Any
 
-from rockfall.app.document import Document, Runnable, Site, runnable, with_output
-from rockfall.app.features import Frame
+from rockfall.app.edited.document import Document, Runnable, Site, runnable, with_output
+from rockfall.app.edited.features import Frame
+from rockfall.app.edited.places import entry_of, without_files
 from rockfall.app.line_table import LineTable
 from rockfall.app.messages import Message, Refused, binary_message, fault_message, text_message
 from rockfall.app.pictures import (
@@ -24,15 +25,14 @@ from rockfall.app.pictures import (
     masses,
     trajectory_message,
 )
-from rockfall.app.places import entry_of, without_files
 from rockfall.case import REPEATABLE, Case, key_table
 from rockfall.case.variants import BASE
 from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
-from rockfall.io.raster import read_dem
+from rockfall.io.rasters.raster import read_dem
 from rockfall.language import say, speaking, translated
 from rockfall.result.variables import EXCEEDED, MAP
-from rockfall.scene.plausible import input_warnings
+from rockfall.scene.rules.plausible import input_warnings
 from rockfall.session.batch import Batch
 from rockfall.session.session import Session, open_session, scene_of
 

@@ -11,15 +11,15 @@ import numpy as np
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.app.messages import binary_message
 from rockfall.case import Case
-from rockfall.io.arrays import grid_of
-from rockfall.io.crs import crs_name
-from rockfall.io.grid import Grid
+from rockfall.io.coordinates.crs import crs_name
+from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.grid import Grid
 from rockfall.language import speaking
 from rockfall.plots.cartography.rasters import cropped, merged
 from rockfall.plots.cartography.relief import shade
 from rockfall.plots.extent import of_none
-from rockfall.result.classes import map_unit, shown_as
-from rockfall.result.map_labels import map_label
+from rockfall.result.maps.classes import map_unit, shown_as
+from rockfall.result.maps.map_labels import map_label
 from rockfall.result.samples import has_rows
 from rockfall.result.trajectories import POINTS, Trajectory, ended
 from rockfall.result.variables import MAP, STATUS, TYPES

@@ -8,10 +8,13 @@ from pathlib import Path
 from threading import RLock
 from typing import Any, TypeAlias
 
-from rockfall.app.document import Document
+from rockfall.app.edited.document import Document
+from rockfall.app.edited.features import MAX_FEATURES, MAX_VERTICES
+from rockfall.app.edited.forms import Form
+from rockfall.app.edited.opening import ground_choices, is_result, open_site
+from rockfall.app.edited.places import without_files
+from rockfall.app.edited.saving import Exists, check_free, check_name, save
 from rockfall.app.exhibit import Exhibit
-from rockfall.app.features import MAX_FEATURES, MAX_VERTICES
-from rockfall.app.forms import Form
 from rockfall.app.live import Live
 from rockfall.app.messages import (
     MAX_BYTES,
@@ -21,12 +24,9 @@ from rockfall.app.messages import (
     read_message,
     text_message,
 )
-from rockfall.app.opening import ground_choices, is_result, open_site
 from rockfall.app.outbox import Client
 from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
-from rockfall.app.places import without_files
 from rockfall.app.recent import note_recent, recent_files
-from rockfall.app.saving import Exists, check_free, check_name, save
 from rockfall.app.tasks import EXPORT, REPORT, SIMULATE, Task, outputs, unfinished
 from rockfall.errors import RockfallError
 from rockfall.language import LANGUAGES, say, speaking, texts_of

@@ -13,9 +13,9 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
-from rockfall.app.document import Site
+from rockfall.app.edited.document import Site
+from rockfall.app.edited.places import without_files
 from rockfall.app.messages import Message, fault_message, text_message
-from rockfall.app.places import without_files
 from rockfall.case import Case, read_case
 from rockfall.case.files import input_files
 from rockfall.errors import RockfallError
@@ -23,14 +23,14 @@ from rockfall.interrupts import Stopped, check_stop, stopped_by
 from rockfall.io.output_files import check_result_path, overwriting
 from rockfall.language import say, speaking
 from rockfall.result.dataset import write_result
-from rockfall.result.export import export
+from rockfall.result.files.export import export
 from rockfall.result.samples import simulated
 from rockfall.scene.read import read_scene
 from rockfall.session.session import open_session
-from rockfall.simulation.checkpoint import Checkpoint, checkpoint_of
-from rockfall.simulation.lock import locked
 from rockfall.simulation.memory import machine_memory
-from rockfall.simulation.part_file import boulders_in
+from rockfall.simulation.parts.checkpoint import Checkpoint, checkpoint_of
+from rockfall.simulation.parts.lock import locked
+from rockfall.simulation.parts.part_file import boulders_in
 from rockfall.simulation.simulate import Interrupted, simulate
 from rockfall.simulation.tally import Tally
 

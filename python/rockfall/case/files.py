@@ -15,7 +15,7 @@ from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.grounds import find_operator
 from rockfall.grounds.impact_tables import own_table
-from rockfall.io.raster_file import raster_file, raster_files
+from rockfall.io.rasters.raster_file import raster_file, raster_files
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held

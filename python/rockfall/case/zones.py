@@ -8,7 +8,7 @@ import numpy as np
 
 from rockfall.case.case import FROM_ARRAY, Case
 from rockfall.errors import RockfallError
-from rockfall.io.layers import EXTENSIONS, read_attributes
+from rockfall.io.vectors.layers import EXTENSIONS, read_attributes
 from rockfall.io.zone_table import Zone, read_zone_table, zones_of_polygons
 
 

@@ -78,7 +78,8 @@ def _add(
         _option(parser, "--variant NAME", str, text)
     if writes:
         _add_overwrite(parser)
-    parser.set_defaults(command=command_of(f"rockfall.cli.{module}", name.replace("-", "_")))
+    module = f"rockfall.cli.commands.{module}"
+    parser.set_defaults(command=command_of(module, name.replace("-", "_")))
     return parser
 
 
@@ -209,7 +210,7 @@ def _add_runs(commands: _Commands) -> None:
     prepare = _add(commands, "parts", "prepare", text, "CASE")
     prepare.add_argument("folder", metavar="DIR", type=Path, help="is made; for the prepared files")
     text = "make a case of a folder of Rockyfor3D, whose files stay where they are"
-    rocky = _add(commands, "imports", "import-rockyfor3d", text, "DIR")
+    rocky = _add(commands, "draft", "import-rockyfor3d", text, "DIR")
     _option(rocky, "-o --output CASEDIR", Path, required=True)
     _option(rocky, "--crs CODE", str, "of its rasters, such as EPSG:2056")
     text = "write a Slurm job array for a case, with its merge job"
@@ -488,7 +489,7 @@ def _add_conditions(command: argparse.ArgumentParser) -> None:
 def _add_ground(commands: _Commands) -> None:
     text = "measure strength and relief of a ground: a row of a table of grounds"
     ground = commands.add_parser("ground", help=text, description=text.capitalize() + ".")
-    ground.set_defaults(command=command_of("rockfall.cli.ground", "ground"))
+    ground.set_defaults(command=command_of("rockfall.cli.commands.ground", "ground"))
     text = "scars with columns as the options below: depth, mass, fall..."
     ground.add_argument("scars", metavar="SCARS.csv", type=Path, nargs="?", help=text)
     for names, does in (

@@ -11,7 +11,7 @@ from pathlib import Path
 from rockfall.cli.messages import say, warn
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status
-from rockfall.simulation.checkpoint import Checkpoint
+from rockfall.simulation.parts.checkpoint import Checkpoint
 
 
 def study_checkpoints(

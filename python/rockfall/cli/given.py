@@ -14,8 +14,8 @@ from rockfall.case import Case, read_case
 from rockfall.case.variants import chosen_variant
 from rockfall.cli.messages import warn
 from rockfall.result.dataset import open_result
-from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import implausible
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import machine_memory, read_memory
 

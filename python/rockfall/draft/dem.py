@@ -22,16 +22,16 @@ from rockfall.draft.survey_remarks import (
     spike_remarks,
 )
 from rockfall.errors import RockfallError
-from rockfall.io.arrays import check_elevations
-from rockfall.io.crs import check_area, check_metres, crs_name
-from rockfall.io.grid import Grid
-from rockfall.io.layers import read_features
+from rockfall.io.coordinates.crs import check_area, check_metres, crs_name
 from rockfall.io.output_files import check_output
-from rockfall.io.point_clouds import is_cloud, read_clouds
-from rockfall.io.point_text import MISSING
-from rockfall.io.raster import read_dem, write_geotiff
-from rockfall.io.raster_file import open_raster, raster_files
+from rockfall.io.rasters.arrays import check_elevations
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.rasters.raster import read_dem, write_geotiff
+from rockfall.io.rasters.raster_file import open_raster, raster_files
 from rockfall.io.tables import read_table
+from rockfall.io.vectors.layers import read_features
+from rockfall.io.vectors.point_clouds import is_cloud, read_clouds
+from rockfall.io.vectors.point_text import MISSING
 from rockfall.language import Number, remark, say
 from rockfall.limits import MAX_ELEVATION, MAX_REAL
 from rockfall.scene.layers import Inputs, file_checksum

@@ -14,7 +14,7 @@ from rockfall.draft.grounds import CHOICES, needs_rocks
 from rockfall.draft.recognise import LINES, SEVERAL, SOURCES, STANDS, TREES, ZONES, Layer
 from rockfall.draft.zones import Zones
 from rockfall.io.files import relative_name
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.scene.forest.attributes import matching
 
 VOLUME = 1.0  # [m3]

@@ -28,11 +28,11 @@ from rockfall.draft.zones import zones_of
 from rockfall.errors import RockfallError
 from rockfall.io.files import relative_name
 from rockfall.io.output_files import atomic_folder
-from rockfall.io.raster import read_dem
-from rockfall.scene.plausible import implausible
+from rockfall.io.rasters.raster import read_dem
 from rockfall.scene.read import read_scene
+from rockfall.scene.releases.sources import threshold
+from rockfall.scene.rules.plausible import implausible
 from rockfall.scene.scene import Scene
-from rockfall.scene.sources import threshold
 from rockfall.simulation.memory import machine_memory
 
 TOTAL = 100_000  # boulders in a first run

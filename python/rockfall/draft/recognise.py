@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.grid import Grid
-from rockfall.io.layers import EXTENSIONS, layer_names, plain, read_features
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.vectors.layers import EXTENSIONS, layer_names, plain, read_features
 from rockfall.io.zone_table import MATERIAL
 from rockfall.scene.forest.attributes import matching
-from rockfall.scene.source_attributes import VALUES
+from rockfall.scene.releases.source_attributes import VALUES
 
 ZONES, SOURCES, LINES = "zones", "sources", "lines"
 BARRIERS, DAMS, TREES, OBJECTS = "barriers", "dams", "trees", "objects"

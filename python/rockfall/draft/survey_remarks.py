@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.point_text import HEIGHTS
+from rockfall.io.vectors.point_text import HEIGHTS
 from rockfall.language import Text, say
 from rockfall.scene.ground import SPIKE
 from rockfall.scene.rules.terrain import GAP, USUAL, USUAL_GAP, is_too_steep

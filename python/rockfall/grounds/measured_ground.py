@@ -19,7 +19,7 @@ from rockfall.grounds.impact_tables import CONSTANTS, DENSITY, YieldingGround
 from rockfall.grounds.relief import Spectrum, measure, slope_between
 from rockfall.grounds.shapes import SHAPES, Surface, hull, random_block, refine, volume
 from rockfall.grounds.uniform import Uniform
-from rockfall.io.raster import read_dem
+from rockfall.io.rasters.raster import read_dem
 from rockfall.io.tables import Row, check_columns, read_table
 from rockfall.limits import MAX_NAME
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from rockfall.analysis.ensemble.study import RESULTS, is_ensemble
 from rockfall.html_report.intervals import in_unit, interval, interval_text
 from rockfall.html_report.summary import HEADLINE, run_out
 from rockfall.html_report.tables import Table
@@ -14,6 +13,7 @@ from rockfall.language import Text, say, translated
 from rockfall.plots.style import capital
 from rockfall.quantities import QUANTITIES, statistic, with_unit
 from rockfall.result.crossings import line_index, line_names
+from rockfall.studies.ensemble.study import RESULTS, is_ensemble
 from rockfall.text.ensemble import (
     INDICES,
     UNDECIDED,

@@ -15,10 +15,10 @@ from rockfall.html_report.tables import Table
 from rockfall.language import say
 from rockfall.plots.cartography.sheet import Room
 from rockfall.plots.extent import reached
-from rockfall.plots.hazard_figures import zones_figure
+from rockfall.plots.hazard.hazard_figures import zones_figure
 from rockfall.plots.map_figures import map_figure, stops_figure
 from rockfall.plots.style import NARROW, WIDE
-from rockfall.result.passages import passed_map
+from rockfall.result.maps.passages import passed_map
 from rockfall.result.samples import has_rows
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from rockfall.errors import RockfallError
 from rockfall.grounds import usual_name
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import has
-from rockfall.io.arrays import corner_of
 from rockfall.io.input_warnings import InputWarning
+from rockfall.io.rasters.arrays import corner_of
 from rockfall.io.tables import read_table
 from rockfall.io.zone_table import MATERIAL, NAMES, Zone
 from rockfall.language import Number, Text, say, say_count, translated, word
@@ -29,7 +29,7 @@ from rockfall.plots.extent import reached
 from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import number, percent, with_unit
-from rockfall.result.block_shapes import boulders_by_shape
+from rockfall.result.boulders import boulders_by_shape
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, simulated
 from rockfall.scene.read import read_scene

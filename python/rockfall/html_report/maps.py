@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.io.arrays import corner_of
+from rockfall.io.rasters.arrays import corner_of
 from rockfall.language import localised, say, word
 from rockfall.plots.cartography.labels import along
 from rockfall.plots.cartography.marks import FEW_SOURCES, inside, outlined, starts
@@ -27,10 +27,10 @@ from rockfall.plots.extent import reached
 from rockfall.plots.map_figures import MAX_TRAJECTORIES, map_note
 from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
-from rockfall.result.classes import Classes, classes_of, shown_as
-from rockfall.result.map_labels import map_label
+from rockfall.result.maps.classes import Classes, classes_of, shown_as
+from rockfall.result.maps.map_labels import map_label
+from rockfall.result.maps.passages import of_none, thin_cells
 from rockfall.result.motion import spread
-from rockfall.result.passages import of_none, thin_cells
 from rockfall.result.trajectories import lines, vertices_of
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from rockfall.plots.cartography.basemap import Basemap
     from rockfall.plots.extent import Extent
     from rockfall.plots.map_figures import Look
-    from rockfall.result.classes import Limits
+    from rockfall.result.maps.classes import Limits
     from rockfall.result.trajectories import Terrain
 
 MAX_CELLS = 4_000_000  # total of all map images, which limits a page to a few MB

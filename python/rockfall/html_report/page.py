@@ -11,8 +11,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rockfall.analysis.compare import compare
 from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.observed.compare import compare
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
@@ -71,11 +71,11 @@ from rockfall.io.files import atomic_write
 from rockfall.io.output_files import check_output
 from rockfall.language import say, speaking
 from rockfall.plots.figures import LABORATORY, drawn_lines, figures, section_entry
-from rockfall.plots.hazard_figures import hazard_figures
+from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.plots.history_figure import history_figure
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
-from rockfall.result.flat_maps import flat_maps
+from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.samples import has_rows, simulated
 from rockfall.text.design import factor_lines
 from rockfall.text.hazard import hazard_warnings
@@ -84,12 +84,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.analysis.lines.section import Section
-    from rockfall.analysis.models import Models
     from rockfall.html_report.intervals import Rows
     from rockfall.html_report.tables import Table
     from rockfall.plots.figures import Figure
     from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
+    from rockfall.studies.models import Models
 
 PDF = ".pdf"
 NOBODY = Parties()
@@ -168,10 +168,10 @@ def report(
     """Page of a result as text, in the language in force. The same result gives the same text.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
-    `rockfall.analysis.observations.read_observed`, is compared with the result in figures and
-    tables; `look` has limits between classes of maps and a basemap. `view` is the page of a view of
-    the result, from `rockfall.show`. With `on_paper` all maps are figures. `hazard`, from
-    `rockfall.hazard`, adds its zones; `models`, from `rockfall.analysis.models`, the spread over
+    `rockfall.analysis.observed.observations.read_observed`, is compared with the result in figures
+    and tables; `look` has limits between classes of maps and a basemap. `view` is the page of a
+    view of the result, from `rockfall.show`. With `on_paper` all maps are figures. `hazard`, from
+    `rockfall.hazard`, adds its zones; `models`, from `rockfall.studies.models`, the spread over
     rebound models; `section`, from `rockfall.section`, its figure; `factors` is a table with the
     numbers of a standard, as in `rockfall.design`.
     """

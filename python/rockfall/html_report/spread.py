@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.models import RUN_OUT, Models
 from rockfall.case import case_in
 from rockfall.errors import RockfallError
 from rockfall.html_report.intervals import estimate, in_lines, in_unit
@@ -18,6 +17,7 @@ from rockfall.html_report.tables import Table
 from rockfall.language import say, word
 from rockfall.result.grounds import classical_grounds
 from rockfall.result.same_case import check_same_case
+from rockfall.studies.models import RUN_OUT, Models
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.observed.run_out import mean_slopes
 from rockfall.analysis.precision.intervals import half_width
-from rockfall.analysis.run_out import mean_slopes
-from rockfall.analysis.run_until import verdicts_of
 from rockfall.html_report.intervals import ONE_SIDED, TOO_FEW, estimate, in_lines, in_unit
 from rockfall.html_report.tables import Table
 from rockfall.language import Number, Text, say, say_count
@@ -21,6 +19,8 @@ from rockfall.quantities import number, percent
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import ended
+from rockfall.studies.ensemble.study import is_ensemble
+from rockfall.studies.run_until import verdicts_of
 
 if TYPE_CHECKING:
     import xarray as xr

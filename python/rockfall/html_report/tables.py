@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.precision.history import NUMBERS
 from rockfall.analysis.precision.intervals import (
     TARGETS,
@@ -27,7 +26,7 @@ from rockfall.html_report.intervals import (
     in_unit,
     rising_estimates,
 )
-from rockfall.io.layers import REPROJECTED
+from rockfall.io.vectors.layers import REPROJECTED
 from rockfall.language import Number, say, translated, word
 from rockfall.protection.barriers import barrier_rows
 from rockfall.protection.dams import dams_of
@@ -35,6 +34,7 @@ from rockfall.protection.stands import stands_of
 from rockfall.quantities import QUANTITIES, number, percent, statistic
 from rockfall.result.grounds import program_text, rebounds_by_ground, sets_followed
 from rockfall.result.samples import kept_note
+from rockfall.studies.ensemble.study import is_ensemble
 from rockfall.text.comparison import notes
 from rockfall.text.comparison import tables as comparison_tables
 from rockfall.text.design import check_head, check_row, demand_rows, load_rows
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from rockfall.analysis.compare import Comparison
+    from rockfall.analysis.observed.compare import Comparison
     from rockfall.html_report.intervals import Numbers, Row, Rows
     from rockfall.language import Text
     from rockfall.protection.design import Design

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.case import case_of
 from rockfall.grounds import BLOCK_TABLE, TABLES
@@ -17,6 +16,7 @@ from rockfall.quantities import percent
 from rockfall.result.grounds import rebounds_by_ground, sets_followed
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ended, gone
+from rockfall.studies.ensemble.study import is_ensemble
 
 if TYPE_CHECKING:
     import pandas as pd

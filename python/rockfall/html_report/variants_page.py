@@ -11,13 +11,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.model_warnings import joint_warnings
-from rockfall.analysis.variants import (
-    UNDECIDED,
-    compare_variants,
-    difference_maps,
-    have_passages,
-    on_same_cells,
-)
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.html_report.inputs import Parties
@@ -26,9 +19,16 @@ from rockfall.html_report.render import picture, rendered
 from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import missing
 from rockfall.language import Number, Text, localised, say, speaking
-from rockfall.plots.difference_figures import difference_figure
+from rockfall.plots.studies.difference_figures import difference_figure
 from rockfall.quantities import QUANTITIES
 from rockfall.result.samples import simulated
+from rockfall.studies.variants import (
+    UNDECIDED,
+    compare_variants,
+    difference_maps,
+    have_passages,
+    on_same_cells,
+)
 from rockfall.text.variants import comparison_notes, signed, value_text
 
 if TYPE_CHECKING:

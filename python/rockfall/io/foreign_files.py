@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.io import file_kinds as kinds
-from rockfall.io.point_text import first_line, is_row
+from rockfall.io.vectors.point_text import first_line, is_row
 
 _CONVERT = "make a GeoTIFF of it: "
 #: Cures; files of other kinds may be rasters that are read.

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from rockfall.io.layers import REPROJECTED
+from rockfall.io.vectors.layers import REPROJECTED
 from rockfall.language import Text, packed, unpacked
 
 

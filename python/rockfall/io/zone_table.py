@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.grid import NO_ID
-from rockfall.io.layers import attribute, plain
+from rockfall.io.rasters.grid import NO_ID
 from rockfall.io.tables import Row, check_columns, read_table
-from rockfall.io.unused_attributes import note_marks, note_unused
+from rockfall.io.vectors.layers import attribute, plain
+from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 
 #: Columns of lengths in metres, in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.io.arrays import corner_of
-from rockfall.result.passages import of_none, passed_map
+from rockfall.io.rasters.arrays import corner_of
+from rockfall.result.maps.passages import of_none, passed_map
 
 if TYPE_CHECKING:
     import xarray as xr

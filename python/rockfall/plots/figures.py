@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.lines.envelopes import fewest_for
 from rockfall.analysis.lines.profile import line_profile
 from rockfall.analysis.precision.intervals import passing_percent
@@ -22,7 +21,6 @@ from rockfall.io.output_files import atomic_folder, check_outputs
 from rockfall.language import say, say_count
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.along_figures import line_profile_figure
-from rockfall.plots.ensemble_figures import ranges_figure
 from rockfall.plots.line_figures import DRAWN, distribution_figure, passing_figure
 from rockfall.plots.map_figures import (
     MAX_TRAJECTORIES,
@@ -42,17 +40,19 @@ from rockfall.plots.rebound_figures import (
     histogram_figure,
 )
 from rockfall.plots.section_figure import section_figure
+from rockfall.plots.studies.ensemble_figures import ranges_figure
 from rockfall.plots.style import FORMATS, capital, save
 from rockfall.quantities import number
 from rockfall.result.crossings import line_names
-from rockfall.result.flat_maps import flat_maps
 from rockfall.result.grounds import sets_followed
-from rockfall.result.map_labels import map_label
-from rockfall.result.passages import PASSED, passed_map, thin_cells
+from rockfall.result.maps.flat_maps import flat_maps
+from rockfall.result.maps.map_labels import map_label
+from rockfall.result.maps.passages import PASSED, passed_map, thin_cells
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import left_terrain, lines, vertices_of
-from rockfall.scene.coefficients import open_sets
-from rockfall.scene.sets import read_sets
+from rockfall.scene.rebounds.coefficients import open_sets
+from rockfall.scene.rebounds.sets import read_sets
+from rockfall.studies.ensemble.study import is_ensemble
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from rockfall.analysis.lines.section import Section
     from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
-    from rockfall.scene.sets import Sets
+    from rockfall.scene.rebounds.sets import Sets
 
 
 PER_FIGURE = 8  # lines
@@ -89,10 +89,10 @@ def figures(
     """Figures of a result, in reading order.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps and ground under
-    profiles. `observed`, from `rockfall.analysis.observations.read_observed`, adds its summaries
-    and samples to the distributions at the lines, its distances and fractions to the curve of
-    passing, its stops to the maps. `look` has limits between classes and a basemap. With more than
-    `most_lines` lines, those that most boulders pass are drawn.
+    profiles. `observed`, from `rockfall.analysis.observed.observations.read_observed`, adds its
+    summaries and samples to the distributions at the lines, its distances and fractions to the
+    curve of passing, its stops to the maps. `look` has limits between classes and a basemap. With
+    more than `most_lines` lines, those that most boulders pass are drawn.
     """
     if "boulder" not in result.sizes or not simulated(result):
         raise RockfallError("a result without boulders has no figures")

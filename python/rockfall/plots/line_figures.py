@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.observed.run_out import passing
 from rockfall.analysis.precision.intervals import passing_percent
-from rockfall.analysis.run_out import passing
 from rockfall.language import say, say_count, word
 from rockfall.plots.style import (
     BARRIER,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.io.arrays import grid_of
+from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import localised, say, word
 from rockfall.plots.cartography.marks import draw_marks, key_of
 from rockfall.plots.cartography.rasters import cropped, draw_image, edges
@@ -16,10 +16,10 @@ from rockfall.plots.cartography.sheet import PAGE, SMALL, Room, Sheet, finish, n
 from rockfall.plots.extent import reached
 from rockfall.plots.style import INK, OBSERVED, VERMILION, styled
 from rockfall.quantities import with_unit
-from rockfall.result.classes import STATUS_MARKERS, Classes, classes_of, shown_as
-from rockfall.result.map_labels import map_comment, map_label
+from rockfall.result.maps.classes import STATUS_MARKERS, Classes, classes_of, shown_as
+from rockfall.result.maps.map_labels import map_comment, map_label
+from rockfall.result.maps.passages import PASSED, of_none, thin_cells
 from rockfall.result.motion import spread
-from rockfall.result.passages import PASSED, of_none, thin_cells
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import ends, vertices_of
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from rockfall.io.grid import Grid
+    from rockfall.io.rasters.grid import Grid
     from rockfall.plots.cartography.basemap import Basemap
-    from rockfall.result.classes import Limits
+    from rockfall.result.maps.classes import Limits
     from rockfall.result.trajectories import Terrain
 
 MAX_TRAJECTORIES = 200  # maximum drawn

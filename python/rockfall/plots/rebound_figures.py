@@ -22,13 +22,13 @@ from rockfall.plots.style import (
 )
 from rockfall.quantities import REBOUND, with_unit
 from rockfall.result.grounds import classical_grounds, table_grounds
-from rockfall.scene.sets import restitution
+from rockfall.scene.rebounds.sets import restitution
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from rockfall.scene.sets import Sets
+    from rockfall.scene.rebounds.sets import Sets
 
 ENERGY = ("tangential_share", "normal_share", "rotational_share")
 RESTITUTION = ("restitution_tangential", "restitution_normal")

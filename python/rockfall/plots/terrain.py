@@ -13,9 +13,9 @@ import numpy as np
 
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.errors import RockfallError
-from rockfall.io.arrays import corner_of
-from rockfall.io.grid import Box, Grid
-from rockfall.io.raster_file import open_raster, raster_file
+from rockfall.io.rasters.arrays import corner_of
+from rockfall.io.rasters.grid import Box, Grid
+from rockfall.io.rasters.raster_file import open_raster, raster_file
 from rockfall.plots.extent import reached
 from rockfall.scene.layers import file_checksum
 from rockfall.terrain.dams import with_dam

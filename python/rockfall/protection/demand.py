@@ -9,7 +9,7 @@ import numpy as np
 from rockfall.limits import EAD_ENERGY
 from rockfall.protection.crossings import Crossings, quantile
 from rockfall.protection.factors import Factors
-from rockfall.scene.rebound import sphere_radius
+from rockfall.scene.rebounds.rebound import sphere_radius
 
 ENDS = "", "_low", "_high"
 ABOVE = len(EAD_ENERGY)  # class of barriers whose manufacturer declares a higher energy

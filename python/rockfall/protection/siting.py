@@ -26,8 +26,8 @@ from rockfall.protection.design import conditions_of, unconfirmed_of
 from rockfall.protection.factors import Conditions, Factors, read_factors
 from rockfall.protection.selection import MAX_HEIGHT, Costs, cost_of, read_costs, residual_of
 from rockfall.result.crossings import has_crossed, line_names, line_values
-from rockfall.scene.plausible import warn_of
 from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import warn_of
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import run_scene

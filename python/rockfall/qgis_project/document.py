@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 from rockfall.io.files import atomic_write
 from rockfall.qgis_project.layers import Group, Layer
-from rockfall.result.qgis_style import HEAD
+from rockfall.result.files.qgis_style import HEAD
 
 VERSION = "3.22.0"
 LONG_AGO = (1980, 1, 1, 0, 0, 0)  # in the archive: the same project has the same bytes

@@ -11,9 +11,9 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 from rockfall.language import localised, word
-from rockfall.result.vector_style import TABLE
+from rockfall.result.files.vector_style import TABLE
 
-#: Labels of classes of maps, in `rockfall.result.classes`.
+#: Labels of classes of maps, in `rockfall.result.maps.classes`.
 CLASS = re.compile(r"(?:up to (\S+)|(\S+) to (\S+)|above (\S+)) (\S+)")
 LABELLED = "label"  # attribute of styles and their elements that has a text for people
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError
-from rockfall.io.crs import grid_mapping
+from rockfall.io.coordinates.crs import grid_mapping
 from rockfall.io.files import atomic_write
-from rockfall.io.grid import row_blocks
 from rockfall.io.input_warnings import stored_warnings
 from rockfall.io.netcdf import open_dataset, open_netcdf
 from rockfall.io.output_files import check_result_path, why_unwritten
+from rockfall.io.rasters.grid import row_blocks
 from rockfall.limits import PIECE
 from rockfall.result.crossings import without_absent
 from rockfall.result.validate import TEXTS, check_result, check_values
@@ -24,7 +24,7 @@ from rockfall.result.validate import TEXTS, check_result, check_values
 if TYPE_CHECKING:
     import xarray as xr
 
-    from rockfall.io.grid import Grid
+    from rockfall.io.rasters.grid import Grid
     from rockfall.result.contents import Held, HeldVariable
 
 CONVENTIONS = "CF-1.11"

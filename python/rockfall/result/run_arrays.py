@@ -11,7 +11,7 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import check_kernel
-from rockfall.io.grid import Box, Grid
+from rockfall.io.rasters.grid import Box, Grid
 
 
 class Array(NamedTuple):

@@ -13,8 +13,8 @@ import numpy as np
 
 from rockfall.case import REPEATABLE, Case, case_in, file_keys
 from rockfall.errors import RockfallError
-from rockfall.io.arrays import corner_of
-from rockfall.io.crs import same_crs
+from rockfall.io.coordinates.crs import same_crs
+from rockfall.io.rasters.arrays import corner_of
 from rockfall.result.samples import has_rows
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from rockfall.result.motion import Motion, motion_of
 if TYPE_CHECKING:
     import xarray as xr
 
-    from rockfall.io.grid import Grid
+    from rockfall.io.rasters.grid import Grid
     from rockfall.result.contents import Held, HeldVariable
 
     Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and their grid

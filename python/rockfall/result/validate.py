@@ -12,7 +12,7 @@ import numpy as np
 
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
-from rockfall.io.grid import Box, Grid
+from rockfall.io.rasters.grid import Box, Grid
 from rockfall.result import variables
 from rockfall.result.run_arrays import RunArrays
 from rockfall.result.samples import sample_dims

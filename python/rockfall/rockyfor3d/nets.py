@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.errors import RockfallError, need
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.rockyfor3d.folder import Folder
 
 NETS = ("net_number", "net_energy", "net_height")

@@ -12,7 +12,7 @@ import hashlib
 
 import numpy as np
 
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.scene.forest.trees import Trees
 from rockfall.scene.parts import Rasters, Sources
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rockfall.io.grid import Box, row_blocks
+from rockfall.io.rasters.grid import Box, row_blocks
 from rockfall.scene.kernel_scene import area_ratios
 from rockfall.scene.parts import ExtremeCount, Rasters
 

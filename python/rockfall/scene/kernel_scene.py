@@ -14,7 +14,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import check_kernel
-from rockfall.io.grid import Box
+from rockfall.io.rasters.grid import Box
 from rockfall.scene.parts import Rasters
 
 #: Of the arrays of a scene that are not float64; "": of more than one, or of texts.

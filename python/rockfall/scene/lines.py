@@ -13,9 +13,9 @@ import numpy as np
 
 from rockfall.case import REPEATABLE, Case, file_keys, keys_of
 from rockfall.errors import RockfallError
-from rockfall.io.layers import attribute, name_of, named_attribute, plain
-from rockfall.io.layers import read_lines as read_layer
-from rockfall.io.unused_attributes import note_marks, note_unused
+from rockfall.io.vectors.layers import attribute, name_of, named_attribute, plain
+from rockfall.io.vectors.layers import read_lines as read_layer
+from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 from rockfall.result.variables import fields
 from rockfall.scene.layers import Inputs, take_inputs
 from rockfall.scene.stages import FRESH, Stages

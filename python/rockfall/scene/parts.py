@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from rockfall.grounds import GroundRule
-from rockfall.io.grid import Grid, row_blocks
+from rockfall.io.rasters.grid import Grid, row_blocks
 
 
 @dataclass

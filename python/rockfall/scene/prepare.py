@@ -21,8 +21,8 @@ from rockfall.result.dataset import (
     provenance,
     put_netcdf,
 )
-from rockfall.scene.plausible import input_warnings
 from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import input_warnings
 from rockfall.scene.scene import Scene
 from rockfall.version import __version__
 

@@ -16,25 +16,25 @@ from rockfall.case.variants import check_single
 from rockfall.errors import RockfallError
 from rockfall.grounds import other_tables
 from rockfall.grounds.impact_sets import set_path
-from rockfall.io.arrays import check_known, from_array
-from rockfall.io.grid import Box, Grid
-from rockfall.io.layers import EXTENSIONS
-from rockfall.io.raster import dem_header, packing_note, read_dem
-from rockfall.io.raster_file import raster_file
+from rockfall.io.rasters.arrays import check_known, from_array
+from rockfall.io.rasters.grid import Box, Grid
+from rockfall.io.rasters.raster import dem_header, packing_note, read_dem
+from rockfall.io.rasters.raster_file import raster_file
+from rockfall.io.vectors.layers import EXTENSIONS
 from rockfall.io.zone_table import RADII
 from rockfall.language import remark
-from rockfall.scene.coefficients import open_sets
 from rockfall.scene.digest import Digest
-from rockfall.scene.effects import check_effects
 from rockfall.scene.forest.planted import read_forest
 from rockfall.scene.frames import FrameFiles, is_frame, with_frames
 from rockfall.scene.ground import Ground
 from rockfall.scene.layers import Inputs, array_checksum, file_checksum, take_inputs
 from rockfall.scene.lines import read_lines
 from rockfall.scene.parts import Rasters
-from rockfall.scene.reach import Survey
+from rockfall.scene.rebounds.coefficients import open_sets
+from rockfall.scene.releases.reach import Survey
+from rockfall.scene.releases.sources import has_idle_shapes, read_sources
+from rockfall.scene.rules.effects import check_effects
 from rockfall.scene.scene import Scene
-from rockfall.scene.sources import has_idle_shapes, read_sources
 from rockfall.scene.stages import FRESH, Stages
 from rockfall.scene.surface import cell_bytes, read_grounds, read_rasters, size_columns
 from rockfall.scene.windows import Windows, bands

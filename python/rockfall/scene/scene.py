@@ -14,15 +14,15 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.grounds import TABLES, GroundRule, grounds_by_shape
 from rockfall.grounds.impact_tables import BLOCK_SHAPES, possible_shapes
-from rockfall.io.grid import Box, Grid
 from rockfall.io.input_warnings import InputWarning
-from rockfall.scene.coefficients import Coefficients, SetFile
+from rockfall.io.rasters.grid import Box, Grid
 from rockfall.scene.forest.trees import Stand, Trees
 from rockfall.scene.ground import Ground, ground_of
 from rockfall.scene.kernel_scene import KernelScene, kernel_arrays
 from rockfall.scene.layers import Inputs
 from rockfall.scene.parts import Rasters, Sources
-from rockfall.scene.reach import Survey
+from rockfall.scene.rebounds.coefficients import Coefficients, SetFile
+from rockfall.scene.releases.reach import Survey
 from rockfall.scene.stages import FRESH, Stages
 from rockfall.scene.surface import read_window
 from rockfall.scene.windows import Windows

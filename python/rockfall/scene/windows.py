@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import OUR_FAULT, RockfallError
-from rockfall.io.grid import Box, Grid
+from rockfall.io.rasters.grid import Box, Grid
 from rockfall.scene.ground import Ground
 from rockfall.scene.layers import Inputs
 from rockfall.scene.parts import Rasters, Sources
-from rockfall.scene.reach import Survey
+from rockfall.scene.releases.reach import Survey
 from rockfall.scene.surface import read_window
 
 RIM = 4  # cells of a window that boulders may not enter, where the raster continues

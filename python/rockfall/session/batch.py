@@ -12,7 +12,6 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.model_limits import model_warnings
-from rockfall.analysis.run_until import Rule, evaluate
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.result.contents import Contents
@@ -22,6 +21,7 @@ from rockfall.scene.scene import Scene
 from rockfall.simulation.batches import Batches
 from rockfall.simulation.simulate import recorded_numbers, trajectory
 from rockfall.simulation.tally_dataset import make_result, trajectory_variables
+from rockfall.studies.run_until import Rule, evaluate
 
 if TYPE_CHECKING:
     import pandas as pd

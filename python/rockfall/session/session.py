@@ -9,18 +9,18 @@ from threading import Event, RLock
 from types import TracebackType
 from typing import Any, Self
 
-from rockfall.analysis.run_until import Rule, read_rules
 from rockfall.case import Case, key_table
 from rockfall.errors import RockfallError
 from rockfall.scene.frames import FrameFiles
-from rockfall.scene.plausible import implausible
 from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import implausible
 from rockfall.scene.scene import Scene
 from rockfall.scene.stages import KeptStages
 from rockfall.session.batch import Batch
 from rockfall.simulation.batches import Batches
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import check_tallies, check_team, start
+from rockfall.studies.run_until import Rule, read_rules
 
 BATCH_SECONDS = 0.1
 

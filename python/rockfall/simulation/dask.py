@@ -17,7 +17,7 @@ from rockfall.interrupts import interrupts
 from rockfall.result.dataset import provenance
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
-from rockfall.simulation.merge import Joined
+from rockfall.simulation.parts.merge import Joined
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import simulate
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.io.grid import Box
+from rockfall.io.rasters.grid import Box
 from rockfall.result.run_arrays import RunArrays, window
 from rockfall.scene.scene import Scene
 

@@ -16,11 +16,11 @@ from rockfall.errors import OUR_FAULT, RockfallError, check_kernel
 from rockfall.interrupts import interrupts
 from rockfall.result.samples import simulated
 from rockfall.result.variables import fields
-from rockfall.scene.plausible import input_warnings
-from rockfall.scene.reach import Survey
+from rockfall.scene.releases.reach import Survey
+from rockfall.scene.rules.plausible import input_warnings
 from rockfall.scene.scene import Scene
 from rockfall.scene.windows import groups
-from rockfall.simulation.part_file import make_part
+from rockfall.simulation.parts.part_file import make_part
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.run_state import Run
 from rockfall.simulation.spilled_crossings import SpilledCrossings
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.result.contents import Contents
-    from rockfall.simulation.checkpoint import Checkpoint
+    from rockfall.simulation.parts.checkpoint import Checkpoint
 
 # A forked child would wait forever for the idle threads that a run leaves in its parent.
 before_fork(_core.end_team)

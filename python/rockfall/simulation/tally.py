@@ -14,8 +14,8 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundRule
-from rockfall.io.grid import Box, Grid
 from rockfall.io.input_warnings import InputWarning
+from rockfall.io.rasters.grid import Box, Grid
 from rockfall.result.dataset import georeference
 from rockfall.result.run_arrays import Array, window
 from rockfall.scene.forest.trees import Stand

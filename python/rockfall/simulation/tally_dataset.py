@@ -12,7 +12,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import check_kernel
-from rockfall.io.grid import row_blocks
+from rockfall.io.rasters.grid import row_blocks
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import CONVENTIONS, centre_variables, feature_names, provenance

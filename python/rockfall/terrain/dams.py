@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 from rockfall.terrain.height import height
 from rockfall.terrain.polyline import beside, lengths
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 
 
 def inside(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:

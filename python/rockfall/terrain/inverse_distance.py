@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rockfall.io.grid import Grid, row_blocks
+from rockfall.io.rasters.grid import Grid, row_blocks
 
 
 class Weights(NamedTuple):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.grid import Grid, row_blocks
+from rockfall.io.rasters.grid import Grid, row_blocks
 from rockfall.terrain.height import height
 
 ROUNDING = 0.02  # of a spacing: rounded coordinates are this near to their node

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rockfall.io.grid import Grid
-from rockfall.io.polygons import held_cells
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.vectors.polygons import held_cells
 
 AROUND = np.ones((3, 3), bool)
 HALF = ((0, 1), (1, 0), (1, 1), (1, -1))  # half of the steps to the neighbouring cells

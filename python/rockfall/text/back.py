@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.back.posterior import alone_table, posterior_table, warnings
-from rockfall.analysis.back.study import Back
 from rockfall.quantities import count, number
+from rockfall.studies.back.posterior import alone_table, posterior_table, warnings
+from rockfall.studies.back.study import Back
 from rockfall.text.table import table
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.scene.breakage import breaking_speed, split_blocks
+from rockfall.scene.rebounds.breakage import breaking_speed, split_blocks
 
 if TYPE_CHECKING:
     from rockfall.case import Case

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.compare import STATISTICS, Comparison
-from rockfall.analysis.contacts import VALUES
+from rockfall.analysis.observed.compare import STATISTICS, Comparison
+from rockfall.analysis.observed.contacts import VALUES
 from rockfall.analysis.precision.intervals import longer_side
 from rockfall.language import Number, say, word
 from rockfall.quantities import QUANTITIES, number, with_unit

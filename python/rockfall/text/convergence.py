@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.convergence import AS_GIVEN, ERRORS, KEYS, SIZE, Convergence
 from rockfall.analysis.precision.intervals import TARGETS, rounded_up
 from rockfall.quantities import QUANTITIES, number
+from rockfall.studies.convergence import AS_GIVEN, ERRORS, KEYS, SIZE, Convergence
 from rockfall.text.table import table
 
 if TYPE_CHECKING:

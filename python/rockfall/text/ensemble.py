@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.ensemble.sobol_indices import limits, runs_needed
 from rockfall.language import say
 from rockfall.limits import Z
 from rockfall.quantities import SHOWN, number
 from rockfall.result.crossings import line_names
+from rockfall.studies.ensemble.sobol_indices import limits, runs_needed
 from rockfall.text.summary import remark_lines
 from rockfall.text.table import table
 

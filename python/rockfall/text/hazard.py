@@ -13,7 +13,7 @@ from rockfall.analysis.hazard.classes import CLASSES, RESIDUAL, boulders_needed,
 from rockfall.analysis.hazard.files import object_table
 from rockfall.analysis.hazard.zones import lowered_area, zones_of
 from rockfall.case import case_in
-from rockfall.io.arrays import grid_of
+from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Number, say, unpacked, word
 from rockfall.quantities import count, number, percent
 from rockfall.text.risk import has_layers, risk_lines

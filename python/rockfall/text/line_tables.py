@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.ensemble.study import is_ensemble
 from rockfall.analysis.line_statistics import QUANTILES, line_statistics, quantile_name
 from rockfall.analysis.return_levels import LEVELS, return_levels
 from rockfall.case.files import files_behind
@@ -21,6 +20,7 @@ from rockfall.quantities import QUANTITIES, TOO_FEW, number
 from rockfall.result.crossings import line_names
 from rockfall.result.dataset import read_result
 from rockfall.result.samples import simulated
+from rockfall.studies.ensemble.study import is_ensemble
 from rockfall.text.ensemble import ensemble_summary
 from rockfall.text.table import MOST_LINES, more_lines
 from rockfall.text.table import table as aligned

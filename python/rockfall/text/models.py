@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from rockfall.analysis.models import QUANTITIES as AT_LINES
-from rockfall.analysis.models import RUN_OUT, Models
-from rockfall.analysis.validation import AT_REST, BOUNDS, Validation
 from rockfall.quantities import QUANTITIES, TOO_FEW, Quantity, percent
+from rockfall.studies.models import QUANTITIES as AT_LINES
+from rockfall.studies.models import RUN_OUT, Models
+from rockfall.studies.validation import AT_REST, BOUNDS, Validation
 from rockfall.text.table import table
 
 if TYPE_CHECKING:

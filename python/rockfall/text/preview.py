@@ -13,18 +13,18 @@ import numpy as np
 from rockfall.analysis.model_limits import fractions_outside, model_remarks
 from rockfall.analysis.planes.neutral_slopes import NeutralSlopes, Rocks, rocks_of
 from rockfall.case import Case
-from rockfall.io.crs import crs_name
-from rockfall.io.grid import row_blocks
+from rockfall.io.coordinates.crs import crs_name
+from rockfall.io.rasters.grid import row_blocks
 from rockfall.limits import CORES
 from rockfall.quantities import first_of, percent
-from rockfall.result.block_shapes import boulders_by_shape
+from rockfall.result.boulders import boulders_by_shape
 from rockfall.result.grounds import rebounds_by_ground, sets_followed, stochastic_fraction
-from rockfall.scene.coefficients import ANY_SPEED
 from rockfall.scene.ground import Ground
-from rockfall.scene.rebound import sphere_radius
+from rockfall.scene.rebounds.coefficients import ANY_SPEED
+from rockfall.scene.rebounds.rebound import sphere_radius
+from rockfall.scene.releases.source_attributes import values_of
+from rockfall.scene.releases.sources import threshold
 from rockfall.scene.scene import Scene
-from rockfall.scene.source_attributes import values_of
-from rockfall.scene.sources import threshold
 from rockfall.simulation.maps import HITS, plan_of
 from rockfall.simulation.memory import BYTES_AT_LINE, machine_memory
 from rockfall.simulation.simulate import check_team, run_chunks, start

@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.analysis.hazard.segment_files import has_segments, segment_table
 from rockfall.language import Number, Text, say, word
 from rockfall.quantities import QUANTITIES, count, number, within
-from rockfall.result.flat_maps import shown
+from rockfall.result.maps.flat_maps import shown
 from rockfall.text.table import table
 
 if TYPE_CHECKING:

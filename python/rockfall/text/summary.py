@@ -11,7 +11,6 @@ from rockfall.analysis.line_statistics import numbers
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.model_limits import model_remarks
 from rockfall.analysis.precision.intervals import longer_side
-from rockfall.analysis.run_until import verdicts_of
 from rockfall.case import case_of
 from rockfall.protection.barriers import barrier_rows, barriers_of
 from rockfall.protection.dams import dams_of
@@ -21,6 +20,7 @@ from rockfall.result.crossings import line_names
 from rockfall.result.grounds import GroundRebounds, rebounds_by_ground
 from rockfall.result.samples import kept_note, simulated
 from rockfall.result.trajectories import ended
+from rockfall.studies.run_until import verdicts_of
 from rockfall.text.dams import dam_lines
 from rockfall.text.stands import stand_lines
 from rockfall.text.table import MOST_LINES, more_lines, table

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.population import population_notes
-from rockfall.analysis.variants import UNDECIDED
 from rockfall.case import case_of
 from rockfall.language import say
 from rockfall.quantities import QUANTITIES, Quantity, number, with_unit
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import kept_note
+from rockfall.studies.variants import UNDECIDED
 from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:

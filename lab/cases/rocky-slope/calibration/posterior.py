@@ -32,7 +32,7 @@ from scipy.special import log_ndtr
 from scipy.stats import qmc
 
 from rockfall.analysis.planes.plane_bounce import growth, set_rebound
-from rockfall.scene.sets import Sets
+from rockfall.scene.rebounds.sets import Sets
 from rockfall_lab.scorecard.site import Site, at_lines
 from rockfall_lab.scorecard.talus import Talus
 from rockfall_lab.spheres.experiment import STATES

@@ -23,7 +23,7 @@ from emulator import Emulator
 from posterior import NAMES, log_likelihood, numbers
 
 import rockfall
-from rockfall.scene.sets import Sets
+from rockfall.scene.rebounds.sets import Sets
 from rockfall_lab.sets.fit import as_rebounds, fit_impacts, fit_set, impacts_of
 from rockfall_lab.sets.setfile import provenance, write_sets
 from rockfall_lab.spheres.experiment import STATES, open_impacts

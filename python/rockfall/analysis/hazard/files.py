@@ -30,14 +30,20 @@ from rockfall.errors import RockfallError, need
 from rockfall.io.netcdf import load_dataset, open_netcdf
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.tables import write_csv
-from rockfall.result.classes import classes_of, shown_as
 from rockfall.result.dataset import put_netcdf
-from rockfall.result.drawing import write_drawing
-from rockfall.result.export import check_formats, crs_wkt, put_kml, write_geopackage, write_map
-from rockfall.result.flat_maps import PLAN, flat_maps, shown
-from rockfall.result.qgis_style import write_classes, write_palette
+from rockfall.result.files.drawing import write_drawing
+from rockfall.result.files.export import (
+    check_formats,
+    crs_wkt,
+    put_kml,
+    write_geopackage,
+    write_map,
+)
+from rockfall.result.files.qgis_style import write_classes, write_palette
+from rockfall.result.files.vector_style import Style, alike, fill, marker, plain_type, thick
+from rockfall.result.maps.classes import classes_of, shown_as
+from rockfall.result.maps.flat_maps import PLAN, flat_maps, shown
 from rockfall.result.trajectories import flags_of
-from rockfall.result.vector_style import Style, alike, fill, marker, plain_type, thick
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.hazard.exposure import QUANTITIES
-from rockfall.analysis.hazard.risk import CLASSES, SUMMED
 from rockfall.analysis.hazard.variables import CLASS_ENDS, ENDS
-from rockfall.result.vector_style import Style, fill, marker, plain_type, thick
+from rockfall.analysis.objects.exposure import QUANTITIES
+from rockfall.analysis.objects.risk import CLASSES, SUMMED
+from rockfall.result.files.vector_style import Style, fill, marker, plain_type, thick
 
 if TYPE_CHECKING:
     import pandas as pd

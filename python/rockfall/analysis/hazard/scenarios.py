@@ -13,10 +13,10 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.input_warnings import InputWarning
 from rockfall.language import remark, word
-from rockfall.scene.frequencies import stated_frequency
-from rockfall.scene.plausible import input_warnings
+from rockfall.scene.releases.frequencies import stated_frequency
+from rockfall.scene.releases.source_attributes import DENSITY
+from rockfall.scene.rules.plausible import input_warnings
 from rockfall.scene.scene import Findings, Scene
-from rockfall.scene.source_attributes import DENSITY
 
 VOLUMES = (
     "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volume_exponent",

@@ -10,7 +10,7 @@ import numpy as np
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.variables import CLASS_ENDS, ENDS
 from rockfall.quantities import SHOWN
-from rockfall.result.flat_maps import shown
+from rockfall.result.maps.flat_maps import shown
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES, intensity_words
-from rockfall.analysis.hazard.risk import CLASSES as RISK_CLASSES
+from rockfall.analysis.objects.risk import CLASSES as RISK_CLASSES
 from rockfall.case import Case
-from rockfall.result.flat_maps import BEYOND, PLAN, shown
+from rockfall.result.maps.flat_maps import BEYOND, PLAN, shown
 from rockfall.result.variables import MAP
 
 ENDS = {  # of names: their meanings

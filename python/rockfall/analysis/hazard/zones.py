@@ -10,14 +10,14 @@ import numpy as np
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.outlines import GRID, NEGLIGIBLE, generalised, polygons_of
 from rockfall.case import case_in
-from rockfall.io.arrays import grid_of
-from rockfall.io.polygons import held_cells
+from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.vectors.polygons import held_cells
 
 if TYPE_CHECKING:
     import xarray as xr
     from shapely import Geometry
 
-    from rockfall.io.grid import Grid
+    from rockfall.io.rasters.grid import Grid
 
 
 class Zones(NamedTuple):

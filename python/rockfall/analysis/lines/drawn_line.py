@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.layers import read_lines
+from rockfall.io.vectors.layers import read_lines
 
 if TYPE_CHECKING:
-    from rockfall.io.grid import Grid
+    from rockfall.io.rasters.grid import Grid
 
 
 def drawn_line(drawn: Any, layer: str | None, grid: Grid, remarks: list[str]) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.quantities import number
-from rockfall.result.block_shapes import boulders_by_shape
+from rockfall.result.boulders import boulders_by_shape
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held

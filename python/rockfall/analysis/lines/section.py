@@ -20,12 +20,12 @@ from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelo
 from rockfall.analysis.lines.stations import SectionLine, stations_of
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.errors import RockfallError
-from rockfall.io.arrays import corner_of
+from rockfall.io.rasters.arrays import corner_of
 from rockfall.result.crossings import masses_of
 from rockfall.result.motion import Motion, motion_of, spins, spread
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import curves
-from rockfall.scene.rebound import kinetic_energy, sphere_radius
+from rockfall.scene.rebounds.rebound import kinetic_energy, sphere_radius
 from rockfall.terrain.height import height, inside, steepness
 from rockfall.terrain.polyline import beside, lengths
 

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.line_statistics import with_limits
-from rockfall.io.arrays import grid_of
-from rockfall.result.passages import passages_of, passed_map, thin_cells
+from rockfall.io.rasters.arrays import grid_of
+from rockfall.result.maps.passages import passages_of, passed_map, thin_cells
 from rockfall.result.samples import simulated
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.analysis.lines.stations import Stations
-    from rockfall.io.grid import Grid
+    from rockfall.io.rasters.grid import Grid
 
 #: Quantities of maps: their beginnings, and the names of their maxima.
 MAPPED = {

@@ -15,7 +15,7 @@ import numpy as np
 from rockfall.analysis.planes.plane_bounce import mixed_rebound, neutral_slope, set_rebound
 from rockfall.case import FROM_ARRAY
 from rockfall.case.zones import case_zones
-from rockfall.scene.coefficients import set_weights, size_weights
+from rockfall.scene.rebounds.coefficients import set_weights, size_weights
 from rockfall.scene.surface import radius_over_rg
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rockfall.scene.coefficients import covariance_root
-from rockfall.scene.rebound import MAX_DRAWS, admissible, limited
+from rockfall.scene.rebounds.coefficients import covariance_root
+from rockfall.scene.rebounds.rebound import MAX_DRAWS, admissible, limited
 
 NEAREST = 20  # impacts from which one is drawn
 FIRST, LAST = 20, 60  # bounces that count: the start is forgotten

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.io.grid import Grid
+from rockfall.io.rasters.grid import Grid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

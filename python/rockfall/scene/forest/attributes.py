@@ -12,8 +12,8 @@ import numpy as np
 
 from rockfall.case import keys_of
 from rockfall.errors import RockfallError
-from rockfall.io.layers import SHORT, plain
-from rockfall.io.unused_attributes import note_marks, note_unused
+from rockfall.io.vectors.layers import SHORT, plain
+from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 from rockfall.scene.forest.trees import MAX_DBH, MAX_DENSITY
 
 NAMES = {  # the first is that of the case; English, German, French, Italian

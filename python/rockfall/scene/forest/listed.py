@@ -13,9 +13,9 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import default_values
 from rockfall.errors import RockfallError
-from rockfall.io.layers import EXTENSIONS, attribute, extent, named_attribute, read_points
 from rockfall.io.tables import read_table
-from rockfall.io.unused_attributes import note_marks, note_unused
+from rockfall.io.vectors.layers import EXTENSIONS, attribute, extent, named_attribute, read_points
+from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 from rockfall.language import remark
 from rockfall.limits import MAX_REAL
 from rockfall.scene.forest.made import Cells, conifer_shares

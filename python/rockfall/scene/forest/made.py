@@ -16,7 +16,7 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError
-from rockfall.io.grid import row_blocks
+from rockfall.io.rasters.grid import row_blocks
 from rockfall.language import remark
 from rockfall.quantities import percent
 from rockfall.scene.forest.attributes import LIMITS

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.layers import read_polygons
-from rockfall.io.polygons import (
+from rockfall.io.vectors.layers import read_polygons
+from rockfall.io.vectors.polygons import (
     HALF,
     disjoint,
     note_outside,

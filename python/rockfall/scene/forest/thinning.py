@@ -13,8 +13,8 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import RockfallError
-from rockfall.io.layers import read_polygons
-from rockfall.io.polygons import points_inside
+from rockfall.io.vectors.layers import read_polygons
+from rockfall.io.vectors.polygons import points_inside
 from rockfall.language import remark
 from rockfall.scene.forest.attributes import Attributes
 from rockfall.scene.forest.trees import Planted

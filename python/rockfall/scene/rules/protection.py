@@ -10,7 +10,7 @@ from typing import Any
 
 from rockfall.io.input_warnings import InputWarning
 from rockfall.language import say
-from rockfall.scene.frequencies import stated_frequency
+from rockfall.scene.releases.frequencies import stated_frequency
 from rockfall.scene.scene import Scene
 from rockfall.terrain.dams import FINE, DamShape, finer
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rockfall.case import FROM_ARRAY
-from rockfall.io.crs import crs_name, length_scale
+from rockfall.io.coordinates.crs import crs_name, length_scale
 from rockfall.io.input_warnings import InputWarning
 from rockfall.language import Number, Text, say
 from rockfall.scene.ground import LOWEST_LAND

@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Exposure of objects: what a boulder that hits one does to property and persons, from attributes
+of the layer, with every assumption that enters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.objects.attributes import NAMED, Layer
+from rockfall.analysis.objects.vulnerability import BUILDING, Curve, constant, doubt, stepped
+from rockfall.errors import RockfallError
+from rockfall.language import Text, remark, say
+
+QUANTITIES = ("damage", "individual_risk", "collective_risk")
+PRESENCE, LETHALITY, VEHICLE_LENGTH, TRIPS = 1.0, 1.0, 5.0, 2.0  # where the layer says nothing
+HOURS, METRES = 24.0, 1000.0  # of a day, of a kilometre
+MAX_NAMED = 5  # objects in an assumption
+ALWAYS = (
+    "a boulder hits an object where it touches it with its side in plan, at whatever height: those "
+    "that fly over it count (errs high)",
+    "objects stop no boulder and are not lost: one behind another is hit as if it stood alone, and "
+    "what was destroyed can be destroyed again (errs high)",
+    "boulders come independently of each other, of the hour and of the traffic; all that come "
+    "loose in an event count one by one (errs high for individual risk)",
+    "individual and collective risk are expected deaths a year; a probability a year is hardly "
+    "less where they are far below 1",
+    "limits are of the Monte Carlo error and of `frequency_factor`, not of vulnerability or "
+    "exposure",
+    "classes of individual risk end at 1e-6, 1e-5 and 1e-4 a year, as AGS (2007) and PLANAT grade "
+    "tolerable and acceptable risks; unconfirmed: cited from memory",
+)
+
+
+class Harm(NamedTuple):
+    """Expected harm by a boulder: scale x curve(energy), at traffic also x (diameter + length)."""
+
+    scale: float
+    curve: Curve
+    length: float | None = None  # of a vehicle [m]; None: what is hit does not move
+
+    def by(self, energy: np.ndarray, diameter: np.ndarray) -> np.ndarray:
+        """Harm by boulders of these energies [J] and diameters [m]; 0 for NaN, those that miss."""
+        hit = np.isfinite(energy)
+        harm = np.zeros(energy.size)
+        harm[hit] = self.scale * self.curve.fraction(energy[hit])
+        if self.length is not None:
+            harm[hit] *= diameter[hit] + self.length
+        return harm
+
+    def most(self, diameter: float) -> float:
+        """Upper bound of the harm by boulders up to a diameter [m]."""
+        extent = 1.0 if self.length is None else diameter + self.length
+        return self.scale * self.curve.most * extent
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """Harm to each object, by quantity (None: nothing of this kind is exposed), and assumptions."""
+
+    kinds: list[str] = field(default_factory=list)
+    harms: dict[str, list[Harm | None]] = field(default_factory=dict)
+    assumptions: list[str] = field(default_factory=list)
+
+    def __bool__(self) -> bool:
+        return bool(self.harms)
+
+
+def read_exposure(
+    layer: Layer,
+    names: list[str],
+    thresholds: np.ndarray,
+    curves: Mapping[str, Curve],
+    without_energy: Iterable[int],
+) -> Exposure:
+    """Exposure of the objects of a layer, empty if it does not say who or what is exposed. Of those
+    `without_energy` only counts above the thresholds [J] are known."""
+    kinds = layer.texts("kind")
+    buildings = layer.has("value") and any(map(_is_building, kinds))
+    has_curve = layer.has("curve") and layer.has("value")
+    if not buildings and not has_curve and not any(map(layer.has, ("persons", "aadt"))):
+        return Exposure()
+    points = {*without_energy}
+    damage, unknown = _damage(layer, kinds, thresholds, curves)
+    deaths = _Deaths(layer, thresholds, curves, points)
+    harms: dict[str, list[Harm | None]] = {"damage": damage}
+    for quantity in QUANTITIES[1:]:
+        harms[quantity] = [getattr(death, quantity) for death in deaths.found]
+    notes = [*_of_damage(damage, names), *deaths.notes(names)]
+    if unknown:
+        notes.append(f"no damage for want of a vulnerability: {_listed(names, unknown)}")
+    if exposed := [k for k in points if any(harms[harm][k] for harm in harms)]:
+        notes.append(
+            "the energy of each boulder is not known at points without a width, so each has that "
+            f"of the upper end of its intensity (errs high): {_listed(names, exposed)}"
+        )
+    return Exposure(kinds, harms, [*notes, *ALWAYS])
+
+
+def curve_remarks(
+    path: str | Path, curves: Mapping[str, Curve], exposed: Exposure
+) -> Iterator[Text]:
+    """Remarks on the curves of a table: those in other units, or that no object names."""
+    used = [
+        (harm.curve, quantity == "damage")
+        for quantity in QUANTITIES
+        for harm in exposed.harms.get(quantity, [])
+        if harm and curves.get(harm.curve.name) is harm.curve and harm.curve != BUILDING
+    ]
+    if not used:
+        yield remark(path, "input.curves_unused")
+    for curve, is_property in used:
+        if question := doubt(curve, is_property):
+            yield say("input.remark", where=str(path), text=question)
+
+
+def _is_building(kind: str) -> bool:
+    return kind.casefold() == "building"
+
+
+def joined(parts: Sequence[tuple[Exposure, int]]) -> Exposure:
+    """Exposure of the objects of several layers, each with their number."""
+    if not any(exposure for exposure, _ in parts):
+        return Exposure()
+    kinds = [kind for exposure, size in parts for kind in exposure.kinds or [""] * size]
+    harms: dict[str, list[Harm | None]] = {
+        name: [harm for exposure, size in parts for harm in exposure.harms.get(name, [None] * size)]
+        for name in QUANTITIES
+    }
+    notes = dict.fromkeys(text for exposure, _ in parts for text in exposure.assumptions)
+    return Exposure(kinds, harms, [*(note for note in notes if note not in ALWAYS), *ALWAYS])
+
+
+def _damage(
+    layer: Layer, kinds: list[str], thresholds: np.ndarray, curves: Mapping[str, Curve]
+) -> tuple[list[Harm | None], list[int]]:
+    """Harm to property, and the objects with a value but no vulnerability: by `curve`, else by the
+    attributes of vulnerability, else that of buildings."""
+    if not layer.has("value"):
+        return [None] * layer.size, []
+    worth = layer.numbers("value", 1.0) * layer.numbers("exposure", 1.0)
+    named = _named_curves(layer, "curve", curves)
+    steps = layer.by_intensity("vulnerability", thresholds.size + 1)
+    harms: list[Harm | None] = []
+    for k, (kind, curve) in enumerate(zip(kinds, named, strict=True)):
+        if curve is None and len(steps):
+            curve = stepped(thresholds, steps[k])
+        elif curve is None and _is_building(kind):
+            curve = BUILDING
+        harms.append(None if curve is None else Harm(float(worth[k]), curve))
+    unknown = [k for k, harm in enumerate(harms) if harm is None and worth[k] > 0]
+    return harms, unknown
+
+
+class _OfPersons(NamedTuple):
+    individual_risk: Harm | None = None
+    collective_risk: Harm | None = None
+
+
+class _Deaths:
+    """Harm to the persons of each object."""
+
+    def __init__(
+        self,
+        layer: Layer,
+        thresholds: np.ndarray,
+        curves: Mapping[str, Curve],
+        points: set[int],
+    ) -> None:
+        self.layer = layer
+        self.numbers = {
+            name: layer.numbers(name, np.nan, missing=True)
+            for name in (
+                "persons", "presence", "aadt", "speed", "vehicle_length", "persons_per_vehicle",
+                "trips",
+            )
+        }  # fmt: skip
+        self.curves = self._lethalities(thresholds, curves)
+        self.defaults: dict[str, list[int]] = {}
+        self.found = [self._of(k, points) for k in range(layer.size)]
+
+    def _lethalities(
+        self, thresholds: np.ndarray, curves: Mapping[str, Curve]
+    ) -> list[Curve | None]:
+        """Lethality of each object: by `lethality_curve`, else by its attributes; None without."""
+        named = _named_curves(self.layer, NAMED, curves)
+        steps = self.layer.by_intensity("lethality", thresholds.size + 1, missing=True)
+        for k, fractions in enumerate(steps):
+            if named[k] is None and not np.isnan(fractions).any():
+                named[k] = stepped(thresholds, fractions)
+        return named
+
+    def _of(self, k: int, points: set[int]) -> _OfPersons:
+        persons, aadt = self.numbers["persons"][k], self.numbers["aadt"][k]
+        if not np.isnan(persons) and not np.isnan(aadt):
+            self.layer.refuse(k, "aadt", f"{aadt:g}", "cannot be combined with persons")
+        if persons > 0:
+            curve, presence = self._lethality(k), self._number(k, "presence", PRESENCE)
+            return _OfPersons(Harm(presence, curve), Harm(persons * presence, curve))
+        if aadt > 0:
+            if k in points:
+                self.layer.refuse(
+                    k, "aadt", f"{aadt:g}", "needs a line, a polygon, or a point with a width"
+                )
+            return self._of_traffic(k, float(aadt))
+        return _OfPersons()
+
+    def _of_traffic(self, k: int, aadt: float) -> _OfPersons:
+        """Vehicles, and one commuter, in the length of road that a boulder takes."""
+        for name in ("speed", "persons_per_vehicle"):
+            if np.isnan(self.numbers[name][k]):
+                self.layer.refuse(k, "aadt", f"{aadt:g}", f"needs the attribute {name}")
+        curve, length = self._lethality(k), self._number(k, "vehicle_length", VEHICLE_LENGTH)
+        per_metre = 1 / (HOURS * METRES * float(self.numbers["speed"][k]))  # of a vehicle a day
+        inside = float(self.numbers["persons_per_vehicle"][k])
+        return _OfPersons(
+            Harm(self._number(k, "trips", TRIPS) * per_metre, curve, length),
+            Harm(aadt * inside * per_metre, curve, length),
+        )
+
+    def _number(self, k: int, name: str, default: float) -> float:
+        """Value of an attribute, or its default, which is noted."""
+        if np.isnan(value := self.numbers[name][k]):
+            self.defaults.setdefault(f"{name} = {default:g}", []).append(k)
+            return default
+        return float(value)
+
+    def _lethality(self, k: int) -> Curve:
+        if (curve := self.curves[k]) is None:
+            self.defaults.setdefault(f"lethality = {LETHALITY:g}", []).append(k)
+            return constant(LETHALITY, source="default")
+        return curve
+
+    def notes(self, names: list[str]) -> Iterator[str]:
+        """Assumptions on persons."""
+        at_rest = [k for k, death in enumerate(self.found) if _rests(death.individual_risk)]
+        moving = [k for k, death in enumerate(self.found) if _moves(death.individual_risk)]
+        if at_rest:
+            yield (
+                "individual risk = presence x lethality, collective risk = persons x presence x "
+                "lethality, of every boulder that hits, wherever in the object the persons are: "
+                f"all are there as long as the most exposed of them (errs high): "
+                f"{_listed(names, at_rest)}"
+            )
+        if moving:
+            yield (
+                "collective risk of traffic = vehicles hit x persons_per_vehicle x lethality, with "
+                "aadt (block diameter + vehicle_length) / (24000 speed) vehicles hit; individual "
+                "risk is that of a person with `trips` passages a day (Hungr et al. 1999; "
+                f"unconfirmed): {_listed(names, moving)}"
+            )
+            yield (
+                "NOT included (errs low): vehicles that run into a block that lies on the road, "
+                f"swerve, or queue in front of it: {_listed(names, moving)}"
+            )
+        harms = [death.individual_risk for death in self.found]
+        yield from _of_curves("lethality", harms, names)
+        for text, defaults in self.defaults.items():
+            yield f"default {text}: {_listed(names, defaults)}"
+
+
+def _rests(harm: Harm | None) -> bool:
+    return harm is not None and harm.length is None
+
+
+def _moves(harm: Harm | None) -> bool:
+    return harm is not None and harm.length is not None
+
+
+def _of_damage(harms: list[Harm | None], names: list[str]) -> Iterator[str]:
+    """Assumptions on property."""
+    if any(harms):
+        yield (
+            "damage = value x exposure x vulnerability, of every boulder that hits, in the unit of "
+            "the attribute value, which must be the same for all objects"
+        )
+    yield from _of_curves("vulnerability", harms, names)
+
+
+def _of_curves(what: str, harms: list[Harm | None], names: list[str]) -> Iterator[str]:
+    """Curves that enter, each with its source and objects."""
+    rows: dict[tuple[str, str], list[int]] = {}
+    for k, harm in enumerate(harms):
+        if harm is not None:
+            rows.setdefault((harm.curve.name, harm.curve.source), []).append(k)
+    for (name, source), objects in rows.items():
+        yield f"{what} {name} ({source}): {_listed(names, objects)}"
+
+
+def _named_curves(layer: Layer, name: str, curves: Mapping[str, Curve]) -> list[Curve | None]:
+    """Curve that each object names in an attribute; None where it names none."""
+    named: list[Curve | None] = []
+    for number, text in enumerate(layer.texts(name), start=1):
+        if text and text not in curves:
+            raise RockfallError(
+                f"{layer.path}: feature {number}: {name} = {text}: must be one of: "
+                f"{', '.join(curves)}; --vulnerability adds those of a table"
+            )
+        named.append(curves[text] if text else None)
+    return named
+
+
+def _listed(names: list[str], objects: list[int]) -> str:
+    """Names of objects, the first few of many."""
+    shown = ", ".join(names[k] for k in objects[:MAX_NAMED])
+    more = len(objects) - MAX_NAMED
+    return f"{shown} and {more} more" if more > 0 else shown

@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Objects at risk: number of boulders that hit each, and the resulting cost.
+
+A boulder hits an object when it touches it with its side in plan. Lines and outlines become
+evaluation lines with the width of the object, which count a boulder once; so do points with a
+width of their own. The others are taken to be as wide as the objects of the maps, in their cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import Frequencies
+from rockfall.analysis.objects.attributes import Layer
+from rockfall.analysis.objects.exposure import Exposure, joined, read_exposure
+from rockfall.analysis.objects.object_layers import File, distinct_names
+from rockfall.analysis.objects.vulnerability import SHIPPED, Curve
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.vectors.layers import read_features
+from rockfall.io.vectors.polygons import points_inside
+from rockfall.io.vectors.unused_attributes import note_marks, note_unused
+from rockfall.language import remark
+from rockfall.result.crossings import line_values
+from rockfall.result.samples import check_all_rows
+from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.scene.scene import Scene
+
+VULNERABILITY = "vulnerability"  # an attribute for all intensities, or with _1, _2, ... for each
+MAX_NAMED = 5  # of objects in a remark
+
+
+@dataclass
+class Objects:
+    """Points, lines and polygons, with their attributes."""
+
+    paths: list[str] = field(default_factory=list)  # of the layers
+    layers: list[str] = field(default_factory=list)  # name of the layer of each object
+    shapes: np.ndarray = field(default_factory=lambda: np.empty(0, object))
+    names: list[str] = field(default_factory=list)
+    lines: list[dict[str, Any]] = field(default_factory=list)  # in the form of a case
+    owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # object of each line
+    point: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # points without a width
+    places: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # their x and y [m]
+    vulnerability: np.ndarray | None = None  # (objects, intensities)
+    exposure: np.ndarray = field(default_factory=lambda: np.empty(0))
+    value: np.ndarray = field(default_factory=lambda: np.empty(0))
+    exposed: Exposure = field(default_factory=Exposure)  # persons and property
+
+    def __len__(self) -> int:
+        return len(self.shapes)
+
+
+def read_objects(
+    files: Sequence[File],
+    grid: Grid,
+    thresholds: np.ndarray,
+    remarks: list[str],
+    curves: Mapping[str, Curve] = SHIPPED,
+) -> Objects:
+    """Read the objects of layers, with their vulnerability for each intensity between the
+    thresholds [J], or by a curve, and who and what is exposed there."""
+    read = [_read(file, grid, remarks) for file in files]
+    names = distinct_names([layer.names for layer in read], [file.label for file in files])
+    all_objects = []
+    for file, layer, own in zip(files, read, names, strict=True):
+        objects = Objects([str(file.path)], [file.label] * len(own), layer.shapes, own)
+        widths = layer.layer.numbers("width", np.nan, missing=True)
+        for number, (shape, width) in enumerate(zip(layer.shapes, widths.tolist(), strict=True)):
+            _place(objects, number, shape, width, grid)
+        _take_values(objects, layer.layer, thresholds.size + 1)
+        without_energy = objects.point.tolist()
+        objects.exposed = read_exposure(layer.layer, own, thresholds, curves, without_energy)
+        used = {*layer.layer.asked, "name"}
+        note_unused(remarks, file.path, layer.layer.columns, sorted(used))
+        note_marks(remarks, file.path, layer.layer.columns, sorted(used))
+        remarks += layer.layer.unit_remarks()
+        remarks += layer.layer.idle_remarks()
+        remarks += _doubts(objects, layer.layer)
+        all_objects.append(objects)
+    return _joined(all_objects)
+
+
+def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
+    """Remarks on values that no vulnerability multiplies, and on objects that are in the layer
+    twice: flats of a house may be, so only those with the same attributes, too."""
+    if layer.has("value") and objects.vulnerability is None and not objects.exposed:
+        yield remark(layer.path, "input.value_unused")
+    columns = [column for name, column in layer.columns.items() if name not in {"name", "fid"}]
+    first: dict[Hashable, str] = {}
+    again = [
+        (name, before)
+        for name, shape, *row in zip(objects.names, objects.shapes, *columns, strict=True)
+        if (before := first.setdefault((shape.wkb, *map(str, row)), name)) is not name
+    ]
+    if again:
+        (name, before), *_ = again
+        yield remark(layer.path, "input.object_again", n=len(again), name=name, before=before)
+
+
+class _Read(NamedTuple):
+    """A layer with its shapes and names of objects."""
+
+    layer: Layer
+    shapes: np.ndarray
+    names: list[str]
+
+
+def _read(file: File, grid: Grid, remarks: list[str]) -> _Read:
+    import shapely
+
+    shapes, columns = read_features(file.path, grid, remarks, file.layer, "--objects-layer")
+    for number in [k for k, shape in enumerate(shapes, 1) if shape.geom_type == "MultiPoint"][:1]:
+        raise RockfallError(
+            f"{file.path}: feature {number}: is several points: split it, so that each is an object"
+        )
+    columns = {name.lower(): values for name, values in columns.items()}
+    numbers = [str(number) for number in range(1, len(shapes) + 1)]
+    names = [str(name) for name in columns.get("name", numbers)]
+    return _Read(Layer(str(file.path), columns, len(shapes)), shapely.force_2d(shapes), names)
+
+
+def _joined(parts: Sequence[Objects]) -> Objects:
+    """Objects of several layers as one; those of a layer without vulnerability have NaN."""
+    objects = Objects()
+    before = 0
+    for part in parts:
+        objects.paths += part.paths
+        objects.layers += part.layers
+        objects.names += part.names
+        objects.lines += part.lines
+        objects.owner = np.append(objects.owner, before + part.owner)
+        objects.point = np.append(objects.point, before + part.point)
+        before += len(part)
+    for name in ("shapes", "places", "exposure", "value"):
+        setattr(objects, name, np.concatenate([getattr(part, name) for part in parts]))
+    steps = [part.vulnerability for part in parts]
+    if given := [step for step in steps if step is not None]:
+        intensities = given[0].shape[1]
+        objects.vulnerability = np.concatenate([
+            np.full((len(part), intensities), np.nan) if step is None else step
+            for part, step in zip(parts, steps, strict=True)
+        ])  # fmt: skip
+    objects.exposed = joined([(part.exposed, len(part)) for part in parts])
+    for k, (owner, line) in enumerate(
+        zip(objects.owner.tolist(), objects.lines, strict=True), start=1
+    ):
+        line["name"] = f"object {owner + 1} part {k}"
+    return objects
+
+
+def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
+    """Mark shapes that extend to where missing elevations stop boulders."""
+    import shapely
+
+    grid, cells, is_beyond = scene.grid, scene.rasters, []
+    for shape in shapes:
+        x, y = shapely.get_coordinates(shape).T
+        inside = (grid.west <= x) & (x <= grid.east) & (grid.south <= y) & (y <= grid.north)
+        row, column = (k - begin for k, begin in zip(grid.cells(x, y), cells.at, strict=True))
+        valid = (0 <= row) & (row < cells.z.shape[0]) & (0 <= column) & (column < cells.z.shape[1])
+        is_beyond.append(
+            not inside.all() or bool(np.isnan(cells.z[row[valid], column[valid]]).any())
+        )
+    return np.array(is_beyond, bool)
+
+
+def beyond_remarks(objects: Objects, scene: Scene) -> list[str]:
+    """Remark on objects that extend beyond the elevations."""
+    beyond = beyond_elevations(objects.shapes, scene)
+    names = [name for name, lies in zip(objects.names, beyond, strict=True) if lies]
+    if not names:
+        return []
+    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+    return [
+        f"{', '.join(objects.paths)}: {', '.join(names[:MAX_NAMED])}{more}: beyond the elevations "
+        "of the terrain no boulder meets them"
+    ]
+
+
+def source_remarks(objects: Objects, scene: Scene) -> Iterator[str]:
+    """Remark on objects on which boulders start: on their shapes, or within half their width."""
+    width = np.full(len(objects), scene.case.hazard["object_width"])
+    width[objects.owner] = [line["object_width"] for line in objects.lines]
+    grounds = [shape.buffer(w / 2) for shape, w in zip(objects.shapes, width.tolist(), strict=True)]
+    inside = {k: on for k, on in points_inside(np.array(grounds), scene.x, scene.y) if on.size}
+    if inside:
+        n, name = np.unique(np.concatenate([*inside.values()])).size, objects.names[min(inside)]
+        place = ", ".join(objects.paths)
+        yield remark(place, "input.sources_on_object", n=n, name=name, objects=len(inside))
+
+
+def check_kept(case: Case, lines: int) -> None:
+    """Refuse lines without rows of all boulders, before a run."""
+    if lines and (kept := case.output["kept"]) != "all":
+        raise RockfallError(
+            f"{case.name}: &output kept = {kept!r}: objects with a width, lines, polygons and "
+            "segments of roads need rows of all boulders: kept = 'all'"
+        )
+
+
+def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
+    """Refuse more lines than fit in memory with their boulders."""
+    need = BYTES_AT_LINE * lines * boulders
+    if need > ROOM * machine_memory():
+        raise RockfallError(
+            f"{', '.join(paths)}: {lines:,} lines and outlines, of {boulders:,} boulders each, "
+            f"take {need / 1e9:.1f} GB: more than half of the memory; give fewer objects or "
+            "boulders, or longer segments"
+        )
+
+
+def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) -> None:
+    """Place an object: add the line or cell at which boulders hit it. `width` is NaN if none."""
+    west, south, east, north = shape.bounds
+    if not (
+        west <= grid.east and east >= grid.west and south <= grid.north and north >= grid.south
+    ):
+        raise RockfallError(f"{objects.paths[0]}: feature {number + 1}: lies outside the terrain")
+    if shape.geom_type == "Point" and np.isnan(width):
+        objects.point = np.append(objects.point, number)
+        objects.places = np.vstack([objects.places, [[shape.x, shape.y]]])
+        return
+    for part in getattr(shape, "geoms", [shape]):
+        curve = part.exterior if part.geom_type == "Polygon" else part
+        x, y = np.array(curve.coords)[[0, 0] if part.geom_type == "Point" else slice(None)].T
+        attrs = {"name": "", "object_width": 0.0 if np.isnan(width) else width}  # named when joined
+        objects.lines.append(attrs | {"x": x.tolist(), "y": y.tolist()})
+        objects.owner = np.append(objects.owner, number)
+
+
+def _take_values(objects: Objects, layer: Layer, intensities: int) -> None:
+    """Read vulnerability, exposure and value, if the layer has them."""
+    objects.exposure = layer.numbers("exposure", 1.0)
+    objects.value = layer.numbers("value", 1.0)
+    steps = layer.by_intensity(VULNERABILITY, intensities)
+    objects.vulnerability = steps if len(steps) else None
+
+
+def object_energies(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:
+    """Energy [J] of each boulder of a run at each object that is a line, by the object's number;
+    NaN for those that miss it."""
+    for number in np.unique(objects.owner):
+        check_all_rows(result, "an object that is a line")
+        energy = np.full(result.sizes["boulder"], np.nan)
+        for line in np.flatnonzero(objects.owner == number):
+            energy = np.fmax(energy, line_values(result, "energy_total", int(line)))
+        yield int(number), energy
+
+
+def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.ndarray) -> np.ndarray:
+    """Boulders of a run that hit each object, and those with more energy than each threshold
+    (intensities, objects); `maps` are the corresponding counts by cell (intensities, y, x)."""
+    thresholds = result["threshold"].values
+    counts = np.zeros((1 + thresholds.size, len(objects)), "i4")
+    rows, columns = grid.cells(*objects.places.T)
+    counts[:, objects.point] = maps[:, rows, columns]
+    for number, energy in object_energies(objects, result):
+        counts[0, number] = np.isfinite(energy).sum()
+        counts[1:, number] = (energy > thresholds[:, None]).sum(axis=1)
+    return counts
+
+
+def risks(objects: Objects, frequencies: Frequencies) -> Frequencies | None:
+    """Annual risk of each object: the sum over intensities of their frequency, times vulnerability,
+    exposure and value; limits follow from those of frequencies, since vulnerability does not
+    decrease with intensity."""
+    if objects.vulnerability is None:
+        return None
+    more = np.diff(objects.vulnerability, axis=1, prepend=0.0).T  # than at the next lower intensity
+    worth = objects.exposure * objects.value
+    value, low, high = ((more * rate).sum(axis=0) * worth for rate in frequencies)
+    return Frequencies(value, low, high)

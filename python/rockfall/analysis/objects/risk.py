@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Risk from objects: expected damage and deaths a year, of each object and of all together, with
+limits from the boulders that hit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import Frequencies
+from rockfall.analysis.objects.exposure import QUANTITIES, Exposure, Harm
+from rockfall.simulation.maps import count_limits
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Ends of the classes of individual risk [1/year], each part of the class above it; "none" is 0.
+CLASS_ENDS = (1e-6, 1e-5, 1e-4)
+CLASSES = ("none", "below_1e-6", "1e-6_to_1e-5", "1e-5_to_1e-4", "above_1e-4")
+SUMMED = ("damage", "collective_risk")  # that of an individual is not summed over objects
+
+
+def layered(
+    heights: np.ndarray, counts: np.ndarray, boulders: int, per_cluster: int
+) -> Frequencies:
+    """Mean of a bounded quantity of the boulders, and the limits of its 95 % interval: of each
+    layer between two rising heights, from 0, `counts` boulders reach the top. The mean is the sum
+    of thickness times fraction, the limits those of the fractions (Wilson's) in its place.
+
+    The layers of a sample err together at most, so the limits are never too narrow; those of a sum
+    of quantities lie within the sums of theirs, since Wilson's upper limit is concave and the lower
+    convex in the fraction.
+    """
+    thickness = np.diff(heights, prepend=0.0)
+    low, high = count_limits(counts.astype("i4"), boulders, per_cluster)
+    return Frequencies(thickness @ counts / boulders, thickness @ low, thickness @ high)
+
+
+def mean_of(values: np.ndarray, top: float, per_cluster: int) -> Frequencies:
+    """Mean of values of all boulders that are 0 to `top`, with its limits; the upper one includes
+    what none of the boulders did but may be done."""
+    rising = np.sort(values[values > 0])
+    heights = np.append(rising, max(top, rising[-1] if rising.size else 0.0))
+    return layered(heights, np.arange(rising.size, -1, -1), values.size, per_cluster)
+
+
+def mean_of_counts(
+    harm: Harm, counts: np.ndarray, thresholds: np.ndarray, boulders: int, per_cluster: int
+) -> Frequencies:
+    """Mean harm where only the boulders that hit, and those above each threshold [J], are known:
+    the harm and its upper limit with the upper ends of the intensities, the lower limit with the
+    lower ends."""
+    ends = np.append(thresholds, np.inf)
+    above = np.nextafter(np.append(0.0, thresholds), np.inf)
+    upper, lower = (harm.scale * harm.curve.fraction(count) for count in (ends, above))
+    mean = layered(upper, counts, boulders, per_cluster)
+    return mean._replace(low=layered(lower, counts, boulders, per_cluster).low)
+
+
+class RunRisk:
+    """Mean harm of a boulder of a run: arrays (3, objects) of value and limits by quantity, and
+    (3,) of all objects together."""
+
+    def __init__(
+        self,
+        exposure: Exposure,
+        energies: Iterable[tuple[int, np.ndarray]],
+        diameter: np.ndarray,
+        points: Points,
+        per_cluster: int,
+    ) -> None:
+        """`energies` are those at each object that is a line, by its number."""
+        self.objects = {
+            name: np.full((3, len(harms)), np.nan) for name, harms in exposure.harms.items()
+        }
+        joint = {name: np.zeros(diameter.size) for name in SUMMED}
+        tops = dict.fromkeys(SUMMED, 0.0)
+        largest = float(diameter.max(initial=0.0))
+        for number, energy in energies:
+            for name in QUANTITIES:
+                if harm := exposure.harms[name][number]:
+                    values, top = harm.by(energy, diameter), harm.most(largest)
+                    self.objects[name][:, number] = mean_of(values, top, per_cluster)
+                    if name in SUMMED:
+                        joint[name] += values
+                        tops[name] += top
+        self.total = {
+            name: np.array(mean_of(joint[name], tops[name], per_cluster)) for name in SUMMED
+        }
+        for number, counts in points:
+            for name in QUANTITIES:
+                if harm := exposure.harms[name][number]:
+                    sizes = points.thresholds, diameter.size, per_cluster
+                    mean = np.array(mean_of_counts(harm, counts, *sizes))
+                    self.objects[name][:, number] = mean
+                    if name in SUMMED:
+                        self.total[name] += mean
+
+
+class Points:
+    """Objects of which only counts are known: (intensities, objects), above thresholds [J]."""
+
+    def __init__(self, numbers: np.ndarray, counts: np.ndarray, thresholds: np.ndarray) -> None:
+        self.numbers, self.counts, self.thresholds = numbers, counts, thresholds
+
+    def __iter__(self) -> Any:
+        return ((int(number), self.counts[:, number]) for number in self.numbers)
+
+
+def diameters(result: xr.Dataset) -> np.ndarray:
+    """Diameter of each boulder [m], that of a sphere of its volume, which hits objects."""
+    return np.cbrt(6 * result["volume"].values.astype(float) / np.pi)
+
+
+def annual(
+    runs: Iterable[tuple[RunRisk, float]], factor: Sequence[float] = (1.0, 1.0)
+) -> dict[str, np.ndarray]:
+    """Risk a year, from runs and their annual frequencies; names as in the table of a hazard. The
+    limits include the lowest and highest `factor` on the frequencies."""
+    risks: dict[str, Any] = {}
+    for run, yearly in runs:
+        parts = {f"object_{name}": values for name, values in run.objects.items()}
+        parts |= {f"total_{name}": values for name, values in run.total.items()}
+        for name, values in parts.items():
+            risks[name] = risks.get(name, 0.0) + yearly * values
+    values = {
+        f"{name}{end}": value * times
+        for name, three in risks.items()
+        for end, value, times in zip(("", "_low", "_high"), three, (1.0, *factor), strict=True)
+    }
+    for end, suffix in (("", ""), ("_lower", "_low"), ("_upper", "_high")):
+        values[f"object_risk_class{end}"] = risk_classes(values[f"object_individual_risk{suffix}"])
+    return values
+
+
+def risk_classes(individual: np.ndarray) -> np.ndarray:
+    """Number of the class of individual risks [1/year]; 0 for none, and for NaN."""
+    numbers = 1 + np.searchsorted(CLASS_ENDS, individual, side="right")
+    return np.where(individual > 0, numbers, 0).astype("i1")

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Hits of the segments of roads: boulders of each run, and numbers of all scenarios together, in
+which a boulder weighs as often as it comes a year."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.objects.risk import diameters
+from rockfall.analysis.objects.segments import Segments
+from rockfall.analysis.precision.weighted import quantile_interval
+from rockfall.result.crossings import line_values
+from rockfall.result.samples import check_all_rows
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+ENDS = ("", "_low", "_high")
+LEVEL = 0.95
+
+
+class Hits(NamedTuple):
+    """Boulders that hit a segment, where they first touch it."""
+
+    energy: np.ndarray  # kinetic [J]
+    passing_height: np.ndarray  # of the centre above the ground, vertical [m]
+    upper_edge: np.ndarray  # of the highest point, vertical [m]
+    diameter: np.ndarray  # of a sphere of their volume [m]
+
+
+def segment_hits(segments: Segments, result: xr.Dataset, first: int) -> Iterator[Hits]:
+    """Boulders of a run that hit each segment; the lines of segments begin at number `first`."""
+    if len(segments):
+        check_all_rows(result, "a segment of a road")
+    of_boulders = diameters(result)
+    for number in range(len(segments)):
+        values = np.full((3, of_boulders.size), np.nan)
+        for line in first + np.flatnonzero(segments.owner == number):
+            for k, quantity in enumerate(("energy_total", "passing_height", "upper_edge")):
+                values[k] = np.fmax(values[k], line_values(result, quantity, int(line)))
+        hit = np.isfinite(values[0])
+        energy, passing_height, upper_edge = values[:, hit]
+        yield Hits(energy, passing_height, upper_edge, of_boulders[hit])
+
+
+def hit_counts(hits: Sequence[Hits], thresholds: np.ndarray) -> np.ndarray:
+    """Number of hits, and of those with more energy than each threshold [J]
+    (intensities, segments)."""
+    counts = np.zeros((1 + thresholds.size, len(hits)), "i4")
+    for k, segment in enumerate(hits):
+        counts[0, k] = segment.energy.size
+        counts[1:, k] = (segment.energy > thresholds[:, None]).sum(axis=1)
+    return counts
+
+
+class Weighted(NamedTuple):
+    """Hits of a run, each of which stands for so many a year."""
+
+    hits: Sequence[Hits]  # of each segment
+    weight: float  # of a boulder [1/year]
+    per_cluster: int  # boulders that count as one
+
+
+def segment_numbers(runs: Sequence[Weighted]) -> dict[str, np.ndarray]:
+    """Numbers of the boulders that hit each segment, by name: means and 95 % quantiles, with limits
+    of the latter. Those of no boulders are NaN."""
+    rows = [_numbers(runs, k) for k in range(len(runs[0].hits))]
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _numbers(runs: Sequence[Weighted], segment: int) -> dict[str, float]:
+    weights = np.repeat(
+        [run.weight for run in runs], [run.hits[segment].energy.size for run in runs]
+    )
+    per_cluster = max(run.per_cluster for run in runs)
+    numbers: dict[str, float] = {"boulders": weights.size}
+    for name in Hits._fields:
+        values = np.concatenate([getattr(run.hits[segment], name) for run in runs])
+        numbers[f"{name}_mean"] = float(weights @ values / weights.sum()) if values.size else np.nan
+        limits = quantile_interval(values, weights, LEVEL, per_cluster)
+        numbers |= {f"{name}_q95{end}": limit for end, limit in zip(ENDS, limits, strict=True)}
+    return numbers

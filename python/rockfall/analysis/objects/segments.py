@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Segments of roads: lines of a layer cut into pieces, each an object of its own that boulders hit.
+
+A segment with a width is the strip of ground along its piece of the axis, with straight ends, whose
+outline becomes an evaluation line with no width: a boulder hits the segment as soon as it touches
+the strip with its side. So a boulder that lies over the end of a segment hits both, and one that
+crosses a winding road twice is counted where it crosses, each time.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.objects.attributes import Layer
+from rockfall.analysis.objects.object_layers import File, only_layer
+from rockfall.analysis.objects.objects import beyond_elevations
+from rockfall.errors import RockfallError
+from rockfall.io.vectors.layers import read_lines
+from rockfall.io.vectors.polygons import points_inside
+from rockfall.io.vectors.unused_attributes import note_marks, note_unused
+from rockfall.scene.frames import frame_files, is_frame, of_frames
+from rockfall.scene.lines import numbered
+
+if TYPE_CHECKING:
+    from rockfall.scene.scene import Scene
+
+KEY = "--segments-layer"
+FRAME = "segments"  # name of a GeoDataFrame
+TOUCHING = 1e-3  # [m] between the end of a line and the start of the next of the same road
+SLIVER = 1e-6  # area of what rounding leaves between strips, of the square of their width
+UNEQUAL = 2.0  # ratio of lengths above which classes do not compare
+MIN_LENGTH = 1.0  # of segments [m]
+MAX_SEGMENTS = 20_000  # a boulder is tested against those near each of its flights
+
+
+@dataclass
+class Segments:
+    """Pieces of roads, in the order of the layer."""
+
+    path: str = ""
+    roads: list[str] = field(default_factory=list)  # the road of each segment
+    names: list[str] = field(default_factory=list)  # of its feature; "" without
+    start: np.ndarray = field(default_factory=lambda: np.empty(0))  # chainage [m]
+    end: np.ndarray = field(default_factory=lambda: np.empty(0))
+    width: np.ndarray = field(default_factory=lambda: np.empty(0))  # [m]
+    axes: list[Any] = field(default_factory=list)  # lines
+    within: np.ndarray = field(default_factory=lambda: np.empty(0, bool))  # the elevations
+    lines: list[dict[str, Any]] = field(default_factory=list)  # in the form of a case
+    owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # segment of each line
+
+    def __len__(self) -> int:
+        return len(self.axes)
+
+    @property
+    def labels(self) -> list[str]:
+        """A name for each segment: its road, and where it begins and ends."""
+        places = zip(self.roads, self.start.round(1), self.end.round(1), strict=True)
+        return list(
+            numbered([f"{road}, {start:.10g} to {end:.10g} m" for road, start, end in places])
+        )
+
+
+class Roads(NamedTuple):
+    """A layer of roads as given: a path or a GeoDataFrame, its name in a file with several, and the
+    length of segments [m]."""
+
+    given: Any = None
+    layer: str | None = None
+    length: float | None = None
+
+
+NO_ROADS = Roads()
+
+
+class _Stretch(NamedTuple):
+    """A line of a layer, with the number of its road."""
+
+    road: int
+    name: str
+    width: float
+    chainage: float  # of its first vertex [m]
+    axis: Any
+
+
+class _Piece(NamedTuple):
+    """A segment: its chainage [m], and the ground that it covers."""
+
+    stretch: _Stretch
+    start: float
+    end: float
+    axis: Any
+    ground: Any  # polygon; the axis of a stretch without a width
+
+
+def check_roads(roads: Roads) -> None:
+    """Refuse lengths of segments below 1 m, and options without a layer."""
+    length = roads.length
+    if roads.given is None and (roads.layer is not None or length is not None):
+        name = KEY if length is None else "--segment-length"
+        raise RockfallError(f"{name} requires --segments")
+    if length is not None and not MIN_LENGTH <= length < math.inf:
+        raise RockfallError(f"--segment-length {length:g}: must be at least {MIN_LENGTH:g} m")
+
+
+def roads_of(roads: Roads, scene: Scene, remarks: list[str]) -> Segments:
+    """Segments of the roads of a layer; none without one."""
+    if roads.given is None:
+        return Segments()
+    own: list[str] = []
+    with frame_files({FRAME: roads.given} if is_frame(roads.given) else {}) as files:
+        path = files.get(FRAME, roads.given)
+        file = File(path, roads.layer, roads.layer or only_layer(path))
+        segments = read_segments(file, roads.length, scene, own)
+    segments.path = of_frames(segments.path, files)
+    remarks += [of_frames(path, files) for path in own]
+    return segments
+
+
+def read_segments(file: File, length: float | None, scene: Scene, remarks: list[str]) -> Segments:
+    """Cut the lines of a layer into segments of a length [m], or take each as one (None). Segments
+    outside the terrain are left out, with a remark."""
+    parts, columns = read_lines(file.path, file.layer, scene.grid, remarks, KEY)
+    columns = {name.lower(): values for name, values in columns.items()}
+    layer = Layer(str(file.path), columns, len(parts))
+    stretches = list(_stretches(parts, layer))
+    note_unused(remarks, file.path, columns, sorted(layer.asked))
+    note_marks(remarks, file.path, columns, sorted(layer.asked))
+    remarks += layer.unit_remarks()
+    if length is None:
+        remarks += _unequal(stretches, layer.path)
+    number = sum(edges_along(stretch.axis.length, length).size - 1 for stretch in stretches)
+    if number > MAX_SEGMENTS:
+        raise RockfallError(
+            f"{layer.path}: makes {number:,} segments: must be at most {MAX_SEGMENTS:,}, give a "
+            "longer --segment-length"
+        )
+    roads = _roads(stretches, file.label)
+    pieces = [piece for stretch in stretches for piece in _pieces(stretch, length, layer.path)]
+    pieces = _on_terrain(pieces, scene, layer.path, remarks)
+    segments = Segments(
+        layer.path,
+        [roads[piece.stretch.road] for piece in pieces],
+        [piece.stretch.name for piece in pieces],
+        np.array([piece.start for piece in pieces]),
+        np.array([piece.end for piece in pieces]),
+        np.array([piece.stretch.width for piece in pieces]),
+        [piece.axis for piece in pieces],
+        ~beyond_elevations([piece.ground for piece in pieces], scene),
+    )
+    remarks += _remarks(segments, pieces, layer, scene)
+    for number, piece in enumerate(pieces):
+        for curve in _outlines(piece.ground):
+            x, y = np.array(curve.coords).T.tolist()
+            name = f"segment {number + 1} part {len(segments.lines) + 1}"
+            segments.lines.append({"name": name, "object_width": 0.0, "x": x, "y": y})
+            segments.owner = np.append(segments.owner, number)
+    return segments
+
+
+def _remarks(
+    segments: Segments, pieces: Sequence[_Piece], layer: Layer, scene: Scene
+) -> Iterator[str]:
+    """Reasons for which frequencies of segments err low."""
+    if np.isnan(layer.numbers("width", np.nan, missing=True)).any():
+        yield (
+            f"{layer.path}: lines have no width: boulders count that touch the axis, and more "
+            "touch the road; give the attribute width"
+        )
+    if beyond := np.count_nonzero(~segments.within):
+        yield (
+            f"{layer.path}: {beyond:,} of {len(segments):,} segments reach beyond the elevations "
+            "of the terrain, where no boulder meets them: their frequencies err low"
+        )
+    if on_road := _sources_on([piece.ground for piece in pieces if piece.stretch.width], scene):
+        yield (
+            f"{layer.path}: {on_road:,} of the sources lie on the road: of their boulders those "
+            "that stay there are not counted, so frequencies err low; move the sources off it"
+        )
+
+
+def _unequal(stretches: Sequence[_Stretch], path: str) -> Iterator[str]:
+    """Remark on lines that are too different in length for their classes to be compared."""
+    lengths = [stretch.axis.length for stretch in stretches]
+    if max(lengths) > UNEQUAL * min(lengths):
+        yield (
+            f"{path}: segments are {min(lengths):,.4g} to {max(lengths):,.4g} m long: the longer, "
+            "the more often they are hit, so their classes do not compare; --segment-length cuts "
+            "them alike"
+        )
+
+
+def _stretches(parts: Sequence[Sequence[np.ndarray]], layer: Layer) -> Iterator[_Stretch]:
+    """The lines of a layer in turn. A line that begins where the one before it ends belongs to the
+    same road, and its chainage goes on; with the attribute `chainage`, so does one of its name."""
+    import shapely
+
+    given, names = layer.numbers("chainage", np.nan, missing=True), layer.texts("name")
+    widths = np.nan_to_num(layer.numbers("width", 0.0, missing=True))
+    before: _Stretch | None = None
+    for k, feature in enumerate(parts):
+        is_given = not math.isnan(given[k])
+        if is_given and len(feature) > 1:
+            rule = f"has {len(feature)} parts that do not meet: must be one line"
+            layer.refuse(k, "chainage", f"{given[k]:g}", rule)
+        for points in feature:
+            axis = shapely.LineString(points)
+            road, chainage = 0, float(given[k]) if is_given else 0.0
+            if before is not None:
+                goes_on = math.dist(before.axis.coords[-1], points[0]) <= TOUCHING
+                is_same = goes_on or (is_given and names[k] != "" and names[k] == before.name)
+                road = before.road if is_same else before.road + 1
+                if goes_on and not is_given:
+                    chainage = before.chainage + before.axis.length
+            before = _Stretch(road, names[k], float(widths[k]), chainage, axis)
+            yield before
+
+
+def _roads(stretches: Sequence[_Stretch], label: str) -> list[str]:
+    """Name of each road: that of its lines if they have the same, else that of the layer."""
+    names: dict[int, set[str]] = {}
+    for stretch in stretches:
+        names.setdefault(stretch.road, set()).add(stretch.name)
+    alike = (next(iter(values)) if len(values) == 1 else "" for values in names.values())
+    return list(numbered([name or label for name in alike]))
+
+
+def edges_along(length: float, step: float | None) -> np.ndarray:
+    """Distances at which a line is cut [m]: multiples of a step, or its ends alone (None). A rest
+    shorter than half a step belongs to the piece before it, or the class of a short piece would be
+    low for its length."""
+    number = 1 if step is None else max(1, math.floor(length / step + 0.5))
+    return np.append((step or 0.0) * np.arange(number), length)
+
+
+def _pieces(stretch: _Stretch, step: float | None, path: str) -> Iterator[_Piece]:
+    """Segments of a line."""
+    from shapely.ops import substring
+
+    edges = edges_along(stretch.axis.length, step)
+    axes = [substring(stretch.axis, *ends) for ends in itertools.pairwise(edges)]
+    grounds = strips_along(stretch.axis, axes, stretch.width) if stretch.width else axes
+    chainage = stretch.chainage + edges
+    for ends, axis, ground in zip(itertools.pairwise(chainage), axes, grounds, strict=True):
+        yield _Piece(stretch, float(ends[0]), float(ends[1]), axis, ground)
+
+
+def strips_along(whole: Any, axes: Sequence[Any], width: float) -> list[Any]:
+    """Strips of ground along pieces of a line, with straight ends, that cover the strip along all
+    of it: what lies outside in a bend between two pieces goes to the first of them."""
+    import shapely
+
+    strips = [shapely.buffer(axis, width / 2, cap_style="flat") for axis in axes]
+    left = shapely.buffer(whole, width / 2, cap_style="flat")
+    left = shapely.difference(left, shapely.union_all(strips))
+    for wedge in shapely.get_parts(left):
+        if wedge.area > SLIVER * width**2:
+            nearest = int(np.argmin(shapely.distance(strips, wedge)))
+            strips[nearest] = shapely.union(strips[nearest], wedge)
+    return strips
+
+
+def _sources_on(grounds: Sequence[Any], scene: Scene) -> int:
+    """Number of sources on strips of ground, from which boulders need not cross an outline."""
+    import shapely
+
+    ground = np.array([shapely.union_all(grounds)])
+    return sum(inside.size for _, inside in points_inside(ground, scene.x, scene.y))
+
+
+def _outlines(ground: Any) -> Iterator[Any]:
+    """Curves that a boulder touches first: the axis, or the outlines of a strip, with that of the
+    land within a road that closes, from which boulders may come."""
+    for part in getattr(ground, "geoms", [ground]):
+        yield from (part.exterior, *part.interiors) if part.geom_type == "Polygon" else (part,)
+
+
+def _on_terrain(
+    pieces: Sequence[_Piece], scene: Scene, path: str, remarks: list[str]
+) -> list[_Piece]:
+    """Segments that lie on the terrain, at least in part."""
+    import shapely
+
+    grid = scene.grid
+    terrain = shapely.box(grid.west, grid.south, grid.east, grid.north)
+    inside = [piece for piece in pieces if shapely.intersects(piece.ground, terrain)]
+    if not inside:
+        raise RockfallError(f"{path}: no segment lies on the terrain")
+    if outside := len(pieces) - len(inside):
+        remarks.append(
+            f"{path}: {outside:,} of {len(pieces):,} segments lie outside the terrain and are left "
+            "out"
+        )
+    return inside

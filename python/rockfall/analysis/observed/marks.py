@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Marks of impacts at a known height, such as scars on trees, and the heights at which simulated
+boulders pass there.
+
+A boulder hits a trunk with its side, at the height of its centre above the ground: the middle of
+the scar. What a run says of it are the passing heights at the first crossing of a short line
+through the mark, across the mean direction of the boulders that come there. The line is as long as
+the trunk and the mean boulder are wide. Where fewer than `ENOUGH` boulders of the case touch the
+trunk, the line is that of the narrowest wider object in `WIDTHS` that so many touch, or the widest.
+
+Of N boulders of which n cross the line (those that could strike its side, if the side is known) at
+heights H_j, the predictive density of a mark at height s is
+
+    f(s) = (sum_j K(s - H_j) + a/top) / (n + a)
+
+with a normal kernel K of the width of Silverman's rule, at least `ACCURACY`, and the weight a = 1
+of one boulder at any height below `top`, twice the greatest height observed or simulated: as at
+rest (`rockfall.analysis.observed.deposits`). A mark tells that at least one block passed at that
+height: f is that of one hit. Of the highest of k marks it is k f F^(k - 1), F being the
+distribution function (David and Nagaraja 2003). How many blocks passed, and which trees were not
+hit, is not known, so that many boulders at a mark speak for a run no more than some: what counts
+beside f is the probability 1 - (1 - (n + 1/2)/(N + 1))^N that of as many blocks as were simulated
+at least one comes there (0.39 where none came, 0.78 for one, 0.99 for four).
+
+David, H. A., Nagaraja, H. N. (2003): Order Statistics. Wiley.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.observed.deposits import ANYWHERE, silverman
+from rockfall.analysis.observed.observations import Observed
+from rockfall.result.crossings import line_names, values_at
+from rockfall.scene.scene import Scene
+from rockfall.simulation.simulate import run_scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+ENOUGH = 50  # boulders of the case at a mark, below which its line is longer
+WIDTHS = (2.0, 5.0, 10.0)  # of objects in place of the trunk [m]
+ACCURACY = 0.1  # [m] of the height of a mark: a scar is as tall as this, or taller
+PREFIX = "mark"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A mark: place [m], height of its middle [m], diameter of the trunk [m], azimuth of the side
+    that was hit (NaN if not known) [degree], of how many it is the highest; and its line in a
+    case."""
+
+    where: str
+    x: float
+    y: float
+    height: float
+    diameter: float = 0.0
+    side: float = np.nan
+    hits: int = 1
+    line: str = ""
+
+
+class Passing(NamedTuple):
+    """Boulders at a mark: passing heights [m] of those that could make it."""
+
+    heights: np.ndarray
+    boulders: int  # of the run
+
+
+class Heights(NamedTuple):
+    """Kernel of a mark: its width, and the greatest height that counts [m]."""
+
+    width: float
+    top: float
+
+
+def read_marks(seen: Observed) -> list[Mark]:
+    """Marks of the observed impacts: those with a height above the ground."""
+    if seen.contacts is None:
+        return []
+    rows: pd.DataFrame = seen.contacts
+    marks = []
+    for k, row in enumerate(rows.to_dict("records")):
+        if row["height"] > 0:
+            diameter = 0.0 if np.isnan(row["dbh"]) else row["dbh"] / 100
+            hits = 1 if np.isnan(row["hits"]) else int(row["hits"])
+            place = row["x"], row["y"], row["height"], diameter, row["side"], hits
+            marks.append(Mark(seen.where["contacts"][k], *place))
+    return marks
+
+
+def with_lines_at(scene: Scene, marks: list[Mark]) -> tuple[Scene, list[Mark]]:
+    """Scene with a line at each mark, and the marks with the names of their lines. The scene is run
+    once, to see how wide the lines must be and where boulders come from."""
+    if not marks:
+        return scene, marks
+    given = list(scene.case.line)
+    taken = {line["name"] for line in scene.case.lines}  # barriers too
+    objects, names = [], []
+    for k, mark in enumerate(marks):
+        name = f"{PREFIX} {k + 1}"
+        while name in taken:
+            name += "'"
+        names.append(name)
+        for width in _widths(mark):
+            place = {"x": [mark.x, mark.x], "y": [mark.y, mark.y]}
+            objects.append({"name": f"{name}: {width:g}", "object_width": width, **place})
+    trial = _with_lines(scene, objects)
+    result = run_scene(trial)
+    order = line_names(result)
+    first, lines, named = order.index(str(objects[0]["name"])), [], []
+    for mark, name in zip(marks, names, strict=True):
+        widths = _widths(mark)
+        rows = slice(first, first + len(widths))
+        lines.append({"name": name} | _line(result, mark, widths, rows))
+        named.append(replace(mark, line=name))
+        first += len(widths)
+    return _with_lines(scene, given + lines), named
+
+
+def _with_lines(scene: Scene, lines: list[dict]) -> Scene:
+    return replace(scene, case=scene.case.replace(line=lines))
+
+
+def _widths(mark: Mark) -> list[float]:
+    return [mark.diameter, *(width for width in WIDTHS if width > mark.diameter)]
+
+
+def _line(
+    result: xr.Dataset, mark: Mark, widths: list[float], rows: slice
+) -> dict[str, list[float]]:
+    """Ends of the line at a mark, from the boulders that touch the objects (`rows`) there."""
+    touched = result["row_size"].values[rows]
+    many = touched >= ENOUGH
+    k = int(np.argmax(many)) if many.any() else len(widths) - 1
+    if touched[k]:
+        at = rows.start + k
+        heading = np.array([values_at(result, f"velocity_{axis}", at).mean() for axis in "xy"])
+    else:  # none comes: from the middle of the sources
+        start = [result[f"start_{axis}"].values.mean() for axis in "xy"]
+        heading = np.array([mark.x, mark.y]) - start
+    east, north = (heading / (np.hypot(*heading) or 1.0)).tolist()
+    radius = np.cbrt(0.75 / np.pi * result["volume"].values.mean())
+    half = widths[k] / 2 + float(radius)
+    dx, dy = half * north, -half * east
+    return {"x": [mark.x - dx, mark.x + dx], "y": [mark.y - dy, mark.y + dy]}
+
+
+def passing_at(result: xr.Dataset, mark: Mark) -> Passing:
+    """Heights of the boulders of a run that cross the line of a mark; of a mark on a known side
+    those that move towards it."""
+    k = line_names(result).index(mark.line)
+    heights = values_at(result, "passing_height", k)
+    able = np.ones(heights.size, bool)
+    if not np.isnan(mark.side):
+        out = np.radians(mark.side)
+        east, north = (values_at(result, f"velocity_{axis}", k) for axis in "xy")
+        able &= east * np.sin(out) + north * np.cos(out) < 0
+    return Passing(heights[able], result.sizes["boulder"])
+
+
+def fitted_heights(mark: Mark, passing: Passing, greatest: float) -> Heights:
+    """Kernel for a mark from the boulders of a run; `greatest` is the greatest height [m] of all
+    marks and of the boulders at them."""
+    width = silverman(passing.heights)
+    if not np.isfinite(width):
+        width = mark.height / 4 if passing.heights.size < 2 else 0.0
+    return Heights(max(width, ACCURACY), 2 * greatest)
+
+
+def height_sums(kernel: Heights, height: float, heights: np.ndarray) -> tuple[float, float, float]:
+    """Sums over boulders at the height of a mark: of kernels [1/m], their squares, and their
+    distribution functions."""
+    from scipy.special import ndtr
+
+    scores = (height - heights) / kernel.width
+    near = np.exp(-(scores**2) / 2) / (np.sqrt(2 * np.pi) * kernel.width)
+    return float(near.sum()), float((near**2).sum()), float(ndtr(scores).sum())
+
+
+def log_density(
+    near: np.ndarray, below: np.ndarray, crossed: np.ndarray, mark: Mark, top: float
+) -> np.ndarray:
+    """Logarithm of the predictive density [1/m] of a mark, from sums over boulders."""
+    log_density = np.log((near + ANYWHERE / top) / (crossed + ANYWHERE))
+    if mark.hits > 1:
+        part = (below + ANYWHERE * min(mark.height / top, 1.0)) / (crossed + ANYWHERE)
+        log_density = log_density + np.log(mark.hits) + (mark.hits - 1) * np.log(part)
+    return log_density
+
+
+def log_reach(crossed: np.ndarray, boulders: int) -> np.ndarray:
+    """Logarithm of the probability that at least one of as many blocks as were simulated comes
+    there.
+
+    >>> np.exp(log_reach(np.array([0.0, 1.0]), 1000)).round(2).tolist()
+    [0.39, 0.78]
+    """
+    frequency = (crossed + 0.5) / (boulders + 1)
+    return np.log(-np.expm1(boulders * np.log1p(-np.minimum(frequency, 1 - 1e-12))))

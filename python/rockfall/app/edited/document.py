@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The edited document, its site (what stays as opened), and the one way in which both make a case
+with layers, for a live run and for files alike."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.app.edited.features import LAYERS, Feature, Layer, check_features, check_size
+from rockfall.app.edited.forms import REST, Form, check_value
+from rockfall.app.messages import Refused
+from rockfall.case import FROM_ARRAY, Case
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.zone_table import RADII
+from rockfall.language import say
+from rockfall.scene.frames import GROUPS
+
+Settings = dict[str, dict[str, Any]]
+#: Keys of &release that say where boulders come from if no sources are drawn.
+OTHER_SOURCES = ("x", "y", "points", "points_layer", "cells", "polygons", "polygons_layer")
+OF_CELLS = ("steep_cells", "slope_threshold", "by_area")  # not valid for points
+SIZES = ("uniform_mean_radius", "uniform_rg")
+
+
+@dataclass(frozen=True)
+class Document:
+    """State under edit: keys of the case by group, without defaults, and features by layer."""
+
+    settings: Settings = field(default_factory=dict)
+    layers: dict[str, list[Feature]] = field(default_factory=lambda: {name: [] for name in LAYERS})
+    variant: str = ""  # name of the &variant from which it comes; "": the case without them
+
+    def content(self) -> dict[str, Any]:
+        """Document as the page gets it."""
+        layers = {
+            name: [feature._asdict() for feature in features]
+            for name, features in self.layers.items()
+        }
+        return {"settings": self.settings, "layers": layers, "variant": self.variant}
+
+
+@dataclass(frozen=True)
+class Variants:
+    """The &variant groups of an opened case."""
+
+    groups: list[dict[str, Any]] = field(default_factory=list)  # as given
+    cases: dict[str, Case] = field(default_factory=dict)
+    base: Document | None = None  # of the case without them
+    documents: dict[str, Document] = field(default_factory=dict)  # of those that can be shown
+    others: dict[str, str] = field(default_factory=dict)  # groups that keep one from being shown
+
+
+@dataclass(frozen=True)
+class Site:
+    """Properties of an opened file that no edit changes."""
+
+    file: Path  # as opened
+    case_name: str  # for messages
+    grid: Grid
+    settings_forms: dict[str, Form]
+    layer_forms: dict[str, Form]
+    opened: Settings  # as opened; values of keys that name files stay these
+    kept: dict[str, Any] = field(default_factory=dict)  # groups and keys that the page never sees
+    mode: str = "case"
+    variants: Variants = field(default_factory=Variants)
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the opened file, in which files are saved."""
+        return self.file.absolute().parent
+
+    def given(self, group: str, key: str) -> list[Any]:
+        """Values of a key in the case as opened, and in its variants."""
+        documents = self.variants.documents.values()
+        states = (self.opened, *(document.settings for document in documents))
+        return [settings[group][key] for settings in states if key in settings.get(group, {})]
+
+    def edited(
+        self,
+        document: Document,
+        layers: Mapping[str, Any],
+        settings: Mapping[str, Any],
+        variant: str = "",
+    ) -> Document:
+        """Document in which some layers and groups are replaced by what the page sends, and that
+        comes from a variant; Refused if one of them is not valid."""
+        if not isinstance(variant, str) or variant not in ("", *self.variants.documents):
+            raise Refused(say("app.server_wrong_type", name="variant"))
+        new_layers, new_settings = dict(document.layers), dict(document.settings)
+        for name, given in layers.items():
+            if name not in self.layer_forms:
+                place = {"layer": name} if name in LAYERS else {}
+                raise Refused(say("app.server_no_layer", name=str(name)[:40]), **place)
+            form, before = self.layer_forms[name], document.layers[name]
+            new_layers[name] = check_features(name, given, form, before)
+        for group, values in settings.items():
+            new_settings[group] = self._group(group, values)
+        check_size(new_layers.values())
+        return Document(new_settings, new_layers, variant)
+
+    def _group(self, group: str, values: Any) -> dict[str, Any]:
+        """Keys of a group, checked."""
+        form = self.settings_forms.get(group)
+        if form is None or not isinstance(values, dict):
+            raise Refused(say("app.server_unknown", name=f"&{group}"[:40]))
+        checked = {}
+        for key, value in values.items():
+            place = {"group": group, "key": str(key)[:40]}
+            if key not in form:
+                raise Refused(say("app.server_unknown", name=str(key)[:40]), **place)
+            if value is None or value == "" or value == []:
+                continue
+            if form[key].read_only:
+                if value not in self.given(group, key):
+                    raise Refused(say("app.server_names_file", name=key), **place)
+                checked[key] = value
+            else:
+                checked[key] = check_value(form[key], value, **place)
+        return checked
+
+
+class Runnable(NamedTuple):
+    """A case with layers: `sources` and `zones` have `FROM_ARRAY` as their file."""
+
+    case: Case
+    layers: dict[str, Layer]
+
+    def named(self, file: str, inline: Collection[str] = ()) -> Case:
+        """Case that reads its layers from a file of these names, and has others `inline`."""
+        groups: dict[str, Any] = {}
+        for name, layer in self.layers.items():
+            if name in inline:
+                group = GROUPS[name]
+                groups[group] = [*getattr(self.case, group), *layer.groups()]
+            elif name in GROUPS:
+                group = GROUPS[name]
+                groups[group] = [*getattr(self.case, group), {"file": file, "layer": name}]
+            elif name == "zones":
+                groups["surface"] = {"zones": file, "zones_layer": name}
+            else:
+                key = "points" if layer.geometry == "Point" else "polygons"
+                groups["release"] = {key: file, f"{key}_layer": name}
+        return self.case.replace(**groups) if groups else self.case
+
+
+def runnable(site: Site, document: Document) -> Runnable:
+    """Case and layers of a document; Refused without sources or a ground, a RockfallError if the
+    case is not valid."""
+    groups = {group: dict(values) for group, values in document.settings.items()}
+    for group, kept in site.kept.items():
+        groups[group] = kept if isinstance(kept, list) else {**kept, **groups.get(group, {})}  # type: ignore[assignment]
+    features = {name: [*drawn] for name, drawn in document.layers.items() if drawn}
+    if "sources" in features:
+        _release_from(features["sources"], groups.setdefault("release", {}))
+    elif not {*OTHER_SOURCES, "steep_cells"} & groups.get("release", {}).keys():
+        raise Refused(say("app.server_no_sources"), layer="sources")
+    if not ("zones" in features or groups.get("surface") or groups.get("impact")):
+        raise Refused(say("app.server_no_ground"), group="surface", key="ground")
+    if "zones" in features:
+        features["zones"] = _zones_of(features["zones"], groups.setdefault("surface", {}), site)
+    layers = {
+        name: Layer.of(drawn, site.layer_forms[name]) for name, drawn in features.items()
+    }  # fmt: skip
+    case = Case(folder=site.folder, name=site.case_name, **groups)
+    return Runnable(case, layers)
+
+
+def _release_from(sources: list[Feature], release: dict[str, Any]) -> None:
+    """Release boulders from drawn sources, in place of any others."""
+    points = sources[0].type == "Point"
+    for key in (*OTHER_SOURCES, *(OF_CELLS if points else ())):
+        release.pop(key, None)
+    release["points" if points else "polygons"] = FROM_ARRAY
+
+
+def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list[Feature]:
+    """Zones that are drawn, and those that fill the rest of the terrain with the uniform ground of
+    the case; each has a number where there is a default zone."""
+    sizes = {key: surface.pop(key) for key in SIZES if key in surface}
+    surface["zones"] = FROM_ARRAY
+    if "table" in surface:
+        return zones
+    if "default_zone" in surface:
+        return _numbered(zones)
+    return zones + _rest(zones, sizes, surface, site.grid)
+
+
+def _numbered(zones: list[Feature]) -> list[Feature]:
+    """Zones of which each has a number: those without one get new ones."""
+    new = max((zone.properties.get("zone", 0) for zone in zones), default=0)
+    numbered = []
+    for zone in zones:
+        if "zone" not in zone.properties:
+            new += 1
+            zone = zone._replace(properties={**zone.properties, "zone": new})
+        numbered.append(zone)
+    return numbered
+
+
+def _rest(
+    zones: list[Feature], sizes: dict[str, Any], surface: dict[str, Any], grid: Grid
+) -> list[Feature]:
+    """Polygons of the terrain outside zones, which the reader refuses where they are not valid."""
+    import shapely
+
+    radii = sizes.get("uniform_mean_radius"), sizes.get("uniform_rg")
+    values = [*np.ravel(radii[0] or []), *np.ravel(radii[1] or [])]
+    names = RADII[:1] if radii[0] is not None else RADII[1:]
+    properties: dict[str, Any] = dict(zip(names, map(float, values), strict=False))
+    if not properties and "ground" in surface:
+        properties = {"ground": surface["ground"]}
+    shapes = [zone.shape() for zone in zones]
+    if not properties or not shapely.is_valid(shapes).all():
+        return []
+    box = shapely.box(grid.west, grid.south, grid.east, grid.north)
+    rest = shapely.get_parts(shapely.difference(box, shapely.union_all(shapes)))
+    rings = [[part.exterior, *part.interiors] for part in rest if part.geom_type == "Polygon"]
+    return [
+        Feature("rest", "Polygon", [[[*at] for at in ring.coords] for ring in several],
+                {**properties, REST: True})
+        for several in rings
+    ]  # fmt: skip
+
+
+def with_output(case: Case, shown: str) -> Case:
+    """Case of a live run, which makes what is shown and no more: the bits of all else are the
+    same."""
+    maps = [shown] if shown else None
+    output = {"maps": maps, "trajectories": None, "rebounds": None, "energy_balance": None}
+    return case.replace(output=output)

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Place of an error or a warning in the document."""
+
+from __future__ import annotations
+
+import os
+import re
+
+from rockfall.app.edited.document import Document, Site
+from rockfall.app.edited.forms import Form
+from rockfall.scene.frames import GROUPS
+
+_LAYER = re.compile(r"(lines|barriers|dams|zones|sources): ")
+_FEATURE = re.compile(r"feature (\d+)(?:: )?")
+_GROUP = re.compile(r"&(\w+)")
+_KEY = re.compile(r"\s*,?\s*(\w+)(?= = | is | must|:)")
+_LAYERS = {group: layer for layer, group in GROUPS.items()}
+
+
+def entry_of(text: str, site: Site, document: Document) -> dict[str, str]:
+    """Entry for the page of an error: its text without names of files, and its layer and feature,
+    or its group and key."""
+    text = without_files(text, site)
+    place: dict[str, str] = {}
+    rest = text
+    if match := _LAYER.match(rest):
+        place["layer"], rest = match[1], rest[match.end() :]
+        if number := _FEATURE.match(rest):
+            rest = rest[number.end() :]
+            features = document.layers.get(match[1], [])
+            if 0 < int(number[1]) <= len(features):
+                place["id"] = features[int(number[1]) - 1].id
+        text = rest or text
+        rest = _GROUP.sub("", rest, count=1)
+        form = site.layer_forms.get(match[1], {})
+    elif match := _GROUP.match(rest):
+        group, rest = match[1], rest[match.end() :]
+        if group in _LAYERS:
+            place["layer"] = _LAYERS[group]
+            place |= _named(rest, document, place["layer"])
+            form = site.layer_forms.get(place["layer"], {})
+        else:
+            place["group"] = group
+            place |= _source(rest, document)
+            form = site.settings_forms.get(group, {})
+    else:
+        return {"text": text}
+    return {"text": text, **place, **_key(rest, form)}
+
+
+def _key(text: str, form: Form) -> dict[str, str]:
+    """First key or attribute of a form that a text names."""
+    match = _KEY.match(text)
+    return {"key": match[1]} if match and match[1] in form else {}
+
+
+def _named(text: str, document: Document, layer: str) -> dict[str, str]:
+    """Feature of the name that a text begins with, or the only one."""
+    match, features = re.match(r" name = '([^']*)'", text), document.layers.get(layer, [])
+    for feature in features:
+        if len(features) == 1 or (match and feature.properties.get("name") == match[1]):
+            return {"id": feature.id}
+    return {}
+
+
+def _source(text: str, document: Document) -> dict[str, str]:
+    """Point of the source that a text names by its number."""
+    match, points = re.match(r": source (\d+) \(", text), document.layers["sources"]
+    if match and points and points[0].type == "Point" and int(match[1]) <= len(points):
+        return {"layer": "sources", "id": points[int(match[1]) - 1].id}
+    return {}
+
+
+def without_files(text: str, site: Site) -> str:
+    """Text without the name of the case, and without the folder of files; drawn layers have their
+    names only."""
+    text = text.removeprefix(f"{site.case_name}: ").replace(" = (GeoDataFrame)", "")
+    for folder in (site.folder, site.file.parent):
+        text = text.replace(f"{folder}{os.sep}", "")
+    return text

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Saving of a document as a case with a GeoPackage, next to the opened file."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from rockfall.app.edited.document import Document, Runnable, Site, runnable
+from rockfall.app.edited.places import without_files
+from rockfall.app.messages import Refused
+from rockfall.case import REPEATABLE, Case, Key, file_keys, given_groups
+from rockfall.case.files import input_files
+from rockfall.case.rules import CHOSEN
+from rockfall.case.text import namelist_text
+from rockfall.case.variants import BASE, variants
+from rockfall.errors import RockfallError
+from rockfall.io.coordinates.crs import plan_wkt
+from rockfall.io.output_files import atomic_folder, overwriting
+from rockfall.language import say
+from rockfall.result.files.export import write_geopackage
+from rockfall.scene.frames import GROUPS
+
+if TYPE_CHECKING:
+    from rockfall.result.files.export import Layers
+
+MAX_NAME = 80  # characters
+_NAME = re.compile(r"[\w-](?:[\w .-]*[\w-])?")  # not hidden, no blanks or dots at the end
+
+
+class Exists(Refused):
+    """Refused because a file exists."""
+
+
+def check_name(name: object) -> str:
+    """Bare name of files without an extension; Refused for anything that could be a path."""
+    if not isinstance(name, str) or len(name) > MAX_NAME or not _NAME.fullmatch(name):
+        raise Refused(say("app.server_name", length=MAX_NAME))
+    return name
+
+
+def check_free(folder: Path, names: list[str], overwrite: bool) -> None:
+    """Refuse names of existing files or folders, unless they are to be replaced; and links to
+    folders, through which files elsewhere would be replaced."""
+    taken = [name for name in names if os.path.lexists(folder / name)]
+    for name in taken:
+        if (folder / name).is_symlink() and (folder / name).is_dir():
+            raise Refused(say("app.server_link", name=name))
+    if taken and not overwrite:
+        raise Exists(say("app.server_exists", files=", ".join(taken)))
+
+
+class Saved(NamedTuple):
+    """Files that were written, and a remark on what the case lacks, if it does."""
+
+    files: list[Path]
+    remark: str = ""
+
+
+def save(site: Site, document: Document, name: str, overwrite: bool) -> Saved:
+    """Write NAME.nml, and NAME.gpkg with the layers if anything is drawn: all or nothing, and never
+    over a file that the case reads."""
+    made = runnable(site, document)
+    case, inline, remark = _with_variants(site, document, made, f"{name}.gpkg")
+    drawn = {name: layer for name, layer in made.layers.items() if name not in inline}
+    files = [f"{name}.nml", *([f"{name}.gpkg"] if drawn else [])]
+    check_free(site.folder, files, overwrite)
+    crs = plan_wkt(site.grid.crs) if site.grid.crs else None
+    own, *inputs = input_files(made.case)
+    inputs += [site.folder / path for _, _, path in _files_of_variants(site)]
+    with overwriting(overwrite), atomic_folder(site.folder, inputs, last=files[0]) as place:
+        if drawn:
+            layers: Layers = {
+                name: (layer.geometry, [(layer.shapes(), layer.columns())])
+                for name, layer in drawn.items()
+            }
+            write_geopackage(place / files[1], layers, crs)
+        (place / files[0]).write_text(case_text(case), encoding="utf-8")
+    return Saved([site.folder / file for file in files], remark)
+
+
+def _with_variants(
+    site: Site, document: Document, made: Runnable, file: str
+) -> tuple[Case, set[str], str]:
+    """Case with the &variant groups of the site, and the layers that it has inline, so that these
+    groups can name their features; without the groups, and with a remark, where they would mean
+    something else."""
+    groups = site.variants.groups
+    if not groups:
+        return made.named(file), set(), ""
+    try:
+        if document.variant:
+            raise RockfallError(say("app.server_of_variant", name=document.variant))
+        named = {CHOSEN[key] for group in groups for key in CHOSEN.keys() & group.keys()}
+        inline = {layer for layer in made.layers if GROUPS.get(layer) in named}
+        case = made.named(file, inline).replace(variant=groups)
+        _check_layers(site, variants(case))
+        return case, inline, say("app.server_base", name=BASE)
+    except RockfallError as error:
+        reason = without_files(str(error), site)
+        return made.named(file), set(), say("app.server_without_variants", reason=reason)
+
+
+def _check_layers(site: Site, saved: dict[str, Case]) -> None:
+    """Refuse a variant that names a file, and would get the layer of one that is written."""
+    for name, key, _ in _files_of_variants(site):
+        layer = f"{key.name}_layer"
+        before, after = (getattr(cases[name], key.group) for cases in (site.variants.cases, saved))
+        if before.get(layer) != after.get(layer):
+            raise RockfallError(f"&variant name = '{name}': {key.group}_{layer} is missing")
+
+
+def _files_of_variants(site: Site) -> Iterator[tuple[str, Key, str]]:
+    """Files that variants name themselves: name of the variant, key and file."""
+    for given in site.variants.groups:
+        for key in file_keys():
+            named = given.get(f"{key.group}_{key.name}", [])
+            for file in named if isinstance(named, list) else [named]:
+                yield given["name"], key, file
+
+
+def case_text(case: Case) -> str:
+    """Text of a case, with what differs from the defaults."""
+    return namelist_text(given_groups(case), {name: getattr(case, name) for name in REPEATABLE})

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Hazard of a case, from scenarios to zones."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+
+from rockfall.analysis.hazard.files import put_hazard
+from rockfall.analysis.hazard.scenarios import base_case
+from rockfall.analysis.hazard.variables import map_names
+from rockfall.analysis.objects.segments import Roads
+from rockfall.case import Case
+from rockfall.case.files import input_files
+from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
+from rockfall.cli.given import memory_of, overridden, stem_of
+from rockfall.cli.messages import DONE, say, warn
+from rockfall.errors import RockfallError, need
+from rockfall.interrupts import interrupts
+from rockfall.io.files import atomic_write
+from rockfall.io.output_files import (
+    EXISTS,
+    atomic_folder,
+    check_folder,
+    check_output,
+    check_outputs,
+    overwriting,
+)
+from rockfall.language import catalogue, speaking
+from rockfall.plots.hazard.hazard_figures import hazard_figures
+from rockfall.plots.hazard.hazard_sheet import Imprint, hazard_sheet, warning_pages
+from rockfall.plots.style import save, save_pages
+from rockfall.result.maps.flat_maps import shown
+from rockfall.simulation.parts.checkpoint import Checkpoint
+from rockfall.simulation.parts.finished import FINISHED
+from rockfall.simulation.parts.lock import locked
+from rockfall.simulation.simulate import Interrupted
+from rockfall.studies.finished_hazard import is_finished
+from rockfall.studies.hazard import Study, read_study, run_study
+from rockfall.text.hazard import hazard_summary, hazard_warnings, warning_groups
+
+DOTS = 200  # of figures, per inch
+SHEET = "hazard_sheet.pdf"
+
+
+def hazard_command(arguments: argparse.Namespace) -> int:
+    need("a hazard needs", "vector", "pyogrio", "shapely")
+    need("a hazard needs", "report", "matplotlib")
+    catalogue(arguments.language)  # refuses unknown languages before a file is read
+    case = overridden(arguments)
+    base_case(case)  # refuses invalid cases before a file is read
+    folder = arguments.output or Path(f"{stem_of(arguments)}_hazard")
+    inputs = [*input_files(case), *arguments.objects]
+    inputs += [path for path in (arguments.vulnerability, arguments.segments) if path]
+    if arguments.write_cases:
+        return _write_cases(arguments, case, inputs)
+    inputs += arguments.results
+    made = folder / "hazard.nc"
+    is_there = arguments.resume and made.exists()
+    with overwriting(arguments.overwrite or is_there):
+        _check_place(folder, case, inputs)
+    with locked(folder.resolve(), warn):
+        runs = [f"scenario{k}" for k in range(1, len(case.scenario) + 1)]
+        checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a hazard")
+        memory = memory_of(arguments)
+        study = _study(arguments, case, memory)
+        if is_there and not any(checkpoint.path.exists() for checkpoint in checkpoints):
+            if is_finished(made, study.case, study.scene, study.objects, study.segments):
+                return say(f"{folder}: {FINISHED}", DONE)
+        if is_there and not arguments.overwrite:
+            raise RockfallError(f"{made}: {EXISTS}")
+        for line in study.remarks:
+            warn(line)
+        return _run_to(arguments, folder, study, checkpoints, inputs)
+
+
+def _study(arguments: argparse.Namespace, case: Case, memory: float | None = None) -> Study:
+    roads = Roads(arguments.segments, arguments.segments_layer, arguments.segment_length)
+    objects = arguments.objects, memory, arguments.objects_layer, arguments.vulnerability
+    return read_study(case, *objects, roads)
+
+
+def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) -> int:
+    """Write each scenario as its own case, next to the case, for runs elsewhere."""
+    study = _study(arguments, case)
+    stem = arguments.case.with_suffix("")
+    cases = {Path(f"{stem}_scenario{k}.nml"): own for k, own in enumerate(study.scenarios, start=1)}
+    for path in cases:
+        check_output(path, inputs)
+    for path, scenario in cases.items():
+        with atomic_write(path) as part:
+            text = f"! Written by `rockfall hazard`.\n{scenario.case.text()}"
+            part.write_text(text, encoding="utf-8")
+    print(*cases, sep="\n")
+    return DONE
+
+
+def _run_to(
+    arguments: argparse.Namespace,
+    folder: Path,
+    study: Study,
+    checkpoints: list[Checkpoint],
+    inputs: list[Path],
+) -> int:
+    shown = not arguments.quiet
+    with interrupts():  # completed work is kept
+        try:
+            hazard = run_study(
+                study, results=arguments.results, progress=shown, checkpoints=checkpoints
+            )
+        except Interrupted:
+            return study_interrupted(checkpoints)
+        rasters = study.scene.rasters
+        terrain = (rasters.z, rasters.grid) if rasters.z.size else None
+        with atomic_folder(folder, inputs) as part:
+            paths = list(put_hazard(hazard, part))
+            for hazard_figure in hazard_figures(hazard, terrain):
+                paths.append(part / f"{hazard_figure.name}.png")
+                save(hazard_figure.draw(), paths[-1], DOTS)
+            paths.append(part / SHEET)
+            with speaking(arguments.language):
+                imprint = Imprint(arguments.project, arguments.client, arguments.author)
+                sheet = hazard_sheet(hazard, terrain, imprint, [*hazard_warnings(hazard)])
+                pages = [sheet, *warning_pages(hazard, warning_groups(hazard))]
+                save_pages(pages, paths[-1], DOTS)
+    for checkpoint in checkpoints:
+        checkpoint.remove()
+    if shown:
+        print(hazard_summary(hazard))
+        print(*(folder / path.name for path in paths), sep="\n")
+    return DONE
+
+
+def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None:
+    """Refuse a folder to which the files cannot be written, before the runs start."""
+    check_folder(folder)
+    if not folder.resolve().parent.is_dir():
+        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
+    names = ["hazard.nc", "hazard.gpkg", "objects.csv", "risk.csv", "segments.csv"]
+    names += ["hazard_class.png", "risk.png", "segments.png", SHEET]
+    names += [f"{name}.{ending}" for name, _ in map_names(case) for ending in ("tif", "qml")]
+    periods = (
+        shown("return_period", return_period) for return_period in case.hazard["return_periods"]
+    )
+    names += [f"intensity_{period}.png" for period in periods]
+    check_outputs([folder / name for name in names], inputs)

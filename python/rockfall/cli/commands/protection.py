@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Protection commands: the design sheet of results, the design block of a survey, and the siting of
+a barrier."""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.case.files import files_behind, input_files
+from rockfall.cli.commands import design_block
+from rockfall.cli.given import given_options, overridden, stem_of, warn_of_inputs
+from rockfall.cli.messages import DONE
+from rockfall.errors import RockfallError, need
+from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.tables import write_csv
+from rockfall.office.tables import check_tables, put_design
+from rockfall.plots.along_figures import along_figure
+from rockfall.plots.studies.siting_figure import siting_figure
+from rockfall.plots.style import save
+from rockfall.protection.design import Design, design
+from rockfall.protection.factors import COLUMNS, Conditions
+from rockfall.protection.siting import CONDITIONS, Siting, site
+from rockfall.result.dataset import read_result, write_result
+from rockfall.result.files.export import crs_wkt, write_geopackage
+from rockfall.result.same_case import check_same_site
+from rockfall.scene.layers import file_checksum
+from rockfall.simulation.memory import read_memory
+from rockfall.text.design import design_text
+from rockfall.text.siting import siting_text
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+TABLES = ("loads", "demand", "checks", "choices", "along")
+OPTIONS = ("along", "width", "min_boulders", "residual", "volume", "factors", "costs")
+SITING = ("every", "to", "direction", "candidates", "candidates_layer", "max_height", "max_class",
+          "max_bypass", "volume", "factors", "costs", *sorted(CONDITIONS))  # fmt: skip
+SITING_FILES = "siting.csv", "siting.png", "siting.gpkg", "siting.nc"
+
+
+def design_command(arguments: argparse.Namespace) -> int:
+    keys = [*OPTIONS, *(field.name for field in fields(Conditions))]
+    _check_mode(arguments, keys)
+    if arguments.return_period is not None:
+        return design_block.design_block_command(arguments)
+    folder, paths = arguments.output, [str(path) for path in arguments.results]
+    if arguments.tables:
+        check_tables(arguments.tables, arguments.language)
+        if not folder:
+            raise RockfallError("--tables requires -o DIR")
+    if folder:
+        check_folder(folder)
+        if arguments.along:
+            need("figures need", "report", "matplotlib")
+    given = given_options(arguments, keys)
+    results, sheets = {}, {}
+    for path in paths:
+        if path in results:
+            raise RockfallError(f"{path}: is given twice")
+        results[path] = read_result(path)
+    check_same_site(results)
+    for path in paths:
+        try:
+            sheets[path] = design(results[path], **given)
+        except RockfallError as error:
+            raise RockfallError(f"{path}: {error}", error.code) from error
+    for path, sheet in sheets.items():
+        print(*([f"{path}\n"] if len(sheets) > 1 else []), design_text(sheet), "", sep="\n")
+    if folder:
+        formats, language = arguments.tables, arguments.language
+        print(*write_design(sheets, folder, results, formats, language), sep="\n")
+    return DONE
+
+
+def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
+    """Refuse options of the other mode; `--blocks` has a meaning in both."""
+    is_block = arguments.return_period is not None
+    others = [key for key in keys if key != "blocks"] if is_block else design_block.OPTIONS
+    rule = "cannot be combined with" if is_block else "requires"
+    for key in others:
+        if getattr(arguments, key) is not None:
+            raise RockfallError(f"--{key.replace('_', '-')} {rule} --return-period")
+    if not is_block and not arguments.results:
+        raise RockfallError("OUT.nc is required, or --return-period; see rockfall design --help")
+
+
+def site_command(arguments: argparse.Namespace) -> int:
+    case = overridden(arguments)
+    folder = arguments.output or Path(f"{stem_of(arguments)}_siting")
+    given = given_options(arguments, SITING)
+    if arguments.memory is not None:
+        given["memory"] = read_memory(arguments.memory)
+    files = [given[key] for key in ("candidates", "factors", "costs") if key in given]
+    inputs = [*input_files(case), *files]
+    need("site needs", "report", "matplotlib")
+    need("site needs", "vector", "pyogrio", "shapely")
+    check_folder(folder)
+    check_outputs([folder / name for name in SITING_FILES], inputs)
+    warn_of_inputs(case)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # said above, in lines
+        siting = site(case, arguments.line, progress=not arguments.quiet, **given)
+    with atomic_folder(folder, inputs) as part:
+        write_csv(siting.table, part / "siting.csv")
+        save(siting_figure(siting), part / "siting.png", dpi=200)
+        write_geopackage(
+            part / "siting.gpkg", {"alignments": ("LineString", [_features(siting)])},
+            crs_wkt(siting.result),
+        )  # fmt: skip
+        write_result(siting.result, part / "siting.nc")
+    if not arguments.quiet:
+        print(siting_text(siting))
+    print(*(folder / name for name in SITING_FILES), sep="\n")
+    return DONE
+
+
+def _features(siting: Siting) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Alignments as lines, with their numbers."""
+    import shapely
+
+    shapes = [
+        shapely.LineString(np.column_stack([alignment.x, alignment.y]))
+        for alignment in siting.alignments
+    ]
+    columns = {str(name): column.to_numpy() for name, column in siting.table.items()}
+    return np.array(shapes, object), {
+        name: column if column.dtype.kind == "O" else column.astype(float)
+        for name, column in columns.items()
+    }
+
+
+def design_files(sheets: Mapping[str, Design], formats: Sequence[str] = ()) -> list[str]:
+    """Names of the files that `write_design` writes."""
+    along = any(sheet.along is not None for sheet in sheets.values())
+    files = [f"design_{name}.csv" for name in TABLES if along or name != "along"]
+    figures = [f"design_along{k}.png" for k in numbered(sheets)]
+    office = [f"design.{form}" for form in formats]
+    return [*files, "design_factors.csv", *(figures if along else []), *office]
+
+
+def numbered(sheets: Mapping[str, Design]) -> list[str]:
+    """Suffix for the file of each result: none for a single one."""
+    return [""] if len(sheets) == 1 else [f"_{k}" for k in range(1, len(sheets) + 1)]
+
+
+def write_design(
+    sheets: Mapping[str, Design],
+    folder: Path,
+    results: Mapping[str, xr.Dataset],
+    formats: Sequence[str] = (),
+    language: str = "en",
+) -> list[Path]:
+    """Write the tables of designs, by the names of their results, and the figures along lines; all
+    of them or none. `formats` are those of a workbook and a document, in `language`."""
+    inputs = [Path(name) for name in sheets]
+    inputs += [path for result in results.values() for path in files_behind(result)]
+    files = design_files(sheets, formats)
+    check_outputs([folder / name for name in files], inputs)
+    tables = {f"design_{name}": _joined(sheets, name) for name in TABLES
+              if f"design_{name}.csv" in files}  # fmt: skip
+    tables["design_factors"] = _factor_table(next(iter(sheets.values())))
+    with atomic_folder(folder, inputs) as part:
+        for name, table in tables.items():
+            write_csv(table, part / f"{name}.csv")
+        if "design_along.csv" in files:
+            for word, sheet in zip(numbered(sheets), sheets.values(), strict=True):
+                save(along_figure(sheet), part / f"design_along{word}.png")
+        checksums = {name: file_checksum(Path(name)) for name in (sheets if formats else ())}
+        list(put_design(sheets, results, tables, part, formats, language, checksums))
+    return [folder / name for name in files]
+
+
+def _joined(sheets: Mapping[str, Design], name: str) -> pd.DataFrame:
+    """Joined table of all results, with the result's name in the first column."""
+    import pandas as pd
+
+    tables = []
+    for result, sheet in sheets.items():
+        table = getattr(sheet, name).copy()
+        table.insert(0, "result", result)
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _factor_table(sheet: Design) -> pd.DataFrame:
+    """Factors with their sources, as `--factors` reads them; without, a table to fill in."""
+    import pandas as pd
+
+    factors = sheet.factors
+    rows = [
+        (factors.conditions.standard, name, factors.condition(name), value, factors.sources[name])
+        for name, value in factors.values.items()
+    ]
+    return pd.DataFrame(rows, columns=COLUMNS)

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Products of a result: files, tables, figures, the page."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rockfall.analysis.hazard.files import DRAWINGS, export_hazard, is_hazard
+from rockfall.analysis.observed.compare import compare, write_comparison
+from rockfall.analysis.observed.deposits import grid_for
+from rockfall.analysis.observed.observations import read_observed
+from rockfall.analysis.observed.ranks import rank_results
+from rockfall.case.files import files_behind
+from rockfall.cli.commands.section import drawn
+from rockfall.cli.given import given_options, warn_of_models
+from rockfall.cli.messages import DONE, warnings_told
+from rockfall.errors import RockfallError
+from rockfall.io.output_files import check_output
+from rockfall.io.tables import plain_decimal
+from rockfall.plots.hazard.hazard_sheet import Imprint
+from rockfall.products import Added, export_with, figures, report, report_variants
+from rockfall.result.dataset import read_result
+from rockfall.result.files.export import Chosen, export
+from rockfall.studies.variants import compare_variants, difference_maps, write_variants
+from rockfall.text.comparison import ranks_text, text
+from rockfall.text.line_details import print_groups, print_profile
+from rockfall.text.line_tables import print_lines
+from rockfall.text.variants import comparison_notes, variants_text
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+IMPRINT = ("language", "project", "client", "author")  # of a page
+SECTION = ("section_layer", "section_within")  # in a report with a section
+REPORTED = (*IMPRINT, "dem_date", "hazard", "models", "factors")  # in a report
+
+
+def export_command(arguments: argparse.Namespace) -> int:
+    path, folder, imprint = _path(arguments), arguments.folder, _imprint(arguments)
+    chosen = _chosen(arguments)
+    added = {"dem": arguments.dem, "hazard": arguments.hazard, **imprint._asdict()}
+    for key, value in added.items():
+        if value and not arguments.qgis:
+            raise RockfallError(f"--{key} requires --qgis")
+    with warnings_told():
+        if is_hazard(path):
+            files = _export_hazard(arguments, path, folder)
+        elif arguments.qgis or arguments.tables:
+            files = export_with(
+                path,
+                folder,
+                Added(arguments.qgis, arguments.tables, arguments.dem, arguments.hazard,
+                      arguments.language, imprint),
+                chosen,
+            )  # fmt: skip
+        else:
+            files = export(path, folder, **chosen._asdict())
+    if not is_hazard(path):
+        warn_of_models(path)
+    print(*files, sep="\n")
+    return DONE
+
+
+def _chosen(arguments: argparse.Namespace) -> Chosen:
+    """Choices for an export, by the options given."""
+    return Chosen(**given_options(arguments, ("formats", "tolerance")))
+
+
+def _export_hazard(arguments: argparse.Namespace, path: Path, folder: Path) -> list[Path]:
+    """Export a hazard as drawings: it has no trajectories, tables or project."""
+    for key, why in (
+        ("tolerance", "is for trajectories, a hazard has none"),
+        ("qgis", "is for results; give them the hazard by --hazard"),
+        ("tables", "is for results"),
+    ):
+        if getattr(arguments, key):
+            raise RockfallError(f"--{key}: {why}")
+    return export_hazard(path, folder, arguments.formats or DRAWINGS)
+
+
+def _imprint(arguments: argparse.Namespace) -> Imprint:
+    return Imprint(arguments.project, arguments.client, arguments.author)
+
+
+def compare_command(arguments: argparse.Namespace) -> int:
+    paths = [path for path in arguments.files if path.suffix == ".nc"]
+    sources = [path for path in arguments.files if path.suffix != ".nc"]
+    if not paths or len(arguments.files) < 2:
+        raise RockfallError("compare needs results (.nc) and observations (CSV), or variants (.nc)")
+    results = {str(path): read_result(path) for path in paths}
+    if len(results) < len(paths):
+        raise RockfallError("compare: a result is given twice")
+    if not sources:
+        return _compare_variants(results, arguments)
+    for option in ("maps", "report"):
+        if getattr(arguments, option):
+            raise RockfallError(f"--{option} requires variants: results without observations")
+    seen = read_observed(*sources, grid=grid_for(next(iter(results.values())), sources))
+    if len(results) == 1:
+        (result,) = results.values()
+        comparison = compare(result, seen)
+        table, report = comparison.table(), text(comparison)
+    else:
+        table = rank_results(results, seen)
+        report = "\n".join([ranks_text(table), *seen.notes])
+    if arguments.output:
+        behind = (path for result in results.values() for path in files_behind(result))
+        write_comparison(table, arguments.output, keep=(*arguments.files, *behind))
+    warn_of_models(*paths)
+    print(report)
+    return DONE
+
+
+def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namespace) -> int:
+    names = [Path(path).stem for path in results]
+    if len({*names}) < len(names):
+        raise RockfallError("compare: variants need different file names")
+    variants = dict(zip(names, results.values(), strict=True))
+    if not arguments.report:
+        for option in "yearly", "costs":
+            if getattr(arguments, option):
+                raise RockfallError(f"--{option} requires --report")
+    table = compare_variants(variants)
+    inputs = [
+        *arguments.files,
+        *(path for result in results.values() for path in files_behind(result)),
+    ]
+    if arguments.output:
+        write_comparison(table, arguments.output, keep=inputs)
+    if arguments.maps:
+        write_variants(table, difference_maps(variants), arguments.maps, inputs)
+    if arguments.report:
+        costs = dict(map(_cost, arguments.costs))
+        named = {name: getattr(arguments, name) for name in ("yearly", *IMPRINT)}
+        check_output(arguments.report, inputs)
+        with warnings_told():
+            report_variants(variants, arguments.report, costs=costs, **named)
+    warn_of_models(*map(Path, results))
+    print(variants_text(table, "\n".join(comparison_notes(variants))))
+    return DONE
+
+
+def _cost(given: str) -> tuple[str, float]:
+    """Variant and its cost, as NAME=AMOUNT."""
+    name, _, amount = given.rpartition("=")
+    if not name or math.isnan(cost := plain_decimal(amount)):
+        raise RockfallError(f"--costs {given}: must be NAME=AMOUNT")
+    return name, cost
+
+
+def lines_command(arguments: argparse.Namespace) -> int:
+    path, by, along, table = _path(arguments), arguments.by, arguments.along, arguments.output
+    for option, value, needed in (
+        ("--classes", arguments.classes, by == "volume" or "--by volume"),
+        ("--width", arguments.width, along is not None or "--along"),
+        ("--by", by, along is None or "to be without --along"),
+    ):
+        if value is not None and needed is not True:
+            raise RockfallError(f"{option}: needs {needed}")
+    if by is not None:
+        print_groups(path, by, _edges(arguments.classes), table)
+    elif along is not None:
+        print_profile(path, along, arguments.width, table)
+    else:
+        print_lines(path, table)
+    warn_of_models(path)
+    return DONE
+
+
+def _edges(given: str | None) -> list[float] | None:
+    """Numbers separated by commas."""
+    if given is None:
+        return None
+    try:
+        return [float(edge) for edge in given.split(",")]
+    except ValueError as error:
+        what = "must be volumes [m3] between commas, as 0.1,0.5,1"
+        raise RockfallError(f"--classes {given}: {what}") from error
+
+
+def figures_command(arguments: argparse.Namespace) -> int:
+    with warnings_told() as told:
+        files = figures(
+            _path(arguments), arguments.folder, format=arguments.format, **_beside(arguments)
+        )
+    warn_of_models(_path(arguments), told=told)
+    print(*files, sep="\n")
+    return DONE
+
+
+def report_command(arguments: argparse.Namespace) -> int:
+    given = _path(arguments)
+    ending = ".pdf" if arguments.pdf else ".html"
+    path = arguments.output or given.with_name(f"{given.name.removesuffix('.nc')}{ending}")
+    if arguments.pdf and path.suffix.lower() != ending:
+        raise RockfallError(f"{path}: output name must end in .pdf")
+    with warnings_told():
+        named = {key: getattr(arguments, key) for key in REPORTED}
+        if arguments.section:
+            named["section"] = drawn(arguments.section, "--section")
+            named |= {key: getattr(arguments, key) for key in SECTION}
+        view = None
+        if arguments.view:
+            view = import_module("rockfall.app.show").show(given, arguments.language)
+        print(report(given, path, view=view, **named, **_beside(arguments)))
+    return DONE
+
+
+def _path(arguments: argparse.Namespace) -> Path:
+    """Path of the result."""
+    return getattr(arguments, "out.nc")
+
+
+def _beside(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Inputs to be drawn with a result."""
+    return {
+        "dem": arguments.dem,
+        "observed": arguments.observed or (),
+        "basemap": arguments.basemap,
+        "limits": arguments.limits or (),
+    }

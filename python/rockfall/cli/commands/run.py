@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs of a case to its result."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rockfall.case import Case
+from rockfall.case.files import input_files
+from rockfall.cli.given import overridden, scene_of, stem_of
+from rockfall.cli.messages import DONE, say, warn
+from rockfall.errors import RockfallError
+from rockfall.interrupts import exit_status, interrupts
+from rockfall.io.output_files import EXISTS, check_result_path, overwriting
+from rockfall.result.dataset import write_result
+from rockfall.result.samples import simulated
+from rockfall.scene.scene import Scene
+from rockfall.simulation.dask import run_on_cluster
+from rockfall.simulation.parts.checkpoint import Checkpoint, checkpoint_of
+from rockfall.simulation.parts.finished import FINISHED, is_finished
+from rockfall.simulation.parts.lock import locked
+from rockfall.simulation.simulate import Interrupted, simulate, start
+from rockfall.simulation.tally import origin_of
+from rockfall.studies.run_until import simulate_until, verdicts_of
+from rockfall.text.summary import summary
+
+if TYPE_CHECKING:
+    from rockfall.result.contents import Contents
+
+
+def run_command(arguments: argparse.Namespace) -> int:
+    _refuse_contradictions(arguments)
+    case = overridden(arguments)
+    which, parts = shard = (1, 1) if arguments.shard is None else _shard(arguments.shard)
+    stem = stem_of(arguments)
+    path = arguments.output or Path(f"{stem}.nc" if parts == 1 else f"{stem}.part{which}of{parts}")
+    with overwriting(arguments.overwrite or arguments.resume or _was_stopped(path, arguments)):
+        check_result_path(path, input_files(case))
+        with locked(path, warn):
+            return _run_to(path, case, arguments, shard, _checkpoint(arguments, path))
+
+
+def _was_stopped(path: Path, arguments: argparse.Namespace) -> bool:
+    """Return True if an output was left by a stopped run with a checkpoint: `--resume` replaces it.
+    Without that option the checkpoint is refused, with a clearer message."""
+    checkpoints = arguments.until is None and arguments.dask is None
+    return checkpoints and checkpoint_of(path).exists()
+
+
+def _refuse_contradictions(arguments: argparse.Namespace) -> None:
+    for word in "boulders", "boulders_total":
+        if arguments.until is not None and getattr(arguments, word) is not None:
+            option = word.replace("_", "-")
+            raise RockfallError(f"--{option}: --until finds their number; limit it with --cap")
+    if arguments.until is None and arguments.cap is not None:
+        raise RockfallError("--cap: is of use with --until only")
+    for word in "shard", "resume", "dask":
+        if arguments.until is not None and getattr(arguments, word) not in (None, False):
+            raise RockfallError(f"--{word}: --until decides on all boulders together")
+    if arguments.dask is not None and (arguments.resume or arguments.shard is not None):
+        raise RockfallError("--dask: makes parts of its own, and no checkpoints")
+    if not arguments.checkpoint >= 0:
+        raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
+
+
+def _shard(text: str) -> tuple[int, int]:
+    which, slash, parts = text.partition("/")
+    if not (slash and which.isdecimal() and parts.isdecimal() and 1 <= int(which) <= int(parts)):
+        raise RockfallError(f"--shard {text}: must be I/N with I from 1 to N")
+    return int(which), int(parts)
+
+
+def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
+    """Checkpoint of a run; an existing one is overwritten only on request."""
+    if arguments.until is not None or arguments.dask is not None:
+        return None
+    checkpoint = Checkpoint(path, arguments.checkpoint or math.inf, warn)
+    if (done := checkpoint.found()) and not arguments.resume:
+        raise RockfallError(
+            f"{checkpoint.path}: holds {done:,} boulders of a run that was stopped; go on with "
+            "--resume, or remove it"
+        )
+    return checkpoint
+
+
+def _run_to(
+    path: Path,
+    case: Case,
+    arguments: argparse.Namespace,
+    shard: tuple[int, int],
+    checkpoint: Checkpoint | None,
+) -> int:
+    scene = scene_of(case, arguments)
+    if arguments.resume and path.exists() and not checkpoint_of(path).exists():
+        empty = start(scene, threads=1, shard=shard)
+        boulders = range(empty.before + 1, empty.before + empty.boulders + 1)
+        if is_finished(path, origin_of(empty), boulders):
+            return say(f"{path}: {FINISHED}", DONE)
+        if not arguments.overwrite:
+            raise RockfallError(f"{path}: {EXISTS}")
+    with interrupts():  # completed work is written too
+        try:
+            result = _simulate(scene, arguments, shard, checkpoint, path.parent)
+        except Interrupted as stop:
+            return _keep(stop.contents, path, checkpoint)
+        _write(result, path, checkpoint)
+    if checkpoint:
+        checkpoint.remove()
+    for verdict in verdicts_of(result):
+        if not verdict.met:
+            warn(f"--until {verdict}")
+    if not arguments.quiet:
+        print(summary(result))
+        print(path)
+    return DONE
+
+
+def _write(result: Contents, path: Path, checkpoint: Checkpoint | None) -> None:
+    """Write a result; if this fails, its checkpoint is named."""
+    with checkpoint.named() if checkpoint else nullcontext():
+        write_result(result, path)
+
+
+def _simulate(
+    scene: Scene,
+    arguments: argparse.Namespace,
+    shard: tuple[int, int],
+    checkpoint: Checkpoint | None,
+    folder: Path,
+) -> Contents:
+    """Simulate as many boulders as the case specifies, or as the rules of `--until` need."""
+    shown = not arguments.quiet
+    if arguments.dask is not None:
+        return run_on_cluster(scene, arguments.dask, progress=shown)
+    if arguments.until is None:
+        how: dict[str, Any] = {"progress": shown, "keep": False, "spill": folder}
+        return simulate(scene, shard=shard, checkpoint=checkpoint, **how)
+    return simulate_until(scene, arguments.until, arguments.cap, progress=shown, keep=False)
+
+
+def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
+    """Write the completed boulders after Ctrl-C."""
+    done, requested = simulated(result), result.attrs["boulders_requested"]
+    if not done:
+        raise KeyboardInterrupt
+    _write(result, path, checkpoint)
+    if "part_layout" in result.attrs:
+        holds = f"{path} holds {done:,} boulders of the part"
+    else:
+        holds = f"{path} holds the first {done:,} of {requested:,} boulders and is a valid result"
+    holds += "; --resume goes on" if checkpoint and checkpoint.saved else ""
+    return say(f"interrupted: {holds}", exit_status())

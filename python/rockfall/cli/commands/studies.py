@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Studies with many runs of a case: uncertain inputs, and convergence of its numbers."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from rockfall.analysis.observed.observations import read_observed
+from rockfall.case import Case
+from rockfall.case.files import input_files
+from rockfall.cli.given import given_case, given_options, overridden, stem_of, warn_of_inputs
+from rockfall.cli.messages import DONE, say, warn_each
+from rockfall.errors import RockfallError, need
+from rockfall.interrupts import exit_status
+from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.rasters.raster import dem_header
+from rockfall.io.tables import write_csv
+from rockfall.io.vectors.point_rows import is_point_layer
+from rockfall.plots.studies.convergence_figure import figure
+from rockfall.plots.studies.ensemble_figures import posterior_figure
+from rockfall.plots.studies.models import models_figure
+from rockfall.plots.style import save
+from rockfall.simulation.simulate import StudyInterrupted
+from rockfall.studies.back.posterior import check_back, write_back
+from rockfall.studies.back.study import Back, back_analysis
+from rockfall.studies.convergence import Convergence, converge
+from rockfall.studies.ensemble.study import check_place, run_ensemble, write_ensemble
+from rockfall.studies.models import run_models, write_models
+from rockfall.studies.validation import validate
+from rockfall.text.back import back_text
+from rockfall.text.convergence import text
+from rockfall.text.ensemble import ensemble_summary
+from rockfall.text.models import models_text, validation_text
+
+TABLES = ("study", "error", "cost", "numerical")
+DRAWINGS = "convergence.png", "convergence.pdf"
+FILES = (*(f"{table}.csv" for table in TABLES), *DRAWINGS)  # of a convergence study
+MODEL_FILES = "models.csv", "models.png", "models.nc"
+
+
+def ensemble_command(arguments: argparse.Namespace) -> int:
+    case = overridden(arguments)
+    if arguments.runs is not None:
+        case = case.replace(ensemble={"runs": arguments.runs})
+    path = arguments.output or Path(f"{stem_of(arguments)}-ensemble.nc")
+    check_place(path, len(case.lines), input_files(case))
+    warn_of_inputs(case)
+    try:
+        ensemble = run_ensemble(case, progress=not arguments.quiet)
+    except StudyInterrupted as stop:
+        write_ensemble(stop.result, path)
+        runs = case.ensemble["runs"]
+        holds = (
+            f"{path} holds the first {stop.runs} of {runs} draws, as --runs {stop.runs} has them"
+        )
+        return say(f"interrupted: {holds}", exit_status())
+    write_ensemble(ensemble, path)
+    if not arguments.quiet:
+        print(ensemble_summary(ensemble))
+        print(path)
+    return DONE
+
+
+def back_command(arguments: argparse.Namespace) -> int:
+    case = overridden(arguments)
+    folder = arguments.output or Path(f"{stem_of(arguments)}_back")
+    need("back needs", "report", "matplotlib")
+    seen = read_observed(*arguments.observed, grid=_grid(case, arguments.observed))
+    check_back(folder, [*input_files(case), *arguments.observed])
+    warn_of_inputs(case)
+    how = {"members": arguments.members, "enough": arguments.effective}
+    given = {name: value for name, value in how.items() if value is not None}
+    try:
+        analysis = back_analysis(case, seen, progress=not arguments.quiet, **given)
+    except StudyInterrupted as stop:
+        write_back(stop.result, folder, arguments.observed, _draw_posterior)
+        holds = f"{folder} holds the posterior of the first {stop.runs} members"
+        return say(f"interrupted: {holds}", exit_status())
+    paths = write_back(analysis, folder, arguments.observed, _draw_posterior)
+    warn_each(analysis.model_warnings)
+    if not arguments.quiet:
+        print(back_text(analysis))
+        print(*paths, sep="\n")
+    return DONE
+
+
+def _grid(case: Case, observed: Iterable[Path]) -> Grid | None:
+    """Grid of the terrain, if there are layers to be read on it."""
+    if "dem" not in case.terrain or not any(map(is_point_layer, observed)):
+        return None
+    return dem_header(case.path(case.terrain["dem"]))[0]
+
+
+def _draw_posterior(analysis: Back, path: Path) -> None:
+    save(posterior_figure(analysis), path, dpi=200)
+
+
+def convergence_command(arguments: argparse.Namespace) -> int:
+    folder = arguments.output or Path(f"{stem_of(arguments)}_convergence")
+    case = given_case(arguments)
+    inputs = list(input_files(case))
+    check_writable(folder, inputs)
+    given = given_options(arguments, ("boulders", "reference"))
+    warn_of_inputs(case)
+    study = converge(case, **given, progress=True)
+    paths = write_convergence(study, folder, inputs)
+    warn_each(study.model_warnings)
+    print(text(study))
+    print("", *paths, sep="\n")
+    return DONE
+
+
+def models_command(arguments: argparse.Namespace) -> int:
+    case = overridden(arguments)
+    folder = arguments.output or Path(f"{stem_of(arguments)}_models")
+    inputs = list(input_files(case))
+    _check_folder(folder, MODEL_FILES, "models", inputs)
+    models = run_models(case, arguments.ground, progress=not arguments.quiet)
+    warn_of_inputs(case)
+    with atomic_folder(folder, inputs) as part:
+        write_csv(models.table, part / "models.csv")
+        save(models_figure(models), part / "models.png", dpi=200)
+        write_models(models, part / "models.nc")
+    warn_each(models.warnings)
+    if not arguments.quiet:
+        print(models_text(models))
+    print(*(folder / name for name in MODEL_FILES), sep="\n")
+    return DONE
+
+
+def validate_command(arguments: argparse.Namespace) -> int:
+    case = overridden(arguments)
+    inputs = [*input_files(case), *arguments.observed]
+    if arguments.output is not None:
+        check_outputs([arguments.output], inputs)
+    seen = read_observed(*arguments.observed, grid=_grid(case, arguments.observed))
+    tables = arguments.table or None
+    validation = validate(case, seen, tables, arguments.seeds, progress=not arguments.quiet)
+    warn_of_inputs(case)
+    if arguments.output is not None:
+        write_csv(validation.table, arguments.output)
+    warn_each(validation.warnings)
+    print(validation_text(validation))
+    return DONE
+
+
+def write_convergence(
+    convergence: Convergence, folder: Path, inputs: Iterable[str | Path] = ()
+) -> list[Path]:
+    """Write all of FILES to a folder, or none; over no file of the `inputs`."""
+    inputs = list(inputs)
+    check_writable(folder, inputs)
+    with atomic_folder(folder, inputs) as part:
+        for name in TABLES:
+            write_csv(getattr(convergence, name), part / f"{name}.csv")
+        figure(convergence, [part / name for name in DRAWINGS])
+    return [folder / name for name in FILES]
+
+
+def check_writable(folder: Path, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse a folder to which `write_convergence` cannot write, before the runs start."""
+    _check_folder(folder, FILES, "convergence", inputs)
+
+
+def _check_folder(
+    folder: Path, files: Iterable[str], study: str, inputs: Iterable[str | Path]
+) -> None:
+    need(f"{study} needs", "report", "matplotlib")
+    check_folder(folder)
+    if not folder.parent.is_dir():
+        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
+    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+        raise RockfallError(f"{folder}: is not writable")
+    check_outputs([folder / name for name in files], inputs)

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Variants of a case, from its groups to the comparison."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rockfall.analysis.model_warnings import joint_warnings
+from rockfall.case import Case, read_case
+from rockfall.case.files import input_files
+from rockfall.case.variants import variants
+from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
+from rockfall.cli.commands.results import IMPRINT
+from rockfall.cli.given import memory_of, with_overrides
+from rockfall.cli.messages import DONE, say, warn, warn_each, warnings_told
+from rockfall.errors import RockfallError
+from rockfall.html_report.page import check_page_needs
+from rockfall.html_report.variants_page import check_yearly
+from rockfall.interrupts import interrupts
+from rockfall.io.output_files import (
+    EXISTS,
+    atomic_folder,
+    check_folder,
+    check_outputs,
+    overwriting,
+)
+from rockfall.language import catalogue
+from rockfall.products import report_variants
+from rockfall.result.dataset import write_result
+from rockfall.scene.read import read_scene
+from rockfall.simulation.parts.finished import FINISHED, is_finished
+from rockfall.simulation.parts.lock import locked
+from rockfall.simulation.simulate import Interrupted, start
+from rockfall.simulation.tally import origin_of
+from rockfall.studies.variant_runs import check_variant_scenes, run_each
+from rockfall.studies.variants import (
+    compare_variants,
+    difference_maps,
+    have_passages,
+    on_same_cells,
+    write_variants,
+)
+from rockfall.text.variants import comparison_notes, variants_text
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def variants_command(arguments: argparse.Namespace) -> int:
+    case = with_overrides(read_case(arguments.case), arguments)
+    names, pages = list(variants(case)), _pages(arguments)
+    folder = arguments.output or Path(f"{arguments.case.stem}_variants")
+    inputs = list(input_files(case))
+    made = [
+        folder / name for name in (*(f"{name}.nc" for name in names), "differences.csv", *pages)
+    ]
+    is_there = arguments.resume and any(path.exists() for path in made)
+    with overwriting(arguments.overwrite or is_there):
+        _check_place(folder, made, inputs)
+    if pages:
+        catalogue(arguments.language)  # refuses unknown languages before a file is read
+        check_page_needs(pages[0])
+        check_yearly(arguments.yearly, [case])
+    elif arguments.yearly:
+        raise RockfallError("--yearly requires --report or --pdf")
+    with locked(folder.resolve(), warn):
+        checkpoints = study_checkpoints(arguments, folder.resolve(), names, "a variant")
+        memory = memory_of(arguments)
+        remarks = check_variant_scenes(case, memory=memory)
+        if is_there and not any(checkpoint.path.exists() for checkpoint in checkpoints):
+            if all(path.exists() for path in made) and _are_finished(folder, case, memory):
+                return say(f"{folder}: {FINISHED}", DONE)
+        if is_there and not arguments.overwrite:
+            raise RockfallError(f"{next(filter(Path.exists, made))}: {EXISTS}")
+        for remark in remarks:
+            warn(remark)
+        with interrupts():  # completed work is kept
+            by_name = dict(zip(names, checkpoints, strict=True))
+            try:
+                results = run_each(
+                    case, memory=memory, progress=not arguments.quiet, checkpoints=by_name
+                )
+            except Interrupted:
+                return study_interrupted(checkpoints)
+            paths = _write(case, results, folder, arguments, inputs)
+        for checkpoint in checkpoints:
+            checkpoint.remove()
+    warn_each(joint_warnings(results))
+    if not arguments.quiet:
+        print(variants_text(compare_variants(results), "\n".join(comparison_notes(results))))
+        print(*paths, sep="\n")
+    return DONE
+
+
+def _write(
+    case: Case,
+    results: Mapping[str, xr.Dataset],
+    folder: Path,
+    arguments: argparse.Namespace,
+    inputs: Iterable[Path],
+) -> list[Path]:
+    """Write results, differences, maps and page to the folder: all of them, or none."""
+    maps = {}
+    if have_passages(results):
+        alike = on_same_cells(results)
+        maps = difference_maps(alike)
+        if others := [name for name in results if name not in alike]:
+            warn(f"no maps of difference for {', '.join(others)}: other cells than the first")
+    costs = {variant["name"]: variant["cost"] for variant in case.variant if "cost" in variant}
+    title = case.case["title"] or arguments.case.stem
+    imprint = {key: getattr(arguments, key) for key in IMPRINT}
+    with atomic_folder(folder, inputs) as part:
+        made = []
+        for name, result in results.items():
+            made.append(part / f"{name}.nc")
+            write_result(result, made[-1])
+        made += write_variants(compare_variants(results), maps, part)
+        for name in _pages(arguments):
+            made.append(part / name)
+            with warnings_told():
+                report_variants(
+                    results, made[-1], yearly=arguments.yearly, costs=costs, title=title, **imprint
+                )
+    return [folder / path.name for path in made]
+
+
+def _pages(arguments: argparse.Namespace) -> list[str]:
+    """Names of the page in the folder, as HTML and as PDF, as far as requested."""
+    given = {"variants.html": arguments.report, "variants.pdf": arguments.pdf}
+    return [name for name, wanted in given.items() if wanted]
+
+
+def _are_finished(folder: Path, case: Case, memory: float) -> bool:
+    """Return True if the folder has the results of all variants of a case."""
+    for name, variant in variants(case).items():
+        empty = start(read_scene(variant, memory=memory), threads=1)
+        boulders = range(empty.before + 1, empty.before + empty.boulders + 1)
+        if not is_finished(folder / f"{name}.nc", origin_of(empty), boulders):
+            return False
+    return True
+
+
+def _check_place(folder: Path, made: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Refuse a folder to which the files cannot be written, before the runs start."""
+    check_folder(folder)
+    if not folder.resolve().parent.is_dir():
+        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
+    check_outputs(made, inputs)

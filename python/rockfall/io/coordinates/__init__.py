@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Coordinate reference systems and units of lengths, as files state them."""

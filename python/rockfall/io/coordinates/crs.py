@@ -1,0 +1,445 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Coordinate reference systems: names, equality, requirements of the model, and their description
+in CF (1.8, appendix F)."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import warnings
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.coordinates.length_units import METRE, Stated, Unit, contradiction
+from rockfall.language import remark
+
+if TYPE_CHECKING:
+    import pyproj
+    from rasterio.crs import CRS
+
+    from rockfall.io.rasters.grid import Grid
+
+NO_DATUM = "not stated"
+_NAMELESS = re.compile(r"(d_)?(unknown|unnamed|undefined|not.specified)", re.IGNORECASE)
+_NEAR = 1e-3  # difference of equal coordinates [m]
+
+
+def crs_name(crs: CRS) -> str:
+    """Short name: EPSG:25832, the title of a system without a number, or its projection."""
+    return _short_name(_pyproj(crs))
+
+
+def _short_name(system: pyproj.CRS) -> str:
+    code = system.to_epsg()
+    return f"EPSG:{code}" if code else _title(system)
+
+
+def _title(system: pyproj.CRS) -> str:
+    """Name of a system, or its projection and ellipsoid."""
+    source = _source(system)
+    if not _NAMELESS.match(system.name) or source.coordinate_operation is None:
+        return system.name
+    body = source.ellipsoid.name if source.ellipsoid else system.name
+    method = source.coordinate_operation.method_name
+    return method if _NAMELESS.match(body) else f"{method}, {body}"
+
+
+def crs_argument(crs: CRS) -> str:
+    """Horizontal system for a command: its code, or well-known text."""
+    code = in_plan(crs).to_epsg()
+    return f"EPSG:{code}" if code else plan_wkt(crs)
+
+
+def same_crs(a: CRS | None, b: CRS | None) -> bool:
+    """Return True if plan coordinates are equivalent; an unknown system equals any other.
+
+    A projection can be written as a number, as well-known text, or as a PROJ string, which has no
+    name of the datum but may have a shift to WGS 84.
+    """
+    if a is None or b is None:
+        return True
+    a, b = in_plan(a), in_plan(b)
+    if a == b or (a.to_epsg() is not None and a.to_epsg() == b.to_epsg()):
+        return True
+    first, second = _source(_pyproj(a)), _source(_pyproj(b))
+    return _same_datum(first, second) and _same_coordinates(first, second)
+
+
+def _source(system: pyproj.CRS) -> pyproj.CRS:
+    """System without a shift to another datum."""
+    return system.source_crs if system.is_bound and system.source_crs else system
+
+
+def _same_datum(a: pyproj.CRS, b: pyproj.CRS) -> bool:
+    """Return True unless both datums are known and differ."""
+    if a.datum is None or b.datum is None:
+        return False
+    names = a.datum.name, b.datum.name
+    if any(map(_NAMELESS.match, names)):
+        return True
+    plain = [re.sub(r"^d_|ensemble$|[^a-z0-9]", "", name.lower()) for name in names]
+    return plain[0] == plain[1] or a.datum == b.datum
+
+
+def _same_coordinates(a: pyproj.CRS, b: pyproj.CRS) -> bool:
+    """Return True if two projections of one ellipsoid have the same coordinates, up to `_NEAR`, at
+    some places near their centre."""
+    import pyproj
+
+    if not (a.is_projected and b.is_projected):
+        return False
+    if not np.allclose(_body(a), _body(b), rtol=1e-9, atol=0.0):
+        return False
+    try:
+        first, second = (_projected(system, *_places(a)) for system in (a, b))
+    except pyproj.exceptions.ProjError:
+        return False
+    return bool(np.isfinite(first).all() and (np.abs(first - second) <= _NEAR).all())
+
+
+def _body(system: pyproj.CRS) -> tuple[float, float, float]:
+    """Ellipsoid, and prime meridian counted from the antimeridian, never 0."""
+    ellipsoid, meridian = system.ellipsoid, system.prime_meridian
+    assert ellipsoid is not None and meridian is not None
+    greenwich = meridian.longitude * float(meridian.unit_conversion_factor)
+    return ellipsoid.semi_major_metre, ellipsoid.inverse_flattening, math.pi + greenwich
+
+
+def _places(system: pyproj.CRS) -> tuple[np.ndarray, np.ndarray]:
+    """Longitudes and latitudes [degrees] near the centre of a projection."""
+    assert system.coordinate_operation is not None
+    angles: dict[str, list[float]] = {"ongitude": [], "atitude": []}
+    for parameter in system.coordinate_operation.params:
+        for word, values in angles.items():
+            if word in parameter.name:
+                unit = float(parameter.unit_conversion_factor)
+                values.append(math.degrees(float(parameter.value) * unit))
+    longitudes, latitudes = angles.values()
+    away = [x for x in latitudes if abs(x) < 85.0] or [math.copysign(80.0, sum(latitudes))]
+    east, north = np.meshgrid(
+        (longitudes or [0.0])[0] + np.array([-1.5, 0.5, 2.5]),
+        [latitude + step for latitude in away for step in (-1.0, 0.7)],
+    )
+    return east.ravel(), north.ravel()
+
+
+def _projected(system: pyproj.CRS, longitude: np.ndarray, latitude: np.ndarray) -> np.ndarray:
+    """Coordinates of places [degrees from the prime meridian of the system]."""
+    import pyproj
+
+    base = system.geodetic_crs
+    assert base is not None
+    unit = math.degrees(base.axis_info[0].unit_conversion_factor)
+    way = pyproj.Transformer.from_crs(base, system, always_xy=True)
+    return np.array(way.transform(longitude / unit, latitude / unit))
+
+
+class Transformation(NamedTuple):
+    """A transformation between two systems."""
+
+    transform: Callable[..., tuple[Any, Any]]  # x and y to x and y, infinite where undefined
+    is_best: bool  # of those known to PROJ; False if one needs a grid that is not installed
+
+
+def transformation(crs: CRS, grid: Grid) -> Transformation:
+    """Transformation from a system to that of a raster, in plan."""
+    assert grid.crs is not None
+    return _best_way(_pyproj(in_plan(crs)), _pyproj(in_plan(grid.crs)), grid.crs, grid)
+
+
+def degrees_way(crs: CRS, bounds: Bounds) -> Transformation:
+    """Transformation from a system to longitude and latitude (WGS 84), best within `bounds`."""
+    import pyproj
+
+    return _best_way(_pyproj(in_plan(crs)), pyproj.CRS.from_user_input("OGC:CRS84"), crs, bounds)
+
+
+def vertical_datum(crs: CRS) -> str:
+    """Name of the system of heights; `NO_DATUM` if the system has none."""
+    system = _pyproj(crs)
+    names = [part.name for part in system.sub_crs_list if part.is_vertical]
+    if not names and len(system.axis_info) == 3:
+        names = ["ellipsoid"]
+    return names[0] if names else NO_DATUM
+
+
+class Bounds(NamedTuple):
+    """Extent in plan [m]."""
+
+    west: float
+    south: float
+    east: float
+    north: float
+
+
+def _best_way(
+    source: pyproj.CRS, target: pyproj.CRS, crs: CRS, bounds: Bounds | Grid
+) -> Transformation:
+    """Best transformation between systems within bounds, which are in `crs`."""
+    import pyproj
+
+    corners = _degrees(crs, [bounds.west, bounds.east], [bounds.south, bounds.north])
+    area = None
+    if np.isfinite(corners).all():
+        (west, east), (south, north) = corners
+        area = pyproj.transformer.AreaOfInterest(west, south, east, north)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # PROJ's warning about a missing grid
+        ways = pyproj.transformer.TransformerGroup(source, target, True, area)
+    if not ways.transformers:
+        raise RockfallError(f"no way is known from {source.name} to {target.name}")
+    return Transformation(ways.transformers[0].transform, ways.best_available)
+
+
+#: Command that converts a raster to metres: to a plan (None: unchanged), and heights by a factor.
+Cure = Callable[[str | None, float], str]
+
+
+def check_metres(
+    grid: Grid, path: str, stated: Iterable[Stated] = (), cure: Cure | None = None
+) -> None:
+    """Refuse units other than the metre, of plan coordinates and of elevations; `stated` are those
+    that the file gives beside its CRS."""
+    system = None if grid.crs is None else _pyproj(grid.crs)
+    plan = METRE
+    if system is not None:
+        _check_kind(path, system)
+        plan, heights = _units(system)
+        if heights is not None:
+            stated = [Stated(heights, "CRS"), *stated]
+    stated = [*stated]
+    if pair := contradiction(stated):
+        units = " and in ".join(f"{unit.name} ({where})" for unit, where in pair)
+        raise RockfallError(f"{path}: elevations are in {units}: correct one")
+    wrong = next((heights for heights in stated if not heights.unit.is_metre), None)
+    if plan.is_metre and wrong is None:
+        return
+    if plan.is_metre:
+        assert wrong is not None
+        problem = f"{path}: elevations are in {wrong.unit.name} ({wrong.where}), metres are needed"
+        if cure is not None and math.isfinite(wrong.unit.factor):
+            problem += f"; convert with: {cure(None, wrong.unit.factor)}"
+        raise RockfallError(problem)
+    raise _plan_refusal(grid, path, plan, wrong.unit if wrong else None, bool(stated), cure)
+
+
+def _plan_refusal(
+    grid: Grid, path: str, plan: Unit, heights: Unit | None, is_stated: bool, cure: Cure | None
+) -> RockfallError:
+    """Refusal of plan coordinates in a unit, with elevations in another than the metre (None: in
+    metres, or not stated), and the commands that convert both."""
+    assert grid.crs is not None
+    both = f", elevations in {heights.name}" if heights else ""
+    problem = f"{path}: cells are in {plan.name}{both} ({crs_name(grid.crs)}), metres are needed"
+    utm = _utm(grid)
+    if utm is None or (heights and math.isnan(heights.factor)):
+        return RockfallError(problem)
+    if cure is None:
+        return RockfallError(f"{problem}; reproject to {utm}")
+    if heights:
+        return RockfallError(f"{problem}; convert with: {cure(utm, heights.factor)}")
+    alone = cure(utm, 1.0)
+    if is_stated or not math.isfinite(plan.factor):
+        return RockfallError(f"{problem}; reproject with: {alone}")
+    return RockfallError(
+        f"{problem}; with elevations in {plan.name} too: {cure(utm, plan.factor)}; "
+        f"with elevations in metres: {alone}"
+    )
+
+
+def _check_kind(path: str, system: pyproj.CRS) -> None:
+    """Refuse systems without plan coordinates, and depths."""
+    if system.is_geocentric:
+        raise RockfallError(
+            f"{path}: coordinates are geocentric ({_short_name(system)}), from the centre of the "
+            "Earth: a projected CRS in metres is needed"
+        )
+    if system.is_vertical and not system.is_compound:
+        raise RockfallError(
+            f"{path}: its CRS is one of heights alone ({_title(system)}): a projected CRS is needed"
+        )
+    if any(axis.direction == "down" for axis in system.axis_info):
+        raise RockfallError(
+            f"{path}: has depths ({_title(system)}): elevations, positive upwards, are needed"
+        )
+
+
+def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
+    """Add a remark if the centre of a raster lies outside the area of use of its CRS; refuse it if
+    x and y are exchanged."""
+    code = None if grid.crs is None else in_plan(grid.crs).to_epsg()
+    if code is None:
+        return
+    import pyproj
+
+    area = pyproj.CRS.from_epsg(code).area_of_use
+    if area is None:
+        return
+    west, south, east, north = area.bounds
+
+    def is_within(x: float, y: float) -> bool:
+        (longitude,), (latitude,) = _degrees(grid.crs, [x], [y])
+        in_north = math.isfinite(longitude) and south <= latitude <= north
+        return in_north and (longitude - west) % 360.0 <= ((east - west) % 360.0 or 360.0)
+
+    x, y = _middle(grid)
+    if is_within(x, y):
+        return
+    if is_within(y, x):
+        raise RockfallError(
+            f"{path}: x {x:.0f}, y {y:.0f} lies outside EPSG:{code}, but within it with x and y "
+            "exchanged: exchange them"
+        )
+    remarks.append(remark(path, "input.outside_area", x=x, y=y, crs=f"EPSG:{code}"))
+
+
+def _units(crs: pyproj.CRS) -> tuple[Unit, Unit | None]:
+    """Units of a system in plan and of its heights, None without; metre where undefined. Angles
+    have no factor."""
+    plan, heights = METRE, None
+    for axis in crs.axis_info:
+        factor, name = axis.unit_conversion_factor, axis.unit_name
+        if axis.direction == "up":
+            heights = Unit(name, factor)
+        elif name in ("degree", "grad", "radian", "unity"):
+            plan = Unit("degrees" if name == "degree" else name, math.nan)
+        elif abs(factor - 1.0) > 1e-9:
+            plan = Unit(name, factor if factor > 0.0 else math.nan)
+    return plan, heights
+
+
+def in_plan(crs: CRS) -> CRS:
+    """Horizontal part of a system."""
+    from rasterio.crs import CRS
+
+    description = crs.to_dict(projjson=True)
+    kind = description.get("type")
+    if kind == "BoundCRS" and description["source_crs"].get("type") == "CompoundCRS":
+        description, kind = description["source_crs"], "CompoundCRS"
+    if kind == "CompoundCRS":
+        return CRS.from_user_input(json.dumps(description["components"][0]))
+    system = _pyproj(crs)
+    return CRS.from_wkt(system.to_2d().to_wkt()) if len(system.axis_info) == 3 else crs
+
+
+def plan_wkt(crs: CRS | str) -> str:
+    """Well-known text of the horizontal part of a system, or of its well-known text."""
+    from rasterio.crs import CRS
+
+    return in_plan(CRS.from_user_input(crs)).to_wkt()
+
+
+def _utm(grid: Grid) -> str | None:
+    """UTM zone of the centre of a raster; None where it is not on the earth.
+
+    `pyproj.database.query_utm_crs_info` takes 0.1 s, and gives two zones or none near the poles.
+    """
+    (longitude,), (latitude,) = _degrees(grid.crs, *([c] for c in _middle(grid)))
+    if not (abs(longitude) <= 360.0 and abs(latitude) <= 90.0):
+        return None
+    zone = int((longitude + 180.0) // 6.0) % 60 + 1
+    return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
+
+
+def length_scale(grid: Grid) -> float:
+    """Coordinate metres per metre on the ground at the centre of a raster: the geometric mean of
+    east and north; 1 where the CRS does not define it.
+
+    `pyproj.Proj.get_factors` is 0.2 % off in the Mercator projection of web maps.
+    """
+    if grid.crs is None or not grid.crs.is_projected:
+        return 1.0
+    import pyproj
+
+    x, y = _middle(grid)
+    step = 100.0  # [m]: long compared with the rounding of degrees, short compared with the Earth
+    longitude, latitude = _degrees(grid.crs, [x, x + step, x], [y, y, y + step])
+    start = [longitude[0]] * 2, [latitude[0]] * 2
+    *_, ground = pyproj.Geod(ellps="WGS84").inv(*start, longitude[1:], latitude[1:])
+    if not (all(map(math.isfinite, ground)) and min(ground) > 0):
+        return 1.0
+    return step / math.sqrt(ground[0] * ground[1])
+
+
+def grid_mapping(crs: CRS) -> dict[str, Any]:
+    """Attributes of a CF grid mapping variable for the horizontal part of a system: that of
+    heights would make readers scale counts and energies. The complete system is in `crs_wkt`
+    (WKT 2), and in `spatial_ref` (WKT 1, for older programs); CF parameters are added where they
+    are equivalent. `vertical_datum` is the name of the system of heights, if there is one."""
+    plan, heights = in_plan(crs), vertical_datum(crs)
+    system = _pyproj(plan)
+    attrs = _parameters(system)
+    if system.is_projected and _NAMELESS.match(system.name):
+        attrs |= {"projected_crs_name": _title(system)}
+    if heights != NO_DATUM:
+        attrs |= {"vertical_datum": heights}
+    return attrs | {"crs_wkt": plan.to_wkt(version="WKT2_2015"), "spatial_ref": plan.to_wkt()}
+
+
+def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
+    """`to_cf` where its parameters alone have the coordinates of the system.
+
+    An oblique Mercator is left out: CF has no angle of the rectified grid, and PROJ's readers
+    disagree on its default (EPSG:2056 is more than 100 km off by pyproj up to 3.7).
+    """
+    import pyproj
+
+    source = _ellipsoidal(_source(crs))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a lost parameter; not in all versions
+        parameters = source.to_cf()
+        parameters.pop("crs_wkt", None)
+        name, parallel = parameters.get("grid_mapping_name"), parameters.get("standard_parallel")
+        if name == "polar_stereographic" and parallel is not None:
+            parameters["latitude_of_projection_origin"] = math.copysign(90.0, parallel)
+        if not source.is_projected:
+            return parameters
+        if name in (None, "oblique_mercator"):
+            return {}
+        try:
+            read = pyproj.CRS.from_cf(parameters)
+        except (pyproj.exceptions.ProjError, KeyError, ValueError):
+            return {}
+    return parameters if _same_coordinates(_source(crs), read) else {}
+
+
+def _ellipsoidal(system: pyproj.CRS) -> pyproj.CRS:
+    """System whose projection has the formulas for an ellipsoid, as in CF; on a sphere they agree
+    with the spherical ones."""
+    import pyproj
+
+    description = system.to_json_dict()
+    method = description.get("conversion", {}).get("method", {})
+    if not method.get("name", "").endswith(" (Spherical)"):
+        return system
+    method["name"] = method["name"].removesuffix(" (Spherical)")
+    method.pop("id", None)
+    return pyproj.CRS.from_json_dict(description)
+
+
+def _pyproj(crs: CRS) -> pyproj.CRS:
+    import pyproj
+
+    return pyproj.CRS.from_json_dict(crs.to_dict(projjson=True))
+
+
+def _middle(grid: Grid) -> tuple[float, float]:
+    return (grid.west + grid.east) / 2, (grid.south + grid.north) / 2
+
+
+def _degrees(crs: CRS, x: list[float], y: list[float]) -> tuple[list[float], list[float]]:
+    """Longitudes and latitudes (WGS 84) of points; not finite where undefined."""
+    import pyproj
+
+    nowhere = [math.nan] * len(x)
+    if max(map(abs, (*x, *y))) > 1e8:  # PROJ would loop for ever
+        return nowhere, nowhere
+    try:
+        to_degrees = pyproj.Transformer.from_crs(_pyproj(crs), "EPSG:4326", always_xy=True)
+    except pyproj.exceptions.ProjError:
+        return nowhere, nowhere
+    return to_degrees.transform(x, y)

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Strict reader of ESRI ASCII grids.
+
+GDAL reads a truncated file, or a token that is not a number, as zeros, in the header as well as in
+the data; so all but the CRS is read here.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import warnings
+from codecs import BOM_UTF8
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.files import start_of
+from rockfall.io.rasters.grid import Box, Transform
+from rockfall.io.tables import plain_decimal
+from rockfall.limits import MAX_REAL
+
+_KEYS = (
+    "ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy",
+    "nodata_value",
+)  # fmt: skip
+_CHUNK = 4_000_000  # bytes of text in memory at a time
+_HUGE = 1e30  # no elevation or size; nodata of the kind -3.4e38 is printed with 6 to 17 digits
+_OVERFLOW = re.compile(r"[-+]?1\.79769\d*e\+?308", re.IGNORECASE)
+_MAX_TOKEN = 4096  # bytes; no number is longer
+
+
+@dataclass(frozen=True)
+class AsciiCells:
+    """The cells of a file, after its header."""
+
+    path: str
+    shape: tuple[int, int]
+    transform: Transform
+    nodata: float | None  #: as the header says
+    start: tuple[int, int]  #: where the numbers begin: byte, and line
+    dtype = np.dtype(np.float64)
+    packing = 1.0, 0.0
+
+    def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """Blocks of the rows of a box: (rows in the file, values, valid mask)."""
+        # -9999 is the format's default.
+        nodata = -9999.0 if self.nodata is None else self.nodata
+        for rows, block in self._whole_rows():
+            if rows.start >= box.stop_row and box.stop_row < self.shape[0]:
+                return  # read to the end, which may be invalid
+            first, stop = max(rows.start, box.row), min(rows.stop, box.stop_row)
+            if first < stop:
+                block = block[first - rows.start : stop - rows.start, box.columns]
+                yield slice(first, stop), block, ~_is_nodata(block, nodata)
+
+    def _whole_rows(self) -> Iterator[tuple[slice, np.ndarray]]:
+        """Blocks of complete rows from the north: (rows, float64 of shape (n, nx)).
+
+        Lines may be wrapped. Invalid, missing and surplus tokens are errors.
+        """
+        (ny, nx), path = self.shape, self.path
+        due = f"ncols x nrows = {nx} x {ny} are due"
+        held, done = np.empty(0), 0
+        with open(path, "rb") as file:
+            file.seek(self.start[0])
+            for numbers in _numbers(file, path, self.start[1]):
+                held = np.concatenate((held, numbers))
+                if done * nx + held.size > nx * ny:
+                    raise RockfallError(f"{path}: more than {nx * ny} numbers, {due}")
+                n = held.size // nx
+                if n:
+                    yield slice(done, done + n), held[: n * nx].reshape(n, nx)
+                held = held[n * nx :]
+                done += n
+        if done < ny:
+            raise RockfallError(
+                f"{path}: ends after {done * nx + held.size} numbers, {due}: truncated or damaged"
+            )
+
+
+def _is_nodata(block: np.ndarray, nodata: float) -> np.ndarray:
+    """Mark nodata values, also where header and numbers are rounded to single precision in other
+    ways."""
+    if abs(nodata) > _HUGE:
+        return block > _HUGE if nodata > 0 else block < -_HUGE
+    with np.errstate(over="ignore"):
+        return block.astype(np.float32) == np.float32(nodata)
+
+
+def is_ascii(start: bytes) -> bool:
+    """Return True if the first bytes are those of an ESRI ASCII grid."""
+    tokens = start.removeprefix(BOM_UTF8).split(maxsplit=1)
+    return bool(tokens) and tokens[0].lower().decode("latin-1") in _KEYS
+
+
+def is_ascii_grid(path: str | Path) -> bool:
+    """Return True for an existing ESRI ASCII grid, whatever its name."""
+    return os.path.isfile(path) and is_ascii(start_of(path))
+
+
+def open_ascii(path: str) -> AsciiCells:
+    """Read the header: lines of a key and its value."""
+    values: dict[str, float] = {}
+    start, line = 0, 1
+    with open(path, "rb") as file:
+        if file.read(len(BOM_UTF8)) != BOM_UTF8:
+            file.seek(0)
+        while tokens := _header_line(file.readline(_MAX_TOKEN)):
+            where, key = f"{path}: line {line}", tokens[0].lower()
+            if len(tokens) != 2:
+                raise RockfallError(f"{where}: {tokens[0]}: must be followed by one value")
+            if key in values:
+                raise RockfallError(f"{where}: {tokens[0]}: is in the header twice")
+            values[key] = _value(f"{where}: {tokens[0]} = {tokens[1][:40]}", key, tokens[1])
+            start, line = file.tell(), line + 1
+    _check_keys(path, values)
+    nx, ny = int(values["ncols"]), int(values["nrows"])
+    if os.path.getsize(path) < 2 * nx * ny:
+        raise RockfallError(
+            f"{path}: too short for ncols x nrows = {nx} x {ny} numbers: truncated or damaged"
+        )
+    return AsciiCells(path, (ny, nx), _place(values), values.get("nodata_value"), (start, line))
+
+
+def _header_line(line: bytes) -> list[str]:
+    """Tokens of a line that begins with a key; empty for other lines."""
+    tokens = line.decode("latin-1").split()
+    return tokens if tokens and tokens[0].lower() in _KEYS else []
+
+
+def _value(where: str, key: str, text: str) -> float:
+    """The value of a key; `where` begins messages."""
+    value = plain_decimal(text)
+    if key in ("ncols", "nrows"):
+        if not (text.isascii() and text.isdigit() and 0 < value < 2**31):
+            raise RockfallError(f"{where}: must be an integer > 0")
+    elif key == "nodata_value":
+        if _OVERFLOW.fullmatch(text):  # the largest double, rounded up
+            return math.copysign(math.inf, -1 if text.startswith("-") else 1)
+        if math.isnan(value) and text.lower() != "nan":
+            raise RockfallError(f"{where}: must be a number or nan")
+    elif not abs(value) <= MAX_REAL:
+        raise RockfallError(f"{where}: must be a number, at most 1e12")
+    elif key in ("cellsize", "dx", "dy") and not value > 0:
+        raise RockfallError(f"{where}: must be > 0 [m]")
+    return value
+
+
+def _check_keys(path: str, values: dict[str, float]) -> None:
+    """Check that all keys that position a grid are present exactly once."""
+    given = values.keys()
+    if not {"ncols", "nrows"} <= given:
+        raise RockfallError(f"{path}: the header lacks ncols or nrows")
+    corner, centre = {"xllcorner", "yllcorner"} & given, {"xllcenter", "yllcenter"} & given
+    if sorted((len(corner), len(centre))) != [0, 2]:
+        raise RockfallError(
+            f"{path}: the header must have xllcorner and yllcorner, or else xllcenter and yllcenter"
+        )
+    if ("cellsize" in given, *(key in given for key in ("dx", "dy"))) not in (
+        (True, False, False),
+        (False, True, True),
+    ):
+        raise RockfallError(f"{path}: the header must have cellsize, or else dx and dy")
+
+
+def _place(values: dict[str, float]) -> Transform:
+    """Transform from columns and rows to coordinates, by GDAL's expressions, bit for bit."""
+    width, height = (values.get("cellsize", values.get(key, 0.0)) for key in ("dx", "dy"))
+    if "xllcorner" in values:
+        west, south = values["xllcorner"], values["yllcorner"]
+    else:
+        west, south = values["xllcenter"] - 0.5 * width, values["yllcenter"] - 0.5 * height
+    return Transform(width, 0.0, west, 0.0, -height, south + values["nrows"] * height)
+
+
+def _numbers(file: BinaryIO, path: str, line: int) -> Iterator[np.ndarray]:
+    """Numbers in the rest of the file, in chunks; `line` is the first line."""
+    tail = b""
+    while block := file.read(_CHUNK):
+        text = tail + block
+        cut = max(text.rfind(space) for space in (b" ", b"\n", b"\t", b"\r")) + 1
+        text, tail = text[:cut], text[cut:]
+        if len(tail) > _MAX_TOKEN:
+            raise RockfallError(f"{path}: not text with numbers; damaged")
+        yield _parse(text, path, line)
+        line += text.count(b"\n")
+    yield _parse(tail, path, line)
+
+
+def _parse(text: bytes, path: str, line: int) -> np.ndarray:
+    if not text.strip():
+        return np.empty(0)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # older NumPy only warns
+            return np.fromstring(text, sep=" ")
+    except (ValueError, DeprecationWarning):
+        number, token = _first_bad_token(text)
+        raise RockfallError(f"{path}: line {line + number}: {token!r} is not a number") from None
+
+
+def _first_bad_token(text: bytes) -> tuple[int, str]:
+    """First token that is not a number, and the number of lines before it."""
+    for number, row in enumerate(text.split(b"\n")):
+        for token in row.split():
+            try:
+                float(token.replace(b"_", b"?"))  # Python's 1_000 is not a number here
+            except ValueError:
+                return number, token[:40].decode("ascii", "replace")
+    return 0, "?"

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Points of a vector layer as rows of a table, with their attributes as cells; and polygons as one
+area."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.tables import Row
+from rockfall.io.vectors.layers import EXTENSIONS, plain, read_features, read_points
+
+PLACE = ("x", "y")  # columns of the coordinates [m]
+POLYGONS = {3, 6}  # numbers of types, also of several parts
+
+
+def is_point_layer(path: str | Path) -> bool:
+    """Return True for the name of a vector layer.
+
+    >>> is_point_layer("blocks.gpkg"), is_point_layer("blocks.csv")
+    (True, False)
+    """
+    return Path(path).suffix.lower() in EXTENSIONS
+
+
+def read_point_rows(
+    path: str | Path, grid: Grid, remarks: list[str]
+) -> tuple[str, list[str], Iterator[Row]]:
+    """Columns of a layer of points, and its rows, as `rockfall.io.tables.read_table` returns those
+    of a CSV file: x and y [m] in the CRS of the grid, and the attributes, in lower case.
+
+    Reprojections are noted in `remarks`. A RockfallError names what is wrong with the layer.
+    """
+    points = read_points(path, grid, remarks)
+    columns = {name.lower(): values for name, values in points.values.items()}
+    for axis in PLACE:
+        if axis in columns:
+            raise RockfallError(f"{path}: attribute {axis}: the points have coordinates already")
+    names = [*PLACE, *columns]
+
+    def rows() -> Iterator[Row]:
+        for k, feature in enumerate(points.feature.tolist()):
+            place = {"x": repr(float(points.x[k])), "y": repr(float(points.y[k]))}
+            cells = {name: _text(values[k]) for name, values in columns.items()}
+            yield Row(f"{path}: feature {feature}", place | cells)
+
+    return str(path), names, rows()
+
+
+def read_area(path: str | Path, grid: Grid, remarks: list[str]) -> Any:
+    """Union of the polygons of a layer in the CRS of the grid (shapely); None if it has points or
+    lines."""
+    import shapely
+
+    shapes = read_features(path, grid, remarks)[0]
+    if not set(shapely.get_type_id(shapes)) <= POLYGONS:
+        return None
+    return shapely.union_all(shapes)
+
+
+def _text(value: Any) -> str:
+    """Attribute as the text of a cell; "" if empty. Integer columns with empty values arrive as
+    reals."""
+    if (value := plain(value)) is None:
+        return ""
+    if isinstance(value, float) and value.is_integer() and np.abs(value) < 2.0**53:
+        return str(int(value))
+    return str(value).strip()

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Polygons as areas: parts on the terrain, overlaps, points inside, cells that they hold or touch.
+
+A place on the border of two polygons belongs to one of them: that to its west, or south of it on a
+border from west to east. So polygons that share borders share no cell, and leave none out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.rasters.grid import Grid
+from rockfall.language import remark
+
+SLIVER = 0.01  # of the smaller polygon: smaller overlaps are inaccuracies of drawing
+SPARSE = 8  # cells between those looked at first
+HALF = 0.5  # of the area of a zone or stand: their maps often reach beyond a DEM
+#: [m] east and north by which borders count as moved: far below surveys, far above rounding, and
+#: in a direction that no border is drawn in.
+ASIDE = (1e-6, 1.618034e-6)
+MARGIN = 0.01  # cells by which polygons are enlarged, so that no cell that they touch is missed
+
+
+def disjoint(shapes: np.ndarray, where: str) -> tuple[np.ndarray, float]:
+    """Polygons without overlaps, and the area [m2] that was shared: slivers belong to the later
+    polygon, larger overlaps are refused with the numbers of both features.
+
+    >>> import shapely
+    >>> squares = np.array([shapely.box(0, 0, 10, 10), shapely.box(9.99, 0, 20, 10)])
+    >>> parts, shared = disjoint(squares, "stands.gpkg")
+    >>> round(shared, 6), round(parts[0].area, 6)
+    (0.1, 99.9)
+    """
+    import shapely
+
+    shapes, shared = shapes.copy(), 0.0
+    earlier, later = shapely.STRtree(shapes).query(shapes, predicate="intersects")
+    for j, k in sorted((j, k) for j, k in zip(earlier, later, strict=True) if j < k):
+        common = shapely.area(shapely.intersection(shapes[j], shapes[k]))
+        if common > SLIVER * min(shapely.area(shapes[j]), shapely.area(shapes[k])):
+            raise RockfallError(
+                f"{where}: features {j + 1} and {k + 1} overlap by {common:,.4g} m2: polygons must "
+                f"not overlap by more than {SLIVER:.0%} of the smaller one"
+            )
+        if common > 0:
+            shapes[j] = shapely.difference(shapes[j], shapes[k])
+            shared += float(common)
+    return shapes, shared
+
+
+def any_overlap(shapes: np.ndarray) -> bool:
+    """Return True if polygons share area, or may: none of those that are apart or only touch."""
+    import shapely
+
+    earlier, later = shapely.STRtree(shapes).query(shapes, predicate="intersects")
+    pairs = (shapes[k[earlier < later]] for k in (earlier, later))
+    return bool(np.any(~shapely.touches(*pairs)))
+
+
+def on_terrain(shapes: np.ndarray, grid: Grid) -> np.ndarray:
+    """Parts of polygons on the terrain; empty outside it."""
+    import shapely
+
+    return shapely.intersection(shapes, shapely.box(grid.west, grid.south, grid.east, grid.north))
+
+
+def note_outside(
+    path: str, shapes: np.ndarray, grid: Grid, least: float, remarks: list[str]
+) -> None:
+    """Remark on polygons with more than a fraction `least` of their area outside the terrain."""
+    import shapely
+
+    area = shapely.area(shapes)
+    outside = area - shapely.area(on_terrain(shapes, grid))
+    if n := int(np.count_nonzero(outside > least * area)):
+        numbers = {"part": n, "n": area.size, "percent": float(100 * outside.sum() / area.sum())}
+        remarks.append(remark(path, "input.polygons_outside", **numbers))
+
+
+def empty_polygons(cells: np.ndarray, shapes: np.ndarray, grid: Grid) -> np.ndarray:
+    """Mark polygons that hold no cell, given their number (from 1) in each. Most are found in a few
+    cells, the others within their bounds."""
+    import shapely
+
+    held = np.zeros(len(shapes) + 1, bool)
+    held[cells[::SPARSE, ::SPARSE]] = True
+    for k in np.flatnonzero(~held[1:]):
+        west, south, east, north = shapely.bounds(shapes[k])
+        row, column = grid.cells(np.array([west, east]), np.array([north, south]))
+        held[k + 1] = (cells[row[0] : row[1] + 1, column[0] : column[1] + 1] == k + 1).any()
+    return ~held[1:]
+
+
+def points_inside(
+    shapes: np.ndarray, x: np.ndarray, y: np.ndarray
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Each polygon by its index, and the indices of the points inside it."""
+    import shapely
+
+    order = np.argsort(y, kind="stable")
+    sorted_y = y[order]
+    shapely.prepare(shapes)
+    for k, (west, south, east, north) in enumerate(shapely.bounds(shapes)):
+        if np.isnan(west):  # empty
+            continue
+        start, stop = np.searchsorted(sorted_y, [south, north + 2 * ASIDE[1]])
+        near = order[start:stop]
+        near = near[(x[near] >= west) & (x[near] <= east + 2 * ASIDE[0])]
+        yield k, near[shapely.contains_xy(shapes[k], x[near] - ASIDE[0], y[near] - ASIDE[1])]
+
+
+def held_cells(shapes: Iterable[tuple[Any, int]], grid: Grid, cells: np.ndarray) -> np.ndarray:
+    """Set `cells` (ny, nx) whose centres lie in polygons to the number of the last of these, and
+    return them."""
+    from rasterio.features import rasterize
+
+    moved = grid.moved(-ASIDE[0], -ASIDE[1])
+    return rasterize(shapes, out=cells, transform=moved.transform)
+
+
+def touched_cells(shapes: np.ndarray, numbers: np.ndarray, grid: Grid) -> np.ndarray:
+    """Number of the last polygon that touches each cell, be it at an edge; 0 where none does."""
+    import shapely
+    from rasterio.features import rasterize
+
+    larger = shapely.buffer(shapes, MARGIN * grid.cell, quad_segs=1)
+    pairs = [(part, int(k)) for part, k in zip(larger, numbers, strict=True) if not part.is_empty]
+    if not pairs:
+        return np.zeros(grid.shape, "i4")
+    return rasterize(
+        pairs, out_shape=grid.shape, transform=grid.transform, fill=0, dtype="int32",
+        all_touched=True,
+    )  # fmt: skip

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Attributes of layers, and columns of tables, that are likely mistakes: those that nothing uses,
+misspelt ones among them, and numbers that stand for missing ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+import numpy as np
+
+from rockfall.io.vectors.layers import SHORT
+from rockfall.language import remark
+
+#: Attributes that geographic information systems add by themselves.
+_BOOKKEEPING = frozenset({
+    "fid", "ogc_fid", "objectid", "id", "gid", "uuid", "globalid", "layer", "path", "geometry",
+    "shape_length", "shape_leng", "shape_area", "remark", "comment", "note", "source",
+})  # fmt: skip
+#: Numbers that programs write for missing ones; negative ones are out of the range of attributes.
+_MARKS = (99.9, 99.99, 127.0, 255.0, 999.0, 999.9, 9999.0, 32767.0, 65535.0, 99999.0)
+_APART = 0.5  # the largest other number over a mark; as near ones are numbers like others
+_NO_NUMBERS = frozenset({"name", "zone", "x", "y"})  # of no range
+_CLOSE = 0.7  # similarity of a misspelt name, as of valeur and value
+_MAX_NAMED = 5
+
+
+def note_unused(
+    remarks: list[str],
+    where: object,
+    columns: Iterable[str],
+    used: Iterable[str],
+    plain: Callable[[str], str] = str.lower,
+) -> None:
+    """Add a remark on the columns that are none of the `used` names, which shapefiles truncate;
+    with the used name that a column resembles, if the file does not have that."""
+    names = [plain(name) for name in used]
+    expected = {*names, *(name[:SHORT] for name in names)}
+    own = {plain(name): name for name in columns}
+    unused = {key: name for key, name in own.items() if key not in expected | _BOOKKEEPING}
+    if not unused:
+        return
+    from difflib import get_close_matches
+
+    absent = [name for name in names if own.keys().isdisjoint({name, name[:SHORT]})]
+    shown = []
+    for key, name in unused.items():
+        meant = get_close_matches(key, absent, 1, _CLOSE)
+        shown.append(f"{name} ({meant[0]}?)" if meant else name)
+    shown[_MAX_NAMED:] = ["..."] * (len(shown) > _MAX_NAMED)
+    text = remark(where, "input.unused_attributes", names=", ".join(shown))
+    remarks += [text] * (text not in remarks)
+
+
+def note_marks(
+    remarks: list[str],
+    where: object,
+    columns: Mapping[str, np.ndarray],
+    used: Iterable[str],
+    plain: Callable[[str], str] = str.lower,
+) -> None:
+    """Add a remark on each used column whose largest number is one that marks missing numbers, far
+    above all others."""
+    names = {plain(name) for name in used} - _NO_NUMBERS
+    names |= {name[:SHORT] for name in names}
+    for name, column in columns.items():
+        if plain(name) not in names:
+            continue
+        try:
+            numbers = np.asarray(column, float)
+        except (TypeError, ValueError):
+            continue
+        numbers = numbers[np.isfinite(numbers)]
+        top = numbers.max(initial=0.0)
+        if not np.isclose(_MARKS, top, rtol=1e-6, atol=0).any():
+            continue
+        others = numbers[numbers < top]
+        if others.size and others.max() <= _APART * top:
+            n = numbers.size - others.size
+            text = remark(where, "input.mark", name=name, value=float(top), n=n)
+            remarks += [text] * (text not in remarks)

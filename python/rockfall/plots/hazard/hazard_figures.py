@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Hazard zones, intensities and risk over the relief of the terrain."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.hazard.files import colours_of
+from rockfall.analysis.hazard.risk_files import has_risk
+from rockfall.analysis.hazard.segment_files import has_segments
+from rockfall.analysis.hazard.zones import uncertain_of, zones_of
+from rockfall.case import case_in
+from rockfall.io.rasters.arrays import grid_of
+from rockfall.language import Number, say, word
+from rockfall.plots.cartography.labels import beside
+from rockfall.plots.cartography.marks import OBJECT, draw_line
+from rockfall.plots.cartography.rasters import draw_image
+from rockfall.plots.cartography.sheet import PAGE, Room, Sheet, finish, new_sheet
+from rockfall.plots.extent import around
+from rockfall.plots.figures import Figure
+from rockfall.plots.hazard.risk_figure import draw_risk, risk_key
+from rockfall.plots.hazard.segment_figure import roads_of_segments, segment_figure
+from rockfall.plots.style import INK, capital, styled
+from rockfall.result.maps.flat_maps import layers
+from rockfall.result.maps.map_labels import map_label
+from rockfall.result.trajectories import flags_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib import figure
+    from matplotlib.axes import Axes
+
+    from rockfall.result.trajectories import Terrain
+
+OPAQUE = 0.7  # so that the relief remains visible under classes
+HATCH = "/////"
+
+
+def hazard_figures(hazard: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
+    """Figures of the zones of a hazard, of the intensity at each return period, of the risk of
+    objects, if they say what is exposed, and of each road that was cut into segments."""
+    minimum_area = case_in(hazard.attrs).hazard["minimum_area"]
+    key = "hazard.classes_of_area" if minimum_area else "hazard.classes"
+    shown = [
+        Figure(
+            "hazard_class",
+            say("front.zones_of_hazard"),
+            say(key, area=minimum_area),
+            partial(zones_figure, hazard, terrain),
+        )
+    ]
+    for name, data in layers(hazard["intensity"]).items():
+        period = name.removeprefix("intensity_").removesuffix("years")
+        title = say("hazard.intensity", period=Number(period))
+        text = f"{capital(map_label(name, data.attrs['long_name']))}."
+        shown.append(Figure(name, title, text, partial(_map_figure, hazard, data, terrain)))
+    if has_risk(hazard):
+        draw = partial(_risk_figure, hazard, terrain)
+        shown.append(Figure("risk", say("hazard.risk_title"), say("hazard.risk"), draw))
+    roads = roads_of_segments(hazard) if has_segments(hazard) else []
+    for k, road in enumerate(roads, start=1):
+        name = "segments" if len(roads) == 1 else f"segments_{k}"
+        draw = partial(segment_figure, hazard, road)
+        shown.append(Figure(name, say("hazard.road_title"), say("hazard.road"), draw))
+    return shown
+
+
+@styled
+def zones_figure(
+    hazard: xr.Dataset, terrain: Terrain | None = None, room: Room = PAGE
+) -> figure.Figure:
+    """Map of the zones of a hazard, hatched where their class is uncertain, and the objects."""
+    sheet = begun(hazard, terrain, zone_key(hazard), room)
+    draw_zones(sheet, hazard)
+    finish(sheet, hazard["crs"].attrs)
+    return sheet.figure
+
+
+def draw_zones(sheet: Sheet, hazard: xr.Dataset) -> None:
+    """Draw the zones of a hazard, hatched where their class is uncertain, and the objects."""
+    zones, colours = zones_of(hazard), colours_of(hazard["hazard_class"])
+    for number, colour in colours.items():
+        style = {"facecolor": colour, "edgecolor": INK, "linewidth": 0.4, "alpha": OPAQUE}
+        _draw_polygons(sheet.axes, zones.shapes[zones.number == number], **style)
+    hatched = {"facecolor": "none", "edgecolor": INK, "linewidth": 0.0, "hatch": HATCH}
+    _draw_polygons(sheet.axes, uncertain_of(hazard).shapes, **hatched)
+    _draw_objects(sheet, hazard)
+
+
+def zone_key(hazard: xr.Dataset) -> list[Any]:
+    """Legend of the zones, from the highest class."""
+    from matplotlib.patches import Patch
+
+    doubtful = Patch(facecolor="none", edgecolor=INK, hatch=HATCH, label=say("hazard.not_certain"))
+    return [*_key(hazard["hazard_class"]), doubtful]
+
+
+def _draw_polygons(axes: Axes, shapes: np.ndarray, **options: Any) -> None:
+    """Draw polygons with their holes as one patch."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    rings = [ring for shape in shapes for ring in (shape.exterior, *shape.interiors)]
+    if rings:
+        paths = [Path(np.array(ring.coords), closed=True) for ring in rings]
+        axes.add_patch(PathPatch(Path.make_compound_path(*paths), **options))
+
+
+@styled
+def _map_figure(hazard: xr.Dataset, data: xr.DataArray, terrain: Terrain | None) -> figure.Figure:
+    sheet = begun(hazard, terrain, _key(data))
+    grid, flipped = grid_of(data)
+    values = data.values[::-1] if flipped else data.values
+    _draw_classes(sheet.axes, values, grid, data)
+    _draw_objects(sheet, hazard)
+    finish(sheet, hazard["crs"].attrs)
+    return sheet.figure
+
+
+@styled
+def _risk_figure(hazard: xr.Dataset, terrain: Terrain | None) -> figure.Figure:
+    sheet = begun(hazard, terrain, risk_key(hazard))
+    draw_risk(sheet, hazard)
+    finish(sheet, hazard["crs"].attrs)
+    return sheet.figure
+
+
+def begun(hazard: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Room = PAGE) -> Sheet:
+    """New map of everything that boulders reached, and of the objects."""
+    import shapely
+
+    passed = hazard["hit_frequency"].values > 0
+    x, y = hazard["x"].values[passed.any(axis=0)], hazard["y"].values[passed.any(axis=1)]
+    if "object" in hazard.dims:
+        shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
+        west, south, east, north = shapely.total_bounds(shapes)
+        x, y = np.append(x, [west, east]), np.append(y, [south, north])
+    extent = around(x, y, grid_of(hazard["hazard_class"])[0].cell, terrain)
+    return new_sheet(extent, terrain, key, room=room)
+
+
+def _listed(colours: list[str]) -> Any:
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colours)
+
+
+def _draw_classes(axes: Axes, numbers: np.ndarray, grid: Any, data: xr.DataArray) -> None:
+    """Draw classes in their colours, nothing where there is none."""
+    colours = colours_of(data)
+    first, last = min(colours), max(colours)
+    shown = np.where(np.isin(numbers, list(colours)), numbers, np.nan)
+    style = {"vmin": first - 0.5, "vmax": last + 0.5, "alpha": OPAQUE}
+    draw_image(axes, shown, grid, cmap=_listed(list(colours.values())), **style)
+
+
+def _key(data: xr.DataArray) -> list[Any]:
+    from matplotlib.patches import Patch
+
+    words = {number: word(name) for name, number in flags_of(data).items()}
+    return [
+        Patch(color=colour, label=words[number], alpha=OPAQUE)
+        for number, colour in reversed(colours_of(data).items())
+    ]
+
+
+def _draw_objects(sheet: Sheet, hazard: xr.Dataset) -> None:
+    """Draw outlines, lines and points, with their names."""
+    import shapely
+
+    if "object" not in hazard.dims:
+        return
+    shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
+    for name, shape in zip(hazard["object"].values, shapes, strict=True):
+        for part in getattr(shape, "geoms", [shape]):
+            curve = part.exterior if part.geom_type == "Polygon" else part
+            x, y = np.array(curve.coords).T
+            draw_line(sheet, x, y, OBJECT | ({"marker": "+"} if x.size == 1 else {}))
+        ring = shapely.get_coordinates(shape).T
+        sheet.labels.put(str(name), beside(*ring))

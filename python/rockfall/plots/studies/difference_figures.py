@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps of the difference of a variant from the first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.io.rasters.arrays import grid_of
+from rockfall.language import word
+from rockfall.plots.cartography.rasters import draw_image
+from rockfall.plots.cartography.sheet import finish, new_sheet
+from rockfall.plots.extent import around
+from rockfall.plots.style import styled
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    from rockfall.result.trajectories import Terrain
+
+LESS, MORE, UNDECIDED = "#0072B2", "#D55E00", "#BBBBBB"  # Okabe and Ito (2008)
+
+
+@styled
+def difference_figure(
+    maps: Mapping[str, xr.DataArray], variant: str, terrain: Terrain | None = None
+) -> Figure:
+    """Map of where fewer or more boulders pass in a variant, from `difference_maps`: where the
+    verdict says so, and in grey where it is undecided."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
+
+    passing, verdict = maps[f"{variant}_passing"], maps[f"{variant}_verdict"]
+    grid, flipped = grid_of(verdict)
+    values = verdict.values.astype(float)
+    values[(values == 0) & (passing.values == 0)] = np.nan
+    is_known = np.isfinite(values)
+    x, y = verdict["x"].values[is_known.any(axis=0)], verdict["y"].values[is_known.any(axis=1)]
+    colours = {"less": LESS, "undecided": UNDECIDED, "more": MORE}
+    key: list[Any] = [Patch(color=colour, label=word(name)) for name, colour in colours.items()]
+    if not is_known.any():
+        x, y = verdict["x"].values, verdict["y"].values
+    sheet = new_sheet(around(x, y, grid.cell, terrain), terrain, key)
+    shown = values[::-1] if flipped else values
+    style = {"vmin": -1.5, "vmax": 1.5, "alpha": 0.7}
+    draw_image(sheet.axes, shown, grid, cmap=ListedColormap(list(colours.values())), **style)
+    finish(sheet, verdict.attrs if "crs" not in verdict.coords else verdict["crs"].attrs)
+    return sheet.figure

@@ -1,0 +1,501 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Export of a result: GeoTIFF, GeoPackage and CSV for a GIS and a spreadsheet; KML, DXF."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+import sqlite3
+import tempfile
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, nullcontext
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.case.files import files_behind
+from rockfall.errors import OUR_FAULT, RockfallError, need
+from rockfall.io.coordinates.crs import in_plan, plan_wkt
+from rockfall.io.files import atomic_write
+from rockfall.io.output_files import atomic_folder, why_unwritten
+from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.raster import write_geotiff
+from rockfall.io.tables import spreadsheet_text
+from rockfall.quantities import SHOWN
+from rockfall.result.crossings import HEIGHTS, columns_at, line_names
+from rockfall.result.dataset import NO_COUNT, open_result
+from rockfall.result.files.drawing import write_drawing
+from rockfall.result.files.geographic import geographic
+from rockfall.result.files.kml import write_kml
+from rockfall.result.files.protection_lines import dam_lines, dams_in
+from rockfall.result.files.qgis_style import write_classes
+from rockfall.result.files.source_areas import SourceTable, are_cells, source_areas
+from rockfall.result.files.trajectory_layers import (
+    flight_features,
+    in_milliseconds,
+    trajectory_features,
+)
+from rockfall.result.files.vector_style import STYLES, Style, put_styles
+from rockfall.result.maps.classes import classes_of, shown_as
+from rockfall.result.maps.flat_maps import PLAN, flat_maps
+from rockfall.result.motion import TOLERANCE, Sampled, motion_of, sampled, seconds
+from rockfall.result.names import distinct_words
+from rockfall.result.trajectories import flags_of
+from rockfall.result.validate import check_dimensions
+from rockfall.result.variables import CROSSING, FRAGMENT, LINE
+from rockfall.system import has_locks
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    #: Shapes, and the columns of their attributes.
+    Features = tuple[np.ndarray, dict[str, np.ndarray]]
+    #: Name of a layer -> its type of geometry, and its features in parts.
+    Layers = dict[str, tuple[str, Iterable[Features]]]
+
+USUAL = ("tif", "gpkg", "csv")
+FORMATS = (*USUAL, "kml", "dxf")
+GONE = {"czml": "is no longer written: use kml, which Cesium reads"}
+DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF: each feature once
+MEASURED = {"LineString ZM": "Measured 3D LineString"}  # by its name in pyogrio
+_ROWS = 100_000  # boulders in memory at a time
+PLACES = 4  # decimals of places of crossings [m], which are known to a tenth of a millimetre
+METRES = {"units": "m"}
+#: Attributes of the columns of crossings.
+ABOUT = {**dict.fromkeys(HEIGHTS, METRES), **LINE, **CROSSING, **FRAGMENT}
+
+
+class Chosen(NamedTuple):
+    """Choices for an export: its formats, and the tolerance [m] of drawn parabolas."""
+
+    formats: Sequence[str] = USUAL
+    tolerance: float = TOLERANCE
+
+
+EXPORTED = Chosen()
+UNIT_NAMES = {"m s-1": "m_s", "rad s-1": "rad_s", "degree": "deg"}  # in names of files and fields
+
+
+def export(
+    result: xr.Dataset | str | Path,
+    folder: str | Path,
+    *,
+    formats: Sequence[str] = USUAL,
+    tolerance: float = TOLERANCE,
+) -> list[Path]:
+    """Write a result (a Dataset, or its netCDF file) to `folder`; returns the files written.
+
+    `formats` are some of tif (<map>_<unit>.tif for each variable on (y, x), energies in kJ, nodata
+    where no boulder passed, with a QGIS style .qml for each), gpkg (rockfall.gpkg with the layers
+    sources, stops, lines, crossings, trajectories and flights, as far as the result has them,
+    energies in kJ, and their styles), csv (in SI boulders.csv, and line_<name>.csv for each line),
+    kml and dxf (sources, stops, lines, trajectories). Parabolas are drawn to `tolerance` [m].
+    Writes all of them or, with a RockfallError, none.
+
+    >>> import rockfall
+    >>> result = rockfall.run(rockfall.read_case("case.nml"))
+    >>> sorted(path.name for path in rockfall.export(result, "gis"))[0]
+    'boulders.csv'
+    >>> [path.name for path in rockfall.export(result, "cad", formats=["dxf"])]
+    ['rockfall.dxf']
+    """
+    folder = Path(folder)
+    chosen = Chosen(check_formats(formats, FORMATS), tolerance)
+    files = [result] if isinstance(result, str | Path) else []
+    with open_result(result) if isinstance(result, str | Path) else nullcontext(result) as data:
+        for file in files:
+            check_dimensions(data, file)
+        with atomic_folder(folder, chain(files, files_behind(data))) as part:
+            written = put_export(data, part, chosen, result)
+            return [folder / path.name for path in written]
+
+
+def put_export(
+    data: xr.Dataset, folder: Path, chosen: Chosen = EXPORTED, result: object = "result"
+) -> list[Path]:
+    """Write the files of `export` into a new folder; `result` is for messages."""
+    data = flat_maps(data.set_coords({"crs"} & set(data.data_vars)))
+    try:
+        check_formats(chosen.formats, FORMATS)
+        return list(_export(data, folder, *chosen))
+    except RuntimeError as error:  # from netCDF4: values are read while they are written
+        raise RockfallError(f"{result}: cannot be read: {error}") from error
+    except KeyError as error:
+        raise RockfallError(f"the result lacks what goes with it: {error}") from error
+
+
+def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
+    """The given formats in the order of `allowed`; a RockfallError refuses others and none."""
+    for name in formats:
+        if name in GONE:
+            raise RockfallError(f"--formats {name}: {GONE[name]}")
+        if name not in allowed:
+            raise RockfallError(f"--formats {name}: must be {', '.join(allowed)}")
+    if not formats:
+        raise RockfallError(f"--formats: must be some of {', '.join(allowed)}")
+    return [name for name in allowed if name in formats]
+
+
+def _export(
+    data: xr.Dataset, folder: Path, formats: Sequence[str], tolerance: float
+) -> Iterator[Path]:
+    moving = None
+    if {"gpkg", "kml", "dxf"} & {*formats} and data.sizes.get("trajectory_vertex"):
+        moving = sampled(motion_of(data), tolerance)
+    layers = _layers(data, moving) if "gpkg" in formats else {}
+    if "tif" in formats:
+        for name, variable in data.data_vars.items():
+            if variable.dims == PLAN:
+                yield from _put_map(folder, data, str(name))
+    if "csv" in formats and data.sizes.get("boulder"):
+        yield _write_table(folder / "boulders.csv", map(_columns, _boulders(data)))
+        yield from _write_lines(folder, data)
+    if layers:
+        yield write_geopackage(folder / "rockfall.gpkg", layers, crs_wkt(data), STYLES)
+    if "kml" in formats:
+        drawn = _drawn(data, moving, "KML", *DRAWN, "flights")
+        yield put_kml(folder / "rockfall.kml", drawn, data, STYLES)
+    if "dxf" in formats:
+        yield write_drawing(folder / "rockfall.dxf", _drawn(data, moving, "DXF", *DRAWN), STYLES)
+
+
+def _drawn(data: xr.Dataset, moving: Sampled | None, what: str, *drawn: str) -> Layers:
+    """Layers of a drawing among those `drawn`."""
+    layers = _layers(data, moving, what)
+    if not (chosen := {name: layers[name] for name in drawn if name in layers}):
+        raise RockfallError(f"{what}: the result has nothing that could be drawn")
+    return chosen
+
+
+def put_kml(path: Path, layers: Layers, data: xr.Dataset, styles: Mapping[str, Style]) -> Path:
+    """Write layers of a result or hazard as KML, with a warning where places are not exact."""
+    way = geographic(data, crs_wkt(data), "KML")
+    for remark in way.remarks:
+        warnings.warn(remark, stacklevel=2)
+    return write_kml(path, layers, str(data.attrs.get("title") or "rockfall"), way, styles)
+
+
+def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
+    """Write a map in the unit in which it is shown (fractions unchanged), and its style."""
+    variable, (unit, factor) = data[name], shown_as(data[name])
+    stem, scale = _exported(name.removesuffix("_map"), variable.attrs.get("units", "1"))
+    values, _ = _stored(variable)
+    if values.dtype.kind == "f":
+        blank, values = np.nan, values * values.dtype.type(scale)
+    else:
+        blank = NO_COUNT
+    values = np.where(_passed(data, values), values, values.dtype.type(blank))
+    attrs = {str(key): text for key, text in data.attrs.items()} | variable.attrs
+    attrs |= {"variable": name}
+    attrs |= {"_FillValue": blank} | ({"units": unit} if scale != 1 else {})
+    path = folder / f"{stem}.tif"
+    yield write_map(path, variable.copy(data=values).assign_attrs(attrs))
+    yield write_classes(path, classes_of(unit), scale / factor)
+
+
+def _passed(data: xr.Dataset, values: np.ndarray) -> np.ndarray:
+    """Mask of cells that boulders passed, from the map of passages or, without it, from positive
+    values of any map."""
+    present = [name for name in ("passages", "reach_probability") if name in data]
+    return (_stored(data[present[0]])[0] if present else values) > 0
+
+
+def _exported(name: str, units: str) -> tuple[str, float]:
+    """Name of a map or a field with its unit, and the factor to that unit: energies in kJ."""
+    unit, factor = SHOWN["J"] if units == "J" else (units, 1.0)
+    return name + (f"_{UNIT_NAMES.get(unit, unit)}" if unit != "1" else ""), factor
+
+
+def write_map(path: Path, data: xr.DataArray) -> Path:
+    """Write a map in plan as GeoTIFF, with its attributes as tags."""
+    grid, flipped = grid_of(data)
+    grid = replace(grid, crs=in_plan(grid.crs) if grid.crs else None)
+    values, fill = _stored(data)
+    tags = {
+        key: str(value)
+        for key, value in data.attrs.items()
+        if key not in ("_FillValue", "grid_mapping")
+    }
+    tags["TIFFTAG_SOFTWARE"] = "rockfall"
+    write_geotiff(path, values[::-1] if flipped else values, grid, fill, **tags)
+    return path
+
+
+def _stored(data: xr.DataArray) -> tuple[np.ndarray, float | int | None]:
+    """Values and the marker of missing ones: NaN for reals, the fill value for integers.
+
+    Decoding by xarray, from integers to reals and from seconds to durations, is undone.
+    """
+    values = seconds(data.values)
+    fill = data.attrs.get("_FillValue", data.encoding.get("_FillValue"))
+    if values.dtype.kind == "f" and np.dtype(data.encoding.get("dtype", "f8")).kind in "iu":
+        values = np.where(np.isnan(values), fill or 0, values).astype(data.encoding["dtype"])
+    if values.dtype.kind != "f":
+        return values, None if fill is None else int(fill)
+    if fill is not None and not np.isnan(fill):
+        values = np.where(values == values.dtype.type(fill), values.dtype.type(np.nan), values)
+    return values, float("nan")
+
+
+def _numbers(data: xr.Dataset, dim: str) -> np.ndarray:
+    """Names of the lines, or numbers of the boulders: from 1 if the result has none."""
+    return data[dim].values if dim in data.coords else np.arange(1, data.sizes[dim] + 1)
+
+
+def _words(data: xr.DataArray) -> xr.DataArray:
+    """A CF flag variable as words; any other variable unchanged."""
+    if "flag_meanings" not in data.attrs:
+        return data
+    import xarray as xr
+
+    stored, flags = _stored(data)[0], flags_of(data)
+    conditions = [stored == flag for flag in flags.values()]
+    return xr.DataArray(np.select(conditions, list(flags), "unknown"), dims=data.dims)
+
+
+def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
+    """Variables for each boulder, in chunks."""
+    number = _numbers(data, "boulder")
+    data = data[[name for name in data.data_vars if data[name].dims == ("boulder",)]]
+    for first in range(0, number.size, _ROWS):
+        rows = slice(first, first + _ROWS)
+        yield data.isel(boulder=rows).assign_coords(boulder=number[rows])
+
+
+def _columns(data: xr.Dataset) -> dict[str, xr.DataArray]:
+    """Every variable that has one value for each boulder."""
+    names = (str(name) for name in data.data_vars if data[name].dims == ("boulder",))
+    return {"boulder": data["boulder"], **{name: data[name] for name in names}}
+
+
+def _write_lines(folder: Path, data: xr.Dataset) -> Iterator[Path]:
+    """One table for each evaluation line: the boulders that crossed it."""
+    if "line" in data.dims:
+        for k, name in enumerate(distinct_words(line_names(data))):
+            yield _write_table(folder / f"line_{name}.csv", [_crossings(data, k)])
+
+
+def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
+    """Columns of the boulders that cross a line, in the precision that a result keeps."""
+    import xarray as xr
+
+    columns = {}
+    for name, values in columns_at(data, line).items():
+        attrs = ABOUT.get(name, {})
+        if name == "outcome":
+            attrs = data["crossing_outcome"].attrs
+        values = np.round(values, PLACES) if name in ("x", "y") else values
+        if values.dtype == np.float64 and name not in ("x", "y"):
+            values = values.astype("f4")
+        columns[name] = xr.DataArray(values, dims="boulder", attrs=attrs)
+    return columns
+
+
+def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
+    """Write tables with the same columns below each other; missing values are left empty."""
+    with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        for k, columns in enumerate(tables):
+            if k == 0:
+                writer.writerow(map(spreadsheet_text, columns))
+            writer.writerows(zip(*map(_texts, columns.values()), strict=True))
+    return path
+
+
+def _texts(column: xr.DataArray) -> list[str]:
+    """Values in the fewest digits that restore them."""
+    values, fill = _stored(_words(column))
+    missing = np.isnan(values) if values.dtype.kind == "f" else values == fill
+    texts = np.where(missing, "", values.astype(str)).tolist()
+    return texts if values.dtype.kind in "iufb" else [spreadsheet_text(text) for text in texts]
+
+
+def _layers(data: xr.Dataset, moving: Sampled | None, what: str = "GeoPackages") -> Layers:
+    """The layers that the result has; `what` needs them, for a message."""
+    layers: Layers = {}
+    has_rows = data.sizes.get("boulder", 1) > 0
+    has_crossings = has_rows and "row_size" in data
+    if "stop_x" in data or {"line_vertex", "trajectory_vertex"} & set(data.dims):
+        need(f"{what} need" + "s" * (what != "GeoPackages"), "vector", "pyogrio", "shapely")
+    if "start_x" in data and has_rows:
+        sources = _source_table(data)
+        layers["sources"] = "Point", [_sources(sources)]
+        if are_cells(data):
+            layers["source_areas"] = "MultiPolygon", [source_areas(data, sources)]
+    if "stop_x" in data and has_rows:
+        layers["stops"] = "Point Z", map(_stops, _boulders(data))
+    if "line_vertex" in data.dims:
+        layers["lines"] = "LineString", [_lines(data)]
+        if "barrier_height" in data:
+            layers["barriers"] = "LineString", [_barriers(data)]
+    if has_crossings:
+        layers["crossings"] = "Point", _crossing_points(data)
+    if dams := dams_in(data):
+        layers["dams"] = "LineString", [dam_lines(dams)]
+    if moving is not None:
+        layers["trajectories"] = "LineString ZM", [trajectory_features(data, moving)]
+        if len((pieces := flight_features(moving))[0]):
+            layers["flights"] = "LineString ZM", [pieces]
+    return layers
+
+
+def _stops(data: xr.Dataset) -> Features:
+    """End points of boulders, with all their variables."""
+    import shapely
+
+    places = [_stored(data[f"stop_{axis}"])[0].astype(np.float64) for axis in "xyz"]
+    points = shapely.points(*places)
+    points[np.isnan(places).any(axis=0)] = None
+    return points, dict(_field(*column) for column in _columns(data).items())
+
+
+def _source_table(data: xr.Dataset) -> SourceTable:
+    """Start points of boulders, each once, and the numbers of boulders from there."""
+    places = np.column_stack([_stored(data[f"start_{axis}"])[0] for axis in "xy"])
+    places, first, source, boulders = np.unique(
+        places, axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    feature, names = np.ones(len(places), np.int64), ("",)
+    if "source_feature" in data and "feature_name" in data.variables:
+        feature = _stored(data["source_feature"])[0][first].astype(np.int64)
+        names = tuple(map(str, data["feature_name"].values))
+    furthest = None
+    if "plan_distance" in data:
+        furthest = np.zeros(len(places))
+        np.maximum.at(furthest, source, np.nan_to_num(_stored(data["plan_distance"])[0]))
+    return SourceTable(places, feature, boulders.astype(np.int64), furthest, names)
+
+
+def _sources(sources: SourceTable) -> Features:
+    """Start points of boulders, with the number of boulders and their maximum distance."""
+    import shapely
+
+    fields: dict[str, np.ndarray] = {
+        "source": np.arange(1, len(sources.places) + 1),
+        "boulders": sources.boulders,
+    }
+    if sources.furthest is not None:
+        fields["plan_distance_max_m"] = sources.furthest
+    return shapely.points(sources.places), fields
+
+
+def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
+    """First crossings of each line, with all their variables."""
+    import shapely
+
+    for k, name in enumerate(line_names(data)):
+        columns = _crossings(data, k)
+        points = shapely.points(columns["x"].values, columns["y"].values)
+        line = {"line": np.full(points.size, name, dtype=object)}
+        yield points, line | dict(_field(*column) for column in columns.items())
+
+
+def _field(name: str, column: xr.DataArray) -> tuple[str, np.ndarray]:
+    """A column in a type supported by GeoPackage, energies in kJ, and its name with the unit."""
+    values, _ = _stored(_words(column))
+    kind = {"i": np.int64, "u": np.int64, "b": np.int64, "f": np.float64}
+    name, factor = _exported(name, column.attrs.get("units", "1"))
+    values = values.astype(kind.get(values.dtype.kind, object))
+    return name, values if factor == 1 else values * factor
+
+
+def _lines(data: xr.Dataset) -> Features:
+    """Evaluation lines in plan; `line_vertex_line` counts lines from 0."""
+    names, line = line_names(data), data["line_vertex_line"].values
+    if not np.array_equal(np.unique(line), np.arange(len(names))):
+        raise RockfallError(
+            "line_vertex_line: must have every line, counted from 0", code=OUR_FAULT
+        )
+    shapes = _strings(line, [data[f"line_vertex_{axis}"].values for axis in "xy"])
+    return shapes, {"name": np.array(names, dtype=object)}
+
+
+def _barriers(data: xr.Dataset) -> Features:
+    """Evaluation lines that are barriers, with their height and the energy that they can take."""
+    shapes, fields = _lines(data)
+    height, capacity = (_stored(data[f"barrier_{name}"])[0] for name in ("height", "capacity"))
+    chosen = ~np.isnan(height)
+    fields |= {"height_m": height.astype(np.float64), "capacity_kJ": 1e-3 * capacity}
+    return shapes[chosen], {name: values[chosen] for name, values in fields.items()}
+
+
+def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
+    """Line string of each owner, by increasing number, from its vertices in order.
+
+    An owner with one vertex, a boulder that never moved, gets a string of zero length.
+    """
+    import shapely
+
+    order = np.argsort(owner, kind="stable")
+    _, index, counts = np.unique(owner[order], return_inverse=True, return_counts=True)
+    repeat = np.where(counts == 1, 2, 1)[index]
+    vertices = np.column_stack(coordinates).astype(np.float64)[order]
+    return shapely.linestrings(np.repeat(vertices, repeat, axis=0), indices=index.repeat(repeat))
+
+
+def crs_wkt(data: xr.Dataset) -> str | None:
+    """Horizontal CRS of the grid mapping `crs`; None if the terrain has none. Older results have
+    the system of heights in it."""
+    wkt = data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
+    return plan_wkt(wkt) if wkt and wkt.startswith("COMP") else wkt
+
+
+def write_geopackage(
+    path: Path, layers: Layers, crs: str | None, styles: Mapping[str, Style] | None = None
+) -> Path:
+    """Write layers to one file, with QGIS styles if given, atomically."""
+    import pyogrio
+    import shapely
+
+    with atomic_write(path) as named, _lockable(named) as part, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "'crs' was not provided")
+        try:
+            for layer, (kind, parts) in layers.items():
+                features = 0
+                for shapes, fields in parts:
+                    wkb = shapes if kind.endswith(" ZM") else shapely.to_wkb(shapes)
+                    fields = in_milliseconds(fields)
+                    pyogrio.raw.write(
+                        part, wkb, list(fields.values()), list(fields),
+                        layer=layer, geometry_type=MEASURED.get(kind, kind), crs=crs, driver="GPKG",
+                        append=part.exists(),
+                    )  # fmt: skip
+                    features += len(shapes)
+                _check_arrived(part, layer, features)
+            if styles:
+                put_styles(part, {layer: kind for layer, (kind, _) in layers.items()}, styles)
+        except (
+            pyogrio.errors.DataSourceError,
+            pyogrio.errors.DataLayerError,
+            sqlite3.Error,
+        ) as error:
+            reason = why_unwritten(error, part.parent)
+            raise RockfallError(f"{path}: cannot be written: {reason}") from error
+    return path
+
+
+@contextmanager
+def _lockable(path: Path) -> Iterator[Path]:
+    """Yield the path, or one in the system's temporary folder if SQLite could not lock it here; the
+    file is then moved."""
+    if has_locks(str(path.parent)):
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield (place := Path(folder) / path.name)
+        shutil.copyfile(place, path)
+
+
+def _check_arrived(path: Path, layer: str, features: int) -> None:
+    """Check the features written: GDAL does not report a full disk when closing a GeoPackage."""
+    index = "SELECT count(*) FROM sqlite_master WHERE name = ?"
+    with closing(sqlite3.connect(path)) as database:
+        (count,) = database.execute(f'SELECT count(*) FROM "{layer}"').fetchone()
+        (indexed,) = database.execute(index, [f"rtree_{layer}_geom"]).fetchone()
+        (state,) = database.execute("PRAGMA quick_check(1)").fetchone()
+    if count != features or not indexed or state != "ok":
+        raise sqlite3.DatabaseError(f"layer {layer} is not whole")

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Longitudes and latitudes (WGS 84) of a result, for KML."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.coordinates.crs import (
+    Bounds,
+    Transformation,
+    crs_name,
+    degrees_way,
+    vertical_datum,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+EASTINGS = ("x", "start_x", "stop_x", "line_vertex_x", "trajectory_x")
+
+
+class Geographic(NamedTuple):
+    """Way from plan coordinates to degrees, the names of both systems, and what to warn of."""
+
+    way: Transformation
+    crs: str
+    heights: str  # name of the vertical datum
+    remarks: list[str]
+
+    def degrees(self, xyz: np.ndarray) -> np.ndarray:
+        """Coordinates (n, 2 or 3) in plan as longitude, latitude and the same height."""
+        if not len(xyz):
+            return xyz
+        places = np.column_stack([*self.way.transform(xyz[:, 0], xyz[:, 1]), *xyz.T[2:]])
+        if not np.isfinite(places[:, :2]).all():
+            raise RockfallError(f"{self.crs} has no longitude and latitude for all places")
+        return places
+
+
+def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
+    """Way to degrees of a result or hazard; `what` needs it, for the message without a CRS."""
+    from rasterio.crs import CRS
+
+    if wkt is None:
+        raise RockfallError(
+            f"{what} needs longitudes and latitudes, and the result has no CRS: "
+            "give the DEM one (rockfall dem DEM -o DEM.tif --crs CODE) and run again"
+        )
+    crs = CRS.from_wkt(wkt)
+    way = degrees_way(crs, _bounds(data))
+    remarks = []
+    if not way.is_best:
+        remarks = [
+            f"longitudes and latitudes from {crs_name(crs)}: PROJ lacks a grid here for the most "
+            "accurate way; places may be off by a metre or more"
+        ]
+    attrs = data["crs"].attrs if "crs" in data.variables else {}  # older results have it in the CRS
+    heights = attrs.get("vertical_datum") or vertical_datum(CRS.from_wkt(attrs.get("crs_wkt", wkt)))
+    return Geographic(way, crs_name(crs), heights, remarks)
+
+
+def _bounds(data: xr.Dataset) -> Bounds:
+    """Extent of all that has places."""
+    limits = []
+    for axis in "xy":
+        names = [axis if name == "x" else f"{name[:-1]}{axis}" for name in EASTINGS]
+        values = [data[name].values for name in names if name in data.variables]
+        values = [value[np.isfinite(value)] for value in values if value.size]
+        values = [value for value in values if value.size]
+        if not values:
+            raise RockfallError("the result has no places")
+        limits.append((min(map(np.min, values)), max(map(np.max, values))))
+    (west, east), (south, north) = limits
+    return Bounds(float(west), float(south), float(east), float(north))

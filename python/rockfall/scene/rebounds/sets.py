@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Impact sets as numbers, and the restitution coefficients that follow from them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.grounds.impact_sets import shipped_sets
+from rockfall.io.files import read_text
+from rockfall.scene.rebounds.coefficients import covariance_root, draws_in
+from rockfall.scene.rebounds.rebound import admissible
+
+ERROR_MARK = "Covariance of the errors of the means, lower triangle by rows:"
+DRAWS = 4000  # of A, for the means of R_t and R_n
+
+
+@dataclass(frozen=True)
+class Lateral:
+    """Quantiles (k, 13) of the amount of the lateral deviation [degrees] in k classes of incidence,
+    the angles between them (k - 1,) [degrees], and the impacts in each (k,)."""
+
+    incidence: np.ndarray
+    quantiles: np.ndarray
+    impacts: np.ndarray
+
+
+@dataclass(frozen=True)
+class Sets:
+    """The five sets of a file: means (5, 9) and covariances (5, 9, 9) of a1..a9, and error
+    covariances of the means (5, 9, 9) and lateral deviations, where the file has them."""
+
+    name: str
+    mean: np.ndarray
+    covariance: np.ndarray
+    error: np.ndarray | None = None
+    lateral: tuple[Lateral, ...] | None = None
+
+    def redrawn(self, generator: np.random.Generator) -> Sets:
+        """Sets with perturbed means, drawn from the distribution of their errors."""
+        if self.error is None:
+            return self
+        off = [
+            covariance_root(error, "covariance of errors") @ generator.standard_normal(9)
+            for error in self.error
+        ]
+        return replace(self, mean=self.mean + off)
+
+
+def read_sets(source: str | Path) -> list[Sets]:
+    """Draws in a set file, or in a shipped set by its name: one, or those of an ensemble."""
+    path = shipped_sets().get(str(source), Path(source))
+    error = _errors(read_text(path), path)
+    draws = [own.read("past_aspect")[0] for own in draws_in(path, "past_aspect")]  # the matrices do
+    return [
+        Sets(
+            Path(source).stem, drawn.mean.T, drawn.covariance.T, error,
+            _lateral(drawn.incidence.T, drawn.lateral.T),
+        )
+        for drawn in draws
+    ]  # fmt: skip
+
+
+def _lateral(between: np.ndarray, quantiles: np.ndarray) -> tuple[Lateral, ...] | None:
+    """Lateral deviations of the five sets, from the kernel's arrays (5, 8) and (5, 9, 13)."""
+    if not quantiles.any(axis=(1, 2)).all():
+        return None
+    classes = (between < 90).sum(axis=1) + 1
+    return tuple(
+        Lateral(angles[: n - 1], rows[:n], np.zeros(n, int))
+        for angles, rows, n in zip(between, quantiles, classes, strict=True)
+    )
+
+
+def _errors(text: str, path: Path) -> np.ndarray | None:
+    """Covariances of the errors of the means, (5, 9, 9), if all sets of a file have them."""
+    blocks = text.split(f"! {ERROR_MARK}\n")[1:]
+    if len(blocks) != 5:
+        return None
+    matrices = np.full((5, 9, 9), np.nan)
+    for block in blocks:
+        lines = block.splitlines()
+        ratio = re.search(r"^&impact_set ratio = ([1-5])\b", block, re.MULTILINE)
+        try:
+            rows = [[float(term) for term in line.lstrip("! ").split(",")] for line in lines[:9]]
+            if ratio is None:
+                raise ValueError("no ratio")
+            matrix = matrices[int(ratio[1]) - 1]
+            for k, row in enumerate(rows):
+                matrix[k, : k + 1] = matrix[: k + 1, k] = row
+        except (ValueError, TypeError) as error:
+            raise RockfallError(f"{path}: the errors of the means cannot be read") from error
+    if not np.isfinite(matrices).all():
+        raise RockfallError(f"{path}: the errors of the means cannot be read")
+    return matrices
+
+
+def restitution(
+    mean: np.ndarray, covariance: np.ndarray, angle: float, seed: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """R_t and R_n (draws,) of one set at an incidence angle [degrees] without spin.
+
+    Only admissible draws: V_n_out > 0, no energy gained (theory, chapter 5). At 90 degrees R_t is
+    NaN.
+    """
+    generator = np.random.Generator(np.random.PCG64(seed))
+    draws = mean + generator.standard_normal((DRAWS, 9)) @ covariance_root(covariance).T
+    t, n = np.cos(np.radians(angle)), -np.sin(np.radians(angle))
+    if angle == 90:
+        t = 0.0
+    v_in = np.array([t, n, 0.0])
+    out = draws.reshape(-1, 3, 3) @ v_in
+    out = out[admissible(v_in[None], out)]
+    return out[:, 0] / (t or np.nan), -out[:, 1] / n

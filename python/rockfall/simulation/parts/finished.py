@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Outputs that are finished already: `--resume`, and `merge` again, leave them as they are."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rockfall.case import case_in
+from rockfall.errors import RockfallError
+from rockfall.io.netcdf import open_netcdf
+from rockfall.result.dataset import DAMAGED, open_result
+from rockfall.result.validate import check_result
+from rockfall.simulation.parts.part_file import read_part
+from rockfall.simulation.tally import Origin
+
+#: Line on an output that stays as it is.
+FINISHED = "is finished already, from the same case; nothing was changed"
+
+
+def is_finished(path: Path, origin: Origin, boulders: range) -> bool:
+    """Return True if a file has exactly these boulders (from 1) of a run: its result, if they are
+    all, or a part. Any other file, and a damaged one, is not finished."""
+    try:
+        with open_netcdf(path) as file:
+            attrs = {name: file.getncattr(name) for name in file.ncattrs()}
+        if "part_layout" in attrs:
+            part = read_part(path)
+            return len(boulders) < origin.boulders and _is_same(
+                origin, part.origin, boulders, range(part.first, part.last + 1)
+            )
+        with open_result(path) as data:
+            check_result(data, path)
+        theirs = range(int(attrs["boulder_first"]), int(attrs["boulder_last"]) + 1)
+        return _is_same(origin, _origin(attrs, origin), boulders, theirs)
+    except (RockfallError, *DAMAGED):
+        return False
+
+
+def _is_same(origin: Origin, other: Origin, boulders: range, theirs: range) -> bool:
+    return theirs == boulders and not origin.difference(other, boulders, theirs)
+
+
+def _origin(attrs: Mapping[str, Any], origin: Origin) -> Origin:
+    """Origin of a result; its grid follows from its case and inputs."""
+    return replace(
+        origin,
+        case=case_in(attrs),
+        boulders=int(attrs["boulders_requested"]),
+        checksums=json.loads(attrs["input_checksums"]),
+        decoded=json.loads(attrs["decoded_checksums"]),
+        version=str(attrs["version"]),
+    )

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Contribution of each set of data to the posterior, and conflicts between them.
+
+Of set k with the log-likelihood l_k, the posterior by this set alone weights the same members by
+its own likelihood. What it loses beside the others is E_alone(l_k) - E(l_k). Where the likelihoods
+are normal and the sets agree, its expectation is 0 and twice the loss, plus d, is at most
+chi-square distributed with d degrees of freedom, the number of parameters: beyond the 95 % quantile
+of that the set is in conflict with the others. Each member has boulders of its own, so that the
+standard error of the loss, from the members by their weights, is one over seeds; where its 95 %
+interval straddles the limit the verdict is undecided.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rockfall.studies.back.sampling import effective, normalised
+from rockfall.studies.back.smoothing import smoothed
+
+LEVEL = 0.95
+SIGMAS = 1.96  # of an interval of 95 %
+FEWEST = 10.0  # effective members of a set alone, for a verdict
+AGREES, CONFLICT, UNDECIDED = "agrees", "conflict", "undecided"
+
+
+class Contribution(NamedTuple):
+    """Weights of the members by a set of data alone, its loss beside the others with standard
+    error, and the verdict, "" for a single set."""
+
+    alone: np.ndarray
+    loss: float
+    error: float
+    verdict: str
+
+    def record(self) -> dict[str, Any]:
+        """Columns of the table of data."""
+        worth = effective(self.alone)
+        return {"loss": self.loss, "loss_error": self.error, "alone_effective": worth,
+                "agreement": self.verdict}  # fmt: skip
+
+
+def contributions(
+    points: np.ndarray,
+    levels: np.ndarray,
+    log_prior_weights: np.ndarray,
+    weight: np.ndarray,
+    log_likelihood: np.ndarray,
+) -> list[Contribution]:
+    """Contribution of each set, from log-likelihoods (sets, members), dependent data counted less.
+    `points` (members, parameters) and `levels` are those of a `Sampler`, `log_prior_weights` the
+    logarithms of the weights without a likelihood, `weight` those by all sets."""
+    parameters, contributions = points.shape[1], []
+    for data_name in log_likelihood:
+        alone = normalised(log_prior_weights + smoothed(points, levels, data_name))
+        loss, error = loss_of(data_name, alone, weight)
+        verdict = ""
+        if len(log_likelihood) > 1:
+            verdict = UNDECIDED
+            if min(effective(alone), effective(weight)) >= FEWEST:
+                verdict = verdict_of(loss, error, parameters)
+        contributions.append(Contribution(alone, loss, error, verdict))
+    return contributions
+
+
+def loss_of(values: np.ndarray, alone: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
+    """Difference of the weighted means of log-likelihoods, and its standard error.
+
+    >>> loss_of(np.array([0.0, -2.0]), np.array([0.5, 0.5]), np.array([0.0, 1.0]))[0]
+    1.0
+    """
+    finite = np.where(np.isfinite(values), values, 0.0)  # of weight 0, or of members without any
+    first, second = float(alone @ finite), float(weight @ finite)
+    error = np.sqrt(((alone * (finite - first) - weight * (finite - second)) ** 2).sum())
+    return first - second, float(error)
+
+
+def verdict_of(loss: float, error: float, parameters: int) -> str:
+    """Verdict on the loss of a set of data beside the others.
+
+    >>> verdict_of(9.0, 1.0, 2), verdict_of(0.1, 0.2, 2), verdict_of(2.0, 1.0, 2)
+    ('conflict', 'agrees', 'undecided')
+    """
+    from scipy.stats import chi2
+
+    limit = (chi2.ppf(LEVEL, parameters) - parameters) / 2
+    if loss - SIGMAS * error > limit:
+        return CONFLICT
+    return AGREES if loss + SIGMAS * error < limit else UNDECIDED

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Likelihood of marks at known heights, given the boulders of a run that pass there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.observed.deposits import ANYWHERE
+from rockfall.analysis.observed.marks import (
+    Heights,
+    Mark,
+    fitted_heights,
+    height_sums,
+    log_density,
+    log_reach,
+    passing_at,
+)
+from rockfall.quantities import count
+from rockfall.studies.back.witnesses import Witnesses, worth_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FEW = 20  # boulders at a mark, below which it is reported
+
+
+@dataclass
+class Marked(Witnesses):
+    """Marks with their lines in the case, with sums of kernels, squares and distribution functions,
+    and boulders; log-densities of hits follow those of the marks by the same boulders."""
+
+    SUMS, AGAIN = 4, 8
+
+    marks: list[Mark]
+    kernels: list[Heights]
+    boulders: int  # of a run
+    name: str = "marks"
+
+    @classmethod
+    def of_run(cls, marks: list[Mark], base: xr.Dataset) -> Marked:
+        """Marks with the kernels that the boulders of a run give."""
+        passing = [passing_at(base, mark) for mark in marks]
+        every = [mark.height for mark in marks]
+        greatest = max([*every, *(crossing.heights.max(initial=0.0) for crossing in passing)])
+        kernels = [fitted_heights(*pair, greatest) for pair in zip(marks, passing, strict=True)]
+        data = cls(marks, kernels, base.sizes["boulder"])
+        near, squares, _, crossed = data._sums(data.kept(base)[None])[:, 0]
+        n = np.maximum(crossed, 1)
+        scale = (near + ANYWHERE / kernels[0].top) / n
+        data.noise_alone = float(((squares / n - (near / n) ** 2) / (n * scale**2)).clip(0).sum())
+        return data
+
+    @property
+    def n(self) -> int:
+        return len(self.marks)
+
+    def kept(self, result: xr.Dataset) -> np.ndarray:
+        random, sums, again = np.random.default_rng(0), [], np.zeros((2, Marked.AGAIN))
+        for mark, kernel in zip(self.marks, self.kernels, strict=True):
+            heights = passing_at(result, mark).heights
+            near, squares, below = height_sums(kernel, mark.height, heights)
+            sums.append([near, squares, below, heights.size])
+            again += _again(mark, kernel, heights, near, below, random)
+        return np.concatenate([np.array(sums).T.ravel(), again.ravel()])
+
+    def log_likelihood(self, runs: np.ndarray) -> np.ndarray:
+        near, _, below, crossed = self._sums(runs)
+        likelihood = np.zeros(len(runs))
+        for k, (mark, kernel) in enumerate(zip(self.marks, self.kernels, strict=True)):
+            a, b, n = (self.worth * sums[:, k] for sums in (near, below, crossed))
+            likelihood += log_density(a, b, n, mark, kernel.top)
+            likelihood += log_reach(crossed[:, k], self.boulders)
+        return likelihood
+
+    def learn_noise(self, runs: np.ndarray) -> None:
+        """Set the worth of a simulated boulder, from runs of the same inputs."""
+        near, squares, _, crossed = self._sums(runs)
+        n = np.maximum(crossed, 1)
+        part = near / n
+        expected = ((squares / n - part**2) / n).mean(axis=0)
+        is_possible = (expected > 0) & (part.mean(axis=0) > 0)
+        if is_possible.any():
+            scale = part.mean(axis=0)[is_possible] ** 2
+            times = (part.var(axis=0, ddof=1)[is_possible] / scale).sum() / (
+                expected[is_possible] / scale
+            ).sum()
+            self.worth = worth_of(times)
+
+    def discrepancy(
+        self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Log-density of the marks below that of as many hits by the same run, where at least two
+        of its boulders pass."""
+        which = random.integers(Marked.AGAIN, size=picked.size)
+        both = runs[:, -2 * Marked.AGAIN :].reshape(len(runs), 2, Marked.AGAIN)[picked, :, which]
+        return -both[:, 0], -both[:, 1]
+
+    def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
+        """Marks where few boulders of the weighted runs pass."""
+        crossed = weight @ self._sums(runs)[3]
+        notes = [f"{count(self.n, 'mark')}, {crossed.min():,.0f} to {crossed.max():,.0f} boulders "
+                 "of a run pass there."]  # fmt: skip
+        few = np.flatnonzero(crossed < FEW)
+        if few.size:
+            where = ", ".join(self.marks[k].where for k in few[:5].tolist())
+            notes.append(
+                f"{few.size} of {count(self.n, 'mark')}: fewer than {FEW} boulders of a run pass "
+                f"there, and say little of the height: {where}."
+            )
+        return notes
+
+
+def _again(
+    mark: Mark,
+    kernel: Heights,
+    heights: np.ndarray,
+    near: float,
+    below: float,
+    random: np.random.Generator,
+) -> np.ndarray:
+    """Log-density of a mark, and of hits by boulders of the run (2, AGAIN), each given the others;
+    0 where fewer than two pass."""
+    n = heights.size
+    uniform = random.random((Marked.AGAIN, mark.hits))
+    if n < 2:
+        return np.zeros((2, Marked.AGAIN))
+    chosen = (uniform * n).astype(int)
+    highest = heights[chosen].max(axis=1)
+    resampled = np.empty((2, Marked.AGAIN))
+    resampled[0] = log_density(np.array(near), np.array(below), np.array(n), mark, kernel.top)
+    for k, height in enumerate(highest.tolist()):
+        sums = height_sums(kernel, height, np.delete(heights, int(np.argmax(heights == height))))
+        hit = Mark("", mark.x, mark.y, height, hits=mark.hits)
+        resampled[1, k] = log_density(
+            np.array(sums[0]), np.array(sums[2]), np.array(n - 1.0), hit, kernel.top
+        )
+    return resampled

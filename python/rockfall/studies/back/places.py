@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Check that observed places lie where boulders can come."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.vectors.layers import extent
+from rockfall.scene.scene import Scene
+
+
+def check_on_terrain(scene: Scene, where: Sequence[str], x: np.ndarray, y: np.ndarray) -> None:
+    """Refuse the first place [m] that lies outside the terrain, or where it has no elevation;
+    `where` names the row of each."""
+    if not len(x):
+        return
+    grid = scene.grid
+    inside = (grid.west <= x) & (x <= grid.east) & (grid.south <= y) & (y <= grid.north)
+    for k in np.flatnonzero(~inside)[:1].tolist():
+        raise RockfallError(
+            f"{where[k]}: x = {x[k]:.12g}, y = {y[k]:.12g}: lies outside the terrain, "
+            f"{extent(grid.west, grid.south, grid.east, grid.north)}"
+        )
+    for k in np.flatnonzero(~scene.known_at(x, y))[:1].tolist():
+        raise RockfallError(
+            f"{where[k]}: x = {x[k]:.12g}, y = {y[k]:.12g}: the terrain has no elevation there"
+        )

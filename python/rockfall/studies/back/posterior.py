@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Posterior of a back-analysis for each parameter, and its files: a table, all members, draws of
+the posterior, and a case whose ensemble uses these in place of the prior."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.precision.weighted import value_at
+from rockfall.case import FROM_ARRAY, REPEATABLE, Case, file_keys
+from rockfall.case.files import input_files
+from rockfall.io.files import relative_name
+from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.tables import write_csv
+from rockfall.io.zone_table import read_zone_table
+from rockfall.result.contents import Contents
+from rockfall.result.dataset import put_netcdf
+from rockfall.studies.back.contributions import CONFLICT
+from rockfall.studies.back.ridges import ridges
+from rockfall.studies.back.sampling import effective
+from rockfall.studies.back.study import Back
+from rockfall.studies.ensemble.uncertain_inputs import PAIR
+from rockfall.version import __version__
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    Draw = Callable[[Back, Path], None]
+
+LEVELS = (0.05, 0.5, 0.95)
+KS = 1.63  # of Kolmogorov-Smirnov at 1 %, since smoothing has errors too; times root n
+EDGE = 0.5  # fraction of the posterior beyond the prior's 5 or 95 % quantile
+NOISY = 1.0  # variance of the log-likelihood, above which boulders help more than members
+DRAWS = 256  # rows of the file of draws
+TABLE, DRAWN, ALL, CASE = "posterior.csv", "draws.csv", "members.nc", "case.nml"
+ALONE = "by_data.csv"  # the posterior by each set of data alone
+DRAWING = "posterior.png"
+MARK = "! Made by `rockfall back`"
+TRADED = 0.7  # correlation of strength and relief of a ground from which it is a warning
+CONTRADICTED = 0.05  # of all sets of data together
+
+
+class Parameter(NamedTuple):
+    """A parameter of the back-analysis: its column among the members, its name, its units, and its
+    value in the case if it is a factor, else None."""
+
+    column: str
+    label: str
+    units: str
+    scale: float | None
+
+
+def parameters(analysis: Back) -> Iterator[Parameter]:
+    """Parameters in the order of the columns of the cube, without the impact set, since sets have
+    no order."""
+    inputs, case = analysis.inputs, analysis.case
+    sought = set(analysis.sought.tolist())
+    volume, drop, source, sets, _, first, _, pairs = inputs.ends[:8].tolist()
+    if volume in sought:
+        mean = case.boulder.get("volume_mean")
+        yield Parameter("volume", "volume, mean", "m3", mean)
+    if volume + 1 in sought:
+        std = case.boulder.get("volume_std")
+        yield Parameter("volume_std", "volume, standard deviation", "m3", std)
+    if drop in sought:
+        yield Parameter("drop_height", "drop height", "m", case.release["drop_height"])
+    if source in sought:
+        yield Parameter("source_east", "source, eastwards", "m", None)
+        yield Parameter("source_north", "source, northwards", "m", None)
+    names = _zones(analysis)
+    for row in range(inputs.radii):
+        if first + row in sought:
+            column = f"radius_{row + 1}"
+            if inputs.scene.rasters.values is not None or case.surface["method"] == "A":
+                yield Parameter(column, f"factor on rock sizes{names[row]}", "1", 1.0)
+            else:
+                size = float(inputs.scene.rasters.sizes[row, 0])
+                yield Parameter(column, f"R_m{names[row]}", "m", size)
+    for i, k in enumerate(inputs.pairs):
+        rule = inputs.scene.grounds[k]
+        for j, (key, units) in enumerate(zip(PAIR, ("Pa", "degree"), strict=True)):
+            if pairs + 2 * i + j in sought:
+                value = getattr(rule.plane.ground, key) if rule.plane else 1.0
+                yield Parameter(f"{key}_{i + 1}", f"{key} of {rule.name}", units, value)
+
+
+def _zones(analysis: Back) -> list[str]:
+    surface = analysis.case.surface
+    if analysis.inputs.radii == 1 or "table" not in surface:
+        return [""] * analysis.inputs.radii
+    return [f", zone {zone}" for zone in read_zone_table(analysis.case.path(surface["table"]))]
+
+
+def posterior_table(analysis: Back) -> pd.DataFrame:
+    """Table with a row for each parameter: parameter, units, case (its value there), 5, 50 and 95 %
+    quantiles of prior and posterior, ratio (of the posterior's 5-95 % range to the prior's, of
+    logarithms for factors), moved (Kolmogorov-Smirnov distance of the two), verdict, and for
+    strength and relief of a ground their correlation (of logarithms, in the posterior). For impact
+    sets ratio is the effective number (exp of the entropy) over that of the prior, and set_best the
+    most likely, from 0."""
+    import pandas as pd
+
+    rows = [_row(analysis, parameter) for parameter in parameters(analysis)]
+    for ridge in ridges(analysis):
+        for row in rows:
+            if row["parameter"] in (f"{key} of {ridge.ground}" for key in PAIR):
+                row["correlation"] = ridge.correlation
+    if "sets" in analysis.inputs.names:
+        rows.append(_set_row(analysis))
+    columns = ["parameter", "units", "case", *(f"{prefix}{name}" for prefix in ("prior_", "")
+               for name in ("q05", "median", "q95")), "ratio", "moved", "verdict"]  # fmt: skip
+    return pd.DataFrame(rows, columns=[*columns, "set_best", "correlation"])
+
+
+def alone_table(analysis: Back) -> pd.DataFrame:
+    """Rows of `posterior_table` by each set of data alone (column data)."""
+    import pandas as pd
+
+    tables = []
+    for name, weight in zip(analysis.data["data"], analysis.alone, strict=True):
+        if weight.any():
+            other = replace(analysis, members=analysis.members.assign(weight=weight))
+            table = posterior_table(other)
+            table.insert(0, "data", name)
+            tables.append(table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _row(analysis: Back, parameter: Parameter) -> dict[str, Any]:
+    from scipy.special import ndtri
+
+    values = analysis.members[parameter.column].to_numpy()
+    scale = 1.0 if parameter.scale is None else parameter.scale
+    shift, spread = parameter.column.startswith("source"), _spread(analysis, parameter)
+    scores = (values if shift else np.log(values)) / spread
+    posterior = np.array([weighted_quantile(scores, analysis.weight, level) for level in LEVELS])
+    prior, ends = ndtri(LEVELS), (scores < ndtri(LEVELS[0]), scores > ndtri(LEVELS[2]))
+    moved = _moved(analysis.weight, scores)
+    verdict = _informed(analysis, moved > KS / np.sqrt(analysis.effective))
+    if any(analysis.weight @ beyond > EDGE for beyond in ends):
+        verdict = "at the edge of the prior"
+    ratio = float((posterior[2] - posterior[0]) / (prior[2] - prior[0]))
+    prior, posterior = (
+        spread * values if shift else np.exp(spread * values) for values in (prior, posterior)
+    )
+    names = ("q05", "median", "q95")
+    return {
+        "parameter": parameter.label, "units": parameter.units,
+        "case": scale if parameter.scale else 0.0,
+        **{f"prior_{name}": scale * value for name, value in zip(names, prior, strict=True)},
+        **{name: scale * value for name, value in zip(names, posterior, strict=True)},
+        "ratio": ratio, "moved": moved, "verdict": verdict,
+    }  # fmt: skip
+
+
+def _informed(analysis: Back, moved: bool) -> str:
+    """Interpretation of a posterior that is, or is not, distinct from the prior."""
+    return "informed" if moved else "not informed" if analysis.is_enough else "undecided"
+
+
+def _spread(analysis: Back, parameter: Parameter) -> float:
+    """Prior standard deviation of a shift, or of the logarithm of a factor."""
+    given = analysis.inputs.given
+    if parameter.column.startswith("source"):
+        return given["source_shift"]
+    return float(np.log(given[f"{parameter.column.rstrip('_0123456789')}_factor"]))
+
+
+def _moved(weight: np.ndarray, scores: np.ndarray) -> float:
+    """Kolmogorov-Smirnov distance of the posterior from the prior."""
+    from scipy.special import ndtr
+
+    order = np.argsort(scores)
+    reached, prior = np.cumsum(weight[order]), ndtr(scores[order])
+    return float(np.maximum(reached - prior, prior - reached + weight[order]).max())
+
+
+def _set_row(analysis: Back) -> dict[str, Any]:
+    which = analysis.members["set"].to_numpy(int)
+    chance = np.bincount(which, analysis.weight, len(analysis.inputs.sets))
+    positive = chance[chance > 0]
+    number = float(np.exp(-(positive * np.log(positive)).sum()))
+    expected, total = 1 / chance.size, analysis.effective
+    chi2 = total * ((chance - expected) ** 2 / expected).sum()
+    from scipy.stats import chi2 as distribution
+
+    informed = distribution.sf(chi2, chance.size - 1) < CONTRADICTED
+    return {
+        "parameter": f"impact set or table, of {chance.size}", "units": "1",
+        "ratio": number / chance.size, "moved": float(np.abs(chance - expected).sum() / 2),
+        "verdict": _informed(analysis, bool(informed)), "set_best": int(chance.argmax()),
+    }  # fmt: skip
+
+
+def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> float:
+    """Value below which a fraction of the weight lies, interpolated between the middles of the
+    steps. Of n effective draws, level (n + 1) are below it (Weibull 1939), so that the next draw,
+    like the truth, is below it with this probability; ranges are wider for small n."""
+    n = effective(weight)
+    return value_at(values, weight, (level * (n + 1) - 0.5) / n)
+
+
+def warnings(analysis: Back) -> Iterator[str]:
+    """Reasons not to trust the posterior."""
+    if not analysis.is_enough:
+        more = "--boulders" if analysis.noise > NOISY else "--members"
+        yield (
+            f"undecided: {analysis.effective:.0f} effective members, {analysis.asked} were asked "
+            f"for; the ranges are those of few: more {more}"
+        )
+    limit = CONTRADICTED / len(analysis.data)
+    for row in analysis.data.to_dict("records"):
+        if row["predictive_p"] < limit:
+            yield (
+                f"the model does not explain the {row['data']}: of its posterior only "
+                f"{row['predictive_p']:.1%} of samples are as far off as what was observed"
+            )
+    for row in analysis.data.to_dict("records"):
+        if row["agreement"] == CONFLICT:
+            yield (
+                f"conflict: {row['data']}: less likely beside the other data than alone, by "
+                f"exp({row['loss']:.1f} +- {row['loss_error']:.1f}); {ALONE} has each alone"
+            )
+    edge = [row["parameter"] for row in posterior_table(analysis).to_dict("records")
+            if row["verdict"].startswith("at the edge")]  # fmt: skip
+    if edge:
+        yield f"the data pull beyond the prior, which may be too narrow: {', '.join(edge)}"
+    for ridge in ridges(analysis):
+        if ridge.correlation > TRADED:
+            yield (
+                f"{ridge.ground}: twice the strength is like {ridge.degrees:.1f} degrees more "
+                f"relief (correlation {ridge.correlation:.2f}): measure one by `rockfall ground`"
+            )
+
+
+def draws_table(analysis: Back) -> pd.DataFrame:
+    """Draws of the posterior, each with equal probability (systematic resampling), in the form that
+    `&ensemble draws` reads."""
+    columns = [name for name in analysis.members if name.startswith(
+        ("radius_", "volume", "drop_height", "source_east", "source_north", "set",
+         *(f"{key}_" for key in PAIR)))]  # fmt: skip
+    random = np.random.default_rng((analysis.case.case["seed"], DRAWS))
+    steps = (np.arange(DRAWS) + random.random()) / DRAWS
+    picked = np.searchsorted(np.cumsum(analysis.weight), steps).clip(max=len(analysis.weight) - 1)
+    table = analysis.members.iloc[picked][columns].reset_index(drop=True)
+    if "set" in table:
+        table["set"] = table["set"].astype(int)
+    table.insert(0, "draw", np.arange(1, DRAWS + 1))
+    return table
+
+
+def write_back(
+    analysis: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
+) -> list[Path]:
+    """Write TABLE, DRAWN, ALONE, ALL and CASE to a folder, and DRAWING if `draw` is given: all of
+    them or none."""
+    folder = Path(folder)
+    inputs = [*inputs, *input_files(analysis.case)]
+    check_back(folder, inputs)
+    with atomic_folder(folder, inputs, last=CASE) as part:
+        write_csv(posterior_table(analysis), part / TABLE)
+        write_csv(draws_table(analysis), part / DRAWN)
+        write_csv(alone_table(analysis), part / ALONE)
+        put_netcdf(_contents(analysis), part / ALL, folder / ALL)
+        if draw:
+            draw(analysis, part / DRAWING)
+        (part / CASE).write_text(_case_text(analysis, folder), encoding="utf-8")
+    return [folder / name for name in (TABLE, DRAWN, ALONE, ALL, *[DRAWING] * bool(draw), CASE)]
+
+
+def check_back(folder: Path, inputs: Iterable[str | Path]) -> None:
+    """Refuse a folder whose files may not be overwritten, before the work starts."""
+    check_folder(folder)
+    check_outputs([folder / name for name in (TABLE, DRAWN, ALONE, ALL, DRAWING, CASE)], inputs)
+
+
+def _contents(analysis: Back) -> Contents:
+    members, data = analysis.members, analysis.data
+    long_names = {"log_likelihood": "of what was observed, dependent data counted less",
+             "smooth": "log_likelihood without the noise of the runs",
+             "weight": "of the member in the posterior"}  # fmt: skip
+    variables: dict[str, tuple] = {
+        str(name): ("member", members[name].to_numpy(float),
+                    {"units": "1", "long_name": long_names.get(str(name), f"drawn: {name}")})
+        for name in members
+    }  # fmt: skip
+    variables["data"] = ("data", data["data"].to_numpy(object), {"long_name": "set of data"})
+    for name, what in (("n", "boulders"), ("counts", "what it counts, since data hang together"),
+                       ("predictive_p", "posterior predictive probability"),
+                       ("loss", "log-likelihood lost beside the other data"),
+                       ("loss_error", "its standard error")):  # fmt: skip
+        column_attrs = {"units": "1", "long_name": what}
+        variables[f"data_{name}"] = ("data", data[name].to_numpy(float), column_attrs)
+    about_alone = {"units": "1", "long_name": "weight of the member by each set of data alone"}
+    variables["data_weight"] = ("data", "member"), analysis.alone, about_alone
+    attrs = {
+        "title": analysis.case.case["title"], "source": f"rockfall {__version__}",
+        "case": analysis.case.text(), "case_file": analysis.case.name, "back_layout": 1,
+        "boulders": analysis.boulders, "effective_members": analysis.effective,
+        "asked_members": analysis.asked,
+    }  # fmt: skip
+    return Contents(variables, attrs, ("data",))
+
+
+def _case_text(analysis: Back, folder: Path) -> str:
+    """Case with the posterior as its uncertain inputs, and file names relative to a folder."""
+    ensemble = {"source_shift": 0.0, "draws": DRAWN}
+    ensemble |= {key: 1.0 for key in analysis.case.ensemble if key.endswith("_factor")}
+    case = _seen_from(folder, analysis.case).replace(ensemble=ensemble)
+    head = f"{MARK} from {case.name}: &ensemble draws has the posterior, for `rockfall ensemble`."
+    return f"{' '.join(head.splitlines())}\n{case.text()}"
+
+
+def _seen_from(folder: Path, case: Case) -> Case:
+    """Case with the names of existing files relative to a folder."""
+
+    def moved(name: str) -> str:
+        path = case.path(name)
+        return relative_name(path, folder) if name != FROM_ARRAY and path.exists() else name
+
+    groups: dict[str, Any] = {}
+    for key in file_keys():
+        several = key.group in REPEATABLE
+        held = groups.get(key.group, getattr(case, key.group))
+        changed = [dict(entry) for entry in held] if several else [dict(held)]
+        for entry in changed:
+            if key.name in entry:
+                named = entry[key.name]
+                is_list = isinstance(named, list)
+                entry[key.name] = [*map(moved, named)] if is_list else moved(named)
+        groups[key.group] = changed if several else changed[0]
+    return case.replace(**groups)

@@ -1,0 +1,348 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Back-analysis of a case: members of its ensemble, weighted by the likelihood of the observations,
+with more members where it is high."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.model_warnings import warn_each
+from rockfall.analysis.observed.deposits import witnesses
+from rockfall.analysis.observed.marks import Mark, read_marks, with_lines_at
+from rockfall.analysis.observed.observations import Observed, read_observed
+from rockfall.analysis.observed.observed_doubts import check_exchanged, unit_notes
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
+from rockfall.result.grounds import rebounds_by_ground
+from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import warn_of
+from rockfall.scene.scene import Scene
+from rockfall.simulation.progress import progress_bar
+from rockfall.simulation.simulate import Interrupted, StudyInterrupted, run_scene
+from rockfall.studies.back.contributions import contributions
+from rockfall.studies.back.evidence import Evidence, as_record, evidence, predictive_p, shares
+from rockfall.studies.back.places import check_on_terrain
+from rockfall.studies.back.sampling import Sampler, effective
+from rockfall.studies.ensemble.study import lean
+from rockfall.studies.ensemble.uncertain_inputs import (
+    INPUTS,
+    PAIR_FACTORS,
+    Uncertain,
+    drawn_scene,
+    has_rocks,
+    normal_scores,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+MEMBERS, EFFECTIVE = 1024, 100
+ROUND = 128  # members; twice as many in the first
+REPLICATES = 24  # runs of the unchanged case, with new draws of inputs that are not parameters
+NOT_MEMBERS = 2**30  # draw numbers from here on are not members
+STREAM = 1  # of random numbers, in addition to those of the ensemble
+
+
+@dataclass(frozen=True)
+class Back:
+    """Results of a back-analysis.
+
+    `members` has a row for each run: the numbers drawn, in the order of `inputs.kept_names`, its
+    `log_likelihood`, the one `smooth` over members, and `weight`; `data` one for each set of data:
+    n, its weight, the posterior predictive p, and its `contributions`. `effective`: the number of
+    equally weighted members with the same information.
+    """
+
+    case: Case
+    inputs: Uncertain
+    sought: np.ndarray  # columns of the cube that are sought; others are drawn and integrated over
+    points: np.ndarray  # (members, numbers) of the cube
+    members: pd.DataFrame
+    data: pd.DataFrame
+    notes: tuple[str, ...]
+    asked: int  # requested effective members
+    noise: float  # variance of the log-likelihood due to the boulders of a member
+    boulders: int
+    alone: np.ndarray  # (data, members): weights by each set of data alone
+    model_warnings: tuple[str, ...]  # of the unchanged case
+
+    @property
+    def weight(self) -> np.ndarray:
+        return self.members["weight"].to_numpy()
+
+    @property
+    def effective(self) -> float:
+        return effective(self.weight)
+
+    @property
+    def is_enough(self) -> bool:
+        return self.effective >= self.asked
+
+
+def back_analysis(
+    case: Case,
+    *observed: str | Path | Observed,
+    members: int = MEMBERS,
+    enough: int = EFFECTIVE,
+    progress: bool = False,
+    **arrays: Any,
+) -> Back:
+    """Posterior of the uncertain inputs in the group &ensemble of a case, given observations: CSV
+    files (docs/observed.md), or one `Observed`.
+
+    Members are drawn and run until `enough` of them are effective, or there are `members`. The
+    prior is that of the ensemble; errors of the terrain, and rocks that no boulder reaches, are
+    drawn for each member and are not parameters. docs/ensemble.md, "Back-analysis", explains it. On
+    Ctrl-C it raises `Interrupted`, whose `result` is the posterior of the completed rounds.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(case={"boulders": 200}, ensemble={"radius_factor": 1.2})
+    >>> found = rockfall.back_analysis(case, "observed.csv", members=256, enough=5)
+    >>> found.effective > 1
+    True
+    """
+    _check_request(case, members, enough)
+    rounds = _Rounds(_read(case.replace(ensemble={"runs": ROUND}), observed, arrays))
+    stopped = False
+    with interrupts(), progress_bar(members, progress, "members") as advance:
+        try:
+            rounds.run(advance)
+            while effective(rounds.weight) < enough and len(rounds.cube) + ROUND <= members:
+                rounds.propose()
+                rounds.run(advance)
+        except Interrupted:
+            stopped = True
+    back = rounds.posterior(enough)
+    warn_each(back.model_warnings)
+    if stopped:
+        raise StudyInterrupted(back, len(back.members))
+    return back
+
+
+def _check_request(case: Case, members: int, enough: int) -> None:
+    """Refuse numbers that make no study, and cases whose members have no likelihood."""
+    if members < 2 * ROUND:
+        raise RockfallError(f"--members {members}: must be at least {2 * ROUND}")
+    if not 2 <= enough <= members:
+        raise RockfallError(f"--effective {enough}: must be 2 to --members {members}")
+    if "draws" in case.ensemble:
+        raise RockfallError(f"{case.name}: &ensemble draws: must be absent: they have no density")
+    if case.breakage["at"] != "none":
+        raise RockfallError(
+            f"{case.name}: &breakage at = '{case.breakage['at']}': must be 'none': the end of a "
+            "boulder is that of the fragment that came farthest, and no block that was found"
+        )
+
+
+@dataclass(frozen=True)
+class _Study:
+    """Case, inputs and observations of a back-analysis."""
+
+    case: Case
+    scene: Scene
+    inputs: Uncertain
+    sought: np.ndarray  # as in `Back`
+    data: list[Evidence]
+    counts: np.ndarray  # of each set of data: its weight in the likelihood
+    notes: list[str]
+    model_warnings: tuple[str, ...]
+
+
+def _read(
+    case: Case, observed: tuple[str | Path | Observed, ...], arrays: Mapping[str, Any]
+) -> _Study:
+    """Read a case and the observations, with a run of the unchanged case."""
+    read = read_scene(case, **arrays)
+    warn_of(read)
+    scene = lean(read, "a back-analysis", ["passages"])
+    inputs = Uncertain(scene)
+    seen = read_observed(*observed, grid=scene.grid)
+    check_exchanged(seen, scene.grid)
+    marks = read_marks(seen)
+    check_on_terrain(scene, *_places(marks))
+    scene, marks = with_lines_at(scene, marks)
+    base = run_scene(scene)
+    scene = replace(scene, case=scene.case.replace(output={"maps": None}))
+    if witnesses(base, seen):
+        check_on_terrain(scene, seen.where["stops"], *np.array(seen.stops).T)
+    data, notes = evidence(base, seen, marks)
+    counts = shares(data, base)
+    if "dem" in inputs.names:
+        _learn_noise(scene, inputs, data)
+    notes = [*seen.notes, *unit_notes(seen), *notes]
+    limits = tuple(model_warnings(base, scene.case))
+    return _Study(case, scene, inputs, _sought(inputs, base), data, counts, notes, limits)
+
+
+class _Rounds:
+    """Members of a study, run in rounds: each learns from the likelihood of those before."""
+
+    def __init__(self, study: _Study) -> None:
+        inputs, sought = study.inputs, study.sought
+        self.study = study
+        self.cube = inputs.design.reshape(-1, inputs.design.shape[-1])  # a row for each member
+        is_set = sought == inputs.ends[INPUTS.index("sets")]
+        self.levels = np.where(is_set, len(inputs.sets), 0)
+        self.sampler = Sampler(normal_scores(self.cube[:, sought]), self.levels)
+        self.random = np.random.default_rng((study.case.case["seed"], STREAM))
+        self.rows: list[dict[str, float]] = []  # numbers drawn for each member
+        self.runs: list[list[np.ndarray]] = [[] for _ in study.data]  # what each set of data needs
+        # Of complete rounds: log-likelihoods by set of data, weights, and those of the prior alone.
+        self.by_data = np.empty((len(study.data), 0))
+        self.weight = self.ahead = np.empty(0)
+
+    def run(self, advance: Callable[[int], None]) -> None:
+        """Run the members of a round, and learn their likelihoods."""
+        study = self.study
+        for number in range(len(self.rows), len(self.cube)):
+            row, values = _member(study.scene, study.inputs, self.cube[number], number, study.data)
+            self.rows.append(row)
+            for runs, value in zip(self.runs, values, strict=True):
+                runs.append(value)
+            advance(1)
+        new = slice(self.by_data.shape[1], None)
+        values = [
+            item.log_likelihood(np.array(runs)[new])
+            for item, runs in zip(study.data, self.runs, strict=True)
+        ]
+        by_data = study.counts[:, None] * np.array(values)
+        by_data[:, [row.get("source_redrawn", 0) > 0 for row in self.rows[new]]] = -np.inf
+        self.by_data = np.concatenate([self.by_data, by_data], axis=1)
+        self.sampler.learn(by_data.sum(axis=0))
+        self.weight, self.ahead = self.sampler.weights(), self.sampler.log_prior_weights()
+
+    def propose(self) -> None:
+        """Add the members of another round: near those of high likelihood, or of the prior."""
+        seed, sought = self.study.case.case["seed"], self.study.sought
+        shape = ROUND, self.cube.shape[1]
+        points = np.random.default_rng((seed, STREAM, len(self.cube))).random(shape)
+        if self.weight.any():
+            points[:, sought] = _uniform(self.sampler.propose(ROUND, self.random))
+        else:
+            self.sampler.more_of_prior(normal_scores(points[:, sought]))
+        self.cube = np.concatenate([self.cube, points])
+
+    def posterior(self, enough: int) -> Back:
+        """Result of the complete rounds; KeyboardInterrupt if none is complete."""
+        import pandas as pd
+
+        study, sampler, weight = self.study, self.sampler, self.weight
+        if not (done := sampler.log_likelihood.size):
+            raise KeyboardInterrupt
+        if not weight.any():
+            raise RockfallError(
+                f"{study.case.name}: in none of {done} members as many as 20 boulders come to "
+                "where some were observed: the case, the prior or the number of boulders is wrong"
+            )
+        table = pd.DataFrame(self.rows[:done]).assign(
+            log_likelihood=sampler.log_likelihood, smooth=sampler.smooth, weight=weight
+        )
+        parts = contributions(sampler.points[:done], self.levels, self.ahead, weight, self.by_data)
+        records, notes, noise = [], [*study.notes], 0.0
+        for item, count, runs, part in zip(study.data, study.counts, self.runs, parts, strict=True):
+            values = np.array(runs[:done])
+            fit = predictive_p(item, values, weight, self.random)
+            records.append(as_record(item, count, fit) | part.record())
+            notes += item.remarks(values, weight)
+            noise += float(count * item.noise(study.scene.boulders))
+        return Back(
+            study.case, study.inputs, study.sought, self.cube[:done], table,
+            pd.DataFrame(records), tuple(notes), enough, noise, study.scene.boulders,
+            np.array([part.alone for part in parts]), study.model_warnings,
+        )  # fmt: skip
+
+
+def _places(marks: list[Mark]) -> tuple[list[str], np.ndarray, np.ndarray]:
+    x, y = (np.array([getattr(mark, axis) for mark in marks]) for axis in "xy")
+    return [mark.where for mark in marks], x, y
+
+
+def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
+    """Measure the variation between runs that differ only in inputs that are not parameters."""
+    results = []
+    for k in range(REPLICATES):
+        draw = inputs.at("dem", inputs.design[0, 0], NOT_MEMBERS + k)
+        results.append(run_scene(drawn_scene(scene, [draw], inputs.boulders_seed(NOT_MEMBERS + k))))
+    for item in data:
+        item.learn_noise(np.array([item.kept(result) for result in results]))
+
+
+def _member(
+    scene: Scene, inputs: Uncertain, point: np.ndarray, number: int, data: list[Evidence]
+) -> tuple[dict[str, float], list[np.ndarray]]:
+    """Numbers drawn for a member, and its run's data for each set of observations."""
+    draws = [inputs.at(name, point, number) for name in inputs.names]
+    result = run_scene(drawn_scene(scene, draws, inputs.boulders_seed(number)))
+    row: dict[str, float] = {}
+    for draw in draws:
+        for name, value in draw.kept.items():
+            if np.ndim(value):
+                row |= {f"{name}_{i + 1}": float(number) for i, number in enumerate(value)}
+            else:
+                row[name] = float(value)
+    return row, [item.kept(result) for item in data]
+
+
+def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
+    """Columns of the cube that are parameters; of rock sizes only those that boulders reach."""
+    all_columns: list[int] = []
+    for name in inputs.names:
+        k = INPUTS.index(name)
+        columns = range(inputs.ends[k], inputs.ends[k + 1])
+        if name == "radius":
+            rows = _reached_materials(inputs.scene, base)
+            columns = [column for i, column in enumerate(columns) if i in rows]
+        if name == "ground":
+            columns = [columns[i] for i in _reached_pairs(inputs, base)]
+        if name == "volume":
+            given = [inputs.given[key] > 1 for key in ("volume_factor", "volume_std_factor")]
+            columns = [column for column, is_given in zip(columns, given, strict=True) if is_given]
+        all_columns += columns
+    if not all_columns:
+        raise RockfallError(f"{inputs.scene.case.name}: &ensemble: nothing that can be sought")
+    return np.array(all_columns)
+
+
+def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
+    """Numbers of strength and relief, one after the other for each ground, that are uncertain and
+    of grounds on which boulders rebound."""
+    reached = {ground.name for ground in rebounds_by_ground(base) if ground.rebounds}
+    is_given = [inputs.given[key] > 1 for key in PAIR_FACTORS]
+    return [
+        2 * i + j
+        for i, k in enumerate(inputs.pairs)
+        if inputs.scene.grounds[k].name in reached
+        for j in (0, 1)
+        if is_given[j]
+    ]
+
+
+def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
+    """Rows of the rock sizes that boulders reach; a factor on others has no effect."""
+    if scene.rasters.values is not None:
+        return {0}
+    rows = {0}
+    if scene.rasters.zone is not None:
+        rows = set((np.unique(scene.rasters.zone[base["passages"].values > 0]) - 1).tolist())
+    reached = {row for row in rows if row >= 0 and has_rocks(scene.rasters.sizes[row])}
+    if not reached:
+        raise RockfallError(
+            f"{scene.case.name}: &ensemble radius_factor: has no effect: boulders come to no zone "
+            "with rocks (R_m > 0); take it out"
+        )
+    return reached
+
+
+def _uniform(scores: np.ndarray) -> np.ndarray:
+    from scipy.special import ndtr
+
+    return np.clip(ndtr(scores), 1e-12, 1 - 1e-12)

@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Uncertainty of a result: runs over the uncertain inputs of a case, and the influence of each
+input."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import numbers
+from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.model_warnings import warn_of_model, with_model_warnings
+from rockfall.analysis.precision.intervals import Sources, sources
+from rockfall.case import Case
+from rockfall.case.files import files_behind
+from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
+from rockfall.io.output_files import check_output
+from rockfall.io.tables import write_csv
+from rockfall.quantities import QUANTITIES
+from rockfall.result.crossings import AtLine, line_names
+from rockfall.result.dataset import write_result
+from rockfall.scene.lines import with_lines_of
+from rockfall.scene.read import read_scene
+from rockfall.scene.releases.sources import refuse_by_area
+from rockfall.scene.rules.plausible import warn_of
+from rockfall.scene.scene import Scene
+from rockfall.simulation.progress import progress_bar
+from rockfall.simulation.simulate import Interrupted, StudyInterrupted, run_scene
+from rockfall.studies.ensemble.maps import RANGED, MemberMaps
+from rockfall.studies.ensemble.sobol_indices import Indices, deviations, indices, limits
+from rockfall.studies.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+#: At each line: name, then quantity and number of `line_statistics`.
+RESULTS = {
+    "fraction": ("speed", "fraction"),
+    **{
+        f"{quantity}.{number}": (quantity, number)
+        for quantity in ("speed", "passing_height", "energy_total")
+        for number in ("mean", "q95")
+    },
+}
+KINDS = ("first_order", "total")  # Sobol' indices
+KEPT = {  # of the draws: units, meaning
+    "radius": ("1", "factor on the sizes of the rocks in each row of the table of zones"),
+    "volume": ("1", "factor on all volumes"),
+    "volume_std": ("1", "factor on the standard deviation of the volume"),
+    "drop_height": ("1", "factor on the drop height"),
+    "source_east": ("m", "shift of the sources eastwards"),
+    "source_north": ("m", "shift of the sources northwards"),
+    "strength": ("1", "factor on the strength of each ground that has one"),
+    "relief": ("1", "factor on the relief of each ground that has one"),
+    "source_redrawn": ("1", "shifts drawn before, which left a source off the terrain"),
+    "draw": ("1", "row of the file of draws, from 0"),
+    "set": ("1", "draw of the impact sets, by its place in all files of the case, from 0"),
+}
+
+
+class _Run(NamedTuple):
+    """Results of a run, with the `sobol_indices.deviations` of each."""
+
+    values: np.ndarray  # (lines * RESULTS)
+    deviations: list[np.ndarray]
+    result: xr.Dataset
+
+
+def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dataset:
+    """Run a case over the uncertain inputs in its group &ensemble: an xarray.Dataset with the
+    result of the unchanged case, and more.
+
+    For each line and result it holds the value of the unchanged case, the mean over the runs, and
+    two standard deviations: `monte_carlo_std`, of a run with its number of boulders, which more of
+    them reduce, and `epistemic_std`, of the uncertain inputs, which they do not; and the fractions
+    of the epistemic variance that each input explains (`first_order`, `total`). docs/ensemble.md
+    explains them, `rockfall.studies.ensemble.sobol_indices` their estimation. NaN where too few
+    boulders pass in some run, or where the epistemic variance is not significant. The Dataset also
+    holds the draws, the results of every run, and, if the case requests passages or
+    reach_probability, maps over the runs. `arrays` are as in `rockfall.run`. On Ctrl-C it raises
+    `Interrupted`, whose `result` is the ensemble of the completed draws, if there are enough.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(ensemble={"runs": 8, "radius_factor": 1.2})
+    >>> found = rockfall.ensemble(case)
+    >>> rockfall.ensemble_table(found)["line"].iloc[0]
+    'L'
+    """
+    asked = {*case.output.get("maps", [])}
+    needs_maps = bool({"passages", "reach_probability"} & asked)
+    if not case.lines and not needs_maps:
+        raise RockfallError(
+            f"{case.name}: an ensemble needs a &line, or &output maps = 'reach_probability'"
+        )
+    read = read_scene(case, **arrays)
+    warn_of(read)
+    kept = ["passages", *(name for name in RANGED if name in asked)]
+    scene = lean(read, "an ensemble", kept if needs_maps else None)
+    inputs = Uncertain(scene)
+    names, blocks = inputs.names, case.ensemble["runs"]
+    maps = MemberMaps(scene) if scene.case.output.get("maps") else None
+    output = {"kept": "all"} | ({"map_extent": "terrain"} if "maps" in case.output else {})
+    base = _run(replace(read, case=read.case.replace(output=output)))
+    size = (blocks, 2 + len(names), base.values.size)
+    y, covariance = np.empty(size), np.empty((*size[:2], *size[1:]))
+    draws: list[list[Draw]] = []
+    seeds: list[int] = []
+    with interrupts(), progress_bar(blocks * size[1], progress, "runs") as advance:
+        for k in range(blocks):
+            seed = inputs.boulders_seed(k)
+            a, b = ([inputs.draw(name, k, side) for name in names] for side in (0, 1))
+            by_run, shown = [], []
+            try:
+                for j, drawn in enumerate(_design(a, b)):
+                    run = _run(drawn_scene(scene, drawn, seed))
+                    y[k, j] = run.values
+                    by_run.append(run.deviations)
+                    shown += [run.result] if maps is not None and j < 2 else []
+                    advance(1)
+            except Interrupted:
+                break
+            for i, values in enumerate(map(np.array, zip(*by_run, strict=True))):
+                covariance[k, :, :, i] = values @ values.T
+            for result in shown:
+                assert maps is not None
+                maps.add(result)
+            draws += [a, b]
+            seeds.append(seed)
+    done = len(seeds)
+    try:
+        case = case.replace(ensemble={"runs": done})
+    except RockfallError:  # too few for an ensemble
+        raise KeyboardInterrupt from None
+    data = _dataset(base, names, y[:done], indices(y[:done], covariance[:done]))
+    data |= _drawn(draws, seeds)
+    if maps is not None:
+        data |= maps.variables()
+    ensemble = _with_attributes(data, with_lines_of(case, scene.case), base, inputs)
+    ensemble = with_model_warnings(ensemble)
+    warn_of_model(ensemble)
+    if done < blocks:
+        raise StudyInterrupted(ensemble, done)
+    return ensemble
+
+
+def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
+    """Scene without the outputs that studies do not use, except these maps."""
+    case = scene.case
+    refuse_by_area(scene.case, scene, what)
+    output: dict[str, Any] = {"maps": maps} | ({"map_extent": "terrain"} if maps else {})
+    output |= {"rebounds": False, "trajectories": 0, "energy_balance": False, "kept": "all"}
+    return replace(scene, case=case.replace(output=output))
+
+
+def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
+    """A, B, and A with each of its inputs in turn taken from B."""
+    yield a
+    yield b
+    for i in range(len(a)):
+        yield [*a[:i], b[i], *a[i + 1 :]]
+
+
+def _run(scene: Scene) -> _Run:
+    result = run_scene(scene)
+    source, values, deviates = sources(result), [], []
+    samples = LineSamples(result, Sources.alone(scene.boulders))  # intervals are not used
+    for k in range(len(scene.case.lines)):
+        at, at_line, rows = AtLine(result, k), {}, {}
+        for quantity in dict.fromkeys(quantity for quantity, _ in RESULTS.values()):
+            at_line[quantity] = np.full(result.sizes["boulder"], np.nan)
+            at_line[quantity][at.boulders] = at.values(quantity)
+            rows[quantity] = numbers(samples.sample(k, quantity), quantity)
+        for quantity, number in RESULTS.values():
+            row = rows[quantity]
+            deviates.append(deviations(at_line[quantity], number, row, source))
+            values.append(row[number] if np.isfinite(deviates[-1]).all() else np.nan)
+    return _Run(np.array(values), deviates, result)
+
+
+def _dataset(base: _Run, names: list[str], y: np.ndarray, indices: Indices) -> dict[str, Any]:
+    """Results of the runs and the parts of their variance; dimensions run, variant, input, line,
+    result."""
+    lines = line_names(base.result)
+    shape, per_line = (len(lines), len(RESULTS)), ("line", "result")
+
+    def table(values: np.ndarray, long_name: str) -> tuple:
+        values = np.asarray(values)
+        ahead = values.shape[:-1]
+        dims = {0: (), 1: ("input",), 2: ("run", "variant")}[len(ahead)]
+        return (*dims, *per_line), values.reshape(*ahead, *shape), {"long_name": long_name}
+
+    texts = {
+        "result": list(RESULTS),
+        "input": names,
+        "variant": ["A", "B", *(f"A with {name} of B" for name in names)],
+    }
+    data: dict[str, tuple] = {
+        dim: (dim, np.array(list(text), dtype=object)) for dim, text in texts.items()
+    }
+    units = np.array([_units(*quantity) for quantity in RESULTS.values()], dtype=object)
+    data["result_units"] = ("result", units, {"long_name": "units of each result"})
+    two = y[:, :2].reshape(2 * len(y), -1)
+    fraction_of = "fraction of the epistemic variance: an input "
+    return data | {
+        "value": table(y, "results of the runs"),
+        "case_value": table(base.values, "result of the case as it is"),
+        "mean": table(two.mean(axis=0), "mean over the runs A and B"),
+        "q05": table(np.quantile(two, 0.05, axis=0), "5 % of the runs A and B lie below"),
+        "q95": table(np.quantile(two, 0.95, axis=0), "5 % of the runs A and B lie above"),
+        "monte_carlo_std": table(
+            np.sqrt(indices.parts.monte_carlo), "standard deviation of a run with so many boulders"
+        ),
+        "epistemic_std": table(
+            np.sqrt(indices.parts.epistemic.clip(0)), "standard deviation by the uncertain inputs"
+        ),
+        "epistemic_variance": table(
+            indices.parts.epistemic, "unbiased estimate; may be below zero"
+        ),
+        "epistemic_variance_error": table(indices.epistemic_error, "its standard error"),
+        "first_order": table(indices.first, f"{fraction_of}alone, first-order Sobol' index"),
+        "first_order_error": table(indices.first_error, "its standard error"),
+        "total": table(indices.total, f"{fraction_of}with all it does, total Sobol' index"),
+        "total_error": table(indices.total_error, "its standard error"),
+        "too_few": table(
+            np.isnan(y).sum(axis=(0, 1)), "runs in which too few boulders pass, so no number"
+        ),
+    }  # fmt: skip
+
+
+def _units(quantity: str, number: str) -> str:
+    return QUANTITIES["fraction" if number == "fraction" else quantity].units
+
+
+def _drawn(draws: list[list[Draw]], seeds: list[int]) -> dict[str, Any]:
+    """The numbers drawn for A and B of each run; dimensions run, side (and zone)."""
+    kept = [{key: value for draw in drawn for key, value in draw.kept.items()} for drawn in draws]
+    data: dict[str, Any] = {
+        "side": ("side", np.array(["A", "B"], dtype=object)),
+        "seed": ("run", np.array(seeds), {"long_name": "of the boulders in all variants of a run"}),
+    }
+    for key in kept[0]:
+        values = np.array([draw[key] for draw in kept])
+        units, meaning = KEPT[key]
+        each = "zone" if key == "radius" else "ground_with_relief"
+        dims = ("run", "side", each)[: values.ndim + 1]
+        attrs = {"units": units, "long_name": meaning}
+        data[f"drawn_{key}"] = (dims, values.reshape(len(seeds), 2, *values.shape[1:]), attrs)
+    return data
+
+
+def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncertain) -> xr.Dataset:
+    import xarray as xr
+
+    run = base.result
+    attrs = dict(run.attrs)
+    checksums = json.loads(run.attrs["input_checksums"])
+    checksums |= {f"ensemble sets {name}": sha256 for name, sha256 in inputs.set_checksums.items()}
+    attrs |= {
+        "case": case.text(),
+        "ensemble_runs": case.ensemble["runs"],
+        "input_checksums": json.dumps(checksums, sort_keys=True),
+    }
+    texts = {"result", "input", "variant", "side", "result_units"}
+    data = {name: variable for name, variable in data.items() if name not in run.variables}
+    own = xr.Dataset(data).set_coords(sorted(texts & set(data)))
+    own = own if case.lines else own.drop_dims("line")
+    return run.assign_coords(own.coords).assign(own.data_vars).assign_attrs(attrs)
+
+
+def is_ensemble(result: xr.Dataset) -> bool:
+    """Return True if a result is an ensemble, which includes the result of the unchanged case."""
+    return "ensemble_runs" in result.attrs
+
+
+def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
+    """One row for each line and result: its numbers, then the fractions of each input with 95 %
+    intervals, NaN where they are undecided.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(ensemble={"runs": 8, "radius_factor": 1.2})
+    >>> table = rockfall.ensemble_table(rockfall.ensemble(case))
+    >>> table[["line", "units"]].iloc[0].tolist()
+    ['L', '1']
+    """
+    import pandas as pd
+
+    names = ("case_value", "mean", "q05", "q95", "monte_carlo_std", "epistemic_std")
+    names += ("too_few",)
+    rows = []
+    for k, line in enumerate(line_names(found)):
+        for result in found["result"].values:
+            at = found.isel(line=k).sel(result=result)
+            row = {"line": line, "result": result, "units": at["result_units"].item()}
+            row |= {name: at[name].item() for name in names}
+            for name in found["input"].values:
+                for kind in KINDS:
+                    at_input = at.sel(input=name)
+                    bounds = limits(at_input[kind].item(), at_input[f"{kind}_error"].item())
+                    ends = (f"{name}_{kind}{end}" for end in ("", "_low", "_high"))
+                    row |= dict(zip(ends, bounds, strict=True))
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def write_ensemble(data: xr.Dataset, path: Path) -> None:
+    """Write the complete ensemble as netCDF, or the table as CSV, by the file extension;
+    atomically."""
+    check_place(path, data.sizes["line"], files_behind(data))
+    if path.suffix == ".nc":
+        write_result(data, path)
+        return
+    write_csv(ensemble_table(data), path)
+
+
+def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:
+    """Refuse an output path that cannot be written, before the runs start; `lines` is the number of
+    lines."""
+    if path.suffix not in (".nc", ".csv"):
+        raise RockfallError(f"{path}: must end in .nc (everything) or .csv (the table)")
+    if path.suffix == ".csv" and not lines:
+        raise RockfallError(f"{path}: without a &line there is no table; maps go to a file .nc")
+    check_output(path, inputs)

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A hazard that is finished already, which `--resume` leaves as it is."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+
+from rockfall.analysis.objects.objects import Objects
+from rockfall.analysis.objects.segments import Segments
+from rockfall.case import Case, case_in
+from rockfall.errors import RockfallError
+from rockfall.io.netcdf import open_netcdf
+from rockfall.result.dataset import DAMAGED
+from rockfall.scene.scene import Scene
+from rockfall.version import __version__
+
+ENERGIES = np.geomspace(1.0, 1e9, 64)  # [J] at which curves are compared
+
+
+def layers_checksum(objects: Objects, segments: Segments) -> str:
+    """SHA-256 of objects with their attributes and curves, and of segments, as decoded."""
+    harms = [
+        (quantity, harm and (harm.scale, harm.length, harm.curve.fraction(ENERGIES).tolist()))
+        for quantity, all_harms in objects.exposed.harms.items()
+        for harm in all_harms
+    ]
+    steps = None if objects.vulnerability is None else objects.vulnerability.tolist()
+    values = objects.exposure.tolist(), objects.value.tolist(), steps, objects.exposed.assumptions
+    names = objects.names, objects.layers, objects.exposed.kinds, segments.labels
+    shapes = [shape.wkb_hex for shape in objects.shapes]
+    lines = objects.lines, segments.lines
+    return hashlib.sha256(repr((shapes, names, values, harms, lines)).encode()).hexdigest()
+
+
+def is_finished(path: Path, case: Case, scene: Scene, objects: Objects, segments: Segments) -> bool:
+    """Return True if a file is the hazard of a case, of these inputs, by this version. Any other
+    file, and a damaged one, is not."""
+    expected = {
+        "version": __version__,
+        "input_checksums": json.dumps(scene.checksums, sort_keys=True),
+        "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
+        "layers_checksum": layers_checksum(objects, segments),
+    }
+    try:
+        with open_netcdf(path) as file:
+            attrs = {name: file.getncattr(name) for name in file.ncattrs()}
+        is_same = all(attrs.get(name) == value for name, value in expected.items())
+        return is_same and _text(case_in(attrs)) == _text(case)
+    except (RockfallError, *DAMAGED):
+        return False
+
+
+def _text(case: Case) -> str:
+    """Text of a case, whatever its threads."""
+    return case.replace(case={"threads": 0}).text()

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs that end when the confidence intervals at the lines reach a requested width."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.line_statistics import QUANTILES, QUANTITIES, numbers, quantile_name
+from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.model_warnings import warn_of_model, with_model_warnings
+from rockfall.analysis.precision.intervals import CROSSED, boulders_needed, half_width
+from rockfall.analysis.precision.samples import Sample
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
+from rockfall.language import localised, say
+from rockfall.limits import MIN_FOR_MEAN
+from rockfall.result.crossings import line_names
+from rockfall.scene.read import read_scene
+from rockfall.scene.releases.sources import refuse_by_area
+from rockfall.scene.rules.plausible import warn_of
+from rockfall.scene.scene import Scene
+from rockfall.simulation.maps import tells_sources
+from rockfall.simulation.progress import progress_bar
+from rockfall.simulation.simulate import Interrupted, check_tallies, run_chunks, start, trace
+from rockfall.simulation.tally import Tally
+from rockfall.simulation.tally_dataset import make_result
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.result.contents import Contents, Held
+
+FIRST = 1000  # boulders of the first stage, over all sources
+CAP = 1_000_000  # boulders over all sources, if no cap is given
+
+# Growth from one stage to the next: min, max; needs within the former take a single stage.
+MIN_GROWTH, MAX_GROWTH, NEAR = 1.05, 4.0, 1.25
+SHORT, MARGIN = 0.8, 1.02  # fraction of the need: of a distant one, of a near one
+USELESS = 0.3  # below this ratio of the boulders' error to the limit, more boulders do not help
+
+LEVELS = {quantile_name(level): level for level in QUANTILES}
+STATISTICS = ("mean", "std", *LEVELS)
+FORM = "QUANTITY.STATISTIC@LINE<PERCENT% or fraction@LINE<PERCENT%"
+
+
+class Rule(NamedTuple):
+    """A criterion: the half-width of a 95 % interval is below a fraction of the number itself."""
+
+    text: str
+    line: int  # index, from 0
+    quantity: str
+    statistic: str
+    limit: float
+
+
+class Verdict(NamedTuple):
+    """Verdict of a result on a rule.
+
+    `width` is the half-width over the number, NaN if there is none. `need` is the number of
+    boulders from each source that the rule needs: NaN if too few cross the line to tell, inf if no
+    number is enough.
+    """
+
+    rule: Rule
+    met: bool
+    width: float
+    need: float
+
+    def __str__(self) -> str:
+        text = f"{self.rule.text}: {say('until.met' if self.met else 'until.not_met')}"
+        if np.isfinite(self.width):
+            text += f", +- {localised(f'{self.width:.2%}')}"
+        if self.met:
+            return text
+        if np.isnan(self.need):
+            return f"{text}: {say('until.unknown')}"
+        if np.isinf(self.need):
+            return f"{text}: {say('until.never')}"
+        return f"{text}: {say('until.needs', n=float(f'{self.need:.2g}'))}"
+
+
+def run_until(
+    case: Case, rules: str, cap: int | None = None, *, progress: bool = False, **arrays: Any
+) -> xr.Dataset:
+    """Run a case with as many boulders from each source as `rules` need, `cap` at most.
+
+    `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
+    result is that of `run` with the final number of boulders, which replaces the case's own; its
+    attributes `until` and `until_met` hold the rules, and 1 if all are met or 0 if not. Without a
+    `cap` the limit is a million boulders over all sources.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> result = rockfall.run_until(case, "speed.mean@L<20%")
+    >>> result.attrs["until_met"]
+    1
+    """
+    scene = read_scene(case, **arrays)
+    warn_of(scene)
+    result = run_scene_until(scene, rules, cap, progress=progress, keep=False)
+    result = with_model_warnings(result)
+    warn_of_model(result)
+    return result
+
+
+def run_scene_until(scene: Scene, rules: str, cap: int | None = None, **how: Any) -> xr.Dataset:
+    """Run a scene that has been read; see `run_until`, and `simulate_until` for the arguments."""
+    return simulate_until(scene, rules, cap, **how).dataset()
+
+
+def simulate_until(
+    scene: Scene, rules: str, cap: int | None = None, *, progress: bool = False, keep: bool = True
+) -> Contents:
+    """Results of the run; see `run_until`. The rasters of a scene that need not be kept are freed.
+
+    The boulders of one source continue those of the stage before. With several sources each stage
+    starts again, because the source of a boulder follows from its number.
+    """
+    refuse_by_area(scene.case, scene, "--until")
+    criteria = read_rules(rules, [line["name"] for line in scene.case.lines])
+    if cap is not None and cap < 1:
+        raise RockfallError(f"cap = {cap}: must be at least 1 boulder from each source")
+    cap = cap or max(1, CAP // scene.x.size)
+    n, total, tally = min(cap, -(-FIRST // scene.x.size)), 0, None
+    with interrupts() as interrupted, progress_bar(0, shown=progress) as advance:
+        while True:
+            tally = _next_tally(_with_boulders(scene, n), tally)
+            total += tally.scene.boulders - tally.done
+            advance(0, total)
+            run_chunks(tally, None, interrupted, advance)
+            verdicts = evaluate(criteria, make_result(tally, maps=False))
+            larger = next_stage(verdicts, n, cap)
+            if interrupted() or larger == n:
+                break
+            n = larger
+        trace(tally)
+        if not keep:
+            scene.forget_rasters()
+            assert isinstance(tally.scene, Scene)
+            tally.scene.forget_rasters()
+        tally.settle()
+        result = make_result(tally)
+    result.attrs |= {"until": rules, "until_met": int(all(verdict.met for verdict in verdicts))}
+    if interrupted():
+        raise Interrupted(result)
+    return result
+
+
+def _with_boulders(scene: Scene, n: int) -> Scene:
+    numbers = {"boulders": n, "boulders_total": None}
+    return replace(scene, case=scene.case.replace(case=numbers))
+
+
+def _next_tally(scene: Scene, last: Tally | None) -> Tally:
+    """Tally for the boulders of the next stage: one source adds to the tally of the last stage."""
+    if last is None or scene.x.size > 1 or tells_sources(scene.case):
+        tally = start(scene, scene.case.case["threads"])
+        if last is not None:
+            tally.wall, tally.cpu = last.wall, last.cpu
+        return tally
+    check_tallies(scene, scene.survey())
+    last.go_on(scene)
+    return last
+
+
+def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
+    """Boulders from each source of the stage after one of `n`; `n` itself if that is the last.
+
+    A distant need is approached from below, in steps: the width from which it follows is itself an
+    estimate, and boulders cannot be removed.
+    """
+    needs = [verdict.need for verdict in verdicts if not verdict.met and not np.isinf(verdict.need)]
+    if not needs:
+        return n
+    need = max(MAX_GROWTH * n if np.isnan(needed) else needed for needed in needs)
+    target = MARGIN * need if need <= NEAR * n else max(NEAR * n, SHORT * need)
+    return min(cap, math.ceil(np.clip(target, MIN_GROWTH * n, MAX_GROWTH * n)))
+
+
+def verdicts_of(result: Held) -> list[Verdict]:
+    """Verdict of a result on each rule of its `run_until`; empty without rules."""
+    if "until" not in result.attrs:
+        return []
+    return evaluate(read_rules(result.attrs["until"], line_names(result)), result)
+
+
+def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:
+    """Verdict of a result on each rule."""
+    samples = LineSamples(result)
+    return [_verdict(rule, samples) for rule in rules]
+
+
+def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
+    """Verdict on a rule; the need follows from the width. If the sources are sampled, the part due
+    to their differences does not decrease with more boulders."""
+    n = line_samples.boulders / max(line_samples.sources, 1)
+    sample = line_samples.sample(rule.line, rule.quantity)
+    row = numbers(sample, rule.quantity)
+    width = half_width(row, rule.statistic)
+    crossed = np.inf if rule.statistic == "fraction" else row["n"]
+    if width <= rule.limit and crossed >= CROSSED:
+        return Verdict(rule, True, width, n)
+    if not row["n"] or not np.isfinite(width):
+        few = line_samples.sampled and 1 < line_samples.sources < MIN_FOR_MEAN <= row["n"]
+        return Verdict(rule, False, width, np.inf if few else np.nan)
+    limit = rule.limit
+    if line_samples.sampled and line_samples.sources > 1:
+        sample = line_samples.given().sample(rule.line, rule.quantity)
+        row = numbers(sample, rule.quantity)
+        within = half_width(row, rule.statistic)
+        limit = math.sqrt(max(0.0, limit**2 - max(0.0, width**2 - within**2)))
+    error = _expected_width(sample, row, rule.statistic)
+    if limit > 0:
+        need = max(n, boulders_needed(n, error, limit, crossed))
+        return Verdict(rule, False, width, need)
+    return Verdict(rule, False, width, np.inf if error < USELESS * rule.limit else np.nan)
+
+
+def _expected_width(sample: Sample, row: Mapping[str, float], statistic: str) -> float:
+    """Relative half-width of an interval, for quantiles without the chance that makes theirs narrow
+    or wide: runs that went by it were a third too long."""
+    level, width = LEVELS.get(statistic), half_width(row, statistic)
+    if level is None or not 0 < width < np.inf:
+        return width
+    value = row[statistic]
+    low, high = sample.fitted_between(level, sample.effective_below(value))
+    return (high - low) / 2 / abs(value)
+
+
+def read_rules(text: str, lines: list[str]) -> list[Rule]:
+    """Rules of a text such as 'speed.mean@EL1<2%, fraction@EL1<3%'; `lines` are known names.
+
+    Quantities and statistics are those of `rockfall.line_statistics`, apart from its maximum.
+    """
+    parts = re.split(r",(?=\s*[\w.]+\s*@)", text)  # names of lines may contain commas
+    return [_rule(part.strip(), lines) for part in parts]
+
+
+def _rule(text: str, lines: list[str]) -> Rule:
+    prefix = f"until '{text}'"
+    match = re.fullmatch(r"([\w.]+)\s*@\s*(.+?)\s*<\s*([^<]*?)\s*%", text)
+    if not match:
+        raise RockfallError(f"{prefix}: must be {FORM}, several with commas between")
+    what, line, percent = match.groups()
+    quantity, _, statistic = what.partition(".")
+    if what in ("fraction", "share"):  # share: its old name
+        quantity, statistic = QUANTITIES[0], "fraction"  # the same for any quantity
+    elif quantity not in QUANTITIES:
+        names = ", ".join(QUANTITIES)
+        raise RockfallError(
+            f"{prefix}: no quantity '{quantity}'; there are {names}, or fraction alone"
+        )
+    elif statistic not in STATISTICS:
+        names = ", ".join(STATISTICS)
+        raise RockfallError(
+            f"{prefix}: no interval for the statistic '{statistic}'; there are {names}"
+        )
+    if line not in lines:
+        names = ", ".join(lines) or "none"
+        raise RockfallError(f"{prefix}: no line '{line}'; the lines of the case: {names}")
+    if not re.fullmatch(r"\d+\.?\d*|\.\d+", percent) or not 0 < float(percent) < 100:
+        raise RockfallError(f"{prefix}: {percent} %: must be a number above 0 and below 100")
+    return Rule(text, lines.index(line), quantity, statistic, float(percent) / 100)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs of a case, and their parts merged, with the warnings on their model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rockfall.analysis.model_warnings import warn_of_model, with_model_warnings
+from rockfall.case import Case
+from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import warn_of
+from rockfall.simulation.memory import machine_memory
+from rockfall.simulation.parts.merge import join
+from rockfall.simulation.simulate import run_scene
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def run(
+    case: Case,
+    *,
+    progress: bool = False,
+    threads: int | None = None,
+    chunk: int | None = None,
+    shard: tuple[int, int] = (1, 1),
+    memory: float | None = None,
+    **arrays: Any,
+) -> xr.Dataset:
+    """Run a case: an xarray.Dataset of boulders, lines, maps and histograms.
+
+    `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
+    depend on `threads` (default: the case's) or `chunk`, the boulders per call of the kernel
+    (default: as many as take a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
+    boulders: a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`, which holds
+    the completed boulders. Rasters that need more than half of `memory` [bytes] (default: that of
+    the machine) are read in windows. Each likely mistake in the case, and each limit of
+    its model that matters, is a UserWarning; the attribute `model_warnings` has the latter, one a
+    line (parts have none).
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> slower = rockfall.run(case.replace(boulder={"density": 2600.0}))
+    >>> slower.sizes["boulder"]
+    20
+    """
+    scene = read_scene(case, memory=memory or machine_memory(), **arrays)
+    warn_of(scene)
+    how: dict[str, Any] = {"progress": progress, "threads": threads, "chunk": chunk, "shard": shard}
+    result = run_scene(scene, keep=False, **how)
+    if shard != (1, 1):
+        return result
+    result = with_model_warnings(result)
+    warn_of_model(result)
+    return result
+
+
+def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
+    """Merge the parts of a run (results, or their files) into its result, bit for bit that of a run
+    in one piece except for times and threads.
+
+    A RockfallError names parts of another run, and missing or duplicate boulders. Warnings on the
+    model are as in `run`.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> parts = [rockfall.run(case, shard=(k, 2)) for k in (1, 2)]
+    >>> rockfall.merge(parts).sizes["boulder"]
+    20
+    """
+    result = with_model_warnings(join(parts).dataset())
+    warn_of_model(result)
+    return result

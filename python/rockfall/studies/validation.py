@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Validation at a site with observed boulders: a case by every rebound model, over new seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.model_warnings import joined_warnings
+from rockfall.analysis.observed.deposits import agreement
+from rockfall.analysis.observed.observations import Observed
+from rockfall.analysis.observed.observed_doubts import check_exchanged, unit_notes
+from rockfall.analysis.observed.run_out import (
+    RESAMPLES,
+    Distance,
+    Sample,
+    kolmogorov_smirnov,
+    moments,
+    pooled_samples,
+    weights,
+)
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.language import Text
+from rockfall.result.crossings import line_names, line_values
+from rockfall.simulation.progress import progress_bar
+from rockfall.simulation.simulate import run_scene
+from rockfall.studies.models import by_tables, named_notes, variants
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+SEEDS = 5
+FEWEST = 2  # seeds for an error, boulders for a distribution
+BOUNDS = {"mean": 0.10, "std": 0.25}  # of an error relative to the observation
+QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
+APART = "ks", "p", "wasserstein"  # distances of both distributions
+RUN_OUT, AT_REST = "stopping_distance", "at_rest"
+LOG_DENSITY = "log_density"  # of simulated boulders at blocks at rest, mean; in m-2
+COLUMNS = ["law", "line", "quantity", "statistic", "n_observed", "observed", "observed_error",
+           "simulated", "simulated_error", "verdict"]  # fmt: skip
+WITHIN, BEYOND, UNDECIDED = "within", "beyond", "undecided"
+SIGMAS = 1.96  # of an interval of 95 %
+
+Key = tuple[str, str, str]  # line, quantity, statistic
+
+
+class Number(NamedTuple):
+    """A statistic: number of observed boulders, observed value, its error, and simulated value."""
+
+    n: float
+    observed: float
+    error: float
+    simulated: float
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Distributions at a site, observed and by each rebound model, in SI units.
+
+    `table` has COLUMNS: a row for each model, place (a line, or "" for the run-out), quantity and
+    statistic: mean, std, q05, q50, q95, for run-outs lateral_std (perpendicular to the line to the
+    mean of the observed places), ks and its p, wasserstein; for blocks at rest without a known
+    release log_density, the mean logarithm of the density of simulated boulders there [m-2]. Errors
+    are standard errors: of observations from resampled boulders, of simulations over seeds. The
+    verdict is on `BOUNDS`.
+    """
+
+    title: str
+    boulders: int
+    seeds: tuple[int, ...]
+    laws: tuple[str, ...]
+    table: pd.DataFrame
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...] = ()  # on the models with the first seed, each once
+
+
+def validate(
+    case: Case,
+    seen: Observed,
+    tables: Sequence[str] | None = None,
+    seeds: int = SEEDS,
+    progress: bool = False,
+) -> Validation:
+    """Run a case by its own rebound model, its impact sets, each classical model, and each table of
+    impacts (those of these names, by default all shipped ones), over seeds following the case's,
+    and compare each with the observations: places or distances of rest, samples and numbers at
+    lines. Models differ on the same ground as in `run_models`; the notes say where not.
+
+    Raises a RockfallError if no observation can be compared with a run, no ground can have another
+    model, or a table of these names needs sizes of rocks that the case lacks.
+    """
+    import pandas as pd
+
+    if seeds < FEWEST:
+        raise RockfallError(f"--seeds {seeds}: at least {FEWEST} are needed for an error")
+    case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"})
+    notes: list[str] = []
+    laws = dict(variants(case, (), notes))
+    own = next(iter(laws.values()))
+    laws |= by_tables(case, own, tables, notes)
+    notes += named_notes(own)
+    check_exchanged(seen, own.grid)
+    notes += unit_notes(seen)
+    first = int(case.case["seed"]) + 1
+    numbers = tuple(range(first, first + seeds))
+    rows: list[dict[str, Any]] = []
+    limits: dict[str, list[Text]] = {}
+    total = sum(scene.boulders for scene in laws.values()) * seeds
+    with progress_bar(total, shown=progress) as advance:
+        for name, scene in laws.items():
+            runs = []
+            for seed in numbers:
+                result = run_scene(replace(scene, case=scene.case.replace(case={"seed": seed})))
+                advance(result.sizes["boulder"])
+                limits.setdefault(name, model_warnings(result, scene.case))
+                runs.append(numbers_beside([(result, seen)]))
+            rows += [{"law": name, **row} for row in over_runs(runs)]
+    if not rows:
+        raise RockfallError(
+            f"{case.name}: nothing that was observed can be set beside it: places or distances of "
+            "rest (with start_x, start_y where there are several sources), or lines of the case"
+        )
+    table = pd.DataFrame(rows, columns=COLUMNS)
+    title = case.case["title"] or case.name
+    boulders = next(iter(laws.values())).boulders
+    warnings = tuple(joined_warnings(limits))
+    return Validation(title, boulders, numbers, tuple(laws), table, tuple(notes), warnings)
+
+
+def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
+    """Numbers of results of one site that can be compared with the observations of each, by line,
+    quantity and statistic. Several results, for instance of different kinds of blocks, count as one
+    sample, in which each source is weighted by its observed frequency."""
+    by_key: dict[Key, Number] = {}
+    stopped = pooled_samples(pairs)
+    if stopped is not None:
+        numbers = run_out_numbers(*stopped, one_frame=len(pairs) > 1)
+        by_key |= {("", RUN_OUT, name): number for name, number in numbers.items()}
+    if (rest := _at_rest(pairs)) is not None:
+        by_key["", AT_REST, LOG_DENSITY] = rest
+    for line, quantity in dict.fromkeys(key for _, seen in pairs for key in seen.samples):
+        values = [
+            (seen.samples[line, quantity], crossed)
+            for result, seen in pairs
+            if (line, quantity) in seen.samples
+            and (crossed := _crossed(result, line, quantity)) is not None
+        ]
+        if values:
+            share = [
+                np.full(len(made), len(accepted) / max(len(made), 1)) for accepted, made in values
+            ]
+            each = np.concatenate(share)
+            numerators, made = (np.concatenate(column) for column in zip(*values, strict=True))
+            at_line = distribution_numbers(
+                numerators, made, each / (each.mean() if each.size else 1)
+            )
+            by_key |= {(line, quantity, name): number for name, number in at_line.items()}
+    for row in pairs[0][1].summaries.to_dict("records"):
+        key = row["line"], row["quantity"]
+        if row["method"] == "observed" and key not in pairs[0][1].samples:
+            at_lines = [_crossed(result, *key) for result, _ in pairs]
+            crossed = [sample for sample in at_lines if sample is not None]
+            if crossed:
+                printed = _of_printed(row, np.concatenate(crossed))
+                by_key |= {(*key, name): number for name, number in printed}
+    return by_key
+
+
+def _at_rest(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> Number | None:
+    """Mean logarithm of the density of simulated boulders [m-2] at blocks at rest without a known
+    release; None without such blocks, or where too few boulders come to rest."""
+    rests = [rest for pair in pairs for rest in agreement(*pair)]
+    if not rests:
+        return None
+    n = sum(rest.blocks for rest in rests)
+    density = sum(rest.blocks * rest.observed for rest in rests) / n
+    return Number(n, np.nan, np.nan, density)
+
+
+def run_out_numbers(
+    observed: Sample, simulated: Sample, one_frame: bool = False
+) -> dict[str, Number]:
+    """Statistics of stopping distances, and of lateral offsets if several boulders came from each
+    source, or all share one frame."""
+    share = weights(observed, simulated)
+    numbers = distribution_numbers(observed.values[:, 0], simulated.values[:, 0], share)
+    alike = len(observed.source) if one_frame else np.unique(observed.source, return_counts=True)[1]
+    if observed.values.shape[1] > 1 and np.min(alike) >= FEWEST:
+        across = distribution_numbers(observed.values[:, 1], simulated.values[:, 1], share)
+        numbers["lateral_std"] = across["std"]
+    return numbers
+
+
+def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
+    """Values of the boulders that crossed a line; None if the case has no such line."""
+    lines = line_names(result)
+    if line not in lines:
+        return None
+    values = line_values(result, quantity, lines.index(line))
+    return values[np.isfinite(values)]
+
+
+def distribution_numbers(
+    seen: np.ndarray, made: np.ndarray, share: np.ndarray
+) -> dict[str, Number]:
+    """Statistics of an observed sample and of a weighted simulated one, and their distances; errors
+    of observations come from resampled boulders."""
+    random, weights = np.random.default_rng(0), np.ones(len(seen))
+    drawn = [_numbers(random.choice(seen, len(seen)), weights) for _ in range(RESAMPLES)]
+    enough = min(len(seen), len(made)) >= FEWEST
+    simulated = _numbers(made, share) if enough else {}
+    numbers = {}
+    for name, value in _numbers(seen, weights).items():
+        error = float(np.std([each[name] for each in drawn], ddof=1))
+        numbers[name] = Number(len(seen), value, error, simulated.get(name, np.nan))
+    apart = [np.nan] * 3
+    if enough:
+        apart = [*kolmogorov_smirnov(seen, made, share), Distance(seen, made)(weights, share)]
+    for name, value in zip(APART, apart, strict=True):
+        numbers[name] = Number(len(seen), np.nan, np.nan, float(value))
+    return numbers
+
+
+def _numbers(values: np.ndarray, share: np.ndarray) -> dict[str, float]:
+    """Mean, standard deviation and quantiles of weighted values."""
+    order = np.argsort(values)
+    below = np.cumsum(share[order])
+    place = {name: np.searchsorted(below, q * below[-1]) for name, q in QUANTILES.items()}
+    mean, std = moments(values, share)
+    quantiles = {name: float(values[order[min(k, len(order) - 1)]]) for name, k in place.items()}
+    return {"mean": mean, "std": std, **quantiles}
+
+
+def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str, Number]]:
+    """Comparison with a printed mean and deviation; exact if the number of boulders is not
+    given."""
+    n, std = row["n"], row["std"]
+    errors = {"mean": std / np.sqrt(n), "std": std / np.sqrt(2 * max(n - 1, 1))}
+    made_numbers = _numbers(crossed, np.ones(len(crossed))) if len(crossed) >= FEWEST else {}
+    for name, error in errors.items():
+        if row[name] == row[name]:
+            yield name, Number(n, row[name], error, made_numbers.get(name, np.nan))
+
+
+def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
+    """Rows of a table (COLUMNS without the model): means over runs, which differ by their seed or
+    their terrain, their standard errors, and verdicts."""
+    for key, number in runs[0].items():
+        values = np.array([run[key].simulated if key in run else np.nan for run in runs])
+        mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
+        numbers = [number.n, number.observed, number.error, mean, error]
+        yield dict(zip(COLUMNS[1:], [*key, *numbers, _verdict(key[2], number, mean, error)],
+                       strict=True))  # fmt: skip
+
+
+def _verdict(statistic: str, seen: Number, simulated: float, error: float) -> str:
+    """Verdict on a bound, if there is one: undecided where the interval of the error straddles
+    it."""
+    if statistic not in BOUNDS or not seen.observed > 0 or simulated != simulated:
+        return ""
+    off = abs(simulated / seen.observed - 1)
+    reach = SIGMAS * np.hypot(np.nan_to_num(seen.error), error) / seen.observed
+    if off + reach <= BOUNDS[statistic]:
+        return WITHIN
+    return BEYOND if off - reach > BOUNDS[statistic] else UNDECIDED
