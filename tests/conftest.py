@@ -93,7 +93,7 @@ def blank_figures(monkeypatch):
     for name in ("page.history_figure", *map("front.{}_figure".format, ("map", "stops", "zones"))):
         monkeypatch.setattr(f"rockfall.html_report.{name}", empty)
     for name in ("html_report.page.figures", "html_report.page.hazard_figures",
-                 "cli.hazard.hazard_figures"):  # fmt: skip
+                 "cli.commands.hazard.hazard_figures"):  # fmt: skip
         monkeypatch.setattr(f"rockfall.{name}", lambda *_: [])
     monkeypatch.setattr("rockfall.cli.commands.hazard.hazard_sheet", empty)
     monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
