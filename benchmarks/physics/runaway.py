@@ -23,7 +23,7 @@ import rockfall
 from benchmarks.evidence import record, with_origin
 from benchmarks.machine import machine
 from benchmarks.physics.laws import Law, add_laws, matrix
-from rockfall.analysis.model_limits import faster_than_observed
+from rockfall.analysis.validity.extrapolation import faster_than_observed
 from rockfall.io.rasters.grid import Grid
 
 SLOPES = 30, 34, 38, 42, 45  # [degree]

@@ -10,7 +10,7 @@ import pytest
 
 import rockfall
 from made import make_raster
-from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.studies import convergence

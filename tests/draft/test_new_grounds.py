@@ -9,7 +9,7 @@ import pytest
 import rockfall
 import scenes
 from made import make_layer, make_raster
-from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import read_case
 from rockfall.cli import main
 from rockfall.draft.grounds import GROUNDS, recognised

@@ -8,7 +8,7 @@ import pytest
 import rockfall
 from crossed import SINGLE
 from made import refused
-from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.result.contents import Contents

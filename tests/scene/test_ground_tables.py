@@ -9,7 +9,7 @@ from affine import Affine
 
 import rockfall
 from made import make_raster, refused
-from rockfall.analysis.model_limits import has_own_grounds
+from rockfall.analysis.validity.rebounds import has_own_grounds
 from rockfall.errors import RockfallError
 from rockfall.grounds.grounds import (
     IMPACT_SETS,

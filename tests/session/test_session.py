@@ -16,7 +16,7 @@ from rasterio.crs import CRS
 import rockfall
 import scenes
 from made import PLACE, make_layer, make_raster
-from rockfall.analysis.model_limits import model_remarks
+from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.result import variables
 from rockfall.result.crossings import at_lines
 from rockfall.scene import read, stages

@@ -10,7 +10,7 @@ import pytest
 import rockfall
 import scenes
 from programs import Killed, killed_after, make_prepared, refuses, same_results
-from rockfall.analysis.model_limits import model_remarks
+from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.result import variables

@@ -21,7 +21,7 @@ from falling import (
     passing,
     write_grounds,
 )
-from rockfall.analysis.model_limits import model_remarks
+from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
 from rockfall.grounds.impact_tables import (
     BLOCK_SHAPES,

@@ -12,7 +12,7 @@ from rockfall._core import rockfall_f2py as _core
 import rockfall
 from made import refused
 from programs import make_full_case, run_program, same_results
-from rockfall.analysis.model_limits import model_remarks
+from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
 from rockfall.grounds import YIELDING, draws_of, ensemble_names, shipped_rows
 from rockfall.grounds.impact_tables import (

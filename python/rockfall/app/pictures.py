@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.model_limits import model_remarks
+from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.app.messages import binary_message
 from rockfall.case import Case
 from rockfall.io.coordinates.crs import crs_name

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from rockfall.analysis.model_warnings import joint_warnings
+from rockfall.analysis.validity.warnings import joint_warnings
 from rockfall.case import Case, read_case
 from rockfall.case.variants import chosen_variant
 from rockfall.cli.messages import warn

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.model_limits import followed_text
+from rockfall.analysis.validity.rebounds import followed_text
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError

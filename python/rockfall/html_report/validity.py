@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.model_limits import model_remarks
+from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
 from rockfall.grounds import BLOCK_TABLE, TABLES
 from rockfall.language import say, say_count

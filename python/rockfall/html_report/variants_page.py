@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.model_warnings import joint_warnings
+from rockfall.analysis.validity.warnings import joint_warnings
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.html_report.inputs import Parties

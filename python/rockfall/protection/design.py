@@ -14,10 +14,11 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import sample_numbers, with_limits
 from rockfall.analysis.lines.profile import line_number, windows
-from rockfall.analysis.model_limits import has_own_grounds, model_warnings
 from rockfall.analysis.population import population_notes
 from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.analysis.return_levels import LEVELS, tail
+from rockfall.analysis.validity.rebounds import has_own_grounds
+from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.language import say, word

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import with_limits
-from rockfall.analysis.model_limits import model_warnings
 from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.limits import EAD_ENERGY

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rockfall.analysis.model_limits import forest_text
+from rockfall.analysis.validity.obstacles import forest_text
 from rockfall.case import read_case
 from rockfall.case.text import Entry, Group, case_text
 from rockfall.draft.dem import read_source

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.line_statistics import line_statistics
-from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.result.contents import Contents

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.line_statistics import line_numbers, with_limits
-from rockfall.analysis.model_limits import model_warnings
-from rockfall.analysis.model_warnings import warn_each
 from rockfall.analysis.precision.intervals import TARGETS, boulders_needed, sources
+from rockfall.analysis.validity.remarks import model_warnings
+from rockfall.analysis.validity.warnings import warn_each
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.limits import Z

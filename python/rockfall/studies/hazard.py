@@ -27,8 +27,6 @@ from rockfall.analysis.hazard.scenarios import (
     scenarios_of,
 )
 from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
-from rockfall.analysis.model_limits import model_warnings
-from rockfall.analysis.model_warnings import joined_warnings, warn_each
 from rockfall.analysis.objects.exposure import curve_remarks
 from rockfall.analysis.objects.object_layers import files_of, frames_of, given_layers
 from rockfall.analysis.objects.objects import (
@@ -51,6 +49,8 @@ from rockfall.analysis.objects.segment_hits import (
 )
 from rockfall.analysis.objects.segments import NO_ROADS, Roads, Segments, check_roads, roads_of
 from rockfall.analysis.objects.vulnerability import KILOJOULE, read_curves
+from rockfall.analysis.validity.remarks import model_warnings
+from rockfall.analysis.validity.warnings import joined_warnings, warn_each
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.io.input_warnings import InputWarning, stored_warnings

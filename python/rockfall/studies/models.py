@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import line_numbers, sample_numbers
-from rockfall.analysis.model_limits import model_warnings
-from rockfall.analysis.model_warnings import joined_warnings
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
+from rockfall.analysis.validity.remarks import model_warnings
+from rockfall.analysis.validity.warnings import joined_warnings
 from rockfall.case import Case
 from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError

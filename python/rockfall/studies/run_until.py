@@ -13,9 +13,9 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import QUANTILES, QUANTITIES, numbers, quantile_name
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.model_warnings import warn_of_model, with_model_warnings
 from rockfall.analysis.precision.intervals import CROSSED, boulders_needed, half_width
 from rockfall.analysis.precision.samples import Sample
+from rockfall.analysis.validity.warnings import warn_of_model, with_model_warnings
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts

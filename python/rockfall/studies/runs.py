@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rockfall.analysis.model_warnings import warn_of_model, with_model_warnings
+from rockfall.analysis.validity.warnings import warn_of_model, with_model_warnings
 from rockfall.case import Case
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import warn_of

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.model_limits import model_warnings
-from rockfall.analysis.model_warnings import joined_warnings
 from rockfall.analysis.observed.deposits import agreement
 from rockfall.analysis.observed.observations import Observed
 from rockfall.analysis.observed.observed_doubts import check_exchanged, unit_notes
@@ -23,6 +21,8 @@ from rockfall.analysis.observed.run_out import (
     pooled_samples,
     weights,
 )
+from rockfall.analysis.validity.remarks import model_warnings
+from rockfall.analysis.validity.warnings import joined_warnings
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.language import Text

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.model_warnings import joint_warnings, warn_each, with_model_warnings
+from rockfall.analysis.validity.warnings import joint_warnings, warn_each, with_model_warnings
 from rockfall.case import Case
 from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError

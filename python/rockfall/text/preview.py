@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from rockfall.analysis.model_limits import fractions_outside, model_remarks
 from rockfall.analysis.planes.neutral_slopes import NeutralSlopes, Rocks, rocks_of
+from rockfall.analysis.validity.extrapolation import fractions_outside
+from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import Case
 from rockfall.io.coordinates.crs import crs_name
 from rockfall.io.rasters.grid import row_blocks

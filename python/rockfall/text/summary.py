@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from rockfall.analysis.line_statistics import numbers
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.model_limits import model_remarks
 from rockfall.analysis.precision.intervals import longer_side
+from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
 from rockfall.protection.barriers import barrier_rows, barriers_of
 from rockfall.protection.dams import dams_of

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rockfall.analysis.model_warnings import joint_warnings
+from rockfall.analysis.validity.warnings import joint_warnings
 from rockfall.case import Case, read_case
 from rockfall.case.files import input_files
 from rockfall.case.variants import variants

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.analysis.hazard.classes import CLASSES, Matrix
 from rockfall.analysis.hazard.files import HAZARD_COLOURS
-from rockfall.analysis.model_limits import followed_text
+from rockfall.analysis.validity.rebounds import followed_text
 from rockfall.case import case_in
 from rockfall.case.files import read_names
 from rockfall.language import Number, localised, say

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.model_limits import model_warnings
-from rockfall.analysis.model_warnings import warn_each
 from rockfall.analysis.observed.deposits import witnesses
 from rockfall.analysis.observed.marks import Mark, read_marks, with_lines_at
 from rockfall.analysis.observed.observations import Observed, read_observed
 from rockfall.analysis.observed.observed_doubts import check_exchanged, unit_notes
+from rockfall.analysis.validity.remarks import model_warnings
+from rockfall.analysis.validity.warnings import warn_each
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts

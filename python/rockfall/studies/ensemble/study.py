@@ -14,8 +14,8 @@ import numpy as np
 
 from rockfall.analysis.line_statistics import numbers
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.model_warnings import warn_of_model, with_model_warnings
 from rockfall.analysis.precision.intervals import Sources, sources
+from rockfall.analysis.validity.warnings import warn_of_model, with_model_warnings
 from rockfall.case import Case
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError

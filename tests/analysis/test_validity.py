@@ -11,17 +11,12 @@ import numpy as np
 import pytest
 
 from crossed import crossed
-from rockfall.analysis.model_limits import (
-    end_remarks,
-    extrapolations,
-    faster_than_observed,
-    forest_remarks,
-    forest_text,
-    model_remarks,
-    set_remarks,
-    table_remarks,
-)
-from rockfall.analysis.model_warnings import joint_warnings
+from rockfall.analysis.validity.ends import end_remarks
+from rockfall.analysis.validity.extrapolation import extrapolations, faster_than_observed
+from rockfall.analysis.validity.obstacles import forest_remarks, forest_text
+from rockfall.analysis.validity.rebounds import set_remarks, table_remarks
+from rockfall.analysis.validity.remarks import model_remarks
+from rockfall.analysis.validity.warnings import joint_warnings
 from rockfall.evidence import only
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.grounds.impact_tables import USUAL_WEIGHT, open_table, plane_files, save_table

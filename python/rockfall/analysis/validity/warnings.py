@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, TypeVar
 
-from rockfall.analysis.model_limits import model_warnings
+from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import case_of
 from rockfall.quantities import first_of
 from rockfall.result.dataset import MODEL_WARNINGS

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Remarks on boulders whose ends, or passages of a line, say little of a slope."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.observed.run_out import falls_and_distances
+from rockfall.analysis.validity.remark import Remark
+from rockfall.grounds import repose
+from rockfall.language import Text, say
+from rockfall.limits import fraction_limits
+from rockfall.quantities import first_of, part_of_boulders, percent
+from rockfall.result.crossings import MOTION, AtLine, has_crossed, line_names
+from rockfall.result.grounds import rebounds_by_ground
+from rockfall.result.variables import STATUS
+
+if TYPE_CHECKING:
+    from rockfall.analysis.validity.remark import Variables
+    from rockfall.case import Case
+
+SLOW = 2.0  # [m/s]: bouncing boulders pass a line faster
+LOWEST_REST = 22.0  # [degree] of all shipped grounds: soft soil
+MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no design load
+MAX_CUT = 0.01  # fraction of the boulders that end while moving from which it is a warning
+MAX_LOST = 0.1  # lost on the way to a line, over those that cross it, from which it is a warning
+MAX_LINES = 5  # lines that a warning names
+MAX_STAYED = 0.2  # fraction of the boulders that stay at their sources
+STAYED = 10.0  # [m] from the release, drop included: no farther than a boulder rocks before it lies
+
+
+def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """Remarks on lines where many of the passing boulders roll from rock to rock (theory, chapter
+    8), which lowers the numbers on which designs rest. None if rows are not kept.
+
+    A boulder rolls where the ground is steeper than the rest angle. The passing height of a boulder
+    on the ground is R_b/cos(slope), which gives the slope there.
+    """
+    if not all(name in values for name in ("line_name", "row_size", "volume")):
+        return
+    lowest = LOWEST_REST if rebounds_by_ground(values) else repose()
+    cosine = np.cos(np.radians(case.impact.get("rest_angle", lowest)))
+    for k, name in enumerate(line_names(values)):
+        at = AtLine(values, k)
+        motion = np.array([at.stored(part) for part in MOTION], "f8")
+        radius = np.cbrt(0.75 / np.pi * at.volumes)
+        above = motion[MOTION.index("passing_height")] - motion[MOTION.index("jump_height")]
+        rolls = (radius < above * cosine) & (np.hypot.reduce(motion[:3]) < SLOW)
+        if rolls.size and (fraction := float(rolls.mean())) > MAX_SLOW:
+            attrs = {"line": name, "fraction": percent(fraction), "slow": SLOW}
+            yield Remark(say("model.rolling", **attrs), True)
+
+
+def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """Remarks on boulders that count as released but tell little of the slope: that left the known
+    terrain before a line, reached the limit of contacts, or stayed at their source. Fractions and
+    frequencies err low by them. That nothing is known of these if no rows are kept."""
+    if "status" not in values:
+        return
+    if not (status := np.asarray(values["status"])).size:
+        yield Remark(say("model.not_kept"), True, is_counted=False)
+        return
+    is_gone = np.isin(status, [STATUS["left_domain"], STATUS["hit_nodata"]])
+    is_moving = is_gone | (status == STATUS["impact_limit"])
+    if is_gone.sum() > MAX_CUT * status.size:
+        is_gone[is_gone] = _misses_line(values, case, is_gone)
+    fall, distance = falls_and_distances(values)
+    stayed = (status == STATUS["stopped"]) & (np.hypot(fall, distance) < STAYED)
+    is_said = False  # of all lines
+    for key, is_such, most in (
+        ("model.cut_short", is_gone, MAX_CUT),
+        ("model.impact_limit", status == STATUS["impact_limit"], MAX_CUT),
+        ("model.stayed", stayed, MAX_STAYED),
+    ):
+        if (n := int(is_such.sum())) > most * status.size:
+            part = part_of_boulders(n, status.size)
+            yield Remark(say(key, part=part, distance=STAYED), True)
+            is_said |= key != "model.stayed"
+    if not is_said and (lost := [*_lost_at_lines(values, case, is_moving)]):
+        yield Remark(say("model.lost", lines=first_of(lost, MAX_LINES)), True)
+
+
+def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iterator[Text]:
+    """Lines that few boulders cross, beside those that ended while moving and would meet them if
+    they went straight on: with these the fraction would be above its 95 % interval. Boulders that
+    come far are the few that leave the terrain, too."""
+    if not (is_moving.any() and case.lines and "row_size" in values):
+        return
+    n = is_moving.size
+    start, stop = _ends(values, is_moving)
+    for k, line in _lines_of(values, case):
+        crossed = has_crossed(values, k)
+        passed = int(crossed.sum())
+        most = max(MAX_LOST * passed, n * fraction_limits(passed / n, n)[1] - passed)
+        open_ = ~crossed[is_moving]
+        if open_.sum() <= most:
+            continue
+        if (lost := int((_meets_line(stop, stop - start, line) & open_).sum())) > most:
+            yield say("model.lost_at_line", line=line["name"], lost=lost, passed=passed)
+
+
+def _lines_of(values: Variables, case: Case) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Index and group of the lines of a case that the values are of, its first ones."""
+    return zip(range(np.size(values["row_size"])), case.lines, strict=False)
+
+
+def _ends(values: Variables, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and last places (2, chosen boulders) [m]."""
+    start, stop = (
+        np.array([np.asarray(values[f"{end}_{axis}"])[chosen] for axis in "xy"])
+        for end in ("start", "stop")
+    )
+    return start, stop
+
+
+def _misses_line(values: Variables, case: Case, chosen: np.ndarray) -> np.ndarray:
+    """Mask (chosen boulders,) of those that crossed no line, or that would meet one that they did
+    not cross if they went straight on; all without lines."""
+    if not case.lines or "row_size" not in values:
+        return np.ones(int(chosen.sum()), bool)
+    start, stop = _ends(values, chosen)
+    misses, meets = np.ones(int(chosen.sum()), bool), np.zeros(int(chosen.sum()), bool)
+    for k, line in _lines_of(values, case):
+        crossed = has_crossed(values, k)[chosen]
+        misses &= ~crossed
+        meets |= _meets_line(stop, stop - start, line) & ~crossed
+    return misses | meets
+
+
+def _meets_line(origin: np.ndarray, direction: np.ndarray, line: dict[str, Any]) -> np.ndarray:
+    """Mask (n,) of the rays from `origin` (2, n) that meet a polyline."""
+    meets = np.zeros(origin.shape[1], bool)
+    for first, last in pairwise(np.column_stack([line["x"], line["y"]])):
+        meets |= _meets(origin, direction, first, last)
+    return meets
+
+
+def _meets(
+    origin: np.ndarray, direction: np.ndarray, first: np.ndarray, last: np.ndarray
+) -> np.ndarray:
+    """Mask (n,) of the rays from `origin` (2, n) that meet the segment from `first` to `last`."""
+    (along_x, along_y), (to_x, to_y) = last - first, first[:, None] - origin
+    determinant = direction[0] * along_y - direction[1] * along_x
+    ray = to_x * along_y - to_y * along_x  # times the determinant
+    segment = to_x * direction[1] - to_y * direction[0]
+    sign, size = np.sign(determinant), np.abs(determinant)
+    return (size > 0) & (sign * ray >= 0) & (sign * segment >= 0) & (sign * segment <= size)

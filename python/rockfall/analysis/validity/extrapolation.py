@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rebounds and boulders outside the conditions for which there are observations or fits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.observed.run_out import mean_slopes
+from rockfall.analysis.validity.remark import sum_of
+from rockfall.grounds import IMPACT_SETS, RATIO_TABLE
+from rockfall.grounds.impact_tables import open_table, shipped_tables
+from rockfall.language import Text, say
+from rockfall.quantities import part_of_boulders, part_of_rebounds
+from rockfall.result.grounds import (
+    rebounds_by_ground,
+    sets_followed,
+    stochastic_fraction,
+    table_grounds,
+)
+
+if TYPE_CHECKING:
+    from rockfall.analysis.validity.remark import Variables
+
+MAX_OUTSIDE = 0.2  # fraction of the rebounds from which it is a warning
+MAX_FAST = 0.05  # fraction of the boulders
+#: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
+#: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
+SPEED_PER_DEGREE = 0.8
+#: Half of the rebounds of their fit had R_b/R_m above 5.5, which the set of 5 served.
+FITTED_BEYOND = "vaujany-observed", "bourrier2009"
+OUTSIDE = {  # messages, by the count of a result
+    "range": "model.outside_range",
+    "speed": "model.outside_speed",
+    "angle": "model.outside_angle",
+}
+
+
+class Extrapolation(NamedTuple):
+    """A fraction of the rebounds or boulders, in words, and its status as a warning."""
+
+    fraction: float
+    text: Text
+    is_warning: bool
+
+
+def fractions_outside(values: Variables) -> dict[str, float]:
+    """Fractions of the rebounds by impact sets or tables outside the fitted ranges: by range (of
+    R_b/R_m), speed and angle; `values` as for `extrapolations`."""
+    rebounds = max(1.0, _stochastic(values))
+    return {what: sum_of(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
+
+
+def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolation]:
+    """Extrapolations in the variables of a result, or of boulders by name, for the sets of a case.
+
+    Counts may be sums, or of each boulder.
+    """
+    rebounds = round(_stochastic(values))
+    for what, fraction in fractions_outside(values).items():
+        if fraction:
+            part = part_of_rebounds(round(fraction * rebounds), rebounds)
+            key = OUTSIDE[what]
+            numbers: dict[str, Any] = {}
+            if what == "range":
+                key, numbers = _outside_ratios(values, case_set)
+            is_warning = fraction > MAX_OUTSIDE and key != "model.outside_fitted"
+            if what == "speed" and table_grounds(values):
+                key = _outside_speeds(values)
+                # one fast hit, as after a fall, decides what a boulder does
+                is_warning |= fraction * rebounds > MAX_OUTSIDE * np.size(values["speed_max"])
+            text = say(key, part=part, **numbers)
+            yield Extrapolation(fraction, text, is_warning)
+    is_fast = faster_than_observed(values)
+    if (fast := int(is_fast.sum())) > MAX_FAST * is_fast.size:
+        part = part_of_boulders(fast, is_fast.size)
+        text = say("model.faster", part=part, limit=SPEED_PER_DEGREE)
+        yield Extrapolation(fast / is_fast.size, text, True)
+
+
+def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, Any]]:
+    """Message on rebounds outside the ratios of the impact sets or tables that made them, and its
+    values: the ratios of a shipped table."""
+    followed = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
+    tables = [ground.name for ground in followed if ground.model == RATIO_TABLE]
+    if not tables:
+        of_fit = all(name.startswith(FITTED_BEYOND) for name in sets_followed(values, case_set))
+        return "model.outside_fitted" if of_fit else OUTSIDE["range"], {}
+    if any(ground.model == IMPACT_SETS for ground in followed):
+        return "model.outside_both", {}
+    if len(tables) > 1 or tables[0] not in shipped_tables():
+        return "model.outside_tables", {}
+    ratios = open_table(shipped_tables()[tables[0]]).size
+    return "model.outside_table", {"name": tables[0], "low": ratios[0], "high": ratios[-1]}
+
+
+def _outside_speeds(values: Variables) -> str:
+    """Message on rebounds outside the speeds of the tables, and impact sets, that made them."""
+    by_sets = any(
+        ground.rebounds and ground.model == IMPACT_SETS for ground in rebounds_by_ground(values)
+    )
+    return "model.outside_speed_both" if by_sets else "model.outside_thrown"
+
+
+def faster_than_observed(values: Variables) -> np.ndarray:
+    """Mask (boulders,) of boulders that exceeded the envelope of observed speeds.
+
+    The mean slope is that of the straight line from the release to the end; a boulder that ended no
+    lower has none, and is not counted.
+    """
+    slope = mean_slopes(values)
+    return (slope > 0) & (np.asarray(values["speed_max"]) > SPEED_PER_DEGREE * slope)
+
+
+def _stochastic(values: Variables) -> float:
+    """Number of rebounds by impact sets or tables of impacts."""
+    return stochastic_fraction(values) * sum_of(values, "rebounds")

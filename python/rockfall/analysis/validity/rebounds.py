@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Remarks on the rebounds behind the numbers of a run and on how reliable they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.validity.remark import Remark, sum_of
+from rockfall.evidence import evidence, largest_error
+from rockfall.grounds import block_radius, other_tables
+from rockfall.grounds.impact_sets import shipped_sets
+from rockfall.grounds.impact_tables import open_table, own_table
+from rockfall.language import Text, say, word
+from rockfall.quantities import part_of_boulders, part_of_rebounds, percent
+from rockfall.result.grounds import (
+    classical_grounds,
+    rebounds_by_ground,
+    sets_followed,
+    table_grounds,
+)
+
+if TYPE_CHECKING:
+    from rockfall.analysis.validity.remark import Variables
+    from rockfall.case import Case
+    from rockfall.result.grounds import GroundRebounds
+
+LARGE_BLOCK = 1.25  # R_b over that of the largest blocks that a table is thrown with
+MAX_LARGE = 0.2  # fraction of the boulders
+#: Messages on shipped sets, by how their names begin (those of ensembles are longer).
+SET_MESSAGES = {
+    "laboratory-spheres": "model.spheres_set",
+    "vaujany-observed": "model.observed_set",
+    "bourrier2009": "model.paper_set",
+}
+JUDGED_TABLES = "talus", "meadow"  # grounds by tables of impacts with evidence of a site each
+
+
+def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """Remarks on the fractions of classical rebounds and the reliability of their coefficients;
+    none for runs with impact sets only."""
+    if not (grounds := classical_grounds(values)):
+        return
+    own = "model.own_coefficients" if has_own_grounds(case) else "model.quoted_coefficients"
+    text = say(
+        "model.classical",
+        followed=_part_of_all(grounds, values),
+        grounds=[*map(ground_part, grounds)],
+        coefficients=say(own),
+        understated=say("model.understated"),
+    )
+    yield Remark(text, True)
+
+
+def ground_part(rebounds: GroundRebounds) -> Text:
+    """Ground, its model, and its fraction of the rebounds."""
+    return say(
+        "model.ground_part",
+        name=rebounds.name,
+        model=word(rebounds.model),
+        fraction=percent(rebounds.fraction),
+    )
+
+
+def followed_text(values: Variables, case_set: str) -> str:
+    """Grounds that rebounds followed, with their models and fractions, the most frequent first;
+    without grounds the impact sets of the case."""
+    grounds = sorted(rebounds_by_ground(values), key=lambda ground: -ground.rebounds)
+    if not grounds:
+        return say("inputs.impact_sets", impact_set=case_set)
+    made = [ground for ground in grounds if ground.rebounds]
+    return say("model.several", parts=[*map(ground_part, made)]) if made else say("label.none")
+
+
+def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
+    """Rebounds on some grounds, of all."""
+    rebounds = sum(ground.rebounds for ground in grounds)
+    return part_of_rebounds(rebounds, max(1, sum_of(values, "rebounds_by_ground")))
+
+
+def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """Remarks on the field validation of the shipped impact sets (docs/validation); none without
+    rebounds by them."""
+    names = set(sets_followed(values, case.impact["sets"])) & set(shipped_sets())
+    total = sum_of(values, "rebounds")
+    if not total:
+        return
+    for start, key in SET_MESSAGES.items():
+        own = {name for name in names if name.startswith(start)}
+        grounds = [ground for ground in rebounds_by_ground(values) if ground.name in own]
+        if own and (grounds or own == names):
+            part = _part_of_all(grounds, values) if grounds else part_of_rebounds(total, total)
+            errors = _set_errors(start, case.surface["method"])
+            text = say(key, followed=part, names=", ".join(sorted(own)), **errors)
+            yield Remark(text, True)
+
+
+def _set_errors(name: str, method: str) -> dict[str, int]:
+    """Largest errors of means by a shipped set [%]: speeds and energies at Vaujany, by a method of
+    choosing rocks if the set was run by both, and run-outs at Tschamut."""
+    chosen = {
+        "speed": evidence("vaujany", quantity="speed_mean", model=f"{name}*"),
+        "energy": evidence("vaujany", quantity="energy_translational_mean", model=f"{name}*"),
+        "run_out": evidence("tschamut", quantity="run_out_mean", model=name),
+    }
+    by_method = {
+        what: [row for row in rows if row.model in {name, f"{name}, {method}"}]
+        for what, rows in chosen.items()
+    }
+    return {what: largest_error(rows) for what, rows in by_method.items() if rows}
+
+
+def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """Remarks on the fractions of rebounds by tables of impacts and their field validation, and on
+    boulders much larger than the blocks thrown; none without tables."""
+    if not (tables := table_grounds(values)):
+        return
+    names = [table.name for table in tables]
+    sites = [*evidence("vaujany"), *evidence("tschamut", "held-out", "run_out_*")]
+    judged = [row for row in sites if row.model in {*JUDGED_TABLES, *names}]
+    means, deviations = (
+        largest_error(row for row in judged if row.quantity.endswith(statistic))
+        for statistic in ("_mean", "_std")
+    )
+    text = say(
+        "model.tables",
+        drawn=_part_of_all(tables, values),
+        grounds=", ".join(names),
+        means=means,
+        deviations=deviations,
+    )
+    yield Remark(text, True)
+    thrown = [*_largest_thrown(tables, case)]
+    if thrown and "volume" in values:
+        radius = LARGE_BLOCK * min(thrown)
+        large = np.asarray(values["volume"]) > 4 / 3 * np.pi * radius**3
+        if large.sum() > MAX_LARGE * large.size:
+            part = part_of_boulders(int(large.sum()), large.size)
+            yield Remark(say("model.large_blocks", part=part, radius=radius), True)
+
+
+def _largest_thrown(tables: Iterable[GroundRebounds], case: Case) -> Iterator[float]:
+    """R_b [m] of the largest blocks that each table was thrown with, as the result says; of a
+    result without this, as the table at hand says."""
+    for table in tables:
+        radius, path = table.block_radius, own_table(case, table.name)
+        if np.isnan(radius) and path:
+            radius = block_radius(open_table(path))
+        if not np.isnan(radius):
+            yield radius
+
+
+def has_own_grounds(case: Case) -> bool:
+    """Return True if the grounds come from the user's table in place of the shipped one."""
+    own = case.surface.get("ground_table")
+    return bool(own) and own not in other_tables()

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Remarks on the validity of a run's model: the rebounds behind its numbers and their reliability,
+the unvalidated forest, conditions outside the data of the model, and boulders whose end says little
+of a slope.
+
+They are printed by `rockfall check` for its pilot run; by every command that shows or writes
+numbers of results; by `ensemble` for the unchanged case; by `import-rockyfor3d` for its case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from rockfall.analysis.validity.ends import end_remarks, roll_remarks
+from rockfall.analysis.validity.extrapolation import extrapolations
+from rockfall.analysis.validity.obstacles import breakage_remarks, forest_remarks, log_remarks
+from rockfall.analysis.validity.rebounds import rebound_remarks, set_remarks, table_remarks
+from rockfall.analysis.validity.remark import Remark
+from rockfall.language import Text, say
+
+if TYPE_CHECKING:
+    from rockfall.analysis.validity.remark import Variables
+    from rockfall.case import Case
+
+
+def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """All remarks on the model, from the case and the variables of a result, or of boulders by
+    name."""
+    yield from end_remarks(values, case)
+    yield from rebound_remarks(values, case)
+    yield from set_remarks(values, case)
+    yield from table_remarks(values, case)
+    yield from forest_remarks(case)
+    yield from log_remarks(case)
+    yield from breakage_remarks(values, case)
+    yield from roll_remarks(values, case)
+    if "trajectory_boulder" in values and "trajectory_leg" not in values:
+        yield Remark(say("model.no_legs"), True, is_counted=False)
+    yield from (
+        Remark(extrapolation.text, extrapolation.is_warning)
+        for extrapolation in extrapolations(values, case.impact["sets"])
+    )
+
+
+def model_warnings(values: Variables, case: Case) -> list[Text]:
+    """Remarks on the model that are warnings."""
+    return [remark.text for remark in model_remarks(values, case) if remark.is_warning]
