@@ -10,7 +10,8 @@ program stepping
    use rockfall_terrain, only: locate, height, gradient
    use rockfall_flight, only: flight_t, landing_t, launch_rate, fly_exactly, march, choose, scheme_names
    use rockfall_outcome, only: boulder_result_t
-   use rockfall_scratch, only: scratch_t, contact_t
+   use rockfall_scratch, only: scratch_t
+   use rockfall_record, only: vertex_t
    use rockfall_ensemble, only: trace_boulder
    use rockfall_case, only: case_t
    use rockfall_case_file, only: read_case_file
@@ -121,8 +122,8 @@ contains
          call choose("exact", step)
          call trace_boulder(inputs%scene, b, inputs%scene%max_impacts + 3, fate, scratch)
          call choose(scheme, step)
-         do k = 1, scratch%recorded - 1
-            call compare_flight(inputs, scratch%record(k), step, errors)
+         do k = 1, scratch%record%n - 1
+            call compare_flight(inputs, scratch%record%vertex(k), step, errors)
          end do
       end do
       associate (n => real(max(1_i8, errors%flights), wp))
@@ -136,7 +137,7 @@ contains
    !> Add the errors of one flight that starts at a recorded contact; not of one that leaves the terrain.
    subroutine compare_flight(inputs, contact, step, errors)
       type(inputs_t), intent(in) :: inputs
-      type(contact_t), intent(in) :: contact
+      type(vertex_t), intent(in) :: contact
       real(wp), intent(in) :: step  !! [s]
       type(errors_t), intent(inout) :: errors
       type(flight_t) :: start

@@ -179,10 +179,10 @@ def per_rebound(program: Path, case: Path, few_boulders: int = FEW) -> float:
 # The same kernel without an option
 
 Edit = tuple[str, str, str, int]  # file, text, what stands for it, how often it is there
-_TRAJECTORY, _PATHS, _CONTACT, _SCRATCH, _START, _DRAWS, _TALLIES, _ENSEMBLE = (
-    f"trace/{name}.f90"
-    for name in "trajectory paths contact scratch start draws tallies ensemble".split()
+_TRAJECTORY, _PATHS, _CONTACT, _SCRATCH, _RECORD, _START, _TALLIES = (
+    f"trace/{name}.f90" for name in "trajectory paths contact scratch record start tallies".split()
 )
+_ENSEMBLE = "run/ensemble.f90"
 _CELLS = "if (scratch%cells_requested)"
 _MAPS = "if (level >= with_maps .and. scratch%cells_requested)"
 _HISTOGRAMS = "if (scene%histograms_requested)"
@@ -207,14 +207,14 @@ CUTS: dict[str, list[Edit]] = {
     "maps": [
         *[(file, _MAPS, NEVER, 1) for file in (_TRAJECTORY, _PATHS, _SCRATCH, _START)],
         (_PATHS, _CELLS, NEVER, 1),
-        (_TALLIES, _CELLS, NEVER, 1),
+        (_TALLIES, _CELLS, NEVER, 2),
         (_TALLIES, "if (at_rest(result%status))", NEVER, 1),
         (_ENSEMBLE, "if (counts_sources(maps))", NEVER, 1),
         ("boulder/flight.f90", "if (present(spans))", NEVER, 1),
         ("boulder/flight.f90", "if (present(n_spans))", NEVER, 1),
     ],
     "maps by source": [(_ENSEMBLE, "if (counts_sources(maps))", NEVER, 1)],
-    "trajectories": [(_SCRATCH, "if (.not. allocated(scratch%record))", "if (.true.)", 2)],
+    "trajectories": [(_RECORD, "if (.not. allocated(record%vertex))", "if (.true.)", 4)],
     "zones, rasters of radii": [
         ("terrain/surface.f90", f"associated(surface%{name})", ".false.", often)
         for name, often in {"zone1": 2, "zone2": 2, "values": 1}.items()

@@ -627,9 +627,9 @@ contains
          call trace_boulder(scene, number, max_vertices, result, scratch)
          boulder = boulder_row(scene%dem, result)
          counts = boulder_count_row(result)
-         recorded = scratch%recorded
+         recorded = scratch%record%n
          do k = 1, min(max_vertices, recorded)
-            vertex(:, k) = vertex_row(scene%dem, scratch%record(k))
+            vertex(:, k) = vertex_row(scene%dem, scratch%record%vertex(k))
          end do
       end associate
    end subroutine trajectory

@@ -167,7 +167,7 @@ contains
       do k = 1, size(number)
          if (status /= 0) exit
          call trace_boulder(scene, number(k), 0, result, scratch)
-         vertices(k) = scratch%recorded
+         vertices(k) = scratch%record%n
       end do
       n = 0
       if (status == 0) n = sum(int(vertices, i8))
@@ -181,7 +181,7 @@ contains
       do k = 1, size(number)
          call trace_boulder(scene, number(k), vertices(k), result, scratch)
          do j = 1, vertices(k)
-            run%vertex(n + j, :) = vertex_row(scene%dem, scratch%record(j))
+            run%vertex(n + j, :) = vertex_row(scene%dem, scratch%record%vertex(j))
          end do
          run%vertex_boulder(n + 1:n + vertices(k)) = number(k)
          n = n + vertices(k)

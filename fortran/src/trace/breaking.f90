@@ -10,6 +10,7 @@ module rockfall_breaking
    use rockfall_rolling, only: roll_t
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, broken
+   use rockfall_record, only: stored_part
    use rockfall_scratch, only: scratch_t, piece_t
    implicit none
    private
@@ -47,9 +48,7 @@ contains
       if (result%status /= broken) return
       roll%rolls = .false.
       flight = flight_from(scene%dem, landing, flight%v, flight%heading)
-      scratch%broken = piece_t(scratch%start%number, result, flight, omega_r, scratch%recorded)
-      if (allocated(scratch%record)) &
-         scratch%broken%path = scratch%record(:min(scratch%recorded, size(scratch%record)))
+      scratch%broken = piece_t(scratch%start%number, result, flight, omega_r, stored_part(scratch%record))
    end subroutine break_at_impact
 
    !> Break a boulder, if the energy suffices and there is room for fragments.
@@ -91,10 +90,11 @@ contains
          if (.not. from%flight%above > 0) piece%flight%rate = max(0.0_wp, piece%flight%rate)
          piece%flight%heading = v(:2)
          piece%omega_r = sqrt(kept_energy)*from%omega_r
-         piece%recorded = from%recorded
-         if (allocated(from%path)) then
-            piece%path = from%path
-            if (from%recorded > 0 .and. from%recorded == size(piece%path)) piece%path(from%recorded)%v = piece%flight%v
+         piece%path = from%path
+         if (allocated(piece%path%vertex)) then
+            associate (n => piece%path%n, vertex => piece%path%vertex)
+               if (n > 0 .and. n == size(vertex)) vertex(n)%v = piece%flight%v
+            end associate
          end if
          associate (result => piece%result)
             result%boulder = fragment_of(from%result%boulder, scratch%split%volume(k))

@@ -21,7 +21,8 @@ module rockfall_contact
    use rockfall_histogram, only: count_rebound
    use rockfall_scene_type, only: scene_t, inertia_of, is_slow
    use rockfall_outcome, only: boulder_result_t, count_outcome, add_ground_loss, stopped, absorbed, impact_limit
-   use rockfall_scratch, only: scratch_t, contact_t, with_lines, with_all, count_ground, record_vertex
+   use rockfall_record, only: vertex_t, record_vertex
+   use rockfall_scratch, only: scratch_t, with_lines, with_all, count_ground
    use rockfall_draws, only: impact_words, ground_uniforms
    implicit none
    private
@@ -90,8 +91,8 @@ contains
       end if
       call outgoing_flight(scene%dem, landing, cell, g, steepness, heading, turning, out%v, flight, omega_r)
       if (level >= with_all) then
-         call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, v_in, out%v, &
-                                               ratio))
+         call record_vertex(scratch%record, vertex_t(landing%x, landing%y, landing%z, result%time, flight%v, v_in, &
+                                                     out%v, ratio))
          call add_ground_loss(twice_energy(v_in), twice_energy(out%v), 0.0_wp, result)
       end if
       slow = is_slow(scene, squared_length(flight%v))
@@ -132,8 +133,8 @@ contains
       flight%heading = roll%heading
       omega_r = roll%w
       if (level >= with_all) then
-         call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v, contact%v_in, &
-                                               contact%v_out, ratio))
+         call record_vertex(scratch%record, vertex_t(landing%x, landing%y, landing%z, result%time, flight%v, &
+                                                     contact%v_in, contact%v_out, ratio))
          ! V_n of a boulder that rolls on is in neither: it is restored at its next contact
          call add_ground_loss(before, squared_length(flight%v), inertia_factor*omega_r*omega_r, result)
       end if

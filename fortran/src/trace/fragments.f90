@@ -19,7 +19,8 @@ module rockfall_fragments
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, at_rest, broken, left_window
    use rockfall_crossings, only: crossing_t, crossings_t, start_crossings, find_entry
-   use rockfall_scratch, only: scratch_t, contact_t, piece_t, gathered_t, with_all, clear_scratch
+   use rockfall_record, only: record_t, stored_part, store_path
+   use rockfall_scratch, only: scratch_t, piece_t, gathered_t, with_all, clear_scratch
    use rockfall_start, only: start_boulder, energy_head
    use rockfall_breaking, only: break_at_release, fragment_piece
    use rockfall_trajectory, only: trace_full
@@ -50,8 +51,7 @@ module rockfall_fragments
       type(crossings_t), allocatable :: crossings
       real(wp), allocatable :: raised(:, :)  !! (3, lines): highest jump, centre and upper edge of those there [m]
       real(wp), allocatable :: energy(:)     !! largest of those that crossed, per line [J]
-      type(contact_t), allocatable :: record(:)
-      integer :: recorded = 0
+      type(record_t) :: path         !! of the one that came farthest
    end type all_pieces_t
 
 contains
@@ -94,7 +94,6 @@ contains
       if (scratch%passing_requested) call start_visits(all%gathered%passing)
       allocate (all%gathered%stop_cell(2, 1))
       if (allocated(scratch%by_ground)) allocate (all%by_ground(size(scratch%by_ground)), source=0_i8)
-      if (allocated(scratch%record)) allocate (all%record(0))
       if (.not. allocated(scratch%crossings)) return
       associate (lines => size(scratch%crossings%place))
          allocate (all%crossings)
@@ -258,9 +257,7 @@ contains
       all%result%stop_cell = result%stop_cell
       all%result%path_length = result%path_length
       all%result%time = result%time
-      if (.not. allocated(scratch%record)) return
-      all%record = scratch%record(:min(scratch%recorded, size(scratch%record)))
-      all%recorded = scratch%recorded
+      all%path = stored_part(scratch%record)
    end subroutine add_end
 
    pure subroutine add_stop(gathered, cell)
@@ -334,9 +331,7 @@ contains
          end do
          scratch%crossings = all%crossings
       end if
-      if (.not. allocated(scratch%record)) return
-      scratch%record(:size(all%record)) = all%record
-      scratch%recorded = all%recorded
+      call store_path(all%path, scratch%record)
    end subroutine hand_over
 
    pure subroutine raise(by, crossing)

@@ -15,7 +15,8 @@ module rockfall_obstacles
    use rockfall_scene_type, only: scene_t, is_slow
    use rockfall_outcome, only: boulder_result_t, stopped_by_tree, stopped_by_barrier, impact_limit
    use rockfall_crossings, only: crossing_t, crossings_t, crossing, record_crossings, outcome_at, find_entry
-   use rockfall_scratch, only: scratch_t, contact_t, record_vertex
+   use rockfall_record, only: vertex_t, record_vertex
+   use rockfall_scratch, only: scratch_t
    implicit none
    private
    public :: obstacle_t, find_obstacle, hit_obstacle, record_passed_over, none
@@ -183,7 +184,7 @@ contains
       end if
       if (obstacle%kind == barrier) scratch%crossings%at(k)%outcome = &
          int(merge(stopped_there, broken_through, result%status == stopped_by_barrier), i1)
-      call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, flight%v))
+      call record_vertex(scratch%record, vertex_t(landing%x, landing%y, landing%z, result%time, flight%v))
    end subroutine hit_obstacle
 
    !> Apply a hit of a tree, and record it.

@@ -11,8 +11,11 @@ module rockfall_paths
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: record_crossings
-   use rockfall_scratch, only: scratch_t, contact_t, with_lines, with_maps, with_all, visit_cells, record_vertex, &
-                               start_ground_leg, ground_leg, rest_leg
+   use rockfall_maps, only: visit_path
+   use rockfall_travel_maps, only: time_visits
+   use rockfall_hit_maps, only: find_hits
+   use rockfall_record, only: vertex_t, record_vertex, start_ground_leg, ground_leg, rest_leg
+   use rockfall_scratch, only: scratch_t, with_lines, with_maps, with_all
    use rockfall_obstacles, only: obstacle_t, find_obstacle, none
    implicit none
    private
@@ -119,7 +122,8 @@ contains
            + 0.5_wp*(energy_before - squared_length(v) - inertia_factor*omega_r*omega_r))
       if (.not. landing%contact) return
       flight = flight_after_roll(scene%dem, roll, landing, v)
-      if (level >= with_all) call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v))
+      if (level >= with_all) &
+         call record_vertex(scratch%record, vertex_t(landing%x, landing%y, landing%z, result%time, v))
    end subroutine follow_roll
 
    !> Record the points between the start and the end of a leg on the ground, and where the boulder waits at its end.
@@ -134,16 +138,41 @@ contains
       logical :: waits
       integer :: k
 
-      if (.not. allocated(scratch%record)) return
+      if (.not. allocated(scratch%record%vertex)) return
       waits = roll%from_table .and. landing%contact .and. roll%waits > 0
-      call start_ground_leg(scratch, flight%v, merge(rest_leg, ground_leg, waits .and. .not. landing%time > 0))
+      call start_ground_leg(scratch%record, flight%v, merge(rest_leg, ground_leg, waits .and. .not. landing%time > 0))
       call ground_points(scene%dem, flight, landing%time, result%boulder%radius, time, place)
       do k = 1, size(time)
-         call record_vertex(scratch, contact_t(place(1, k), place(2, k), place(3, k), result%time + time(k), &
-                                               flight%v, leg=ground_leg))
+         call record_vertex(scratch%record, vertex_t(place(1, k), place(2, k), place(3, k), result%time + time(k), &
+                                                     flight%v, leg=ground_leg))
       end do
       if (waits .and. landing%time > 0) &
-         call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time + landing%time, &
-                                               leg=rest_leg))
+         call record_vertex(scratch%record, vertex_t(landing%x, landing%y, landing%z, result%time + landing%time, &
+                                                     leg=rest_leg))
    end subroutine record_ground_leg
+
+   !> Record the raster cells under a flight, or along a roll, which is a path without gravity.
+   pure subroutine visit_cells(scene, gravity, flight, omega_r, radius, start_time, time, spans, scratch)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: gravity  !! of the path [m/s2]
+      type(flight_t), intent(in) :: flight
+      real(wp), intent(in) :: omega_r  !! W [m/s]
+      real(wp), intent(in) :: radius   !! of the boulder [m]
+      real(wp), intent(in) :: start_time  !! since the release [s]
+      real(wp), intent(in) :: time     !! of the flight [s]
+      type(span_t), intent(in), contiguous :: spans(:)  !! spans of the flight
+      type(scratch_t), intent(inout) :: scratch
+
+      associate (visits => scratch%visits, spin => inertia_factor*omega_r**2)
+         if (scratch%heights_requested) then
+            call visit_path(visits, scene%dem, gravity, flight, time, spin, spans)
+         else
+            call visit_path(visits, scene%dem, gravity, flight, time, spin)
+         end if
+         if (allocated(visits%time)) &
+            call time_visits(visits, scene%dem, [flight%x, flight%y], flight%v(:2), start_time, time)
+         if (scratch%hits_requested) &
+            call find_hits(scratch%hits, scene%dem, gravity, flight, time, spin, 0.5_wp*scene%object_width + radius)
+      end associate
+   end subroutine visit_cells
 end module rockfall_paths

@@ -9,7 +9,8 @@ module rockfall_start
    use rockfall_maps, only: visit_cell
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, at_rest, left_window
-   use rockfall_scratch, only: scratch_t, contact_t, with_maps, with_all, clear_scratch, record_vertex
+   use rockfall_record, only: vertex_t, record_vertex, store_path
+   use rockfall_scratch, only: scratch_t, with_maps, with_all, clear_scratch
    use rockfall_draws, only: block_shape_of, drawn_soil
    implicit none
    private
@@ -59,11 +60,9 @@ contains
       result = scratch%start%result
       flight = scratch%start%flight
       omega_r = scratch%start%omega_r
-      if (.not. allocated(scratch%record)) return
-      scratch%recorded = scratch%start%recorded
-      if (allocated(scratch%start%path)) scratch%record(:size(scratch%start%path)) = scratch%start%path
-      if (scratch%recorded == 0) &
-         call record_vertex(scratch, contact_t(flight%x, flight%y, flight%z, result%time, flight%v))
+      call store_path(scratch%start%path, scratch%record)
+      if (scratch%record%n == 0) &
+         call record_vertex(scratch%record, vertex_t(flight%x, flight%y, flight%z, result%time, flight%v))
    end subroutine start_piece
 
    !> Kinetic and potential energy of a boulder without spin [J].

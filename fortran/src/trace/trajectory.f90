@@ -10,8 +10,8 @@ module rockfall_trajectory
    use rockfall_outcome, only: boulder_result_t, departure_status, add_flight, close_energy_balance, absorbed, &
                                left_domain, hit_nodata
    use rockfall_crossings, only: record_crossings
-   use rockfall_scratch, only: scratch_t, contact_t, basic, with_lines, with_maps, with_all, clear_scratch, &
-                               record_vertex, end_record
+   use rockfall_record, only: vertex_t, record_vertex, end_record
+   use rockfall_scratch, only: scratch_t, basic, with_lines, with_maps, with_all, clear_scratch
    use rockfall_start, only: start_boulder, start_piece, energy_head, end_boulder
    use rockfall_breaking, only: break_at_impact
    use rockfall_contact, only: handle_impact
@@ -109,7 +109,7 @@ contains
          if (result%status /= 0) return
          call clear_scratch(scene, level, scratch)
          if (level >= with_all) then
-            call record_vertex(scratch, contact_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
+            call record_vertex(scratch%record, vertex_t(flight%x, flight%y, flight%z, 0.0_wp, flight%v))
             result%energy%released = energy_head(scene%gravity, result%boulder, flight)
          end if
       end if
@@ -147,10 +147,10 @@ contains
       end do
       if (level >= with_all) then
          if (any(result%status == [absorbed, left_domain, hit_nodata])) then
-            call record_vertex(scratch, contact_t(landing%x, landing%y, landing%z, result%time, v_in))
+            call record_vertex(scratch%record, vertex_t(landing%x, landing%y, landing%z, result%time, v_in))
             flight%v = v_in
          end if
-         call end_record(scratch)
+         call end_record(scratch%record)
          call close_energy_balance(scene%gravity, landing%z, flight%v, omega_r, result)
          if (allocated(scene%barriers)) call record_passed_over(scene, result, scratch%crossings)
       end if

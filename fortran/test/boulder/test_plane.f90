@@ -11,7 +11,8 @@ program test_plane
    use rockfall_direction, only: to_aspect
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, impact_limit, left_domain, hit_nodata, left_window
-   use rockfall_scratch, only: scratch_t, contact_t
+   use rockfall_scratch, only: scratch_t
+   use rockfall_record, only: vertex_t
    use rockfall_ensemble, only: trace_boulder
    use check_m, only: check, check_close, finish
    implicit none
@@ -56,7 +57,7 @@ contains
       call trace_boulder(scene, 1_i8, 2*rebounds, result, scratch)
       call check("bounces to its limit", result%status == impact_limit .and. result%impacts == rebounds)
       call check("nothing redrawn", result%redrawn == 0 .and. result%forced == 0)
-      call compare(scratch%record(:scratch%recorded), result, tangent, down)
+      call compare(scratch%record%vertex(:scratch%record%n), result, tangent, down)
    end subroutine test_contacts
 
    !> Rebounds so flat that the rounding of the velocity is more than V_n: each still takes its time.
@@ -78,8 +79,8 @@ contains
       call check("slides on", result%impacts == rebounds .and. result%rebounds == rebounds)
       time = 0
       do k = 1, min(result%impacts, 50)
-         call check_close("sum of the flights", scratch%record(k + 1)%time, time, 1.0e-10_wp)
-         time = time + 2*flat*(scratch%record(2)%v_in(1)*kept**(k - 1))*sqrt(1.49_wp)/gravity
+         call check_close("sum of the flights", scratch%record%vertex(k + 1)%time, time, 1.0e-10_wp)
+         time = time + 2*flat*(scratch%record%vertex(2)%v_in(1)*kept**(k - 1))*sqrt(1.49_wp)/gravity
       end do
    end subroutine test_sliding
 
@@ -155,7 +156,7 @@ contains
    !> The normal velocity is reversed after T = 2 V_n/(g cos), meanwhile g sin T is gained along the slope
    !> and V_t T + g sin T**2/2 covered.
    subroutine compare(record, result, tangent, down)
-      type(contact_t), intent(in) :: record(:)
+      type(vertex_t), intent(in) :: record(:)
       type(boulder_result_t), intent(in) :: result
       real(wp), intent(in) :: tangent, down(2)
       real(wp) :: sine, cosine, v_in(3), v_out(3), along, time, flight, fastest, highest

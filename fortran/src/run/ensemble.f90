@@ -250,8 +250,8 @@ contains
       end do
    end function last_small_source
 
-   !> Trace one boulder and keep its trajectory in `scratch%record`, allocated to the given size; `scratch%recorded` is
-   !> the number of its vertices.
+   !> Trace one boulder and keep its trajectory in `scratch%record`, which has space for so many vertices, and counts
+   !> all.
    subroutine trace_boulder(scene, number, max_vertices, result, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -264,7 +264,7 @@ contains
 
       allocate (spans(merge(scene%dem%nx + scene%dem%ny, 0, has_obstacles(scene))))
       call prepare_scratch(scene, no_maps, scratch)
-      allocate (scratch%record(max_vertices))
+      allocate (scratch%record%vertex(max_vertices))
       if (allocated(scene%breakage)) then
          call trace_fragments(scene, number, result, scratch, spans)
       else

@@ -8,7 +8,7 @@ module rockfall_rows
    use rockfall_boulder, only: boulder_t, release_t, feature_of, kinetic_energy
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: crossing_t
-   use rockfall_scratch, only: contact_t
+   use rockfall_record, only: vertex_t
    use rockfall_variables, only: boulder_fields, boulder_counts, line_fields, vertex_fields, row_reals, row_integers, &
                                  crossing_fields
    implicit none
@@ -90,7 +90,7 @@ contains
    !> Values of `vertex_fields`.
    pure function vertex_row(dem, vertex) result(row)
       type(terrain_t), intent(in) :: dem
-      type(contact_t), intent(in) :: vertex
+      type(vertex_t), intent(in) :: vertex
       real(wp) :: row(size(vertex_fields))
 
       row = [vertex%x + dem%x0, vertex%y + dem%y0, vertex%z, vertex%time, vertex%v, vertex%v_in, vertex%v_out, &
