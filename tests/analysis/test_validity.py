@@ -313,7 +313,7 @@ def scene_of(case):
 
 def test_check_summary_and_report_say_the_same(case, monkeypatch):
     """All boulders of one source are in the pilot run, too."""
-    monkeypatch.setattr("rockfall.text.preview.PILOT_REBOUNDS", 10**9)
+    monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 10**9)
     page = preview(scene_of(case))
     result = run_scene(scene_of(case))
     texts = [text.removesuffix(".") for text in warnings(result)]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rockfall.scene.read import read_scene
+from rockfall.simulation import pilot
 from rockfall.simulation.simulate import run_scene
 from rockfall.text import preview
 from scenes import grid, make_case, rough, sets
@@ -30,44 +31,44 @@ def scene_of(folder, sources, each, maps=MAPS, **about):
 )
 def test_the_cells_that_all_boulders_reach(tmp_path, monkeypatch, sources, each, few):
     scene = scene_of(tmp_path, sources, each, maps=["passages"])
-    monkeypatch.setattr(preview, "PILOT_BOULDERS", few)
-    monkeypatch.setattr(preview, "PILOT_REBOUNDS", 10**9)
-    pilot = preview._pilot(scene)
-    assert pilot.tally.done == few
+    monkeypatch.setattr(pilot, "PILOT_BOULDERS", few)
+    monkeypatch.setattr(pilot, "PILOT_REBOUNDS", 10**9)
+    run = pilot.pilot_run(scene)
+    assert run.tally.done == few
     reached = int((run_scene(scene)["passages"] > 0).sum())
-    early = np.count_nonzero(pilot.tally.array("tally_counts")[0])
+    early = np.count_nonzero(run.tally.array("tally_counts")[0])
     assert early < 0.85 * reached  # there is something to foresee
-    assert pilot.cells == pytest.approx(reached, rel=0.25)
+    assert run.cells == pytest.approx(reached, rel=0.25)
 
 
 def test_memory_is_that_of_the_arrays(tmp_path):
     scene = scene_of(tmp_path, 50, 10)
-    pilot = replace(preview._pilot(scene), cells=1000.0)
-    need = preview.memory(scene, pilot)
+    run = replace(pilot.pilot_run(scene), cells=1000.0)
+    need = pilot.memory(scene, run)
     assert need["rasters"] == 8 * Z.size
-    box = np.prod(pilot.tally.box.shape)
+    box = np.prod(run.tally.box.shape)
     assert 4 * box * 2 <= need["maps"] <= 4 * Z.size * 2  # passages, columns of counts
-    assert need["made"] - preview.PACKAGES <= 4 * Z.size  # the quantile
+    assert need["made"] - pilot.PACKAGES <= 4 * Z.size  # the quantile
     assert need["classes"] == 1000 * 440  # bytes of the counts of energy in a cell
     assert 0 <= need["results"] - (500 * (12 * 8 + 9) + 50 * 16) < 100  # sums
 
 
 def test_rows_too_many_for_a_file_are_said_before_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(preview, "PILOT_BOULDERS", 500)
+    monkeypatch.setattr(pilot, "PILOT_BOULDERS", 500)
     monkeypatch.setattr(preview, "LARGE_RESULT", preview.LARGE_RESULT / 200)  # rows take time
     many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k, 9.0 * k]} for k in range(1, 41)]
     words = "MB: &output kept = 'none' keeps sums and counts"
     for lines, is_said in ((many, True), (many[:1], False)):
         scene = scene_of(tmp_path, 8, 2000, line=lines)
-        assert (words in preview._memory(scene, preview._pilot(scene))) == is_said
+        assert (words in preview._memory(scene, pilot.pilot_run(scene))) == is_said
         assert ("18, 19, 20, ... (40)" in preview.preview(scene)) == is_said
 
 
 def test_what_is_not_asked_for_takes_nothing(tmp_path):
     scene = scene_of(tmp_path, 50, 10, maps=None)
-    need = preview.memory(scene, preview._pilot(scene))
+    need = pilot.memory(scene, pilot.pilot_run(scene))
     assert need["maps"] == need["classes"] == 0
-    assert need["made"] == preview.PACKAGES
+    assert need["made"] == pilot.PACKAGES
 
 
 def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
@@ -78,6 +79,6 @@ def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
         return [one for one in preview.preview(scene).splitlines() if not one.startswith("  time ")]
 
     before = lines()
-    follow = preview._follow
-    monkeypatch.setattr(preview, "_follow", lambda *given: replace(follow(*given), seconds=7.0))
+    follow = pilot._follow
+    monkeypatch.setattr(pilot, "_follow", lambda *given: replace(follow(*given), seconds=7.0))
     assert lines() == before and any("pilot run" in one for one in before)

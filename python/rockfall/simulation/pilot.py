@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pilot run with some boulders of a case, from which the needs of the complete run follow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rockfall.limits import CORES
+from rockfall.scene.releases.source_attributes import values_of
+from rockfall.scene.scene import Scene
+from rockfall.simulation.maps import HITS, plan_of
+from rockfall.simulation.memory import BYTES_AT_LINE
+from rockfall.simulation.simulate import check_team, run_chunks, start
+from rockfall.simulation.spilled_crossings import BLOCK
+from rockfall.simulation.tally import Tally
+from rockfall.simulation.tally_dataset import MAXIMA, line_variables
+
+PROBE_BOULDERS = 100  # to estimate the number of rebounds
+PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second, and the same on every machine
+PILOT_BOULDERS = 20_000  # maximum; reached cells of larger runs are extrapolated from these
+PROGRAM = 80e6  # bytes of the program and its packages, while boulders are simulated
+PACKAGES = 20e6  # additional bytes of the packages that write results
+READING = 80e6  # additional bytes for reading a window
+START = 0.4  # CPU seconds to start and end
+ROW = 1.0e-6  # CPU seconds to write the row of a boulder
+VALUE = 20e-9  # CPU seconds to write the value of a cell
+
+
+@dataclass
+class Pilot:
+    """Pilot run with some boulders, to estimate the needs of the complete run."""
+
+    tally: Tally
+    seconds: float  # CPU time per boulder
+    reading: float  # CPU time for windows of the terrain
+    cells: float  # reached by all boulders of the run
+    density: np.ndarray | float  # of these boulders [kg/m3]
+
+    def values(self) -> dict[str, Any]:
+        """Variables of its boulders, as a result has them, without names of lines."""
+        tally, scene = self.tally, self.tally.scene
+        values: dict[str, Any] = tally.columns()
+        if scene.grounds:
+            values |= {
+                "ground": [ground.name for ground in scene.grounds],
+                "ground_model": [ground.model for ground in scene.grounds],
+                "ground_block_radius": [ground.block_radius for ground in scene.grounds],
+                "rebounds_by_ground": tally.array("rebounds_by_ground"),
+            }
+        values |= {a.file_name: a.values for a in tally.arrays("shape", "breakage")}
+        if scene.case.lines:
+            at_lines = {name: data for name, (_, data, _) in line_variables(tally).items()}
+            del at_lines["line_name"]
+            values |= at_lines | {"boulder": tally.numbers()}
+        return values
+
+
+def pilot_run(scene: Scene) -> Pilot:
+    """Pilot run with a number of boulders that follows from the scene, not from a clock, so that
+    `check` always prints the same for a case."""
+    check_team(scene.case.case["threads"])
+    probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
+    rebounds = max(1.0, float(probe.tally.columns()["impacts"].mean()))
+    number = min(scene.boulders, PILOT_BOULDERS, int(PILOT_REBOUNDS / rebounds))
+    return _follow(scene, number) if number > PROBE_BOULDERS else probe
+
+
+def _follow(scene: Scene, number: int) -> Pilot:
+    """Simulate boulders from random sources twice: the second time no memory is newly allocated, as
+    for most boulders of a long run."""
+    maps = scene.case.output.get("maps", [])
+    output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
+    drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
+    if scene.weight is not None:  # sources release different numbers
+        boulders = 1 + (scene.boulders * (drawn + 0.5) / scene.x.size).astype("i8")
+        drawn = scene.sources_of(boulders)
+    case = scene.case.replace(
+        case={"boulders": 1, "boulders_total": None},
+        release={"by_area": False},
+        output=output | {"kept": "all"},
+    )
+    sample = replace(scene.select(drawn), case=case, area=None, frequency=None)
+    few = start(sample, threads=1)
+    run_chunks(few, None, lambda: False, lambda _: None)
+    cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
+    for array in few.arrays("count", "ground"):  # sums, which the second time would count again
+        array.values[...] = 0
+    before = sample.windows.reading if sample.windows else 0.0
+    run_chunks(few, None, lambda: False, lambda _: None)
+    reading = sample.windows.reading - before if sample.windows else 0.0
+    return Pilot(few, (few.cpu - reading) / few.done, reading, cells, _densities(sample))
+
+
+def _all_cells(few: Tally, boulders: int) -> float:
+    """Number of cells that all boulders would reach, if passages per cell follow a gamma
+    distribution: counts are then negative binomial (Fisher, Corbet & Williams 1943). Its mean and
+    shape reproduce the numbers of cells passed at all, and passed once, by the few boulders."""
+    place = plan_of(few.scene.case).counts["passages"] - 1
+    if place < 0:
+        return 0.0
+    passages = few.array("tally_counts")[place]
+    total, cells, once = passages.sum(dtype="i8"), (passages > 0).sum(), (passages == 1).sum()
+    more = boulders / max(1, few.done)
+    if more <= 1 or not 0 < once < total:
+        return float(cells * max(1.0, more))
+    shape = np.geomspace(1e-4, 50.0, 2000)  # of the gamma distribution
+    spread = (once / total) ** (-1 / (shape + 1))  # 1 + passages of a cell / shape
+    limit = total / (shape * (spread - 1))  # cells that can be passed
+    best = np.argmin(abs(limit * (1 - spread**-shape) - cells))
+    expected = limit[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
+    return float(min(max(expected, cells), passages.size))
+
+
+def _densities(scene: Scene) -> np.ndarray | float:
+    """Densities, one per source, or a single one."""
+    boulders, features = scene.source_boulders, scene.features
+    if boulders is not None and boulders.density is not None:
+        return boulders.density
+    values = values_of(scene.case, scene.features)
+    if features is not None and values is not None:
+        return values[features.number - 1, 0]
+    return scene.case.boulder["density"]
+
+
+def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
+    """Memory of a run in bytes: its rasters, map tallies, class counts, result rows, the program;
+    `made`, for the outputs made after the rasters are freed; and `file`, bytes of rows in it."""
+    names = set(scene.case.output.get("maps", []))
+    tally = start(scene, threads=1)
+    plan, held = plan_of(scene.case), {"maps": 0, "results": scene.x.nbytes + scene.y.nbytes}
+    for array in tally.run.arrays():
+        is_map = "y" in array.dims
+        if array.file_name != "tally_bin_counts":
+            held["maps" if is_map else "results"] += array.values.nbytes
+    sorting = 3 * 8  # bytes: two orders of the crossings, and a column of them again
+    rows = tally.run.array("status").size / max(1, pilot.tally.rows)
+    crossings = round(rows * pilot.tally.crossed())
+    held["crossings"] = min(BLOCK, crossings) * (BYTES_AT_LINE + sorting)
+    made = len(names - {*plan.counts, *MAXIMA, HITS}) * 4 * math.prod(tally.box.shape)
+    if scene.windows:
+        rasters = scene.windows.bytes + READING
+    else:
+        cells = scene.rasters
+        layers_ = cells.z, cells.zone, cells.values, cells.cell_ground
+        rasters = sum(a.nbytes for a in layers_ if a is not None)
+    return {
+        "rasters": rasters,
+        "classes": 4 * plan.bins * pilot.cells,
+        "trees": 0 if scene.trees is None else scene.trees.bytes,
+        **held,
+        "program": PROGRAM,
+        "made": PACKAGES + made,
+        "file": tally.row_bytes + BYTES_AT_LINE * crossings,
+    }
+
+
+def cpu_seconds(scene: Scene, pilot: Pilot) -> tuple[float, float]:
+    """CPU seconds of a run, and its wall time [s] with the threads of the case."""
+    flight, maps = pilot.seconds * scene.boulders, len(scene.case.output.get("maps", []))
+    cells = maps * math.prod(pilot.tally.box.shape) if maps else 0
+    rest = START + ROW * scene.boulders + VALUE * cells + pilot.reading
+    return flight + rest, flight / (scene.case.case["threads"] or CORES) + rest
