@@ -6,7 +6,7 @@ module rockfall_math
    implicit none
    private
    public :: pi, degree, real_of, squared_length, logarithm, exponential, cube_root, power, sine_cosine, squared_sine
-   public :: tangent, arcsine
+   public :: tangent, arcsine, fraction_bits, exponent_bias, bits_of_one
 
    real(wp), parameter :: pi = 3.14159265358979323846_wp
    real(wp), parameter :: degree = pi/180.0_wp  !! [rad]

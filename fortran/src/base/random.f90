@@ -3,7 +3,7 @@
 !> does not depend on other boulders, threads, shards or restarts.
 module rockfall_random
    use rockfall_kinds, only: wp, i8
-   use rockfall_math, only: logarithm, real_of
+   use rockfall_math, only: logarithm, real_of, fraction_bits, exponent_bias, bits_of_one
    implicit none
    private
    public :: random_key_t, random_key, philox4x32, last_counter, random_words, uniform, side_of
@@ -58,10 +58,10 @@ module rockfall_random
       real(wp) :: c(6, 0:32*8 - 1)  !! ascending powers of (t - middle), t the scaled tail probability, 1..2
    end type normal_table_t
 
-   !> The first three of the 52 fraction bits select the eighth of the octave, the other 49 the position in it.
-   integer, parameter :: within_bits = 49
-   integer(i8), parameter :: within_mask = 2_i8**within_bits - 1, bits_of_one = int(z"3FF0000000000000", i8)
-   integer, parameter :: first_piece = 1023*8  !! exponent of 1.0 and three fraction bits
+   !> The first three fraction bits select the eighth of the octave, the others the position in it.
+   integer, parameter :: within_bits = fraction_bits - 3
+   integer(i8), parameter :: within_mask = 2_i8**within_bits - 1
+   integer, parameter :: first_piece = exponent_bias*8  !! exponent of 1.0 and three fraction bits
    real(wp), parameter :: middle = 1 + 1/16.0_wp  !! midpoint of an eighth scaled to 1 .. 1.125
 
 contains

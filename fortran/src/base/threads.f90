@@ -8,8 +8,9 @@ module rockfall_threads
    use rockfall_text, only: integer_text
    implicit none
    private
-   public :: team_size, check_team, release_team, deadline_in, take_batch
+   public :: team_size, check_team, release_team, deadline_in, take_batch, batch
 
+   integer, parameter :: batch = 16  !! boulders that a thread takes at a time
    integer, parameter :: max_threads = 1024  !! far above the cores of any machine: a larger number is a mistake
    integer(c_int64_t), parameter :: kilobyte = 1024
    integer(c_int64_t), parameter :: headroom = 16000*kilobyte   !! [bytes] of everything else
@@ -90,11 +91,11 @@ contains
       deadline = now + int(min(seconds*rate, 0.4_wp*huge(now)), i8)
    end function deadline_in
 
-   !> Take the next indices `from` to `to`, at most `batch` up to n, from the counter that all threads share. There are
+   !> Take the next indices `from` to `to`, at most `count` up to n, from the counter that all threads share. There are
    !> none (from > to) after the last, and after the deadline, if others were taken before.
-   subroutine take_batch(next, n, batch, deadline, from, to)
+   subroutine take_batch(next, n, count, deadline, from, to)
       integer, intent(inout) :: next       !! next index
-      integer, intent(in) :: n, batch
+      integer, intent(in) :: n, count
       integer(i8), intent(in) :: deadline  !! [ticks]
       integer, intent(out) :: from, to
       integer(i8) :: now
@@ -109,9 +110,9 @@ contains
       end if
       !$omp atomic capture
       from = next
-      next = next + batch
+      next = next + count
       !$omp end atomic
-      to = min(from + batch - 1, n)
+      to = min(from + count - 1, n)
    end subroutine take_batch
 
    !> End the idle threads of the calling thread's team; the next run starts new ones. A process forked while they

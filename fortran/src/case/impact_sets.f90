@@ -13,14 +13,16 @@ module rockfall_impact_sets
    use rockfall_direction, only: lateral_classes, lateral_quantiles, by_lab
    implicit none
    private
-   public :: coefficients_t, read_sets, any_speed
+   public :: coefficients_t, read_sets, any_speed, max_speed
 
    character(len=*), parameter :: keys(*) = [character(len=11) :: "ratio", "mean", "covariance", "noise", "draw", &
                                             "speed_range", "angle_range", "incidence", "lateral"]
-   integer, parameter :: lengths(7) = [1, 9, 45, 6, 1, 2, 2]  !! of the first keys; lower triangles of matrices, by rows
+   integer, parameter :: entries = n_set_numbers
+   integer, parameter :: lengths(7) = [1, entries, entries*(entries + 1)/2, 6, 1, 2, 2]  !! of the first keys; lower
+                                     !! triangles of matrices, by rows
    integer, parameter :: required = 3               !! number of required keys
    integer, parameter :: max_draws = 1000
-   real(wp), parameter :: max_speed = 1000.0_wp     !! [m/s] maximum speed of any boulder
+   real(wp), parameter :: max_speed = 1000.0_wp     !! [m/s] no boulder is as fast
 
    real(wp), parameter :: any_speed = 1.0e100_wp  !! [m/s] unbounded; its square is finite
 
@@ -160,7 +162,7 @@ contains
       deallocate (values)
       call get_real(group, "covariance", values, error)
       if (allocated(error)) return
-      sets%covariance(:, :, ratio) = symmetric(values, 9)
+      sets%covariance(:, :, ratio) = symmetric(values, entries)
       call read_range(group, "speed_range", max_speed, "m/s", sets%speed_range(:, ratio), error)
       if (allocated(error)) return
       call read_range(group, "angle_range", 90.0_wp, "degree", sets%angle_range(:, ratio), error)
@@ -171,10 +173,10 @@ contains
    !> Add the noise within an impact, if a set has it, to the covariance; each must be a valid covariance by itself.
    subroutine add_noise(group, covariance, error)
       type(group_t), intent(in) :: group
-      real(wp), intent(inout) :: covariance(9, 9)
+      real(wp), intent(inout) :: covariance(entries, entries)
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
-      real(wp), dimension(9, 9) :: root, drawn
+      real(wp), dimension(entries, entries) :: root, drawn
       real(wp), dimension(3, 3) :: noise, noise_root, drawn_noise
 
       if (.not. has_key(group, "noise")) return

@@ -28,7 +28,7 @@ module rockfall_f2py
    use rockfall_impact, only: ratio_weights, find_nearest_set, is_admissible, limit_rebound, max_draws, min_normal
    use rockfall_outcome, only: boulder_result_t, left_window
    use rockfall_scratch, only: scratch_t
-   use rockfall_run_loop, only: save_rest, chunk_crossings
+   use rockfall_run_loop, only: save_rest, first_chunk, chunk_crossings
    use rockfall_bounds, only: check_sources, boulder_count, max_volumes, max_tree_hits
    use rockfall_scene, only: feature_fields, object_reach
    use rockfall_flights, only: lanes
@@ -62,7 +62,7 @@ module rockfall_f2py
    use rockfall_case, only: case_t, read_case, case_of_keys, given_shapes, turning_rule, radius_of_reading, &
                             line_groups, barrier_strengths
    use rockfall_covariance, only: find_root => covariance_root
-   use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed
+   use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed, max_speed
    use rockfall_state_table, only: array_t, row_text
    use rockfall_run_state, only: plan_of, add_part => merge_run, settle_run, restore_run, &
                                  forget_tallies_of => forget_tallies, sort_crossings_of => sort_crossings, &
@@ -1274,6 +1274,8 @@ contains
       case ("min_normal"); value = min_normal
       case ("shapes"); value = shapes                ! of boulders
       case ("sphere"); value = sphere                ! the shape of boulders without another
+      case ("first_chunk"); value = real(first_chunk, c_double)  ! boulders
+      case ("max_speed"); value = max_speed         ! [m/s] of boulders
       case ("max_draws"); value = max_draws          ! of a rebound
       case ("left_window"); value = left_window      ! status of a boulder to be rerun in a larger window
       case ("max_text"); value = max_text            ! [bytes]

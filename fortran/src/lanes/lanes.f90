@@ -9,7 +9,7 @@ module rockfall_lanes
    use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_double, c_float
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
-   use rockfall_threads, only: take_batch
+   use rockfall_threads, only: take_batch, batch
    use rockfall_random, only: for_impact, last_counter, words_per_block, turn_word, uniform, side_of
    use rockfall_terrain, only: terrain_t, patch_t, slope_at, steepness_of, nearest_node, is_within, horn, is_pit
    use rockfall_boulder, only: inertia_factor
@@ -43,7 +43,6 @@ module rockfall_lanes
    private
    public :: run_in_lanes, impact_numbers, read_squares
 
-   integer, parameter :: batch = 16  !! boulders assigned to a thread at a time
    integer, parameter :: lanes_with_visits = 64
    !> Number of draws not admissible below which they are redrawn one by one, which then takes less time.
    integer, parameter :: few = 2

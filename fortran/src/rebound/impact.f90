@@ -4,7 +4,7 @@
 !> to that of the rocks on the slope.
 module rockfall_impact
    use rockfall_kinds, only: wp, i8
-   use rockfall_sizes, only: n_impact_sets
+   use rockfall_sizes, only: n_impact_sets, n_set_numbers
    use rockfall_error, only: error_t
    use rockfall_covariance, only: covariance_root
    use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact, words_per_block, &
@@ -19,6 +19,7 @@ module rockfall_impact
    public :: admissible, is_admissible, limit_rebound, twice_energy, redraw_rebound, draw_rebound, energy_of
 
    integer, parameter :: impact_ratios = n_impact_sets  !! sets for R_b/R_m = 1, 2, 3, 4, 5
+   integer, parameter :: entries = n_set_numbers  !! of the matrix A
    integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (theory, chapter 5)
    !> V_n of a limited rebound that did not leave the surface, over the incoming speed [-]; our choice.
    real(wp), parameter :: min_normal = 0.01_wp
@@ -34,7 +35,7 @@ module rockfall_impact
 
    !> Distribution of V_out = A V_in, where (a1..a9), A by rows, is normal with the mean m and a covariance. All [-].
    type :: impact_set_t
-      real(wp) :: mean(9) = 0.0_wp
+      real(wp) :: mean(entries) = 0.0_wp
       !> Covariances of V_out (11, 21, 31, 22, 32, 33), rows, as linear functions of the products of V_in
       !> (11, 22, 33, 21, 31, 32), columns.
       real(wp) :: covariance(6, 6) = 0.0_wp
@@ -61,10 +62,10 @@ contains
 
    !> Build a set from its mean and covariance. Errors as in covariance_root.
    pure subroutine impact_set(mean, covariance, set, error)
-      real(wp), intent(in) :: mean(9), covariance(9, 9)  !! of a1..a9 [-]
+      real(wp), intent(in) :: mean(entries), covariance(entries, entries)  !! of a1..a9 [-]
       type(impact_set_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
-      real(wp), dimension(9, 9) :: root, drawn
+      real(wp), dimension(entries, entries) :: root, drawn
 
       call covariance_root("covariance", covariance, root, drawn, error)
       if (allocated(error)) return
@@ -76,7 +77,7 @@ contains
    !> C(3(i-1)+k, 3(j-1)+l) V_k V_l.
    pure subroutine set_covariance(set, c)
       type(impact_set_t), intent(inout) :: set
-      real(wp), intent(in) :: c(9, 9)  !! [-]
+      real(wp), intent(in) :: c(entries, entries)  !! [-]
       integer, parameter :: row(6) = [1, 2, 3, 2, 3, 3], column(6) = [1, 1, 1, 2, 2, 3]
       integer, parameter :: low(6) = [1, 2, 3, 1, 1, 2], high(6) = [1, 2, 3, 2, 3, 3]
       integer :: n, m
@@ -98,8 +99,8 @@ contains
    !> W**2, e normal with covariance S (theory, chapter 5). A and e are drawn together for each impact, and |V_in| e is
    !> distributed as E V_in, where E has independent columns of covariance S: so C + S (x) I.
    pure function with_noise(c, s) result(total)
-      real(wp), intent(in) :: c(9, 9), s(3, 3)  !! [-]
-      real(wp) :: total(9, 9)
+      real(wp), intent(in) :: c(entries, entries), s(3, 3)  !! [-]
+      real(wp) :: total(entries, entries)
       integer :: k
 
       total = c

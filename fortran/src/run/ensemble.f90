@@ -5,7 +5,7 @@ module rockfall_ensemble
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_thread_num
    use rockfall_kinds, only: wp, i8
-   use rockfall_threads, only: team_size, deadline_in, take_batch
+   use rockfall_threads, only: team_size, deadline_in, take_batch, batch
    use rockfall_flight, only: span_t
    use rockfall_scene_type, only: scene_t, goes_in_lanes, has_obstacles, one_by_one, narrow_lanes, wide_lanes, &
                                   masked_lanes
@@ -28,7 +28,6 @@ module rockfall_ensemble
    private
    public :: run_boulders, trace_boulder, recorded_boulders
 
-   integer, parameter :: batch = 16        !! boulders assigned to a thread at a time
    real(wp), parameter :: quick_batch = 0.02_wp  !! maximum time of a batch [s]; slower boulders go singly
    !> Largest source that one thread runs alone: `max_alone` boulders in small calls; in larger ones a size that leaves
    !> each thread about `turns_per_thread` such sources.

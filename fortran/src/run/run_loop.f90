@@ -22,7 +22,7 @@ module rockfall_run_loop
    use rockfall_scene, only: object_reach
    implicit none
    private
-   public :: run_observer_t, run_case, scan_terrain, save_rest, chunk_crossings
+   public :: run_observer_t, run_case, scan_terrain, save_rest, first_chunk, chunk_crossings
 
    integer(i8), parameter :: first_chunk = 16     !! boulders in the first call
    real(wp), parameter :: chunk_seconds = 1.0_wp  !! duration of a call: at its end threads wait for each other

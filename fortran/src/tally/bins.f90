@@ -3,6 +3,7 @@
 !> give quantiles. The width of a bin is 14 to 25 % of its value.
 module rockfall_bins
    use rockfall_kinds, only: wp, i4, i8
+   use rockfall_math, only: fraction_bits, exponent_bias
    implicit none
    private
    public :: n_log_bins, log_bin, log_bin_edge, log_bin_quantile, log_bin_value
@@ -13,7 +14,7 @@ module rockfall_bins
    integer, parameter :: first(4) = [6, -2, -4, -4], octaves(4) = [27, 10, 13, 13]
    integer, parameter :: per_octave = 4
    !> Bits of a double below those of exponent and bin: the 52 fraction bits less log2(per_octave).
-   integer, parameter :: bits_below = 50, exponent_bias = 1023
+   integer, parameter :: bits_below = fraction_bits - 2
    !> Number of bins; the first also holds smaller numbers, the last larger ones.
    integer, parameter :: n_log_bins(4) = per_octave*octaves + 2
 

@@ -17,7 +17,7 @@ from rockfall.simulation.maps import tells_sources
 from rockfall.simulation.tally import Tally
 
 PIECE_SECONDS = 0.012  # between looks at a cancel, which is to be answered within 0.05 s
-FIRST_PIECE = 16  # boulders, which may be slow ones
+FIRST_PIECE = int(_core.constant("first_chunk"))  # boulders, which may be slow ones
 LANES = int(_core.constant("lanes"))  # boulders of a thread in a call: fewer leave some empty
 RECOVERY = 1.5  # growth of the rate that is expected, after a slow piece
 
