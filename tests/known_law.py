@@ -6,7 +6,7 @@ import xarray as xr
 from scipy.stats import norm
 
 from crossed import crossed
-from rockfall.limits import Z
+from rockfall.kernel_rules import Z
 from rockfall.studies.run_until import FIRST, evaluate, next_stage
 
 SHARE, SIGMA = 0.6, 0.4  # of a made law: boulders that cross, and their lognormal speeds

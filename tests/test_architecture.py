@@ -12,7 +12,7 @@ PACKAGE = ROOT / "python/rockfall"
 LAB = ROOT / "lab/rockfall_lab"
 #: Each imports from its own level and those before it.
 LEVELS = [
-    ["errors", "interrupts", "language", "limits", "system", "version"],
+    ["errors", "interrupts", "kernel_rules", "language", "limits", "system", "version"],
     ["io"],
     ["field", "terrain"],
     [
@@ -41,7 +41,7 @@ LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 #: Compiled modules, and where they may be called.
 DOORS = {
     "_core": re.compile(
-        r"case\.(case|keys|text)|errors|grounds\.grounds|limits|scene\..*|simulation\..*"
+        r"case\.(case|keys|text)|errors|grounds\.grounds|kernel_rules|limits|scene\..*|simulation\..*"
         r"|result\.(boulders|run_arrays|variables)"
     ),
     "rockfall_lab._lab": re.compile(r"rockfall_lab\..*"),

@@ -30,7 +30,7 @@ from rockfall.grounds import table_names
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.io.files import atomic_write
 from rockfall.io.rasters.grid import Grid
-from rockfall.limits import Z
+from rockfall.kernel_rules import Z
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
 from rockfall.scene.rebounds.sets import Sets, read_sets
 

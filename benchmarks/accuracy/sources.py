@@ -28,7 +28,7 @@ from rockfall.analysis.precision.intervals import (
 )
 from rockfall.io.rasters.grid import Grid
 from rockfall.io.rasters.raster import write_geotiff
-from rockfall.limits import Z
+from rockfall.kernel_rules import Z
 from rockfall.studies.convergence import KEYS, MIN_REFERENCE, MIN_TURNS, converge
 from rockfall.studies.run_until import evaluate, read_rules
 

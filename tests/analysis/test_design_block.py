@@ -11,7 +11,7 @@ import rockfall
 from rockfall.analysis.design_block import _Likelihood
 from rockfall.cli import main
 from rockfall.errors import RockfallError
-from rockfall.limits import Z
+from rockfall.kernel_rules import Z
 from rockfall.scene.releases.frequencies import stated_frequency
 from rockfall.text.design_block import design_block_text, scenario_text
 from scenes import make_case, sets

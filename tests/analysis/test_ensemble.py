@@ -20,8 +20,8 @@ from rockfall.errors import RockfallError
 from rockfall.html_report import page as html_page
 from rockfall.html_report.intervals import in_unit
 from rockfall.html_report.page import Picture
+from rockfall.kernel_rules import Z
 from rockfall.language import speaking
-from rockfall.limits import Z
 from rockfall.plots.figures import figures
 from rockfall.result.crossings import line_values
 from rockfall.result.maps.map_labels import map_label

@@ -20,7 +20,7 @@ from rockfall.analysis.hazard.classes import (
     intensities,
     unseen,
 )
-from rockfall.limits import fraction_limits
+from rockfall.kernel_rules import fraction_limits
 from rockfall.result.crossings import at_lines
 from rockfall.studies.hazard import read_study
 

@@ -12,8 +12,8 @@ from made import make_layer, refused
 from rockfall.analysis.hazard.risk_files import class_words
 from rockfall.analysis.objects.risk import layered, mean_of, risk_classes
 from rockfall.analysis.objects.vulnerability import BUILDING, read_curves
+from rockfall.kernel_rules import fraction_limits
 from rockfall.language import speaking, translated
-from rockfall.limits import fraction_limits
 from rockfall.result.crossings import at_lines
 from rockfall.text.hazard import hazard_summary
 from rockfall.text.risk import class_legend, class_number, risk_lines, risk_rows

@@ -12,7 +12,7 @@ import scenes
 from made import make_layer, refused
 from rockfall.analysis.objects.risk import layered, mean_of, risk_classes
 from rockfall.analysis.objects.vulnerability import BUILDING, read_curves, stepped
-from rockfall.limits import fraction_limits
+from rockfall.kernel_rules import fraction_limits
 from rockfall.result.crossings import at_lines
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")

@@ -12,7 +12,7 @@ from known_law import SAMPLE, lognormal, made, stages, theory
 from rockfall.analysis.line_statistics import line_numbers
 from rockfall.analysis.precision.intervals import sources
 from rockfall.cli import main
-from rockfall.limits import Z
+from rockfall.kernel_rules import Z
 from rockfall.result.crossings import has_crossed
 from rockfall.studies import run_until as until
 from rockfall.studies.run_until import (

@@ -18,7 +18,7 @@ from rockfall.analysis.objects.segments import edges_along, read_segments, strip
 from rockfall.analysis.precision.intervals import between_ranks
 from rockfall.analysis.precision.weighted import quantile_interval
 from rockfall.cli import main
-from rockfall.limits import fraction_limits
+from rockfall.kernel_rules import fraction_limits
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.result.crossings import at_lines
 from rockfall.studies.hazard import read_study

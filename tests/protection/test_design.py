@@ -16,8 +16,8 @@ from rockfall.analysis.line_statistics import sample_numbers
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.case import case_of
 from rockfall.cli import main
+from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.language import speaking
-from rockfall.limits import EAD_ENERGY
 from rockfall.protection.crossings import Crossings, crossings, passes, quantile
 from rockfall.protection.demand import ABOVE, class_for, demand
 from rockfall.protection.factors import DECIDES, NEEDED, Conditions, read_factors

@@ -15,7 +15,7 @@ import rockfall
 from made import make_layer, refused
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.cli import main
-from rockfall.limits import EAD_ENERGY
+from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.protection.siting import (
     BEST,
     COLUMNS,

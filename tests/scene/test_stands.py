@@ -9,8 +9,8 @@ import scenes
 from made import make_layer, refused
 from rockfall.errors import RockfallError
 from rockfall.html_report.tables import stand_tables
+from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.language import speaking, translated
-from rockfall.limits import EAD_ENERGY
 from rockfall.scene.forest.attributes import NAMES, matching
 from rockfall.scene.read import read_scene
 from rockfall.studies.variants import compare_variants

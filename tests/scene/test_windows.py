@@ -174,7 +174,9 @@ def test_parts_and_checkpoints(tmp_path):
 
 
 def test_the_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 2000)  # for the times that it says
+    monkeypatch.setattr(
+        "rockfall.simulation.pilot.PILOT_REBOUNDS", 2000
+    )  # for the times that it says
     case = case_in(tmp_path, surface=make_zones(tmp_path))
     (tmp_path / "case.nml").write_text(case.text())
     assert main(["check", str(tmp_path / "case.nml"), "--memory", "30kB"]) == 0

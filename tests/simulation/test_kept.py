@@ -16,8 +16,8 @@ from rockfall.analysis.precision.samples import Counts, Values
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.html_report.page import report
+from rockfall.kernel_rules import SAMPLE_BINS, SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.language import LANGUAGES, speaking
-from rockfall.limits import SAMPLE_BINS, SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.plots.figures import figures
 from rockfall.result.crossings import at_lines
 from rockfall.result.samples import kept_note, simulated

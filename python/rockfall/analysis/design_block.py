@@ -22,7 +22,7 @@ from rockfall.analysis.observed.block_survey import Survey, Volumes, read_survey
 from rockfall.analysis.return_levels import BARTLETT, MAX_PERIOD, MAX_SHAPE, THRESHOLDS
 from rockfall.case import broken_rule, key_table
 from rockfall.errors import RockfallError
-from rockfall.limits import Z
+from rockfall.kernel_rules import Z
 from rockfall.quantities import number
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.errors import RockfallError
-from rockfall.limits import fraction_limits
+from rockfall.kernel_rules import fraction_limits
 from rockfall.result.crossings import HEIGHTS, line_names
 
 if TYPE_CHECKING:

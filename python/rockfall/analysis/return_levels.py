@@ -22,8 +22,8 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.errors import RockfallError
+from rockfall.kernel_rules import Z
 from rockfall.language import say
-from rockfall.limits import Z
 from rockfall.result.crossings import line_names
 
 if TYPE_CHECKING:

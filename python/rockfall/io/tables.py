@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 
-from rockfall import limits
+from rockfall import kernel_rules
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write, check_text_file, reason
 from rockfall.io.foreign_tables import check_table
@@ -61,7 +61,7 @@ def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
 
 def decimal(text: str) -> float:
     """Number spelled by a text; NaN if invalid or out of range."""
-    return float(limits.decimal(text.encode() or b"-"))
+    return float(kernel_rules.decimal(text.encode() or b"-"))
 
 
 def plain_decimal(text: str) -> float:

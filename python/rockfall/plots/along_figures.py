@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.language import say
-from rockfall.limits import EAD_ENERGY
 from rockfall.plots.style import BLUE, GREY, WIDE, new_figure, plain, styled
 from rockfall.protection.demand import ENDS, usable
 from rockfall.quantities import DESIGN, QUANTITIES, with_unit

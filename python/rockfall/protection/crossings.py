@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.precision.intervals import Sources, between_ranks, sources
-from rockfall.limits import barrier_outcomes
+from rockfall.kernel_rules import barrier_outcomes
 from rockfall.result.crossings import AtLine
 from rockfall.result.samples import check_rows
 from rockfall.result.variables import OUTCOME

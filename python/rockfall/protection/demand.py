@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rockfall.limits import EAD_ENERGY
+from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.protection.crossings import Crossings, quantile
 from rockfall.protection.factors import Factors
 from rockfall.scene.rebounds.rebound import sphere_radius

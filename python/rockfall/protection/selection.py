@@ -12,8 +12,8 @@ import numpy as np
 from rockfall.analysis.precision.intervals import Sources, fraction_interval
 from rockfall.errors import RockfallError
 from rockfall.io.tables import check_columns, read_table
+from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.language import Text, say
-from rockfall.limits import EAD_ENERGY
 from rockfall.protection.crossings import Crossings, passes
 from rockfall.scene.rules.protection import NET
 

@@ -18,7 +18,7 @@ from rockfall.analysis.precision.intervals import fraction_interval, sources
 from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import Case
 from rockfall.errors import RockfallError
-from rockfall.limits import EAD_ENERGY
+from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.protection.alignments import Alignment, Shift, drawn_scene, shifted_scene
 from rockfall.protection.crossings import crossings, passes, quantile
 from rockfall.protection.demand import ENDS, demand

@@ -13,7 +13,7 @@ import numpy as np
 
 from rockfall.case import case_in
 from rockfall.errors import RockfallError
-from rockfall.limits import line_quantities, points_along
+from rockfall.kernel_rules import line_quantities, points_along
 from rockfall.result.contents import Contents
 from rockfall.result.samples import check_rows
 from rockfall.result.variables import FRAGMENT, HIT, LINE, fields

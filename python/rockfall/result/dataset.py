@@ -17,7 +17,7 @@ from rockfall.io.input_warnings import stored_warnings
 from rockfall.io.netcdf import open_dataset, open_netcdf
 from rockfall.io.output_files import check_result_path, why_unwritten
 from rockfall.io.rasters.grid import row_blocks
-from rockfall.limits import PIECE
+from rockfall.kernel_rules import PIECE
 from rockfall.result.crossings import without_absent
 from rockfall.result.validate import TEXTS, check_result, check_values
 

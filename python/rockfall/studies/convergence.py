@@ -18,7 +18,7 @@ from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.analysis.validity.warnings import warn_each
 from rockfall.case import Case
 from rockfall.errors import RockfallError
-from rockfall.limits import Z
+from rockfall.kernel_rules import Z
 from rockfall.result.crossings import line_names, line_values
 from rockfall.scene.read import read_scene
 from rockfall.scene.releases.sources import refuse_by_area

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.kernel_rules import Z
 from rockfall.language import say
-from rockfall.limits import Z
 from rockfall.quantities import SHOWN, number
 from rockfall.result.crossings import line_names
 from rockfall.studies.ensemble.sobol_indices import limits, runs_needed

@@ -14,7 +14,7 @@ from rockfall.analysis.lines.groups import Group, check_by, groups, part_names
 from rockfall.analysis.precision.intervals import Sources, are_sampled, sources
 from rockfall.analysis.precision.samples import Counts, Passing, Sample, Values
 from rockfall.case import case_of
-from rockfall.limits import (
+from rockfall.kernel_rules import (
     SAMPLE_BINS,
     SAMPLE_COARSE,
     SAMPLE_QUANTITIES,

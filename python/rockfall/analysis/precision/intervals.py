@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.case import case_of
-from rockfall.limits import MIN_FOR_MEAN, Z, fraction_limits, limit_ranks
+from rockfall.kernel_rules import Z, fraction_limits, limit_ranks
+from rockfall.limits import MIN_FOR_MEAN
 from rockfall.result.crossings import has_crossed
 
 if TYPE_CHECKING:

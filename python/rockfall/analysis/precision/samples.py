@@ -22,7 +22,8 @@ from rockfall.analysis.precision.intervals import (
     ranks_around,
     strata,
 )
-from rockfall.limits import MIN_FOR_STD, SAMPLE_BITS, SAMPLE_COARSE, SAMPLE_EDGES
+from rockfall.kernel_rules import SAMPLE_BITS, SAMPLE_COARSE, SAMPLE_EDGES
+from rockfall.limits import MIN_FOR_STD
 
 OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
 FITTED, FITTED_POINTS = 3.0, 41  # window of a fit over the interval's, and its points

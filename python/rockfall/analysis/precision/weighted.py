@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from rockfall.limits import Z
+from rockfall.kernel_rules import Z
 
 
 def value_at(values: np.ndarray, weights: np.ndarray, level: float) -> float:

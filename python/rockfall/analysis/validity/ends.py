@@ -12,8 +12,8 @@ import numpy as np
 from rockfall.analysis.observed.run_out import falls_and_distances
 from rockfall.analysis.validity.remark import Remark
 from rockfall.grounds import repose
+from rockfall.kernel_rules import fraction_limits
 from rockfall.language import Text, say
-from rockfall.limits import fraction_limits
 from rockfall.quantities import first_of, part_of_boulders, percent
 from rockfall.result.crossings import MOTION, AtLine, has_crossed, line_names
 from rockfall.result.grounds import rebounds_by_ground

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.kernel_rules import Z
 from rockfall.language import word
-from rockfall.limits import Z
 from rockfall.plots.style import BLUE, GREY, INK, WIDE, capital, new_figure, plain, styled
 from rockfall.quantities import QUANTITIES
 from rockfall.result.crossings import line_index, line_names

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.limits import EAD_ENERGY
+from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.plots.style import BLUE, GREY, INK, VERMILION, WIDE, new_figure, plain, styled
 from rockfall.protection.demand import usable
 from rockfall.protection.siting import BEST, NOT_TOLD_APART

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.limits import fraction_limits
+from rockfall.kernel_rules import fraction_limits
 from rockfall.result.samples import simulated
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rockfall.analysis.precision.intervals import Sources
-from rockfall.limits import Z
+from rockfall.kernel_rules import Z
 
 MIN_CROSSED = 20  # boulders at a line below which their mean is NaN
 MIN_ABOVE = 5  # boulders above a quantile below which it is NaN
