@@ -34,8 +34,8 @@ rockfall_scene *rockfall_new_scene(double west, double north, double cell, int32
 /* Give an array: name and type ("f8", "f4", "i4", "i2", "i1") as docs/files.md lists them for scene files, lengths (the
    first varies fastest, 1 beyond the last), values. Needed are `elevation` (nx, ny) [m], f4 or f8, row 1 in the north, NaN
    for no data; `source_x`, `source_y` [m], f8; `impact_sets`, the bytes of a set file, i1; and either `material_size`
-   (1 or 3, materials) with `zone`, or one material everywhere. `elevation`, `zone`, `cell_size`, `cell_ground`, `tree_*`
-   remain yours and must not change until the scene is closed. Once the scene is built, this has no effect. */
+   (1 or 3, materials) with `zone`, or one material everywhere. `elevation`, `zone`, `cell_size`, `cell_ground`, `tree_*`,
+   `table_*` remain yours and must not change until the scene is closed. Once the scene is built, this has no effect. */
 void rockfall_give(rockfall_scene *scene, const char *name, const char *type, const int64_t length[3],
                    const void *values);
 

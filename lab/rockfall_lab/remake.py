@@ -59,7 +59,7 @@ def _is_made_again(path: Path, table: ImpactTable, threads: int, progress: bool)
     """Return True if a table is reproduced bit for bit."""
     kept = int(table.attrs.get("kept", KEPT))
     again = table_of(list(_contacts(path, table, threads, progress)), kept)
-    return again.pack() == table.pack()
+    return again.equals(table)
 
 
 def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> Iterator[xr.Dataset]:

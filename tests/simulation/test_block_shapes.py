@@ -367,7 +367,7 @@ def test_only_tables_that_boulders_need_are_loaded(tmp_path):
     """Of two of three shapes, and of the shapes of sources alone."""
 
     def bytes_of(case):
-        return len(read_scene(case, **terrain()).kernel.arrays()["ground_text"])
+        return read_scene(case, **terrain()).kernel.arrays()["table_record"].nbytes
 
     one, two, three = (
         bytes_of(by_sources(tmp_path, "x,y\n150,380\n", boulder={**MIX, **keys}))
@@ -626,6 +626,51 @@ def test_a_part_with_other_shapes_is_refused(mixed, tmp_path, change, message):
     [("shape_ground", 9), ("shape_ground", 0), ("source_shape", 4), ("source_shape", -1)],
 )
 def test_a_scene_file_with_other_numbers_is_refused(tmp_path, name, value):
+    done = run_changed(tmp_path, lambda file: file[name].__setitem__(0, value))
+    refused_in_one_line(
+        done, f"scene.nc: is damaged: {name} is missing, or not as a scene file has it"
+    )
+
+
+def moved_record(file):
+    """A table has a record less, the next one more: their numbers do not agree with the bins."""
+    shape = file["table_shape"][:]
+    shape[:2, -1] += [-1, 1]
+    file["table_shape"][:] = shape
+
+
+TABLES_APART = "case.nml: arrays table_... do not agree with each other, or with ground_table"
+DAMAGED_TABLE = "is a damaged table of impacts"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda file: file["ground_table"].__setitem__(0, 99), TABLES_APART),
+        (lambda file: file["ground_table"].__setitem__(0, -1), TABLES_APART),
+        (lambda file: file["table_shape"].__setitem__((0, 0), 100000), TABLES_APART),
+        (lambda file: file["table_shape"].__setitem__((0, 2), 99999), TABLES_APART),
+        (lambda file: file["table_shape"].__setitem__((0, 5), 0), TABLES_APART),
+        (moved_record, DAMAGED_TABLE),
+        (lambda file: file["table_record"].__setitem__((0, 3), np.nan), DAMAGED_TABLE),
+        (lambda file: file["table_first"].__setitem__(1, 2**30), DAMAGED_TABLE),
+        (lambda file: file.renameVariable("table_map", "map"), "is damaged: table_map is missing"),
+    ],
+)  # fmt: skip
+def test_tables_of_a_scene_file_that_cannot_be_are_refused(tmp_path, change, words):
+    done = run_changed(tmp_path, change)
+    assert done.returncode == 2 and words in done.stderr
+    assert done.stderr.count("\n") == 1 and not (tmp_path / "ready/out.nc").exists()
+
+
+def test_a_scene_file_of_an_earlier_layout_names_the_command_that_makes_it_again(tmp_path):
+    done = run_changed(tmp_path, lambda file: file.setncattr("scene_layout", np.int64(2)))
+    words = "scene.nc: is no scene file of layout 3; `rockfall prepare` makes one"
+    refused_in_one_line(done, words)
+
+
+def run_changed(tmp_path, change):
+    """Run the other program on a scene of three shapes whose file was changed."""
     rows = NAMES + ROWS_OF_SOURCES.replace(",380", ",4999980").replace(",300", ",4999900")
     rows = re.sub(r"(?m)^(\d),(\d+),", lambda m: f"{m[1]},{600000 + int(m[2])},", rows)
     (tmp_path / "sources.csv").write_text(rows)
@@ -635,11 +680,8 @@ def test_a_scene_file_with_other_numbers_is_refused(tmp_path, name, value):
     prepare(case, tmp_path / "ready")
     with netCDF4.Dataset(tmp_path / "ready" / "scene.nc", "a") as file:
         file.set_auto_maskandscale(False)
-        file[name][0] = value
-    done = run_program("case.nml", "-o", "out.nc", cwd=tmp_path / "ready")
-    refused_in_one_line(
-        done, f"scene.nc: is damaged: {name} is missing, or not as a scene file has it"
-    )
+        change(file)
+    return run_program("case.nml", "-o", "out.nc", cwd=tmp_path / "ready")
 
 
 DOUBTED = [  # keys, what is doubted

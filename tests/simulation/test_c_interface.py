@@ -69,10 +69,15 @@ class Library:
         self.calls.rockfall_close_scene(self.scene)
 
 
-@pytest.mark.parametrize("maps", [[], ["passages", "energy_q95", "speed_mean"]])
-def test_a_run_by_the_library_has_the_bits_of_a_run_by_the_package(maps):
+BY_TABLE = {"impact": {"table": "talus", "ratio": None}}
+
+
+@pytest.mark.parametrize(
+    ("maps", "changes"), [([], BY_TABLE), (["passages", "energy_q95", "speed_mean"], {})]
+)
+def test_a_run_by_the_library_has_the_bits_of_a_run_by_the_package(maps, changes):
     case = rockfall.read_case(ROOT / "cases/vaujany/case.nml").replace(
-        case={"boulders": 300}, output={"maps": maps or None, "trajectories": 0}
+        case={"boulders": 300}, output={"maps": maps or None, "trajectories": 0}, **changes
     )
     expected = rockfall.run(case)
     scene = read_scene(case)

@@ -155,12 +155,14 @@ def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
         ensemble={"sets": ["sets.nml", "other.nml", "talus-ensemble"], "runs": 8}, **place(),
     )  # fmt: skip
     inputs = Uncertain(read_scene(case, dem=rough(), transform=grid(rough())))
-    tables = [rule.text for rule in ensemble_grounds(case, "talus-ensemble")]
-    assert len({*tables}) == len(draws_of("talus")) > 1
+    rules = [(rule.text, rule.table.ground) for rule in ensemble_grounds(case, "talus-ensemble")]
+    assert len({*rules}) == len(draws_of("talus")) > 1
     drawn = [inputs._set(which).arrays for which in range(len(inputs.sets))]
-    assert [(Path(one["sets"].name).name, one["grounds"][0].text) for one in drawn] == [
-        (name, table) for name in ("sets.nml", "other.nml") for table in tables
+    own = [
+        (Path(one["sets"].name).name, (one["grounds"][0].text, one["grounds"][0].table.ground))
+        for one in drawn
     ]
+    assert own == [(name, rule) for name in ("sets.nml", "other.nml") for rule in rules]
 
 
 def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):

@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Ground types from text: a file of impact sets, a packed table of impacts, or a classical model from a row of a table
-!> of grounds (docs/grounds.md), `&ground model = 'constant', r_n = 0.4, r_t = 0.9 /`. Empty text: the case's impact
-!> sets.
+!> Ground types: a table of impacts, or from text a file of impact sets, or a classical model from a row of a table of
+!> grounds (docs/grounds.md), `&ground model = 'constant', r_n = 0.4, r_t = 0.9 /`.
 module rockfall_grounds
    use rockfall_kinds, only: wp, i1
    use rockfall_error, only: error_t, fail
@@ -16,13 +15,13 @@ module rockfall_grounds
                                          pfeiffer_bowen, bourrier_hungr, constant, absorbing, by_table, by_ratio_table
    use rockfall_ground, only: ground_t, rest_slope_of
    use rockfall_impact_table, only: yielding_ground_t, has_ratios
-   use rockfall_packed_table, only: table_start, read_packed_table
+   use rockfall_table_arrays, only: table_arrays_t, take_table
    use rockfall_case_keys, only: key_t, check_key, row_text
    use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
    private
-   public :: read_ground, read_yielding, read_stochastic, rest_angle_of_rocks, ground_parameter, model_names
-   public :: table_model, max_grounds, rocks_of_model
+   public :: read_ground, table_ground, read_yielding, read_stochastic, rest_angle_of_rocks, ground_parameter
+   public :: model_names, table_model, max_grounds, rocks_of_model
 
    integer, parameter :: max_grounds = huge(1_i1)  !! of a scene: their numbers are bytes
 
@@ -113,19 +112,7 @@ contains
       type(ground_t), intent(inout) :: ground
       type(error_t), allocatable, intent(out) :: error
       type(namelist_t) :: list
-      integer :: start
 
-      start = table_start(text)
-      if (start > 0) then
-         allocate (ground%table)
-         call read_packed_table(text(start:), file, ground%table, error)
-         if (allocated(error)) return
-         if (start > 1) call read_yielding(text(:start - 1), file, ground%table%ground, error)
-         if (allocated(error)) return
-         ground%classical%model = table_model(size(ground%table%size), ground%table%ground%strength)
-         ground%rest_slope = rest_slope_of(ground%table%ground%rest_angle)
-         return
-      end if
       call parse_namelist(text, file, list, error)
       if (allocated(error)) return
       if (size(list%group) /= 1 .or. .not. all(list%group%name == "ground")) then
@@ -136,6 +123,22 @@ contains
          if (.not. allocated(error)) ground%rest_slope = rest_slope_of(value_of(list%group(1), "rest_angle"))
       end if
    end subroutine read_ground
+
+   !> Make a ground type of table k, for the ground of a row of a table of grounds, or for that of the table.
+   subroutine table_ground(tables, k, row, file, ground, error)
+      type(table_arrays_t), intent(in) :: tables
+      integer, intent(in) :: k
+      character(len=*), intent(in) :: row, file  !! "": none; file and row, for messages
+      type(ground_t), intent(inout) :: ground
+      type(error_t), allocatable, intent(out) :: error
+
+      allocate (ground%table)
+      call take_table(tables, k, file, ground%table, error)
+      if (.not. allocated(error) .and. row /= "") call read_yielding(row, file, ground%table%ground, error)
+      if (allocated(error)) return
+      ground%classical%model = table_model(size(ground%table%size), ground%table%ground%strength)
+      ground%rest_slope = rest_slope_of(ground%table%ground%rest_angle)
+   end subroutine table_ground
 
    !> Read the ground of a table from a row of a table of grounds.
    pure subroutine read_yielding(text, file, ground, error)

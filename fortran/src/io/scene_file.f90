@@ -236,6 +236,8 @@ contains
          allocate (length(n), source=0)
          call transfer(file, definition_t("ground_length", nf90_int), ground, length)
          call take_texts(inputs, length)
+         if (kind_of(file, "ground_table") /= 0 .and. is_ok(file)) call read_tables(inputs, ground)
+         if (.not. is_ok(file)) return
          if (kind_of(file, "shape_ground") /= 0 .and. is_ok(file)) then
             call read_shape_grounds(inputs, n)
             if (.not. is_ok(file)) return
@@ -256,6 +258,32 @@ contains
          end do
       end associate
    end subroutine read_grounds
+
+   !> Read the tables of impacts of the grounds; their arrays are checked with the scene.
+   subroutine read_tables(inputs, ground)
+      type(inputs_t), intent(inout) :: inputs
+      type(axis_t), intent(in) :: ground(1)
+      type(axis_t) :: table
+
+      call take(inputs, "ground_table", "i4", ground)
+      table = axis("table")
+      call take(inputs, "table_shape", "i4", [axis("table_count"), table])
+      call take(inputs, "table_scale", "f8", [axis("table_number"), table])
+      call take(inputs, "table_size", "f8", [axis("table_column")])
+      call take(inputs, "table_relief", "f8", [axis("table_row")])
+      if (kind_of(inputs%file, "table_edge") /= 0) call take(inputs, "table_edge", "f8", [axis("table_edges")])
+      call take(inputs, "table_first", "i4", [axis("table_bin_end")])
+      call take(inputs, "table_map", "f8", [axis("map_field"), axis("table_bin")])
+      call take(inputs, "table_record", "f4", [axis("record_field"), axis("contact")])
+
+   contains
+
+      type(axis_t) function axis(name)
+         character(len=*), intent(in) :: name
+
+         axis = axis_t(name, int(length_of(inputs%file, name), i8))
+      end function axis
+   end subroutine read_tables
 
    !> Read the ground that serves each shape on each ground of the cells, which are the first of all `n`.
    subroutine read_shape_grounds(inputs, n)

@@ -22,7 +22,8 @@ module rockfall_scene
    use rockfall_bounds, only: boulder_count, max_radius
    use rockfall_case_keys, only: map_names
    use rockfall_case, only: case_t
-   use rockfall_grounds, only: read_ground, read_stochastic, rest_angle_of_rocks
+   use rockfall_table_arrays, only: table_arrays_t, count_tables
+   use rockfall_grounds, only: read_ground, table_ground, read_stochastic, rest_angle_of_rocks
    implicit none
    private
    public :: scene_arrays_t, feature_fields, is_borrowed, build_scene_of_case, object_reach
@@ -38,7 +39,8 @@ module rockfall_scene
    !> Ground type as passed to the kernel.
    type :: ground_text_t
       character(len=:), allocatable :: name
-      character(len=:), allocatable :: text, file  !! as in read_ground; "": the case's impact sets
+      character(len=:), allocatable :: text, file  !! as in read_ground, or the row of a table; "": none
+      integer :: table = 0                         !! number of its table; 0: none. Neither: the case's impact sets
    end type ground_text_t
 
    !> Input of a scene in addition to its case, from Python or from a scene file. Arrays of views belong to the caller.
@@ -67,6 +69,8 @@ module rockfall_scene
       integer :: draw = 0                                        !! draw to read; 0: the file must have only one
       character(len=:), allocatable :: ground_text, ground_names  !! as in grounds_of, with
       integer, allocatable :: ground_length(:)                   !! if not only the case's impact sets apply,
+      integer, allocatable :: ground_table(:)                    !! number of the table of each ground, from 1; 0: none
+      type(table_arrays_t) :: tables                             !! tables of impacts
       integer(i1), allocatable :: material_ground(:)             !! with the 1-based ground of each material, or
       integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; default: the first
       integer, allocatable :: shape_ground(:, :)                 !! as in shape_mix_t, if tables differ by shape
@@ -125,6 +129,7 @@ contains
       integer(i4), pointer, contiguous :: integers(:), numbers(:, :)
       integer(i1), pointer, contiguous :: bytes(:)
 
+      if (index(name, "table_") == 1) call set_table_array(arrays%tables, name, length, at)
       call c_f_pointer(at, reals, length(:1))
       call c_f_pointer(at, table, length(:2))
       call c_f_pointer(at, integers, length(:1))
@@ -157,6 +162,7 @@ contains
       case ("impact_sets"); arrays%sets_text = text_of(bytes)
       case ("impact_sets_file"); arrays%sets_name = text_of(bytes)
       case ("ground_length"); arrays%ground_length = integers
+      case ("ground_table"); arrays%ground_table = integers
       case ("ground_text"); arrays%ground_text = text_of(bytes)
       case ("ground_names"); arrays%ground_names = text_of(bytes)
       case ("material_ground"); arrays%material_ground = bytes
@@ -165,12 +171,31 @@ contains
       end select
    end subroutine set_array
 
+   !> Set an array of the tables of impacts, as in set_array.
+   subroutine set_table_array(tables, name, length, at)
+      type(table_arrays_t), intent(inout) :: tables
+      character(len=*), intent(in) :: name
+      integer(i8), intent(in) :: length(3)
+      type(c_ptr), intent(in) :: at
+
+      select case (name)
+      case ("table_shape"); call c_f_pointer(at, tables%shape, length(:2))
+      case ("table_scale"); call c_f_pointer(at, tables%scale, length(:2))
+      case ("table_size"); call c_f_pointer(at, tables%size, length(:1))
+      case ("table_relief"); call c_f_pointer(at, tables%relief, length(:1))
+      case ("table_edge"); call c_f_pointer(at, tables%edge, length(:1))
+      case ("table_first"); call c_f_pointer(at, tables%first, length(:1))
+      case ("table_map"); call c_f_pointer(at, tables%map, length(:2))
+      case ("table_record"); call c_f_pointer(at, tables%record, length(:2))
+      end select
+   end subroutine set_table_array
+
    !> Return whether an array with this name remains the caller's.
    pure logical function is_borrowed(name)
       character(len=*), intent(in) :: name
 
       is_borrowed = any(name == [character(len=11) :: "elevation", "zone", "cell_size", "cell_ground"]) &
-                    .or. index(name, "tree_") == 1
+                    .or. index(name, "tree_") == 1 .or. index(name, "table_") == 1
    end function is_borrowed
 
    pure function text_of(bytes) result(text)
@@ -180,19 +205,20 @@ contains
       text = transfer(bytes, text)
    end function text_of
 
-   !> Split grounds: texts are concatenated, and `names` has two lines for each, its name and its file.
-   pure function parsed_grounds(text, length, names) result(grounds)
-      character(len=*), intent(in) :: text, names
-      integer, intent(in) :: length(:)  !! of each text
-      type(ground_text_t) :: grounds(size(length))
+   !> Split grounds: texts are concatenated, and `ground_names` has two lines for each, its name and its file.
+   pure function parsed_grounds(arrays) result(grounds)
+      type(scene_arrays_t), intent(in) :: arrays
+      type(ground_text_t), allocatable :: grounds(:)
       integer :: k, first
 
+      allocate (grounds(size(arrays%ground_length)))
+      if (allocated(arrays%ground_table)) grounds%table = arrays%ground_table
       first = 1
-      do k = 1, size(length)
-         grounds(k)%name = line_of(names, 2*k - 1)
-         grounds(k)%file = line_of(names, 2*k)
-         grounds(k)%text = text(first:first + length(k) - 1)
-         first = first + length(k)
+      do k = 1, size(grounds)
+         grounds(k)%name = line_of(arrays%ground_names, 2*k - 1)
+         grounds(k)%file = line_of(arrays%ground_names, 2*k)
+         grounds(k)%text = arrays%ground_text(first:first + arrays%ground_length(k) - 1)
+         first = first + arrays%ground_length(k)
       end do
    end function parsed_grounds
 
@@ -448,10 +474,14 @@ contains
       integer :: k
 
       if (.not. allocated(arrays%ground_length)) return
-      allocate (given(size(arrays%ground_length)), grounds(size(arrays%ground_length)))
-      given = parsed_grounds(arrays%ground_text, arrays%ground_length, arrays%ground_names)
+      if (.not. tables_agree(arrays)) then
+         call fail(error, case%file//": arrays table_... do not agree with each other, or with ground_table")
+         return
+      end if
+      given = parsed_grounds(arrays)
+      allocate (grounds(size(given)))
       do k = 1, size(grounds)
-         call set_ground_of(given(k), case, scene, grounds(k), error)
+         call set_ground_of(given(k), arrays%tables, case, scene, grounds(k), error)
          if (allocated(error)) return
       end do
       scene%ground_drawn = scene%ground_drawn .or. any(grounds%classical%roughness > 0)
@@ -459,15 +489,28 @@ contains
       call move_alloc(grounds, scene%grounds)
    end subroutine set_grounds
 
-   subroutine set_ground_of(given, case, scene, ground, error)
+   pure logical function tables_agree(arrays)
+      type(scene_arrays_t), intent(in) :: arrays
+
+      tables_agree = count_tables(arrays%tables) >= 0
+      if (.not. (allocated(arrays%ground_table) .and. tables_agree)) return
+      tables_agree = size(arrays%ground_table) == size(arrays%ground_length) &
+                     .and. all(arrays%ground_table >= 0) &
+                     .and. all(arrays%ground_table <= count_tables(arrays%tables))
+   end function tables_agree
+
+   subroutine set_ground_of(given, tables, case, scene, ground, error)
       type(ground_text_t), intent(in) :: given
+      type(table_arrays_t), intent(in) :: tables
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
       type(ground_t), intent(out) :: ground
       type(error_t), allocatable, intent(out) :: error
 
       ground%name = given%name
-      if (given%text /= "") then
+      if (given%table > 0) then
+         call table_ground(tables, given%table, given%text, given%file, ground, error)
+      else if (given%text /= "") then
          call read_ground(given%text, given%file, case%turning, scene%table, ground, error)
       else
          ground%sets = scene%sets

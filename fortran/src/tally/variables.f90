@@ -12,7 +12,7 @@ module rockfall_variables
    public :: scene_layout, part_layout, piece, max_packing
 
    ! Versions of scene and part files:
-   integer(i8), parameter :: scene_layout = 2, part_layout = 6
+   integer(i8), parameter :: scene_layout = 3, part_layout = 6
    integer(i8), parameter :: piece = 2_i8**17    !! values per checksum
    integer(i8), parameter :: max_packing = 1100  !! maximum compression ratio of zlib
 

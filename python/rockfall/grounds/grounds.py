@@ -61,13 +61,17 @@ class GroundRule(NamedTuple):
 
     name: str
     model: str = IMPACT_SETS
-    text: bytes = (
-        b""  # a file of impact sets, a packed table, or parameters; empty: the case's sets
-    )
+    text: bytes = b""  # of a file of impact sets, or a row of parameters
     file: str = ""  # source of the content, for messages
     rest_angle: float | None = None  # [degree]; None: not given, that of rocky ground holds
     block_radius: float = math.nan  # R_b [m] of the largest blocks of its table; NaN: no such
     plane: Plane | None = None  # that its table was taken from
+    table: ImpactTable | None = None
+
+    @property
+    def has_case_sets(self) -> bool:
+        """Return True for the ground with the impact sets of the case."""
+        return not self.text and self.table is None
 
     @property
     def rocks(self) -> int:
@@ -238,9 +242,7 @@ def _plane_rule(
 def _of_plane(rule: GroundRule, plane: Plane, shape: str) -> GroundRule:
     """Return the same ground by the tables of a block shape."""
     table = plane_table(plane.model, shape, plane.ground, np.array(plane.radii), plane.weight)
-    row = rule.text.partition(b"\n")[0]
-    text = row + b"\n" + table.pack()
-    return rule._replace(text=text, plane=plane, block_radius=block_radius(table))
+    return rule._replace(plane=plane, table=table, block_radius=block_radius(table))
 
 
 def scaled_pair(rule: GroundRule, strength: float, relief: float, case: Case) -> GroundRule:
@@ -390,7 +392,7 @@ def table_ground(case: Case, name: str) -> GroundRule:
     table = open_table(path)
     model = _core.table_model(len(table.size), table.ground.strength).decode().strip()
     angle, radius = table.ground.rest_angle, block_radius(table)
-    return GroundRule(name, model, table.pack(), str(path), angle, radius)
+    return GroundRule(name, model, b"", str(path), angle, radius, table=table)
 
 
 def ensemble_grounds(case: Case, name: str) -> list[GroundRule]:

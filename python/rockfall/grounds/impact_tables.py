@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of impacts: netCDF files, shipped or next to a case, and their packed bytes for the kernel
+"""Tables of impacts: netCDF files, shipped or next to a case, and their arrays in a scene
 (docs/impact_tables.md)."""
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write
 from rockfall.io.netcdf import load_dataset, write_compressed
 
-FIRST_LINE = b"rockfall impact table 4\n"
 FIELDS = (
     "vt_in", "vn_in", "w_in", "speed_in", "height_in", "along_out", "across_out", "vn_out", "w_out",
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
@@ -81,7 +80,7 @@ class YieldingGround(NamedTuple):
         return self.relief * (radius / self.relief_radius) ** (self.hurst - 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ImpactTable:
     """Records of contacts in bins (theory, chapter 5), in parts by size of the boulders and relief
     of the ground, a row of one relief after the other. Edges: (part, bins of the keys before,
@@ -108,31 +107,12 @@ class ImpactTable:
             for kind in KINDS
         }
 
-    def pack(self) -> bytes:
-        """Table in packed form for the kernel."""
-        sizes = len(self.size), len(self.relief)
-        counts = [*sizes, *self.bins["flight"], *self.bins["roll"], len(self.record)]
-        parts = [
-            np.array(counts, "i4"), self.size.astype("f8"), self.relief.astype("f8"),
-            np.array([self.inertia, *self.ground], "f8"),
-            *(self._packed_edges(kind) for kind in KINDS),
-            (self.first + 1).astype("i4"),
-            np.concatenate(
-                [self.map.reshape(len(self.map), -1), self.low, self.high], axis=1
-            ).astype("f8"),
-            self.record.astype("f4"),
-        ]  # fmt: skip
-        return FIRST_LINE + b"".join(part.tobytes() for part in parts) + b"\n"
-
-    def _packed_edges(self, kind: str) -> np.ndarray:
-        """Edges by part; within it each edge before those of the next key in its bin."""
-        first, second, third = (self.edges[f"{kind}_edge_{key}"] for key in (1, 2, 3))
-        edges: list[np.ndarray] = []
-        for part in range(len(first)):
-            edges.append(first[part])
-            for i, row in enumerate(second[part]):
-                edges += [row, third[part, i].ravel()]
-        return np.concatenate(edges).astype("f8")
+    def equals(self, other: ImpactTable) -> bool:
+        """Return True if another table has the same bits for the kernel."""
+        own, others = table_arrays([self]), table_arrays([other])
+        return own.keys() == others.keys() and all(
+            np.array_equal(array, others[name]) for name, array in own.items()
+        )
 
     def columns(self, low: float, high: float) -> ImpactTable:
         """The parts of the columns that serve sizes from `low` to `high`, of a single row."""
@@ -148,6 +128,31 @@ class ImpactTable:
             edges={name: values[kept] for name, values in self.edges.items()},
             map=self.map[bins], low=self.low[bins], high=self.high[bins],
         )  # fmt: skip
+
+
+def table_arrays(tables: Sequence[ImpactTable]) -> dict[str, np.ndarray]:
+    """The arrays of tables in a scene, each with the values of one table after the other
+    (docs/files.md); none without tables."""
+    arrays: dict[str, list[np.ndarray]] = {}
+    for table in tables:
+        sizes = len(table.size), len(table.relief)
+        shape = [*sizes, *table.bins["flight"], *table.bins["roll"], len(table.record)]
+        bins = len(table.map)
+        own = {
+            "shape": np.array([shape], "i4"),
+            "scale": np.array([[table.inertia, *table.ground]]),
+            "size": table.size,
+            "relief": table.relief,
+            "edge": np.concatenate([table.edges[name].ravel() for name in EDGES]),
+            "first": (table.first + 1).astype("i4"),
+            "map": np.concatenate([table.map.reshape(bins, -1), table.low, table.high], axis=1),
+            "record": table.record,
+        }
+        for name, values in own.items():
+            arrays.setdefault(f"table_{name}", []).append(values)
+    whole = {name: parts[0] if len(parts) == 1 else np.concatenate(parts)
+             for name, parts in arrays.items()}  # fmt: skip
+    return {name: values for name, values in whole.items() if values.size}
 
 
 def _around(values: np.ndarray, low: float, high: float) -> slice:

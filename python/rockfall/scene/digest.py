@@ -12,6 +12,7 @@ import hashlib
 
 import numpy as np
 
+from rockfall.grounds.impact_tables import table_arrays
 from rockfall.io.rasters.grid import Grid
 from rockfall.scene.forest.trees import Trees
 from rockfall.scene.parts import Rasters, Sources
@@ -35,6 +36,8 @@ class Digest:
             self.sizes = hashlib.sha256(np.ascontiguousarray(window.sizes).data)
             for ground in window.grounds:
                 self.sizes.update(f"{ground.name}\n{len(ground.text)}\n".encode() + ground.text)
+                for array in table_arrays([ground.table] if ground.table else []).values():
+                    self.sizes.update(np.ascontiguousarray(array).data)
             if window.material_ground is not None:
                 self.sizes.update(window.material_ground.data)
         rows = slice(first - window.at[0], stop - window.at[0])

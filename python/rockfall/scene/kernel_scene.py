@@ -14,6 +14,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.errors import check_kernel
+from rockfall.grounds.impact_tables import table_arrays
 from rockfall.io.rasters.grid import Box
 from rockfall.scene.parts import Rasters
 
@@ -21,6 +22,7 @@ from rockfall.scene.parts import Rasters
 KINDS = {
     "cell_size": "f4", "source_feature": "i4", "feature_law": "i4", "ground_length": "i4",
     "source_shape": "i1", "shape_ground": "i4", "material_ground": "i1", "cell_ground": "i1",
+    "ground_table": "i4", "table_shape": "i4", "table_first": "i4", "table_record": "f4",
     **dict.fromkeys(("elevation", "zone", "impact_sets", "impact_sets_file"), ""),
     "ground_text": "", "ground_names": "",
 }  # fmt: skip
@@ -84,15 +86,19 @@ def _new_scene(rasters: Rasters, arrays: Mapping[str, np.ndarray], draw: int = 0
 
 
 def raster_arrays(rasters: Rasters) -> dict[str, np.ndarray]:
-    """Arrays of terrain and ground. The texts of grounds come before their lengths."""
+    """Arrays of terrain and ground."""
     grounds = rasters.grounds
     names = "\n".join(f"{ground.name}\n{ground.file}" for ground in grounds).encode()
+    tables = [ground.table for ground in grounds if ground.table is not None]
+    has_table = np.array([ground.table is not None for ground in grounds], int)
     return kernel_arrays({
         "elevation": _elevations(rasters), "cell_size": rasters.values, "zone": rasters.zone,
         "material_size": rasters.sizes,
         "ground_text": np.frombuffer(b"".join(ground.text for ground in grounds), "i1"),
         "ground_names": np.frombuffer(names, "i1"),
         "ground_length": [len(ground.text) for ground in grounds] or None,
+        "ground_table": has_table * np.cumsum(has_table) if tables else None,
+        **table_arrays(tables),
         "material_ground": rasters.material_ground, "cell_ground": rasters.cell_ground,
     })  # fmt: skip
 

@@ -76,7 +76,7 @@ def _follows_sets(scene: Scene) -> np.ndarray:
     numbers = np.concatenate(scene.ground.numbers)
     if not scene.grounds:
         return np.ones(numbers.size, bool)
-    usual = [k for k, ground in enumerate(scene.grounds, start=1) if not ground.text]
+    usual = [k for k, ground in enumerate(scene.grounds, start=1) if ground.has_case_sets]
     return np.isin(numbers, usual)
 
 

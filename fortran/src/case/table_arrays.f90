@@ -1,0 +1,203 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Tables of impacts as the arrays of a scene (docs/files.md): each array has the values of all tables, one table after
+!> the other.
+module rockfall_table_arrays
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use rockfall_kinds, only: wp, sp
+   use rockfall_error, only: error_t, fail
+   use rockfall_impact_table, only: impact_table_t, yielding_ground_t, bins_t, index_records, record_fields, &
+                                    speed_in, duration_out, pull_along, follower, map_fields, low, edge_vector
+   implicit none
+   private
+   public :: table_arrays_t, count_tables, take_table
+
+   integer, parameter :: table_counts = 9   !! columns; rows; bins of flights and of rolls, three each; records
+   integer, parameter :: table_scales = 8   !! inertia; rest_angle, ..., hurst of the ground
+   integer, parameter :: max_bins = 100000, max_columns = 100, max_rows = 100
+
+   !> Views of arrays that belong to the caller.
+   type :: table_arrays_t
+      integer, pointer, contiguous :: shape(:, :) => null()   !! (table_counts, tables)
+      real(wp), pointer, contiguous :: scale(:, :) => null()  !! (table_scales, tables)
+      real(wp), pointer, contiguous :: size(:) => null(), relief(:) => null()  !! of the columns, of the rows
+      !> Of flights, then of rolls: edges of the first key by part, of the second by part and bin of the first, of the
+      !> third by part and bins of both.
+      real(wp), pointer, contiguous :: edge(:) => null()
+      integer, pointer, contiguous :: first(:) => null()      !! first record of each bin, from 1, and end
+      real(wp), pointer, contiguous :: map(:, :) => null()    !! (map_fields, bins)
+      real(sp), pointer, contiguous :: record(:, :) => null() !! (record_fields, records)
+   end type table_arrays_t
+
+   !> Numbers of values of one or more tables. Reals, because products of wrong numbers may be of any size.
+   type :: extent_t
+      real(wp) :: columns = 0, rows = 0, edges = 0, bins = 0, ends = 0, records = 0
+   end type extent_t
+
+contains
+
+   !> Number of tables; -1 if the arrays do not agree.
+   pure integer function count_tables(arrays) result(tables)
+      type(table_arrays_t), intent(in) :: arrays
+      type(extent_t) :: whole
+      logical :: agree
+
+      tables = 0
+      if (.not. associated(arrays%shape)) return
+      tables = -1
+      if (.not. (associated(arrays%scale) .and. associated(arrays%size) .and. associated(arrays%relief) &
+                 .and. associated(arrays%first) .and. associated(arrays%map) .and. associated(arrays%record))) return
+      if (size(arrays%shape, 1) /= table_counts .or. any(arrays%shape < 1)) return
+      if (any(arrays%shape(1, :) > max_columns .or. arrays%shape(2, :) > max_rows) &
+          .or. any(arrays%shape(3:8, :) > max_bins)) return
+      whole = extent(arrays%shape)
+      agree = all(shape(arrays%scale) == [table_scales, size(arrays%shape, 2)]) &
+              .and. agrees(whole%columns, size(arrays%size)) .and. agrees(whole%rows, size(arrays%relief)) &
+              .and. agrees(whole%edges, number_of_edges(arrays)) .and. agrees(whole%ends, size(arrays%first)) &
+              .and. size(arrays%map, 1) == map_fields .and. agrees(whole%bins, size(arrays%map, 2)) &
+              .and. size(arrays%record, 1) == record_fields .and. agrees(whole%records, size(arrays%record, 2))
+      if (agree) tables = size(arrays%shape, 2)
+   end function count_tables
+
+   pure logical function agrees(real_number, number)
+      real(wp), intent(in) :: real_number
+      integer, intent(in) :: number
+
+      agrees = .not. abs(real_number - number) > 0
+   end function agrees
+
+   pure integer function number_of_edges(arrays) result(n)
+      type(table_arrays_t), intent(in) :: arrays
+
+      n = 0
+      if (associated(arrays%edge)) n = size(arrays%edge)
+   end function number_of_edges
+
+   pure type(extent_t) function extent(counts) result(n)
+      integer, intent(in) :: counts(:, :)  !! (table_counts, tables)
+      real(wp) :: c(table_counts), parts
+      integer :: k
+
+      do k = 1, size(counts, 2)
+         c = counts(:, k)
+         parts = c(1)*c(2)
+         n%columns = n%columns + c(1)
+         n%rows = n%rows + c(2)
+         n%edges = n%edges + parts*(edges_of(c(3:5)) + edges_of(c(6:8)))
+         n%bins = n%bins + parts*(product(c(3:5)) + product(c(6:8)))
+         n%records = n%records + c(9)
+      end do
+      n%ends = n%bins + size(counts, 2)
+   end function extent
+
+   pure real(wp) function edges_of(n)
+      real(wp), intent(in) :: n(3)
+
+      edges_of = n(1) - 1 + n(1)*(n(2) - 1 + n(2)*(n(3) - 1))
+   end function edges_of
+
+   !> Take table k of arrays that agree. Errors: damaged.
+   pure subroutine take_table(arrays, k, file, table, error)
+      type(table_arrays_t), intent(in) :: arrays
+      integer, intent(in) :: k
+      character(len=*), intent(in) :: file  !! for messages
+      type(impact_table_t), intent(out) :: table
+      type(error_t), allocatable, intent(out) :: error
+      type(extent_t) :: before, own
+      integer :: parts, edge
+
+      before = extent(arrays%shape(:, :k - 1))
+      own = extent(arrays%shape(:, k:k))
+      associate (counts => arrays%shape(:, k), scale => arrays%scale(:, k))
+         parts = product(counts(:2))
+         table%size = arrays%size(int(before%columns) + 1:int(before%columns + own%columns))
+         table%relief = arrays%relief(int(before%rows) + 1:int(before%rows + own%rows))
+         table%inertia = scale(1)
+         table%ground = yielding_ground_t(scale(2), scale(3), scale(4), scale(5), scale(6), scale(7), scale(8))
+         edge = int(before%edges)
+         call take_bins(arrays, edge, parts, counts(3:5), table%flights)
+         call take_bins(arrays, edge, parts, counts(6:8), table%rolls)
+         table%first = arrays%first(int(before%ends) + 1:int(before%ends + own%ends))
+         table%map = arrays%map(:, int(before%bins) + 1:int(before%bins + own%bins))
+         table%record = arrays%record(:, int(before%records) + 1:int(before%records + own%records))
+      end associate
+      if (is_valid(table)) then
+         call index_records(table)
+      else
+         call fail(error, file//": is a damaged table of impacts")
+      end if
+   end subroutine take_table
+
+   !> Check the assumptions of the kernel: sizes and reliefs in order, finite numbers, a record in each bin, records of
+   !> a bin in order of gravity along the heading, no negative durations, and valid indices of following records.
+   pure logical function is_valid(table)
+      type(impact_table_t), intent(in) :: table
+      integer :: bin, bins, columns, records, rows
+
+      columns = size(table%size)
+      rows = size(table%relief)
+      bins = size(table%map, 2)
+      records = size(table%record, 2)
+      associate (ground => table%ground)
+         is_valid = all(ieee_is_finite(table%record)) .and. all(ieee_is_finite(table%map(:low, :))) &
+                    .and. table%first(1) == 1 .and. table%first(bins + 1) == records + 1 &
+                    .and. all(table%first(2:) > table%first(:bins)) &
+                    .and. all(ieee_is_finite([table%size, table%relief, table%inertia, ground%rest_angle, &
+                                              ground%strength, ground%strength_sigma, ground%strength_radius, &
+                                              ground%relief, ground%relief_radius, ground%hurst])) &
+                    .and. table%inertia > 0 .and. ground%rest_angle >= 0 .and. ground%strength >= 0 &
+                    .and. ground%strength_sigma >= 0 .and. ground%strength_radius >= 0 .and. ground%relief >= 0 &
+                    .and. ground%relief_radius > 0 .and. ground%hurst >= 0 &
+                    .and. all(table%record(speed_in, :) > 0) .and. all(table%record(duration_out, :) >= 0) &
+                    .and. (columns == 1 .and. .not. ground%strength > 0 .or. table%size(1) > 0) &
+                    .and. all(table%size(2:) > table%size(:columns - 1)) &
+                    .and. all(table%relief(2:) > table%relief(:rows - 1)) &
+                    .and. all(table%record(follower, :) >= 0 .and. table%record(follower, :) <= records)
+      end associate
+      if (.not. is_valid) return
+      do bin = 1, bins
+         associate (pull => table%record(pull_along, table%first(bin):table%first(bin + 1) - 1))
+            is_valid = is_valid .and. all(pull(2:) >= pull(:size(pull) - 1))
+         end associate
+      end do
+   end function is_valid
+
+   !> Take the bins of one kind of contact, whose edges follow the first `edge`.
+   pure subroutine take_bins(arrays, edge, parts, n, bins)
+      type(table_arrays_t), intent(in) :: arrays
+      integer, intent(inout) :: edge
+      integer, intent(in) :: parts, n(3)
+      type(bins_t), intent(out) :: bins
+      integer :: room(3), part, i, j
+
+      bins%n = n
+      bins%vectors = (n - 1 + edge_vector - 1)/edge_vector
+      room = bins%vectors*edge_vector
+      allocate (bins%first_edge(room(1), parts), bins%second_edge(room(2), n(1), parts), &
+                bins%third_edge(room(3), n(2), n(1), parts), source=huge(1.0_wp))
+      do part = 1, parts
+         call take(arrays, edge, bins%first_edge(:n(1) - 1, part))
+      end do
+      do part = 1, parts
+         do i = 1, n(1)
+            call take(arrays, edge, bins%second_edge(:n(2) - 1, i, part))
+         end do
+      end do
+      do part = 1, parts
+         do i = 1, n(1)
+            do j = 1, n(2)
+               call take(arrays, edge, bins%third_edge(:n(3) - 1, j, i, part))
+            end do
+         end do
+      end do
+   end subroutine take_bins
+
+   pure subroutine take(arrays, edge, values)
+      type(table_arrays_t), intent(in) :: arrays
+      integer, intent(inout) :: edge
+      real(wp), intent(inout) :: values(:)
+
+      if (size(values) == 0) return
+      values = arrays%edge(edge + 1:edge + size(values))
+      edge = edge + size(values)
+   end subroutine take
+end module rockfall_table_arrays
