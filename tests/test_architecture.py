@@ -27,6 +27,7 @@ LEVELS = [
     ["scene"],
     ["simulation"],
     ["analysis"],
+    ["files"],
     ["studies"],
     ["draft", "protection", "rockyfor3d", "session"],
     ["__init__"],

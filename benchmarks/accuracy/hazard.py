@@ -16,7 +16,7 @@ import numpy as np
 
 import rockfall
 from rockfall.analysis.hazard.classes import CLASSES, Matrix, hazard_classes
-from rockfall.analysis.hazard.files import object_table
+from rockfall.files.hazard_files import object_table
 from rockfall.io.rasters.arrays import grid_of
 
 FOLDER = Path(__file__).parents[2] / "cases/settlement"

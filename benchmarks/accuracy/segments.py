@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import rockfall
-from rockfall.analysis.hazard.segment_files import segment_table
+from rockfall.files.segment_files import segment_table
 
 FOLDER = Path(__file__).parents[2] / "cases/settlement"
 FEW = 20  # boulders from each source of a small run

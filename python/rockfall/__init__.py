@@ -21,7 +21,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "design_block": "analysis.design_block",
     "ensemble": "studies.ensemble.study:run_ensemble",
     "ensemble_table": "studies.ensemble.study",
-    "export": "result.files.export",
+    "export": "files.export",
     "export_project": "products",
     "export_tables": "products",
     "figures": "products",
@@ -48,7 +48,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "site": "protection.siting",
     "trajectories": "result.trajectories",
     "variants": "case.variants",
-    "write_hazard": "analysis.hazard.files",
+    "write_hazard": "files.hazard_files",
     "write_result": "result.dataset",
 }
 __all__ = list(_MODULES)

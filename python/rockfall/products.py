@@ -9,13 +9,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rockfall.analysis.hazard.files import put_zones, read_hazard
 from rockfall.analysis.lines.drawn_line import drawn_line
 from rockfall.analysis.lines.section import Section, section_of
 from rockfall.analysis.lines.stations import SectionLine
 from rockfall.analysis.observed.observations import Observed, read_observed
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
+from rockfall.files.export import EXPORTED, Chosen, crs_wkt, put_export
+from rockfall.files.hazard_files import put_zones, read_hazard
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import check_page, is_pdf, write_report
 from rockfall.html_report.spread import check_models
@@ -34,7 +35,6 @@ from rockfall.plots.map_figures import Look
 from rockfall.plots.terrain import terrain_of
 from rockfall.qgis_project.project import put_project
 from rockfall.result.dataset import read_result
-from rockfall.result.files.export import EXPORTED, Chosen, crs_wkt, put_export
 from rockfall.result.maps.classes import read_limits
 from rockfall.result.same_case import check_same_case
 from rockfall.result.samples import has_rows

@@ -10,8 +10,8 @@ import pytest
 import rockfall
 import scenes
 from made import make_frame, make_layer, refused
-from rockfall.analysis.hazard.files import object_table
 from rockfall.cli import main
+from rockfall.files.hazard_files import object_table
 from rockfall.studies.hazard import read_study
 from rockfall.text.hazard import object_rows
 from rockfall.text.risk import assumptions, risk_rows

@@ -9,9 +9,9 @@ import pytest
 import rockfall
 import scenes
 from made import make_layer, refused
-from rockfall.analysis.hazard.risk_files import class_words
 from rockfall.analysis.objects.risk import layered, mean_of, risk_classes
 from rockfall.analysis.objects.vulnerability import BUILDING, read_curves
+from rockfall.files.risk_files import class_words
 from rockfall.kernel_rules import fraction_limits
 from rockfall.language import speaking, translated
 from rockfall.result.crossings import at_lines

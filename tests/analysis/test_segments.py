@@ -12,12 +12,12 @@ from scipy.optimize import brentq
 import rockfall
 import scenes
 from made import make_frame, make_layer, refused
-from rockfall.analysis.hazard.segment_files import segment_table
 from rockfall.analysis.objects.object_layers import File
 from rockfall.analysis.objects.segments import edges_along, read_segments, strips_along
 from rockfall.analysis.precision.intervals import between_ranks
 from rockfall.analysis.precision.weighted import quantile_interval
 from rockfall.cli import main
+from rockfall.files.segment_files import segment_table
 from rockfall.kernel_rules import fraction_limits
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.result.crossings import at_lines

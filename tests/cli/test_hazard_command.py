@@ -28,9 +28,9 @@ from programs import (
 )
 from rockfall import quantities
 from rockfall.analysis.hazard.classes import CLASSES
-from rockfall.analysis.hazard.files import object_table, read_hazard
 from rockfall.analysis.hazard.variables import TABLE, map_names
 from rockfall.cli import main
+from rockfall.files.hazard_files import object_table, read_hazard
 from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.simulation import simulate
 from rockfall.text.hazard import hazard_warnings, warning_groups

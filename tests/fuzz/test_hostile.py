@@ -20,8 +20,8 @@ from benchmarks.machine import ROOT
 from benchmarks.stability import hostile, mutators
 from made import refused
 from rockfall.analysis.observed.observations import read_observed
+from rockfall.files.export import export
 from rockfall.io.tables import table_rows
-from rockfall.result.files.export import export
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.parts.checkpoint import Checkpoint

@@ -23,7 +23,7 @@ from programs import (
 )
 from rockfall import interrupts
 from rockfall.cli import main
-from rockfall.result.files import export
+from rockfall.files import export
 from rockfall.scene.prepare import prepare
 from rockfall.simulation.parts.part_file import boulders_in
 

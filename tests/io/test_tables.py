@@ -10,8 +10,8 @@ import pytest
 
 import rockfall
 from rockfall.cli import main
+from rockfall.files.export import export
 from rockfall.io.tables import table_rows, write_csv
-from rockfall.result.files.export import export
 from scenes import grid, make_case, rough, sets
 
 FORMULAS = [

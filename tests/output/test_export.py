@@ -16,8 +16,8 @@ import rockfall
 from crossed import crossed
 from made import make_raster
 from rockfall.errors import RockfallError
+from rockfall.files.export import export
 from rockfall.io.rasters.grid import Grid
-from rockfall.result.files.export import export
 from rockfall.result.maps.classes import classes_of
 from scenes import make_case, rough, sets
 from slope_case import CASE
@@ -256,7 +256,7 @@ def test_lines_and_trajectories_are_line_strings(exported):
 
 def test_many_boulders_are_written_in_parts(result, tmp_path, monkeypatch):
     export(result, tmp_path / "whole")
-    monkeypatch.setattr("rockfall.result.files.export._ROWS", 2)
+    monkeypatch.setattr("rockfall.files.export._ROWS", 2)
     export(result, tmp_path / "parts")
     for name in ("boulders.csv", "line_EL1.csv"):
         assert (tmp_path / "parts" / name).read_text() == (tmp_path / "whole" / name).read_text()
@@ -337,7 +337,7 @@ DISK_FULL = """
 import resource, signal, sys, xarray as xr
 from rockfall.errors import RockfallError
 from rockfall.result.maps.classes import classes_of
-from rockfall.result.files.export import export
+from rockfall.files.export import export
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 data = xr.load_dataset("out.nc", mask_and_scale=False, decode_times=False)
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))

@@ -11,10 +11,10 @@ from made import refused
 from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import case_of
 from rockfall.cli import main
+from rockfall.files.trajectory_layers import flight_features
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import at_lines
 from rockfall.result.dataset import write_result
-from rockfall.result.files.trajectory_layers import flight_features
 from rockfall.result.motion import EXACT, motion_of, sampled
 from rockfall.result.trajectories import POINTS, curves
 from rockfall.result.variables import LEG

@@ -19,11 +19,11 @@ from rockfall.app.messages import Message, fault_message, text_message
 from rockfall.case import Case, read_case
 from rockfall.case.files import input_files
 from rockfall.errors import RockfallError
+from rockfall.files.export import export
 from rockfall.interrupts import Stopped, check_stop, stopped_by
 from rockfall.io.output_files import check_result_path, overwriting
 from rockfall.language import say, speaking
 from rockfall.result.dataset import write_result
-from rockfall.result.files.export import export
 from rockfall.result.samples import simulated
 from rockfall.scene.read import read_scene
 from rockfall.session.session import open_session

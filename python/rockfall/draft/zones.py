@@ -12,12 +12,12 @@ import numpy as np
 from rockfall.draft.grounds import ID, Grounds
 from rockfall.draft.recognise import Layer
 from rockfall.errors import RockfallError
+from rockfall.files.export import write_geopackage
 from rockfall.io.coordinates.crs import plan_wkt
 from rockfall.io.rasters.grid import NO_ID, Grid
 from rockfall.io.tables import spreadsheet_text
 from rockfall.io.vectors.layers import burn_polygons
 from rockfall.io.zone_table import PAIR, RADII
-from rockfall.result.files.export import write_geopackage
 
 
 class Zones(NamedTuple):

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+from rockfall.files.qgis_style import HEAD
 from rockfall.io.files import atomic_write
 from rockfall.qgis_project.layers import Group, Layer
-from rockfall.result.files.qgis_style import HEAD
 
 VERSION = "3.22.0"
 LONG_AGO = (1980, 1, 1, 0, 0, 0)  # in the archive: the same project has the same bytes

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+from rockfall.files.vector_style import TABLE
 from rockfall.language import localised, word
-from rockfall.result.files.vector_style import TABLE
 
 #: Labels of classes of maps, in `rockfall.result.maps.classes`.
 CLASS = re.compile(r"(?:up to (\S+)|(\S+) to (\S+)|above (\S+)) (\S+)")

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rockfall.case import case_of
 from rockfall.case.files import read_names
+from rockfall.files.export import crs_wkt
+from rockfall.files.qgis_style import contour_style, write_relief
 from rockfall.io.rasters.raster import write_geotiff
 from rockfall.language import Number, say, speaking, word
 from rockfall.plots.cartography.relief import INDEX, contours_of
@@ -23,8 +25,6 @@ from rockfall.qgis_project.document import Project, Theme, write_project
 from rockfall.qgis_project.layers import Group, Layer, raster_layer, vector_layer, vector_styles
 from rockfall.qgis_project.layout import Texts, layout
 from rockfall.quantities import with_unit
-from rockfall.result.files.export import crs_wkt
-from rockfall.result.files.qgis_style import contour_style, write_relief
 from rockfall.result.grounds import program_text
 from rockfall.result.maps.classes import UNITS
 from rockfall.result.maps.map_labels import map_label

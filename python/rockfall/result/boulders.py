@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What each boulder of a result is drawn: its shape, and the strength of the ground under it."""
+"""Draws of each boulder of a result: its shape, and the strength of the ground under it."""
 
 from __future__ import annotations
 

@@ -28,13 +28,13 @@ from rockfall.analysis.precision.intervals import (
 )
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
+from rockfall.files.export import write_map
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.io.tables import write_csv
 from rockfall.kernel_rules import Z
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.result.crossings import line_names, line_values, outcomes_at
-from rockfall.result.files.export import write_map
 from rockfall.result.same_case import check_same_site
 from rockfall.result.samples import check_rows, simulated
 from rockfall.result.variables import OUTCOME

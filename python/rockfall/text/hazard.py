@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES, RESIDUAL, boulders_needed, unseen
-from rockfall.analysis.hazard.files import object_table
 from rockfall.analysis.hazard.zones import lowered_area, zones_of
 from rockfall.case import case_in
+from rockfall.files.hazard_files import object_table
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Number, say, unpacked, word
 from rockfall.quantities import count, number, percent

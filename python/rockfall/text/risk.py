@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.hazard.risk_files import class_words, has_risk, risk_columns, total_table
 from rockfall.analysis.objects.risk import CLASS_ENDS
+from rockfall.files.risk_files import class_words, has_risk, risk_columns, total_table
 from rockfall.language import Number, Text, say, word
 from rockfall.quantities import count, number, within
 from rockfall.text.table import table

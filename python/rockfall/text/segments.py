@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.hazard.segment_files import has_segments, segment_table
+from rockfall.files.segment_files import has_segments, segment_table
 from rockfall.language import Number, Text, say, word
 from rockfall.quantities import QUANTITIES, count, number, within
 from rockfall.result.maps.flat_maps import shown

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -44,8 +44,6 @@ from rockfall.analysis.precision.intervals import (
 )
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import check_output
-from rockfall.io.tables import write_csv
 from rockfall.language import say
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 from rockfall.result.crossings import line_names, line_values
@@ -137,15 +135,6 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
         text = f"nothing to compare: no row is observed, or of the result's method {method}."
         raise RockfallError(" ".join([text, *done.notes]))
     return done
-
-
-def write_comparison(
-    table: pd.DataFrame, path: str | Path, keep: Iterable[str | Path] = ()
-) -> None:
-    """Write `Comparison.table`, or ranks, as CSV, atomically, and over none of the files to
-    keep."""
-    check_output(path, keep)
-    write_csv(table, path)
 
 
 def _errors(

@@ -18,14 +18,14 @@ from rockfall.case.rules import CHOSEN
 from rockfall.case.text import namelist_text
 from rockfall.case.variants import BASE, variants
 from rockfall.errors import RockfallError
+from rockfall.files.export import write_geopackage
 from rockfall.io.coordinates.crs import plan_wkt
 from rockfall.io.output_files import atomic_folder, overwriting
 from rockfall.language import say
-from rockfall.result.files.export import write_geopackage
 from rockfall.scene.frames import GROUPS
 
 if TYPE_CHECKING:
-    from rockfall.result.files.export import Layers
+    from rockfall.files.export import Layers
 
 MAX_NAME = 80  # characters
 _NAME = re.compile(r"[\w-](?:[\w .-]*[\w-])?")  # not hidden, no blanks or dots at the end

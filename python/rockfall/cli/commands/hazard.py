@@ -7,7 +7,6 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
-from rockfall.analysis.hazard.files import put_hazard
 from rockfall.analysis.hazard.scenarios import base_case
 from rockfall.analysis.hazard.variables import map_names
 from rockfall.analysis.objects.segments import Roads
@@ -17,6 +16,7 @@ from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
 from rockfall.cli.given import memory_of, overridden, stem_of
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError, need
+from rockfall.files.hazard_files import put_hazard
 from rockfall.interrupts import interrupts
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import (

@@ -18,6 +18,7 @@ from rockfall.cli.commands import design_block
 from rockfall.cli.given import given_options, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError, need
+from rockfall.files.export import crs_wkt, write_geopackage
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.office.tables import check_tables, put_design
@@ -28,7 +29,6 @@ from rockfall.protection.design import Design, design
 from rockfall.protection.factors import COLUMNS, Conditions
 from rockfall.protection.siting import CONDITIONS, Siting, site
 from rockfall.result.dataset import read_result, write_result
-from rockfall.result.files.export import crs_wkt, write_geopackage
 from rockfall.result.same_case import check_same_site
 from rockfall.scene.layers import file_checksum
 from rockfall.simulation.memory import read_memory

@@ -9,8 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rockfall.analysis.hazard.files import DRAWINGS, export_hazard, is_hazard
-from rockfall.analysis.observed.compare import compare, write_comparison
+from rockfall.analysis.observed.compare import compare
 from rockfall.analysis.observed.deposits import grid_for
 from rockfall.analysis.observed.observations import read_observed
 from rockfall.analysis.observed.ranks import rank_results
@@ -19,12 +18,13 @@ from rockfall.cli.commands.section import drawn
 from rockfall.cli.given import given_options, warn_of_models
 from rockfall.cli.messages import DONE, warnings_told
 from rockfall.errors import RockfallError
+from rockfall.files.export import Chosen, export
+from rockfall.files.hazard_files import DRAWINGS, export_hazard, is_hazard
 from rockfall.io.output_files import check_output
-from rockfall.io.tables import plain_decimal
+from rockfall.io.tables import plain_decimal, write_csv
 from rockfall.plots.hazard.hazard_sheet import Imprint
 from rockfall.products import Added, export_with, figures, report, report_variants
 from rockfall.result.dataset import read_result
-from rockfall.result.files.export import Chosen, export
 from rockfall.studies.variants import compare_variants, difference_maps, write_variants
 from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_details import print_groups, print_profile
@@ -109,7 +109,8 @@ def compare_command(arguments: argparse.Namespace) -> int:
         report = "\n".join([ranks_text(table), *seen.notes])
     if arguments.output:
         behind = (path for result in results.values() for path in files_behind(result))
-        write_comparison(table, arguments.output, keep=(*arguments.files, *behind))
+        check_output(arguments.output, (*arguments.files, *behind))
+        write_csv(table, arguments.output)
     warn_of_models(*paths)
     print(report)
     return DONE
@@ -130,7 +131,8 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
         *(path for result in results.values() for path in files_behind(result)),
     ]
     if arguments.output:
-        write_comparison(table, arguments.output, keep=inputs)
+        check_output(arguments.output, inputs)
+        write_csv(table, arguments.output)
     if arguments.maps:
         write_variants(table, difference_maps(variants), arguments.maps, inputs)
     if arguments.report:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.hazard.files import colours_of
-from rockfall.analysis.hazard.risk_files import has_risk
-from rockfall.analysis.hazard.segment_files import has_segments
 from rockfall.analysis.hazard.zones import uncertain_of, zones_of
 from rockfall.case import case_in
+from rockfall.files.hazard_files import colours_of
+from rockfall.files.risk_files import has_risk
+from rockfall.files.segment_files import has_segments
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Number, say, word
 from rockfall.plots.cartography.labels import beside

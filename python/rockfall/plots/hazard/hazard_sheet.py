@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.analysis.hazard.classes import CLASSES, Matrix
-from rockfall.analysis.hazard.files import HAZARD_COLOURS
 from rockfall.analysis.validity.rebounds import followed_text
 from rockfall.case import case_in
 from rockfall.case.files import read_names
+from rockfall.files.hazard_files import HAZARD_COLOURS
 from rockfall.language import Number, localised, say
 from rockfall.plots.cartography.sheet import (
     INCH,

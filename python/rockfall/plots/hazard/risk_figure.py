@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.hazard.risk_files import COLOURS, class_words
+from rockfall.files.risk_files import COLOURS, class_words
 from rockfall.language import say
 from rockfall.plots.cartography.labels import beside
 from rockfall.plots.cartography.marks import OBJECT, draw_line

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
-from rockfall.analysis.hazard.files import HAZARD_COLOURS
-from rockfall.analysis.hazard.segment_files import segment_table
+from rockfall.files.hazard_files import HAZARD_COLOURS
+from rockfall.files.segment_files import segment_table
 from rockfall.language import Number, say, word
 from rockfall.plots.style import BLUE, GREEN, INK, VERMILION, WIDE, new_figure, plain, styled
 from rockfall.quantities import QUANTITIES

@@ -10,14 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
-from rockfall.analysis.hazard.risk_files import (
-    has_risk,
-    risk_columns,
-    risk_layers,
-    risk_styles,
-    total_table,
-)
-from rockfall.analysis.hazard.segment_files import has_segments, segment_layer, segment_table
 from rockfall.analysis.hazard.zones import (
     certain_fractions,
     highest_classes,
@@ -27,20 +19,28 @@ from rockfall.analysis.hazard.zones import (
 )
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
-from rockfall.io.netcdf import load_dataset, open_netcdf
-from rockfall.io.output_files import atomic_folder
-from rockfall.io.tables import write_csv
-from rockfall.result.dataset import put_netcdf
-from rockfall.result.files.drawing import write_drawing
-from rockfall.result.files.export import (
+from rockfall.files.drawing import write_drawing
+from rockfall.files.export import (
     check_formats,
     crs_wkt,
     put_kml,
     write_geopackage,
     write_map,
 )
-from rockfall.result.files.qgis_style import write_classes, write_palette
-from rockfall.result.files.vector_style import Style, alike, fill, marker, plain_type, thick
+from rockfall.files.qgis_style import write_classes, write_palette
+from rockfall.files.risk_files import (
+    has_risk,
+    risk_columns,
+    risk_layers,
+    risk_styles,
+    total_table,
+)
+from rockfall.files.segment_files import has_segments, segment_layer, segment_table
+from rockfall.files.vector_style import Style, alike, fill, marker, plain_type, thick
+from rockfall.io.netcdf import load_dataset, open_netcdf
+from rockfall.io.output_files import atomic_folder
+from rockfall.io.tables import write_csv
+from rockfall.result.dataset import put_netcdf
 from rockfall.result.maps.classes import classes_of, shown_as
 from rockfall.result.maps.flat_maps import PLAN, flat_maps, shown
 from rockfall.result.trajectories import flags_of

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
-from rockfall.result.files.vector_style import Symbol, rgba, symbol_element
+from rockfall.files.vector_style import Symbol, rgba, symbol_element
 from rockfall.result.maps.classes import Classes
 
 HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"

@@ -19,6 +19,18 @@ import numpy as np
 
 from rockfall.case.files import files_behind
 from rockfall.errors import OUR_FAULT, RockfallError, need
+from rockfall.files.drawing import write_drawing
+from rockfall.files.geographic import geographic
+from rockfall.files.kml import write_kml
+from rockfall.files.protection_lines import dam_lines, dams_in
+from rockfall.files.qgis_style import write_classes
+from rockfall.files.source_areas import SourceTable, are_cells, source_areas
+from rockfall.files.trajectory_layers import (
+    flight_features,
+    in_milliseconds,
+    trajectory_features,
+)
+from rockfall.files.vector_style import STYLES, Style, put_styles
 from rockfall.io.coordinates.crs import in_plan, plan_wkt
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import atomic_folder, why_unwritten
@@ -28,18 +40,6 @@ from rockfall.io.tables import spreadsheet_text
 from rockfall.quantities import SHOWN
 from rockfall.result.crossings import HEIGHTS, columns_at, line_names
 from rockfall.result.dataset import NO_COUNT, open_result
-from rockfall.result.files.drawing import write_drawing
-from rockfall.result.files.geographic import geographic
-from rockfall.result.files.kml import write_kml
-from rockfall.result.files.protection_lines import dam_lines, dams_in
-from rockfall.result.files.qgis_style import write_classes
-from rockfall.result.files.source_areas import SourceTable, are_cells, source_areas
-from rockfall.result.files.trajectory_layers import (
-    flight_features,
-    in_milliseconds,
-    trajectory_features,
-)
-from rockfall.result.files.vector_style import STYLES, Style, put_styles
 from rockfall.result.maps.classes import classes_of, shown_as
 from rockfall.result.maps.flat_maps import PLAN, flat_maps
 from rockfall.result.motion import TOLERANCE, Sampled, motion_of, sampled, seconds

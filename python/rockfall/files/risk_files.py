@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.analysis.hazard.variables import CLASS_ENDS, ENDS
 from rockfall.analysis.objects.exposure import QUANTITIES
 from rockfall.analysis.objects.risk import CLASSES, SUMMED
-from rockfall.result.files.vector_style import Style, fill, marker, plain_type, thick
+from rockfall.files.vector_style import Style, fill, marker, plain_type, thick
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import need
+from rockfall.files.vector_style import Style, paint
 from rockfall.io.files import atomic_write
-from rockfall.result.files.vector_style import Style, paint
 
 NAMING = ("name", "object")  # attributes of lines and objects that are written beside them
 TEXT_HEIGHT = 5.0  # [m]

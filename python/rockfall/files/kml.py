@@ -11,9 +11,9 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
+from rockfall.files.geographic import Geographic
+from rockfall.files.vector_style import Style, Symbol, paint
 from rockfall.io.files import atomic_write
-from rockfall.result.files.geographic import Geographic
-from rockfall.result.files.vector_style import Style, Symbol, paint
 
 #: Kinds of geometry whose heights are drawn; others lie on the viewer's own ground.
 IN_THE_AIR = ("LineString ZM",)
