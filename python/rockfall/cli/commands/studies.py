@@ -25,7 +25,7 @@ from rockfall.plots.studies.ensemble_figures import posterior_figure
 from rockfall.plots.studies.models import models_figure
 from rockfall.plots.style import save
 from rockfall.simulation.simulate import StudyInterrupted
-from rockfall.studies.back.posterior import check_back, write_back
+from rockfall.studies.back.files import check_back, write_back
 from rockfall.studies.back.study import Back, back_analysis
 from rockfall.studies.convergence import Convergence, converge
 from rockfall.studies.ensemble.study import check_place, run_ensemble, write_ensemble
