@@ -141,7 +141,7 @@ def sites() -> str:
             "nothing fitted",
         ],
         [
-            "[six impacts](every_law.md#six-impacts-on-a-meadow)",
+            "[six impacts](impacts.md)",
             "energy left, scars",
             f"measured {impacts['meadow'].observed:g}, laboratory {left[0]}; without spin "
             f"laboratory {left[1]}, its table {left[2]}",

@@ -5,6 +5,7 @@
   the repository and here: Markdown becomes a page of the site, any other file comes with it.
 - Equations, `$...$` and `$$...$$` with `\\tag{n}`, become MathML, which browsers draw.
 - The pages that FORD makes of the kernel, in out/fortran, stand under fortran/.
+- Archived pages can be linked to, but are neither in the navigation nor in the search.
 - No page may ask anything of the network, and each link must lead somewhere.
 """
 
@@ -83,6 +84,8 @@ def site_path(path: str) -> str:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    if page.file.src_uri.startswith("archive/"):
+        page.meta["search"] = {"exclude": True}
     folder = posixpath.dirname(page.file.src_uri)
 
     def link(found: re.Match) -> str:

@@ -26,6 +26,7 @@ PAGES = sorted(
         "lab/docs/*.md",
     )
     for path in ROOT.glob(pattern)
+    if ROOT / "docs/archive" not in path.parents
 )
 CODE = sorted(
     path

@@ -14,9 +14,10 @@ the last digit shown. Means within 10 % of what was observed, and deviations wit
 
 Data are downloaded (pip install 'rockfall[field]') or taken from FOLDER, as rockfall.field.download
 says. Only the half of Tschamut that calibrates is run unless --half says otherwise: what was chosen
-before looking at the other half stands in docs/validation/field/protocol.md. PYTHON is one that has
+before looking at the other half stands in docs/archive/field_protocol.md. PYTHON is one that has
 PlatRock (benchmarks.speed.platrock); without it that row is left out, and the output says so.
---write puts the tables in their places on docs/validation/field/every_law.md.
+--write puts the tables in their places on docs/archive/field_tables.md, the impacts on
+docs/validation/field/impacts.md.
 """
 
 import argparse
@@ -62,7 +63,7 @@ from rockfall.studies.validation import (
 )
 from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
 
-PAGE = ROOT / "docs" / "validation" / "field" / "every_law.md"
+TABLES = ROOT / "docs/archive/field_tables.md"
 RELIEFS = 0.7, 1.4  # times that of the ground
 SLOPES = 16  # of the recipe of cases/vaujany
 FIRST_SLOPE = 3000  # seed of the first: none that a calibration has seen
@@ -278,19 +279,21 @@ def place(name: str, half: str) -> str:
 
 
 def put(name: str, text: str) -> None:
-    """Put tables in the place of this name on the page."""
-    page = PAGE.read_text(encoding="utf-8")
+    """Put tables in the place of this name on their page."""
+    path = PAGES.get(name, TABLES)
+    page = path.read_text(encoding="utf-8")
     begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
     if page.count(begin) != 1 or page.count(end) != 1:
-        raise RockfallError(f"{PAGE}: expected one place '{begin.strip()}' to '{end.strip()}'")
+        raise RockfallError(f"{path}: expected one place '{begin.strip()}' to '{end.strip()}'")
     before, _, rest = page.partition(begin)
     _, _, after = rest.partition(end)
-    with atomic_write(PAGE) as part:
+    with atomic_write(path) as part:
         part.write_text(f"{before}{begin}\n{text.strip()}\n\n{end}{after}", encoding="utf-8")
 
 
 SITES = {"tschamut": pasture, "vaujany": talus, "mel-de-la-niva": event}
 IMPACTS = "impacts"
+PAGES = {IMPACTS: ROOT / "docs/validation/field/impacts.md"}  # all others: TABLES
 
 
 def _of_site(name: str, given: argparse.Namespace) -> Iterator[str]:

@@ -8,7 +8,7 @@ with which boulders are as fast, or come as far, as those observed.
 Talus by the mean speeds of the boulders observed at both lines of Vaujany, on slopes of the recipe
 of cases/vaujany from seed 3000 on; meadow by the mean run-out of the calibration half of Tschamut
 (FOLDER as of benchmarks.physics.tschamut), each run by the shape of its block. Prints what else the
-pair does: what was chosen by it, docs/validation/field/protocol.md.
+pair does: what was chosen by it, docs/archive/field_protocol.md.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Where boulders come to rest that fall from a rock face onto talus, beside the shadow angle that
-was observed, 27.5 degrees or more (Evans and Hungr 1993; docs/validation/field/protocol.md):
+was observed, 27.5 degrees or more (Evans and Hungr 1993; docs/archive/field_protocol.md):
 
     python -m benchmarks.physics.shadow [--talus TABLE ...] [--plain TABLE ...] [--boulders 500]
         [--radii 0.35 0.6 1.05 1.8] [--slopes 35 5] [--write]

@@ -9,7 +9,7 @@ FOLDER holds release_points.csv, observed_deposition.csv, block_metadata.csv and
 derived from the data in github.com/ofuhrer/rust_rockfall (commit 722f7c7,
 data/processed/tschamut2014). Laws are those of benchmarks.physics.laws; the matrix with R_m = 0.2 m
 is always run. With --axes tables are thrown with blocks of the published sizes of each. What was
-chosen before: docs/validation/field/protocol.md. --write puts the numbers of the
+chosen before: docs/archive/field_protocol.md. --write puts the numbers of the
 laws that are named into the table of evidence.
 """
 

@@ -7,7 +7,7 @@ Downloads the tables (pip install 'rockfall[field]'), or takes them from FOLDER 
 environment variable ROCKFALL_FIELD_DATA. Writes dem.asc; releases.csv, where tracking begins, with
 the velocity there, volume, density and shape of the block; observed.csv, where each run came to
 rest. The same with -1, -2, -4 for each block. Halves are runs at odd and at even places in the
-order of their names: the first calibrates, the second judges (docs/validation/field/protocol.md).
+order of their names: the first calibrates, the second judges (docs/archive/field_protocol.md).
 """
 
 import argparse

@@ -12,7 +12,7 @@ A block of
     text                  is what a program prints, or a drawing
 
 and what cannot be run here has a line `<!-- not run: REASON -->` before it. The tutorial has a test
-of its own, which also compares what is printed.
+of its own, which also compares what is printed. Archived pages are not run.
 """
 
 import argparse
@@ -49,7 +49,7 @@ PAGES = sorted(
         "lab/**/*.md",
     )
     for path in ROOT.glob(pattern)
-    if path.parent != ROOT / "docs/tutorial"
+    if path.parent not in (ROOT / "docs/tutorial", ROOT / "docs/archive")
 )
 BLOCK = re.compile(
     r"(?:^<!-- not run: (?P<reason>[^\n]+) -->\n)?"

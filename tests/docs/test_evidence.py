@@ -23,10 +23,10 @@ PAGES = [
     path
     for pattern in ("README.md", "docs/**/*.md", "cases/*/README.md")
     for path in sorted(ROOT.glob(pattern))
+    if ROOT / "docs/archive" not in path.parents
 ]
-#: Pages, or the beginnings of their names, that hold numbers of validity of their own.
+#: Pages that hold numbers of validity of their own.
 EXEMPT = {
-    "docs/validation/field/protocol.md": "what was found when choices were made, by their rules",
     "docs/validation/vaujany.md": "written by benchmarks/accuracy/vaujany.py, against the paper",
 }
 #: Sentences that are no evidence, by words that they have.
