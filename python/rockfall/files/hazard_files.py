@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.hazard.levels import period_table
 from rockfall.analysis.hazard.zones import (
     certain_fractions,
     highest_classes,
@@ -132,6 +133,9 @@ def put_hazard(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
     if has_segments(hazard):
         write_csv(segment_table(hazard), folder / "segments.csv")
         yield folder / "segments.csv"
+    if len(levels := period_table(hazard)):
+        write_csv(levels, folder / "return_periods.csv")
+        yield folder / "return_periods.csv"
     if has_risk(hazard):
         write_csv(total_table(hazard), folder / "risk.csv")
         yield folder / "risk.csv"

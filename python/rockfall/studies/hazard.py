@@ -19,6 +19,12 @@ from rockfall.analysis.hazard.classes import (
     frequencies,
     intensities,
 )
+from rockfall.analysis.hazard.exceedance import (
+    Passed,
+    Passing,
+    exceedance_numbers,
+    passing_of,
+)
 from rockfall.analysis.hazard.scenarios import (
     Scenario,
     base_case,
@@ -26,7 +32,15 @@ from rockfall.analysis.hazard.scenarios import (
     scenario_warnings,
     scenarios_of,
 )
-from rockfall.analysis.hazard.variables import CLASS_ENDS, COORDINATES, ENDS, EXTREMES, TABLE
+from rockfall.analysis.hazard.variables import (
+    CLASS_ENDS,
+    COORDINATES,
+    ENDS,
+    EXCEEDED,
+    EXTREMES,
+    PERIODS,
+    TABLE,
+)
 from rockfall.analysis.objects.exposure import curve_remarks
 from rockfall.analysis.objects.object_layers import files_of, frames_of, given_layers
 from rockfall.analysis.objects.objects import (
@@ -35,7 +49,7 @@ from rockfall.analysis.objects.objects import (
     check_kept,
     check_room,
     object_counts,
-    object_energies,
+    object_hits,
     read_objects,
     risks,
     source_remarks,
@@ -82,6 +96,7 @@ class Study:
     case: Case
     scene: Scene
     scenarios: list[Scenario]
+    lines: list[dict[str, Any]]  # evaluation lines of the case, after those of objects and segments
     objects: Objects
     segments: Segments
     remarks: list[str] = field(default_factory=list)  # likely mistakes, one line each
@@ -171,7 +186,9 @@ def read_study(
     case = case.replace(barrier=scene.case.barrier, dam=scene.case.dam)  # layers have been read
     scene = scene.replace(remarks=(*scene.remarks, *scenario_remarks(scene)))
     lines = [*found_objects.lines, *segments.lines]
-    study = Study(case, scene, scenarios_of(scene, lines), found_objects, segments)
+    own = case.line if case.output["kept"] == "all" else []
+    scenarios = scenarios_of(scene, [*lines, *own])
+    study = Study(case, scene, scenarios, own, found_objects, segments)
     study.warnings = scenario_warnings(scene, study.scenarios)
     remarks += [f"{scene.case.name}: {where}: {text}" for where, text in study.warnings]
     paths = [*found_objects.paths, *([segments.path] if len(segments) else [])]
@@ -259,6 +276,11 @@ class _Run:
         self.segment_counts = hit_counts(self.segments, result["threshold"].values)
         self.objects = object_counts(study.objects, result, study.scene.grid, self.hits)
         self.risk = self._risk(study.objects, result) if study.objects.exposed else None
+        self.at_objects: list[Passing | None] = [None] * len(study.objects)
+        for number, hits in object_hits(study.objects, result):
+            self.at_objects[number] = Passing(*hits[:, np.isfinite(hits[0])])
+        first = len(study.objects.lines) + len(study.segments.lines)
+        self.at_lines = [passing_of(result, first + k) for k in range(len(study.lines))]
         self.variable_attrs = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
@@ -268,7 +290,7 @@ class _Run:
 
     def _risk(self, objects: Objects, result: xr.Dataset) -> RunRisk:
         points = Points(objects.point, self.objects, result["threshold"].values)
-        energies = object_energies(objects, result)
+        energies = ((number, energy) for number, (energy, _) in object_hits(objects, result))
         return RunRisk(objects.exposed, energies, diameters(result), points, self.per_cluster)
 
 
@@ -296,6 +318,12 @@ def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
         values |= _segments(study, runs, matrix)
         labels = np.array(study.segments.labels, dtype=object)
         data["segment"] = ("segment", labels, {"long_name": "road, and chainage of the segment"})
+    if study.lines:
+        values |= _lines(study, runs)
+        names = np.array([line["name"] for line in study.lines], dtype=object)
+        data["line"] = ("line", names, {"long_name": "name of the evaluation line"})
+    if study.lines or len(study.objects) or len(study.segments):
+        data |= _levels()
     values |= _grounds(runs)
     if "ground" in values:
         data["ground"] = ("ground", values["ground"], {"long_name": "name of the ground"})
@@ -398,7 +426,39 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
     if exposed := study.objects.exposed:
         values["object_kind"] = np.array(exposed.kinds, dtype=object)
         values |= annual(((run.risk, run.yearly) for run in runs if run.risk), factor)
-    return values
+    return values | _by_period("object_", study, runs, [run.at_objects for run in runs])
+
+
+def _lines(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
+    """Frequencies at the evaluation lines, and energies and heights by return period."""
+    counts = [np.array([[at.energy.size for at in run.at_lines]]) for run in runs]
+    samples = ((count, *run.sample) for count, run in zip(counts, runs, strict=True))
+    rates = frequencies(samples, study.case.hazard["frequency_factor"])
+    values = {f"line_frequency{end}": rate[0] for end, rate in zip(ENDS, rates, strict=True)}
+    values["line_passages"] = np.concatenate(counts)
+    return values | _by_period("line_", study, runs, [run.at_lines for run in runs])
+
+
+def _by_period(
+    prefix: str, study: Study, runs: list[_Run], places: Sequence[Sequence[Passing | None]]
+) -> dict[str, np.ndarray]:
+    """Energies and heights by return period at places, and counts above levels of both."""
+    passed = [Passed(at, *run.sample) for at, run in zip(places, runs, strict=True)]
+    numbers = exceedance_numbers(passed, study.case.hazard["frequency_factor"])
+    return {f"{prefix}{name}": values for name, values in numbers.items()}
+
+
+def _levels() -> dict[str, tuple]:
+    """Coordinates of energies and heights by return period, and of the counts above levels."""
+    periods = {"units": "year", "long_name": "return period of an event"}
+    return {"event_period": ("event_period", np.array(PERIODS), periods)} | {
+        f"exceeded_{name}": (
+            f"exceeded_{name}",
+            EXCEEDED[name],
+            {"units": units, "long_name": f"{name} above which boulders are counted"},
+        )
+        for name, units in (("energy", "J"), ("height", "m"))
+    }
 
 
 def _segments(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
@@ -420,6 +480,8 @@ def _segments(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nd
     weighted = [Weighted(run.segments, run.yearly / run.boulders, run.per_cluster) for run in runs]
     numbers = segment_numbers(weighted)
     values |= {f"segment_{name}": number for name, number in numbers.items()}
+    at = [[Passing(hit.energy, hit.passing_height) for hit in run.segments] for run in runs]
+    values |= _by_period("segment_", study, runs, at)
     return values | _classes("segment_", rates, matrix)
 
 

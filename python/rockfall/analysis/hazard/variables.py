@@ -27,12 +27,22 @@ EXTREMES = {  # maps whose extreme over the scenarios is kept
     "travel_time_min": np.fmin,
 }
 YEARLY, YEARS, PART = "year-1", "year", "1"
+PERIODS = (10.0, 30.0, 100.0, 300.0, 1000.0)  # of energies and heights [year]
+#: Energies [J] and heights [m] above which boulders are counted.
+EXCEEDED = {
+    "energy": 1e3 * np.array([digit * 10.0**k for k in range(6) for digit in (1, 1.5, 2, 3, 5, 7)]),
+    "height": np.concatenate([np.arange(0.5, 10, 0.5), np.arange(10, 20, 1), np.arange(20, 51, 5)]),
+}
 COORDINATES = (
     "x",
     "y",
     "threshold",
     "return_period",
+    "event_period",
+    "exceeded_energy",
+    "exceeded_height",
     "scenario",
+    "line",
     "object",
     "segment",
     "ground",
@@ -88,6 +98,21 @@ def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable
     yield f"{prefix}hazard_class_certain", Variable(dims, PART, what, "certain")
 
 
+def _by_period(prefix: str, dims: tuple[str, ...], where: str) -> Iterator[tuple[str, Variable]]:
+    """Energies and heights by return period, and the counts behind curves of exceedance."""
+    for name, units, quantity in (
+        ("energy", "J", "kinetic energy"),
+        ("height", "m", "vertical height of the centre above the ground"),
+    ):
+        what = f"{quantity} of a boulder {where} that is reached once in the period"
+        yield from _with_ends(f"{prefix}{name}_by_period", (*dims, "event_period"), what, units)
+        what = f"simulated boulders {where} with more {quantity}"
+        yield (
+            f"{prefix}{name}_counts",
+            Variable(("scenario", *dims, f"exceeded_{name}"), PART, what),
+        )
+
+
 def _table() -> Iterator[tuple[str, Variable]]:
     each, above = PLAN, ("threshold", *PLAN)
     energy = "whose energy in the cell exceeds a threshold"
@@ -138,7 +163,17 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield "object_passages", Variable(("scenario", "object"), PART, what)
     what += ", with more energy than a threshold"
     yield "object_energy_exceeded", Variable(("scenario", "threshold", "object"), PART, what)
+    yield from _by_period("object_", ("object",), "that meets the object")
     yield from _segments()
+    yield from _lines()
+
+
+def _lines() -> Iterator[tuple[str, Variable]]:
+    """Evaluation lines of the case."""
+    what = "annual frequency of boulders that cross the line"
+    yield from _with_ends("line_frequency", ("line",), what)
+    yield "line_passages", Variable(("scenario", "line"), PART, "simulated boulders that cross it")
+    yield from _by_period("line_", ("line",), "that crosses the line")
 
 
 def _segments() -> Iterator[tuple[str, Variable]]:
@@ -167,6 +202,7 @@ def _segments() -> Iterator[tuple[str, Variable]]:
         quantile = f"95 % quantile of the {what}"
         yield from _with_ends(f"segment_{name}_q95", dims, quantile, units)
     what = "simulated boulders that touched the segment"
+    yield from _by_period("segment_", dims, "that touches the segment")
     yield "segment_boulders", Variable(dims, PART, f"{what}, in all scenarios")
     yield "segment_passages", Variable(("scenario", *dims), PART, what)
     what += ", with more energy than a threshold"

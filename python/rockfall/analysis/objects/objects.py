@@ -246,15 +246,16 @@ def _take_values(objects: Objects, layer: Layer, intensities: int) -> None:
     objects.vulnerability = steps if len(steps) else None
 
 
-def object_energies(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:
-    """Energy [J] of each boulder of a run at each object that is a line, by the object's number;
-    NaN for those that miss it."""
+def object_hits(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:
+    """Energy [J] and height of the centre [m] of each boulder of a run at each object that is a
+    line, (2, boulders), by the object's number; NaN for those that miss it."""
     for number in np.unique(objects.owner):
         check_all_rows(result, "an object that is a line")
-        energy = np.full(result.sizes["boulder"], np.nan)
+        hits = np.full((2, result.sizes["boulder"]), np.nan)
         for line in np.flatnonzero(objects.owner == number):
-            energy = np.fmax(energy, line_values(result, "energy_total", int(line)))
-        yield int(number), energy
+            for row, quantity in zip(hits, ("energy_total", "passing_height"), strict=True):
+                row[:] = np.fmax(row, line_values(result, quantity, int(line)))
+        yield int(number), hits
 
 
 def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.ndarray) -> np.ndarray:
@@ -264,7 +265,7 @@ def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.nda
     counts = np.zeros((1 + thresholds.size, len(objects)), "i4")
     rows, columns = grid.cells(*objects.places.T)
     counts[:, objects.point] = maps[:, rows, columns]
-    for number, energy in object_energies(objects, result):
+    for number, (energy, _) in object_hits(objects, result):
         counts[0, number] = np.isfinite(energy).sum()
         counts[1:, number] = (energy > thresholds[:, None]).sum(axis=1)
     return counts

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Energies and heights by return period, and frequencies by energy, at lines, objects and segments:
+over all scenarios, in which a boulder counts by how often it comes a year."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import frequencies
+from rockfall.analysis.hazard.variables import ENDS, EXCEEDED, PERIODS
+from rockfall.result.crossings import AtLine
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+QUANTITIES = "energy", "height"
+
+
+class Passing(NamedTuple):
+    """Boulders of a run that pass a place."""
+
+    energy: np.ndarray  # kinetic [J]
+    height: np.ndarray  # of the centre above the ground, vertical [m]
+
+
+def passing_of(result: xr.Dataset, line: int) -> Passing:
+    """Boulders of a result that cross the line of this index."""
+    at = AtLine(result, line)
+    return Passing(at.values("energy_total"), at.values("passing_height"))
+
+
+class Passed(NamedTuple):
+    """Boulders of the run of a scenario that pass each place; None at places of which only counts
+    are known."""
+
+    places: Sequence[Passing | None]
+    boulders: int  # of the run
+    per_cluster: int  # boulders that count as one
+    yearly: float  # frequency of the scenario [1/year]
+
+
+def exceedance_numbers(
+    runs: Sequence[Passed], factor: Sequence[float] = (1.0, 1.0)
+) -> dict[str, np.ndarray]:
+    """Values of the table of a hazard at places, by their names without the prefix: energies and
+    heights by return period with their limits, and counts above each of `EXCEEDED`. `factor`: as in
+    `rockfall.analysis.hazard.classes.frequencies`."""
+    places = range(len(runs[0].places))
+    values: dict[str, np.ndarray] = {}
+    for name in QUANTITIES:
+        levels = np.full((3, len(places), len(PERIODS)), np.nan)
+        counts = np.zeros((len(runs), len(places), EXCEEDED[name].size), "i4")
+        for place in places:
+            parts = [_of_run(run, name, place) for run in runs]
+            known = [part for part in parts if part is not None]
+            if len(known) < len(runs):
+                continue
+            levels[:, place] = levels_by_period(known, runs, factor)
+            counts[:, place] = [
+                part.size - np.searchsorted(np.sort(part), EXCEEDED[name], side="right")
+                for part in known
+            ]
+        values |= {f"{name}_by_period{end}": of for end, of in zip(ENDS, levels, strict=True)}
+        values[f"{name}_counts"] = counts
+    return values
+
+
+def levels_by_period(
+    values: Sequence[np.ndarray], runs: Sequence[Passed], factor: Sequence[float] = (1.0, 1.0)
+) -> np.ndarray:
+    """Value that is reached once in each of `PERIODS`, and the limits of its 95 % interval,
+    (3, periods), from the values of the boulders of each run that pass.
+
+    The value is 0 where boulders pass more rarely. Limits are the values at which those of the
+    frequency (`frequencies`) are once in the period: the upper one is infinite where even what no
+    boulder showed may be that frequent.
+    """
+    sample = np.concatenate(values)
+    of_run = np.repeat(np.arange(len(runs)), [one.size for one in values])
+    order = np.argsort(-sample, kind="stable")
+    counts = np.cumsum(of_run[order, None] == np.arange(len(runs)), axis=0, dtype="i4")
+    counts = np.concatenate([np.zeros((1, len(runs)), "i4"), counts])  # from that of no boulder
+    rates = frequencies(
+        ((counts[:, k], run.boulders, run.per_cluster, run.yearly) for k, run in enumerate(runs)),
+        factor,
+    )
+    steps = np.concatenate([[np.inf], sample[order], [0.0]])
+    return np.array([steps[np.searchsorted(rate, [1 / T for T in PERIODS])] for rate in rates])
+
+
+def _of_run(run: Passed, name: str, place: int) -> np.ndarray | None:
+    passing = run.places[place]
+    return None if passing is None else getattr(passing, name)

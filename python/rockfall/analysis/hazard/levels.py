@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Answers of a hazard for one line, object or segment: frequencies by energy or height, return
+periods, and energies and heights by return period."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import Frequencies, frequencies
+from rockfall.analysis.hazard.exceedance import QUANTITIES
+from rockfall.analysis.hazard.variables import ENDS
+from rockfall.case import case_in
+from rockfall.errors import RockfallError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+PLACES = "line", "object", "segment"
+
+
+class Period(NamedTuple):
+    """Return period [year] and the limits of its 95 % interval; infinite if nothing came."""
+
+    value: float
+    low: float
+    high: float
+
+
+def exceedance(hazard: xr.Dataset, place: str, quantity: str = "energy") -> pd.DataFrame:
+    """Annual frequency of boulders with more than each energy [J], or height of the centre above
+    the ground [m], at a line, object or segment of a hazard: columns `energy` or `height`,
+    `frequency` [1/year], and the limits `low`, `high` of its 95 % interval. The first row, 0, is of
+    all boulders. A RockfallError lists the names if there is no such place.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
+    >>> curve = rockfall.exceedance(rockfall.hazard(case), "L")
+    >>> bool((curve["frequency"].diff()[1:] <= 0).all())
+    True
+    """
+    import pandas as pd
+
+    levels, rates = _curve(hazard, place, quantity)
+    columns = dict(zip(("frequency", "low", "high"), rates, strict=True))
+    return pd.DataFrame({quantity: levels, **columns})
+
+
+def return_period(
+    hazard: xr.Dataset, place: str, *, energy: float | None = None, height: float | None = None
+) -> Period:
+    """Return period [year] of a boulder with more than an energy [J], or a height [m], at a line,
+    object or segment; of any boulder with neither. Between two counted levels the frequency is that
+    of a power law, its limits those at the levels on either side.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
+    >>> found = rockfall.return_period(rockfall.hazard(case), "L", energy=30e3)
+    >>> found.low <= found.value <= found.high
+    True
+    """
+    if energy is not None and height is not None:
+        raise RockfallError("return_period: give energy or height, not both")
+    level = 0.0 if energy is None and height is None else (energy if height is None else height)
+    assert level is not None
+    levels, rates = _curve(hazard, place, "energy" if height is None else "height")
+    if not 0 <= level <= levels[-1]:
+        unit = "J" if height is None else "m"
+        raise RockfallError(f"return_period: {level:g} {unit}: must be 0 to {levels[-1]:g}")
+    above = int(np.searchsorted(levels, level))
+    below = above - (levels[above] > level)
+    value = rates.value[above]
+    if below < above and below > 0 and value > 0:
+        span = np.log(level / levels[below]) / np.log(levels[above] / levels[below])
+        value = rates.value[below] * (value / rates.value[below]) ** span
+    elif below < above:
+        value = rates.value[below]
+    with np.errstate(divide="ignore"):
+        ends = 1 / np.array([value, rates.high[below], rates.low[above]])
+    return Period(*(float(end) for end in ends))
+
+
+def period_table(hazard: xr.Dataset) -> pd.DataFrame:
+    """One row for each line, object and segment, and each return period: `place` (line, object or
+    segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with their limits. 0:
+    no boulder as often as that; an empty or infinite upper limit: too few boulders to tell."""
+    import pandas as pd
+
+    rows = [
+        {
+            "place": kind,
+            "name": str(name),
+            "return_period": period,
+            **{
+                f"{quantity}{end}": float(hazard[f"{kind}_{quantity}_by_period{end}"][k, j])
+                * factor
+                for quantity, factor in zip(QUANTITIES, (1e-3, 1.0), strict=True)
+                for end in ENDS
+            },
+        }
+        for kind in _kinds(hazard)
+        for k, name in enumerate(hazard[kind].values)
+        for j, period in enumerate(hazard["event_period"].values.tolist())
+    ]
+    names = [f"{quantity}{end}" for quantity in QUANTITIES for end in ENDS]
+    return pd.DataFrame(rows, columns=["place", "name", "return_period", *names])
+
+
+def _kinds(hazard: xr.Dataset) -> Iterator[str]:
+    """Kinds of places with energies by return period."""
+    return (kind for kind in PLACES if f"{kind}_energy_by_period" in hazard)
+
+
+def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, Frequencies]:
+    """Levels from 0, and the frequencies above each."""
+    if quantity not in QUANTITIES:
+        raise RockfallError(f"{quantity}: must be one of {', '.join(QUANTITIES)}")
+    kind, k = _find(hazard, place)
+    above = hazard[f"{kind}_{quantity}_counts"].values[:, k]
+    counts = np.column_stack([hazard[f"{kind}_passages"].values[:, k], above])
+    samples = (hazard[name].values for name in ("boulders", "boulders_per_cluster", "frequency"))
+    parts = (
+        (of.astype("i4"), int(n), int(cluster), float(yearly))
+        for of, n, cluster, yearly in zip(counts, *samples, strict=True)
+    )
+    rates = frequencies(parts, case_in(hazard.attrs).hazard["frequency_factor"])
+    return np.append(0.0, hazard[f"exceeded_{quantity}"].values), rates
+
+
+def _find(hazard: xr.Dataset, place: str) -> tuple[str, int]:
+    """Kind and index of a place by its name."""
+    named = [
+        (kind, k)
+        for kind in _kinds(hazard)
+        for k, name in enumerate(hazard[kind].values)
+        if str(name) == place
+    ]
+    if len(named) == 1:
+        return named[0]
+    names = [str(name) for kind in _kinds(hazard) for name in hazard[kind].values]
+    reason = "several places have this name" if named else "no line, object or segment"
+    raise RockfallError(f"{place}: {reason}; there are {', '.join(names[:20]) or 'none'}")
