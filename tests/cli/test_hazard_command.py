@@ -266,8 +266,13 @@ def test_the_summary_says_what_was_run(hazard_case, capsys):
     for words in "small", "large", "hazard", "house", "road", "risk a year":
         assert words in said
     assert "take 3,483 boulders" in said  # to tell 300 years: z2 (300 (3 + 1/40) - 1)
-    for line in said.splitlines()[-3:]:
-        assert Path(line).is_file()
+    folder, _, names = said.splitlines()[-1].partition(": ")
+    named = [name for name in names.split(", ") if "." in name.lstrip("0123456789 .")]
+    assert {"hazard.nc", "hazard.gpkg", "return_periods.csv"} <= {*named}
+    for name in named:
+        assert (Path(folder) / name).is_file()
+    tifs = len([*Path(folder).glob("*.tif")])
+    assert f"{tifs} .tif" in names.split(", ")
 
 
 def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, capsys):

@@ -5,13 +5,17 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 from rockfall.errors import BAD_INPUT, OUR_FAULT
 
 # for interrupts see `rockfall.interrupts.exit_status`
 DONE, FAULT, REFUSED = 0, OUR_FAULT, BAD_INPUT
+OF_PRODUCTS = r"rockfall\.(products|files\.|result\.)"  # modules whose warnings commands print
+MOST_FILES, FEW_OF_A_KIND = 8, 4  # files listed by name: a line each, or of a kind
 
 
 def say(line: str, status: int) -> int:
@@ -38,8 +42,18 @@ def warnings_told() -> Iterator[list[str]]:
     told: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")  # from libraries
-        ours = r"rockfall\.(products|result\.export|result\.motion)"
-        warnings.filterwarnings("always", module=ours)
+        warnings.filterwarnings("always", module=OF_PRODUCTS)
         yield told
     told += dict.fromkeys(str(warning.message) for warning in caught)
     warn_each(told)
+
+
+def print_files(paths: Sequence[Path]) -> None:
+    """Print the files that a command wrote, a line each; many in one folder by their kinds."""
+    if len(paths) <= MOST_FILES or len({path.parent for path in paths}) > 1:
+        print(*paths, sep="\n")
+        return
+    kinds = Counter(path.suffix for path in paths)
+    few = [path.name for path in paths if kinds[path.suffix] <= FEW_OF_A_KIND]
+    many = [f"{n} {kind}" for kind, n in kinds.items() if n > FEW_OF_A_KIND]
+    print(f"{paths[0].parent}: {', '.join([*few, *many])}")

@@ -14,7 +14,7 @@ from rockfall.case import Case
 from rockfall.case.files import input_files
 from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
 from rockfall.cli.given import memory_of, overridden, stem_of
-from rockfall.cli.messages import DONE, say, warn
+from rockfall.cli.messages import DONE, print_files, say, warn
 from rockfall.errors import RockfallError, need
 from rockfall.files.hazard_files import put_hazard
 from rockfall.interrupts import interrupts
@@ -128,7 +128,7 @@ def _run_to(
         checkpoint.remove()
     if shown:
         print(hazard_summary(hazard))
-        print(*(folder / path.name for path in paths), sep="\n")
+        print_files([folder / path.name for path in paths])
     return DONE
 
 
@@ -137,7 +137,8 @@ def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None
     check_folder(folder)
     if not folder.resolve().parent.is_dir():
         raise RockfallError(f"{folder}: there is no folder {folder.parent}")
-    names = ["hazard.nc", "hazard.gpkg", "objects.csv", "risk.csv", "segments.csv"]
+    names = ["hazard.nc", "hazard.gpkg"]
+    names += [f"{name}.csv" for name in ("objects", "risk", "segments", "return_periods")]
     names += ["hazard_class.png", "risk.png", "segments.png", SHEET]
     names += [f"{name}.{ending}" for name, _ in map_names(case) for ending in ("tif", "qml")]
     periods = (

@@ -16,7 +16,7 @@ from rockfall.analysis.observed.ranks import rank_results
 from rockfall.case.files import files_behind
 from rockfall.cli.commands.section import drawn
 from rockfall.cli.given import given_options, warn_of_models
-from rockfall.cli.messages import DONE, warnings_told
+from rockfall.cli.messages import DONE, print_files, warnings_told
 from rockfall.errors import RockfallError
 from rockfall.files.export import Chosen, export
 from rockfall.files.hazard_files import DRAWINGS, export_hazard, is_hazard
@@ -61,7 +61,7 @@ def export_command(arguments: argparse.Namespace) -> int:
             files = export(path, folder, **chosen._asdict())
     if not is_hazard(path):
         warn_of_models(path)
-    print(*files, sep="\n")
+    print_files(files)
     return DONE
 
 
@@ -190,7 +190,7 @@ def figures_command(arguments: argparse.Namespace) -> int:
             _path(arguments), arguments.folder, format=arguments.format, **_beside(arguments)
         )
     warn_of_models(_path(arguments), told=told)
-    print(*files, sep="\n")
+    print_files(files)
     return DONE
 
 
