@@ -7,7 +7,7 @@ the slope on which half of them pass.
 For each ground, beside the stochastic impact set, and slopes of 15 to 55 degrees: the fraction of
 the boulders that pass a line 200 m below the release, in plan; their mean speed there, and the 95 %
 quantile of their jump height. Numbers are means over seeds, with standard errors from how the seeds
-differ. Writes the last section of grounds.md, and figures/grounds.png.
+differ. Writes the last section of archive/classical_grounds.md, and figures/grounds.png.
 """
 
 from __future__ import annotations
@@ -131,7 +131,8 @@ def section(found: list[Measured], boulders: int) -> Iterator[str]:
         "`python -m benchmarks.accuracy.grounds` writes this section and its figure."
     )
     yield fill(about, 100, break_on_hyphens=False) + "\n"
-    yield "![fraction passing, mean speed and jump height against the slope](figures/grounds.png)\n"
+    about = "fraction passing, mean speed and jump height against the slope"
+    yield f"![{about}](../figures/grounds.png)\n"
     yield "| ground | model | half of the boulders pass from [degree] |\n| --- | --- | --: |"
     for one in found:
         yield f"| {one.kind.label} | {one.kind.model.replace('_', ' ')} | {text(one.half, 1)} |"
@@ -170,10 +171,11 @@ def main() -> None:
     parser.add_argument("-o", metavar="FOLDER", type=Path, dest="folder", default=ROOT / "docs")
     options = parser.parse_args()
     found = [look(kind, options.boulders) for kind in kinds()]
-    page = ROOT / "docs" / "grounds.md"
-    before = page.read_text(encoding="utf-8").split(BEGIN)[0]
-    (options.folder / "figures").mkdir(parents=True, exist_ok=True)
-    with atomic_write(options.folder / page.name) as part:
+    page = Path("archive/classical_grounds.md")
+    before = (ROOT / "docs" / page).read_text(encoding="utf-8").split(BEGIN)[0]
+    for name in "archive", "figures":
+        (options.folder / name).mkdir(parents=True, exist_ok=True)
+    with atomic_write(options.folder / page) as part:
         after = "\n".join(section(found, options.boulders))
         part.write_text(f"{before}{after}\n", encoding="utf-8")
     save(draw(found), options.folder / "figures" / "grounds.png", dpi=130)

@@ -18,7 +18,7 @@ COMMENTS = {
 }
 ABOUT = """\
 Of blocks that come to the place of the survey, in brackets 95 % confidence intervals. The block of
-a return period is the one that larger ones exceed once in that time: see docs/design.md."""
+a return period is the one that larger ones exceed once in that time: see docs/design_block.md."""
 PLACE = """\
 It takes the blocks of the survey for those that come loose. Where some stop above the place of the
 survey, or are gone from it, more come loose: raise the activity."""

@@ -100,8 +100,8 @@ def back_analysis(
 
     Members are drawn and run until `enough` of them are effective, or there are `members`. The
     prior is that of the ensemble; errors of the terrain, and rocks that no boulder reaches, are
-    drawn for each member and are not parameters. docs/ensemble.md, "Back-analysis", explains it. On
-    Ctrl-C it raises `Interrupted`, whose `result` is the posterior of the completed rounds.
+    drawn for each member and are not parameters (docs/back_analysis.md). On Ctrl-C it raises
+    `Interrupted`, whose `result` is the posterior of the completed rounds.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
