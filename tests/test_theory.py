@@ -13,7 +13,7 @@ MANUAL = ROOT / "docs/theory"
 REFERENCES = MANUAL / "15-references.md"
 LAB = ROOT / "lab/docs"
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *LAB.glob("*.md")])
-CHAPTERS = sorted([*MANUAL.glob("*.md"), LAB / "14-laboratory.md"], key=lambda path: path.name)
+CHAPTERS = sorted([*MANUAL.glob("*.md"), *LAB.glob("14*.md")], key=lambda path: path.name)
 CHAPTERS.remove(REFERENCES)
 EQUATION = re.compile(r'<a id="eq-([\w-]+)"></a>\n\n\$\$\n(.+?)\n\$\$\n\n(.+?)\n\n', re.DOTALL)
 NUMBER = re.compile(r"(\d+)\.(\d+)([a-z]?)")
