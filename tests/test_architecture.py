@@ -27,9 +27,9 @@ LEVELS = [
     ["scene"],
     ["simulation"],
     ["analysis"],
-    ["files"],
+    ["files", "protection"],
     ["studies"],
-    ["draft", "protection", "rockyfor3d", "session"],
+    ["draft", "rockyfor3d", "session"],
     ["__init__"],
     ["plots", "text"],
     ["html_report", "office", "qgis_project"],
@@ -169,6 +169,15 @@ def test_the_kernel_is_called_by_few():
         for module, line, other, *_ in all_imports()
         if other in DOORS and not DOORS[other].fullmatch(module)
     )
+
+
+def test_studies_have_one_engine():
+    """A bar is drawn by all studies in one place, and by what makes a single run: in chunks, in
+    parts on a cluster, until it is precise."""
+    drawing = {module for module, _, _, name, _ in all_imports() if name == "progress_bar"}
+    assert {module for module in drawing if room(module) != "rockfall_lab"} == {
+        "simulation.simulate", "simulation.dask", "studies.run_until", "studies.study"
+    }  # fmt: skip
 
 
 def test_the_laboratory_is_named_in_one_place():

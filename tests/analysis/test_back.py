@@ -14,6 +14,7 @@ from programs import refuses
 from rockfall.analysis.observed.observations import read_observed
 from rockfall.cli import main
 from rockfall.result.crossings import at_lines
+from rockfall.simulation.simulate import run_scene
 from rockfall.studies.back import study
 from rockfall.studies.back.evidence import Counted, Printed, predictive_p
 from rockfall.studies.back.posterior import posterior_table, warnings, weighted_quantile
@@ -220,18 +221,18 @@ def test_the_posterior_is_what_an_ensemble_draws(place, capsys):
 
 def test_a_back_analysis_that_is_stopped_keeps_its_whole_rounds(place, capfd, monkeypatch):
     words = ["back", "case.nml", "seen.csv", "--effective", "40", "--members", "48", "--quiet"]
-    members, member = iter(range(100)), study._member
+    members = iter(range(100))
 
-    def pressed(*arguments):  # in the third round
+    def pressed(*arguments, **more):  # in the third round
         if next(members) == 2 * study.ROUND + 3:
             signal.raise_signal(signal.SIGINT)
-        return member(*arguments)
+        return run_scene(*arguments, **more)
 
-    monkeypatch.setattr(study, "_member", pressed)
+    monkeypatch.setattr("rockfall.studies.study.run_scene", pressed)
     assert main([*words, "-o", "some"]) == 130
     said = "rockfall: interrupted: some holds the posterior of the first 32 members\n"
     assert capfd.readouterr().err == said
-    monkeypatch.setattr(study, "_member", member)
+    monkeypatch.setattr("rockfall.studies.study.run_scene", run_scene)
     assert main([*words[:-2], "32", "--effective", "30", "-o", "whole", "--quiet"]) == 0
     some, whole = (Path(folder, "draws.csv").read_text() for folder in ("some", "whole"))
     assert some == whole

@@ -15,8 +15,16 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.io.rasters.raster import write_geotiff
 from rockfall.scene.read import read_scene
 from rockfall.studies import convergence
-from rockfall.studies.convergence import KEYS, NUMBERS, _costs, _errors, _numbers, converge
-from rockfall.studies.terrain_variants import larger_cells, other_digits
+from rockfall.studies.convergence import (
+    KEYS,
+    NUMBERS,
+    _costs,
+    _errors,
+    _numbers,
+    converge,
+    larger_cells,
+    other_digits,
+)
 from rockfall.text.convergence import text
 from scenes import grid, make_case, rough, sets
 

@@ -27,7 +27,6 @@ from rockfall.result.crossings import line_values
 from rockfall.result.maps.map_labels import map_label
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
-from rockfall.studies.ensemble import study
 from rockfall.studies.ensemble.sobol_indices import (
     MIN_CROSSED,
     deviations,
@@ -148,7 +147,7 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     assert {quantity for quantity, _ in chosen} == {"speed"}
     values, covariances = np.empty((250, 3, 2)), np.empty((250, 3, 2, 2))
     two = Sources.of(np.repeat([0, 1], 150))
-    all_ = [line_values(study.run_scene(scene), "speed", 0) for scene in scenes]
+    all_ = [line_values(run_scene(scene), "speed", 0) for scene in scenes]
     for k, block in enumerate(np.arange(2 * 250 * 150).reshape(2, 250, 150).swapaxes(0, 1)):
         runs = [speed[block.ravel()] for speed in all_]
         rows = [numbers(speed) for speed in runs]
@@ -620,7 +619,7 @@ def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
             raise KeyboardInterrupt
         return run_scene(*arguments, **more)
 
-    monkeypatch.setattr(study, "run_scene", pressed)
+    monkeypatch.setattr("rockfall.studies.study.run_scene", pressed)
     assert main(["ensemble", "case.nml"]) == 130
     assert capfd.readouterr().err == "rockfall: interrupted; no file is half-written\n"
     assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]
@@ -632,16 +631,16 @@ def test_an_ensemble_that_is_stopped_keeps_what_was_done(place, capfd, monkeypat
     names = Uncertain(read_scene(rockfall.read_case("case.nml"))).names
     runs = iter(range(1000))
 
-    def pressed(*arguments, **more):  # in the second run of the tenth draw, after the case's own
-        if next(runs) == 1 + 9 * (2 + len(names)) + 1:
+    def pressed(*arguments, **more):  # in the second run of the tenth draw
+        if next(runs) == 9 * (2 + len(names)) + 1:
             signal.raise_signal(signal.SIGINT)
         return run_scene(*arguments, **more)
 
-    monkeypatch.setattr(study, "run_scene", pressed)
+    monkeypatch.setattr("rockfall.studies.study.run_scene", pressed)
     assert main(["ensemble", "case.nml", "--runs", "12", "-o", "some.nc", "--quiet"]) == 130
     said = "rockfall: interrupted: some.nc holds the first 9 of 12 draws, as --runs 9 has them\n"
     assert capfd.readouterr().err == said
-    monkeypatch.setattr(study, "run_scene", run_scene)
+    monkeypatch.setattr("rockfall.studies.study.run_scene", run_scene)
     assert main(["ensemble", "case.nml", "--runs", "9", "-o", "nine.nc", "--quiet"]) == 0
     some, nine = (rockfall.read_result(f"{name}.nc") for name in ("some", "nine"))
     assert some.equals(nine) and some.attrs["case"] == nine.attrs["case"]

@@ -16,15 +16,8 @@ from rockfall.grounds import GroundTable, shipped_grounds
 from rockfall.result.crossings import at_lines
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
-from rockfall.studies.models import (
-    COLUMNS,
-    ROCKS,
-    read_models,
-    run_models,
-    variants,
-    with_rocks,
-    write_models,
-)
+from rockfall.studies.model_scenes import ROCKS, variants, with_rocks
+from rockfall.studies.models import COLUMNS, read_models, run_models, write_models
 
 SHIPPED = GroundTable(shipped_grounds())
 CLASSICAL = [*ROCKS]

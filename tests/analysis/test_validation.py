@@ -13,7 +13,8 @@ from rockfall.analysis.observed.observations import read_observed
 from rockfall.analysis.observed.run_out import kolmogorov_smirnov
 from rockfall.cli import main
 from rockfall.result.crossings import at_lines
-from rockfall.studies.models import AS_GIVEN, run_models
+from rockfall.studies.model_scenes import AS_GIVEN
+from rockfall.studies.models import run_models
 from rockfall.studies.validation import (
     BEYOND,
     COLUMNS,

@@ -19,7 +19,7 @@ from rockfall.case.variants import variants
 from rockfall.cli import main
 from rockfall.result.crossings import at_lines
 from rockfall.simulation.parts.merge import join
-from rockfall.studies import variant_runs
+from rockfall.simulation.simulate import run_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no part of it lies over the terrain")
 WEST, NORTH = 600000.0, 5000000.0
@@ -165,17 +165,16 @@ def test_check_lists_every_variant(here, capsys):
 def test_a_stopped_run_goes_on(here, capsys, monkeypatch):
     case = site(here, GROUPS[:2])
     calls = iter(range(1))
-    run = variant_runs.run_scene
 
     def once(*scene, **how):
         if next(calls, None) is None:
             raise KeyboardInterrupt
-        return run(*scene, **how)
+        return run_scene(*scene, **how)
 
-    monkeypatch.setattr("rockfall.studies.variant_runs.run_scene", once)
+    monkeypatch.setattr("rockfall.studies.study.run_scene", once)
     assert main(["variants", "case.nml", "-o", "out", "--quiet"]) == 130
     assert not (here / "out").exists() and (here / "out.today.checkpoint").exists()
-    monkeypatch.setattr("rockfall.studies.variant_runs.run_scene", run)
+    monkeypatch.setattr("rockfall.studies.study.run_scene", run_scene)
     file = f"{here.as_posix()}/out.today.checkpoint"
     stopped = f"{file}: holds 120 boulders of a variant that was stopped; .*"
     refuses(["variants", "case.nml", "-o", "out"], stopped, capsys)

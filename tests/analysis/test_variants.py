@@ -8,18 +8,17 @@ import rasterio
 import rockfall
 from made import make_raster, refused
 from rockfall.analysis.precision.intervals import Sources
-from rockfall.cli import main
-from rockfall.quantities import number
-from rockfall.result.crossings import at_lines, line_names
-from rockfall.studies.variant_runs import check_variant_scenes
-from rockfall.studies.variants import (
-    compare_variants,
+from rockfall.analysis.precision.paired import (
     difference,
-    difference_maps,
     difference_of_fractions,
     mean_of,
     quantile_of,
 )
+from rockfall.cli import main
+from rockfall.quantities import number
+from rockfall.result.crossings import at_lines, line_names
+from rockfall.studies.difference_maps import difference_maps
+from rockfall.studies.variants import check_variant_scenes, compare_variants
 from rockfall.text.variants import comparison_notes, rows_of, value_text, variants_text
 from scenes import case_in, grid, place, rough
 

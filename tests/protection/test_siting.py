@@ -16,7 +16,9 @@ from made import make_layer, refused
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.cli import main
 from rockfall.kernel_rules import EAD_ENERGY
-from rockfall.protection.siting import (
+from rockfall.result.crossings import at_lines, line_names
+from rockfall.simulation.simulate import run_scene
+from rockfall.studies.siting import (
     BEST,
     COLUMNS,
     NO,
@@ -26,8 +28,6 @@ from rockfall.protection.siting import (
     choose,
     under_doubt,
 )
-from rockfall.result.crossings import at_lines, line_names
-from rockfall.simulation.simulate import run_scene
 from rockfall.text.siting import siting_text
 from scenes import FACTORS, grid, make_case, rough, sets
 
@@ -201,7 +201,8 @@ def test_lines_are_let_go_between_runs(case, monkeypatch):
         alive.append(weakref.ref(result))
         return result
 
-    monkeypatch.setattr("rockfall.protection.siting.run_scene", counted)
+    for where in "study", "siting":
+        monkeypatch.setattr(f"rockfall.studies.{where}.run_scene", counted)
     site(case, "road", every=100.0, to=200.0, memory=2 * 44 * 900 * 2, **TERRAIN)
     assert len(alive) == 4  # three alignments, and the best
 

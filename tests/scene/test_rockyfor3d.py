@@ -17,7 +17,8 @@ from rockfall.result.crossings import at_lines
 from rockfall.rockyfor3d import nets
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
-from rockfall.studies.models import ROCKS, run_models
+from rockfall.studies.model_scenes import ROCKS
+from rockfall.studies.models import run_models
 from rockfall.text.preview import preview
 from scenes import grid, status
 

@@ -16,7 +16,7 @@ from rockfall.html_report.inputs import zone_table
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.parts.merge import join
-from rockfall.studies.models import variants
+from rockfall.studies.model_scenes import variants
 
 HEAD = "zone,mean_radius,ground,ground_strength,ground_relief\n"
 PAIRS = {"talus": {"strength": 3e5, "relief": 12.5}, "meadow": {"relief": 15.0}}

@@ -32,7 +32,7 @@ from rockfall.simulation.parts import checkpoint
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
 from rockfall.studies.ensemble.uncertain_inputs import Uncertain, drawn_scene
-from rockfall.studies.models import variants
+from rockfall.studies.model_scenes import variants
 from same import same, same_bits
 from scenes import case_in, grid, place, rough
 

@@ -163,6 +163,11 @@ def with_limits(name: str) -> list[str]:
     return [name, f"{name}_low", f"{name}_high"]
 
 
+def limited(numbers: Mapping[str, float], name: str) -> list[float]:
+    """A number of a row and the limits of its interval; NaN for those that it has not."""
+    return [numbers.get(key, np.nan) for key in with_limits(name)]
+
+
 COLUMNS = ["n", *with_limits("fraction"), *with_limits("mean"), *with_limits("std"), "max"]
 COLUMNS += [name for level in QUANTILES for name in with_limits(quantile_name(level))]
 COLUMNS += ["withheld"]

@@ -1,17 +1,44 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checkpoints of a study of several runs, next to its folder."""
+"""The folder of a study of several runs, and its checkpoints next to it."""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from rockfall.cli.messages import say, warn
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status
+from rockfall.io.output_files import EXISTS, check_folder, check_outputs
 from rockfall.simulation.parts.checkpoint import Checkpoint
+
+
+def check_study_folder(folder: Path, files: Iterable[str], inputs: Iterable[str | Path]) -> None:
+    """Refuse a folder to which the files cannot be written, before the runs start."""
+    check_folder(folder)
+    if not folder.resolve().parent.is_dir():
+        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
+    check_outputs([folder / name for name in files], inputs)
+
+
+def is_done(
+    arguments: argparse.Namespace,
+    made: list[Path],
+    checkpoints: Iterable[Checkpoint],
+    are_finished: Callable[[], bool],
+) -> bool:
+    """Return True if `--resume` finds the files of a finished study; refuse those of another."""
+    there = [path.exists() for path in made]
+    if not (arguments.resume and any(there)):
+        return False
+    stopped = any(checkpoint.path.exists() for checkpoint in checkpoints)
+    if all(there) and not stopped and are_finished():
+        return True
+    if not arguments.overwrite:
+        raise RockfallError(f"{next(filter(Path.exists, made))}: {EXISTS}")
+    return False
 
 
 def study_checkpoints(

@@ -22,13 +22,8 @@ from rockfall.language import Number, Text, localised, say, speaking
 from rockfall.plots.studies.difference_figures import difference_figure
 from rockfall.quantities import QUANTITIES
 from rockfall.result.samples import simulated
-from rockfall.studies.variants import (
-    UNDECIDED,
-    compare_variants,
-    difference_maps,
-    have_passages,
-    on_same_cells,
-)
+from rockfall.studies.difference_maps import difference_maps, have_passages, on_same_cells
+from rockfall.studies.variants import UNDECIDED, compare_variants
 from rockfall.text.variants import comparison_notes, signed, value_text
 
 if TYPE_CHECKING:

@@ -5,16 +5,16 @@ and the cost of accuracy."""
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_numbers, with_limits
+from rockfall.analysis.line_statistics import limited, line_numbers
 from rockfall.analysis.precision.intervals import TARGETS, boulders_needed, sources
-from rockfall.analysis.validity.remarks import model_warnings
+from rockfall.analysis.precision.paired import relative_changes
 from rockfall.analysis.validity.warnings import warn_each
 from rockfall.case import Case
 from rockfall.errors import RockfallError
@@ -23,15 +23,11 @@ from rockfall.result.crossings import line_names, line_values
 from rockfall.scene.read import read_scene
 from rockfall.scene.releases.sources import refuse_by_area
 from rockfall.scene.scene import Scene
-from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import run_scene
-from rockfall.studies.terrain_variants import larger_cells, other_digits
+from rockfall.studies.study import ROWS_ONLY, Study, with_numbers
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-    Advance = Callable[..., None]
 
 BOULDERS = (100, 1000, 2000, 5000, 10_000)  # per source, as in the paper
 REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources; one has all of them
@@ -107,8 +103,7 @@ def converge(
         raise RockfallError(f"boulders = {min(boulders, default='')}: must be at least 2")
     if not case.lines:
         raise RockfallError(f"{case.name}: has no &line; it is their numbers that converge")
-    nothing = {"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"}
-    scene = read_scene(case.replace(output=nothing))
+    scene = read_scene(case.replace(output=ROWS_ONLY))
     refuse_by_area(scene.case, scene, "a study of convergence")
     sources = scene.x.size
     sizes = sorted(set(_sizes(sources) if boulders is None else boulders))
@@ -121,47 +116,30 @@ def converge(
         )
     paired = -(-many // 10)
     seed = case.case["seed"]
-    with progress_bar(sources * (sizes[-1] + 2 * many + 4 * paired), shown=progress) as advance:
-        result = _run(scene, sizes[-1], scene.case.case["seed"], advance)
-        study, limits = _study(result, sizes), tuple(model_warnings(result, scene.case))
-        del result
-        blocks, seconds = _sample(scene, many, seed + 1, advance)
-        others, again = _sample(scene, many, seed + 1 + many, advance)
+    total = sources * (sizes[-1] + 2 * many + 4 * paired)
+    with Study(total, progress=progress) as study:
+        first = {case.name: with_numbers(scene, boulders=sizes[-1], boulders_total=None)}
+        ((_, table),) = study.run(first.items(), lambda _, result: _study(result, sizes))
+        blocks, seconds = _sample(study, scene, many, seed + 1)
+        others, again = _sample(study, scene, many, seed + 1 + many)
         truth, seconds = _numbers(others[:, :, None])[..., 0], (seconds + again) / 2
         del others
         error = _errors(blocks, truth, sources, seconds, scene.case)
         del blocks
         passed = dict(zip((line["name"] for line in scene.case.lines), truth[:, 0], strict=True))
         cost = _costs(error, seconds, passed)
-        numerical, refused = _terrains(scene, paired, cost, advance)
-    warn_each(limits)
+        numerical, refused = _terrains(study, scene, paired, cost)
+    warn_each(study.warnings)
     return Convergence(
-        case.name,
-        study,
-        error,
-        cost,
-        numerical,
-        sources,
-        sources * many,
-        sources * paired,
-        seconds,
-        refused,
-        limits,
-    )
+        case.name, table, error, cost, numerical, sources, sources * many, sources * paired,
+        seconds, refused, study.warnings,
+    )  # fmt: skip
 
 
 def _sizes(sources: int) -> list[int]:
     """BOULDERS, or fewer in the same proportions where there are many sources."""
     most = min(BOULDERS[-1], max(2, REFERENCE // sources))
     return [max(2, size * most // BOULDERS[-1]) for size in BOULDERS]
-
-
-def _run(scene: Scene, boulders: int, seed: int, advance: Advance) -> xr.Dataset:
-    numbers = {"boulders": boulders, "boulders_total": None, "seed": seed}
-    case = scene.case.replace(case=numbers)
-    result = run_scene(replace(scene, case=case))
-    advance(result.sizes["boulder"])
-    return result
 
 
 def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
@@ -177,18 +155,14 @@ def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
             for quantity in QUANTITIES:
                 numbers = line_numbers(part, k, quantity, source)
                 for statistic in (*STATISTICS, "max"):
-                    rows.append((line, quantity, statistic, size, *_limits(numbers, statistic)))
-            rows.append((line, *NUMBERS[0], size, *_limits(numbers, "fraction")))
+                    rows.append((line, quantity, statistic, size, *limited(numbers, statistic)))
+            rows.append((line, *NUMBERS[0], size, *limited(numbers, "fraction")))
     table = pd.DataFrame(rows, columns=[*KEYS, "boulders", "value", "low", "high"])
     table["change"] = table.groupby(KEYS)["value"].pct_change(fill_method=None)
     return table
 
 
-def _limits(numbers: dict[str, float], statistic: str) -> list[float]:
-    return [numbers.get(name, np.nan) for name in with_limits(statistic)]
-
-
-def _sample(scene: Scene, boulders: int, seed: int, advance: Advance) -> tuple[np.ndarray, float]:
+def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.ndarray, float]:
     """Values of boulders: (lines, quantities, boulders), NaN where they did not cross; CPU seconds
     per boulder. They are simulated in pieces, each with the next seed; the sources take turns."""
     sources = scene.x.size
@@ -199,16 +173,20 @@ def _sample(scene: Scene, boulders: int, seed: int, advance: Advance) -> tuple[n
         raise RockfallError(
             f"reference: {boulders * sources} boulders do not fit in memory"
         ) from error
-    seconds, done = 0.0, 0
-    while done < boulders:
-        result = _run(scene, min(piece, boulders - done), seed, advance)
-        n, first = result.sizes["boulder"], done * sources
+
+    def pieces() -> Iterator[tuple[int, Scene]]:
+        for k, done in enumerate(range(0, boulders, piece)):
+            own = {"boulders": min(piece, boulders - done), "boulders_total": None}
+            yield done, with_numbers(scene, seed=seed + k, **own)
+
+    def keep(done: int, result: xr.Dataset) -> float:
+        place = slice(done * sources, done * sources + result.sizes["boulder"])
         for k, of_line in enumerate(values):
             for quantity, row in zip(QUANTITIES, of_line, strict=True):
-                crossed = line_values(result, quantity, k)
-                row[first : first + n] = crossed.reshape(sources, -1).T.ravel()
-        seconds += result.attrs["cpu_seconds"]
-        done, seed = done + n // sources, seed + 1
+                row[place] = line_values(result, quantity, k).reshape(sources, -1).T.ravel()
+        return result.attrs["cpu_seconds"]
+
+    seconds = sum(spent for _, spent in study.run(pieces(), keep, compared=False))
     return values, seconds / values.shape[2]
 
 
@@ -296,7 +274,7 @@ def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
 
 
 def _terrains(
-    scene: Scene, boulders: int, cost: pd.DataFrame, advance: Advance
+    study: Study, scene: Scene, boulders: int, cost: pd.DataFrame
 ) -> tuple[pd.DataFrame, dict[str, str]]:
     """Change of each number by each variant of the terrain, and variants that are refused."""
     import pandas as pd
@@ -304,7 +282,7 @@ def _terrains(
     name, other = other_digits(scene)
     others = {name: other} | {f"cells x{k}": larger_cells(scene, k) for k in (2, 4)}
     seed = scene.case.case["seed"]
-    values, seconds = _sample(scene, boulders, seed, advance)
+    values, seconds = _sample(study, scene, boulders, seed)
     size = values.shape[2] // (PAIRS * scene.x.size) * scene.x.size or scene.x.size
     each = _numbers(_in_blocks(values, size, PAIRS))
     overall = _numbers(values[:, :, None])[..., 0]
@@ -321,24 +299,69 @@ def _terrains(
     add(AS_GIVEN, 0 * overall, 0 * overall, seconds)
     for variant, terrain in others.items():
         try:
-            values, seconds = _sample(terrain, boulders, seed, advance)
+            values, seconds = _sample(study, terrain, boulders, seed)
         except RockfallError as error:  # a source at the edge, outside the outermost larger cells
             refused[variant] = str(error)
             continue
-        change, error = _changes(values, overall, each, size)
-        add(variant, change, error, seconds)
+        blocks = _numbers(_in_blocks(values, size, PAIRS))
+        whole = _numbers(values[:, :, None])[..., 0]
+        add(variant, *relative_changes(whole, overall, blocks, each), seconds)
     columns = [*KEYS, "variant", "change", "change_error", "statistical_error", "cpu_seconds"]
     return pd.DataFrame(rows, columns=columns), refused
 
 
-def _changes(
-    values: np.ndarray, overall: np.ndarray, each: np.ndarray, size: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Relative changes of the numbers, and their standard errors, relative to (lines, numbers)
-    `overall` and their blocks `each`, from the values of the same boulders on another terrain."""
-    overall = np.where(overall == 0, np.nan, overall)  # a change from zero has no percentage
-    with np.errstate(invalid="ignore"), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Degrees of freedom")  # no boulder crossed
-        change = _numbers(values[:, :, None])[..., 0] / overall - 1
-        apart = (_numbers(_in_blocks(values, size, PAIRS)) - each) / overall[..., None]
-        return change, np.nanstd(apart, axis=2, ddof=1) / np.sqrt(np.isfinite(apart).sum(axis=2))
+# ---- variants of the terrain
+
+
+def other_digits(scene: Scene) -> tuple[str, Scene]:
+    """Scene with elevations of the other precision, and the name of that.
+
+    float64 elevations are rounded. float32 ones receive random digits in place of those lost by
+    rounding: up to half of their last binary digit.
+    """
+    z = scene.rasters.z
+    if z.dtype == np.float64:
+        return "float32", scene.replace(z=z.astype("f4"))
+    lost = np.random.default_rng(0).uniform(-0.5, 0.5, z.shape) * np.spacing(z)
+    return "float64", scene.replace(z=z.astype("f8") + lost)
+
+
+def larger_cells(scene: Scene, factor: int) -> Scene:
+    """Scene on cells of `factor` times the side, from the north-western corner.
+
+    Elevations are means of known ones, zones the most frequent (the first in the table if tied),
+    sizes in a raster the median.
+    """
+    cells = scene.rasters
+    z = _merged(cells.z, factor, np.nan)
+    ny, nx, _ = z.shape
+    grid = replace(scene.grid, cell=factor * scene.grid.cell, nx=nx, ny=ny)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN slice")  # of nodata only
+        z = np.nanmean(z, axis=2, dtype="f8").astype(cells.z.dtype)
+        values = cells.values
+        if values is not None:
+            values = np.stack(
+                [np.nanmedian(_merged(layer, factor, np.nan), axis=2) for layer in values]
+            )
+    zone = None if cells.zone is None else _most_frequent(_merged(cells.zone, factor, 0))
+    return scene.replace(z=z, grid=grid, zone=zone, values=values)
+
+
+def _merged(raster: np.ndarray, factor: int, fill: float) -> np.ndarray:
+    """(ny, nx, cells): the cells merged into each larger cell."""
+    beyond = [(0, -size % factor) for size in raster.shape]
+    padded = np.pad(raster, beyond, constant_values=fill)
+    ny, nx = (size // factor for size in padded.shape)
+    cells = padded.reshape(ny, factor, nx, factor).swapaxes(1, 2)
+    return cells.reshape(ny, nx, factor**2)
+
+
+def _most_frequent(zone: np.ndarray) -> np.ndarray:
+    """Most frequent zone above 0, 0 if there is none: (ny, nx) of (ny, nx, cells)."""
+    best, highest = np.zeros(zone.shape[:2], zone.dtype), np.zeros(zone.shape[:2], int)
+    for number in np.unique(zone[zone > 0]):
+        count = np.count_nonzero(zone == number, axis=2)
+        best[count > highest] = number
+        highest = np.maximum(highest, count)
+    return best

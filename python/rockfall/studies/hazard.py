@@ -25,6 +25,7 @@ from rockfall.analysis.hazard.exceedance import (
     exceedance_numbers,
     passing_of,
 )
+from rockfall.analysis.hazard.finished import is_same_case, layers_checksum
 from rockfall.analysis.hazard.scenarios import (
     Scenario,
     base_case,
@@ -78,8 +79,7 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.maps import boulders_per_cluster
 from rockfall.simulation.memory import machine_memory
-from rockfall.simulation.simulate import run_scene
-from rockfall.studies.finished_hazard import layers_checksum
+from rockfall.studies.study import Study
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -90,7 +90,7 @@ LAYOUT = 2  # of the file
 
 
 @dataclass
-class Study:
+class HazardInputs:
     """Checked inputs of a hazard."""
 
     case: Case
@@ -159,7 +159,7 @@ def read_study(
     vulnerability: str | Path | None = None,
     roads: Roads = NO_ROADS,
     **arrays: Any,
-) -> Study:
+) -> HazardInputs:
     """Read and check all inputs of a hazard before any run."""
     memory = memory or machine_memory()
     check_roads(roads)
@@ -188,7 +188,7 @@ def read_study(
     lines = [*found_objects.lines, *segments.lines]
     own = case.line if case.output["kept"] == "all" else []
     scenarios = scenarios_of(scene, [*lines, *own])
-    study = Study(case, scene, scenarios, own, found_objects, segments)
+    study = HazardInputs(case, scene, scenarios, own, found_objects, segments)
     study.warnings = scenario_warnings(scene, study.scenarios)
     remarks += [f"{scene.case.name}: {where}: {text}" for where, text in study.warnings]
     paths = [*found_objects.paths, *([segments.path] if len(segments) else [])]
@@ -212,7 +212,7 @@ def _check_memory(scene: Scene, memory: float) -> None:
 
 
 def run_study(
-    study: Study,
+    study: HazardInputs,
     *,
     results: Sequence[str | Path] = (),
     progress: bool = False,
@@ -223,25 +223,27 @@ def run_study(
     if results and len(results) != len(study.scenarios):
         many = f"{len(study.scenarios)} scenarios"
         raise RockfallError(f"results: {len(results)} for {many}: one is needed for each, in order")
-    runs = []
-    for k, scenario in enumerate(study.scenarios):
-        if results:
-            runs.append(_Run(study, scenario, _read_scenario(study, scenario, results[k])))
-            continue
-        scene = replace(study.scene, case=scenario.case)
-        checkpoint = checkpoints[k] if checkpoints else None
-        result = run_scene(scene, progress=progress, threads=threads, checkpoint=checkpoint)
-        runs.append(_Run(study, scenario, result))
-    return _dataset(study, runs)
+    by_name = {scenario.name: scenario for scenario in study.scenarios}
+    saved = dict(zip(by_name, checkpoints, strict=False))
+    engine = Study(progress=progress, threads=threads, checkpoints=saved)
+    scenes = (
+        (name, _read_scenario(study, scenario, results[k]) if results
+         else replace(study.scene, case=scenario.case))
+        for k, (name, scenario) in enumerate(by_name.items())
+    )  # fmt: skip
+    runs = engine.run(
+        scenes, lambda name, result: _Run(study, by_name[name], result), compared=False
+    )
+    return _dataset(study, [run for _, run in runs])
 
 
-def _read_scenario(study: Study, scenario: Scenario, path: str | Path) -> xr.Dataset:
+def _read_scenario(study: HazardInputs, scenario: Scenario, path: str | Path) -> xr.Dataset:
     """Result of a scenario that was run elsewhere: complete, with the same inputs."""
     result = read_result(path)
     text = f"{path}: scenario '{scenario.name}'"
     own = case_of(result)
-    if not _is_same(own, scenario.case):
-        if _is_same(own, scenario.case, line=[]):
+    if not is_same_case(own, scenario.case):
+        if is_same_case(own, scenario.case, line=[]):
             raise RockfallError(
                 f"{text}: its &line groups are not those of the objects and segments given here: "
                 "--write-cases writes the cases with them"
@@ -254,16 +256,10 @@ def _read_scenario(study: Study, scenario: Scenario, path: str | Path) -> xr.Dat
     return result
 
 
-def _is_same(case: Case, other: Case, **without: Any) -> bool:
-    """Return True if two cases are the same but for threads, and for the groups given."""
-    changes = {"case": {"threads": 0}} | without
-    return case.replace(**changes).text() == other.replace(**changes).text()
-
-
 class _Run:
     """Retained data of the run of a scenario."""
 
-    def __init__(self, study: Study, scenario: Scenario, result: xr.Dataset) -> None:
+    def __init__(self, study: HazardInputs, scenario: Scenario, result: xr.Dataset) -> None:
         self.boulders, self.yearly = simulated(result), scenario.frequency
         starts = (result[f"start_{axis}"].values for axis in "xy")
         self.per_cluster = boulders_per_cluster(study.case, *starts)
@@ -298,7 +294,7 @@ def _counts(result: xr.Dataset, name: str, exceeded: str) -> np.ndarray:
     return np.concatenate([result[name].values[None], result[exceeded].values])
 
 
-def _dataset(study: Study, runs: list[_Run]) -> xr.Dataset:
+def _dataset(study: HazardInputs, runs: list[_Run]) -> xr.Dataset:
     matrix, case = Matrix.of(study.case), study.case
     values = _scenarios(study, runs)
     factor = case.hazard["frequency_factor"]
@@ -348,7 +344,7 @@ def _grounds(runs: list[_Run]) -> dict[str, np.ndarray]:
     return {"ground": names, "ground_model": models, "rebounds_by_ground": rebounds}
 
 
-def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
+def _places(study: HazardInputs, run: _Run, matrix: Matrix) -> dict[str, tuple]:
     """Coordinates, and the grid mapping."""
     names = np.array([scenario.name for scenario in study.scenarios], dtype=object)
     attrs = {"units": "year", "long_name": "longest return period of a class of frequency"}
@@ -360,7 +356,7 @@ def _places(study: Study, run: _Run, matrix: Matrix) -> dict[str, tuple]:
     }
 
 
-def _scenarios(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
+def _scenarios(study: HazardInputs, runs: list[_Run]) -> dict[str, np.ndarray]:
     """Properties and counts of each scenario, sufficient to apply other frequencies without another
     run."""
     return {
@@ -410,7 +406,7 @@ def _classes(prefix: str, rates: Frequencies, matrix: Matrix) -> dict[str, np.nd
     return values
 
 
-def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
+def _objects(study: HazardInputs, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
     factor = study.case.hazard["frequency_factor"]
     rates = frequencies(((run.objects, *run.sample) for run in runs), factor)
     values = {
@@ -429,7 +425,7 @@ def _objects(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nda
     return values | _by_period("object_", study, runs, [run.at_objects for run in runs])
 
 
-def _lines(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
+def _lines(study: HazardInputs, runs: list[_Run]) -> dict[str, np.ndarray]:
     """Frequencies at the evaluation lines, and energies and heights by return period."""
     counts = [np.array([[at.energy.size for at in run.at_lines]]) for run in runs]
     samples = ((count, *run.sample) for count, run in zip(counts, runs, strict=True))
@@ -440,7 +436,7 @@ def _lines(study: Study, runs: list[_Run]) -> dict[str, np.ndarray]:
 
 
 def _by_period(
-    prefix: str, study: Study, runs: list[_Run], places: Sequence[Sequence[Passing | None]]
+    prefix: str, study: HazardInputs, runs: list[_Run], places: Sequence[Sequence[Passing | None]]
 ) -> dict[str, np.ndarray]:
     """Energies and heights by return period at places, and counts above levels of both."""
     passed = [Passed(at, *run.sample) for at, run in zip(places, runs, strict=True)]
@@ -461,7 +457,7 @@ def _levels() -> dict[str, tuple]:
     }
 
 
-def _segments(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
+def _segments(study: HazardInputs, runs: list[_Run], matrix: Matrix) -> dict[str, np.ndarray]:
     """Frequencies, classes and numbers of the segments of roads."""
     segments, factor = study.segments, study.case.hazard["frequency_factor"]
     rates = frequencies(((run.segment_counts, *run.sample) for run in runs), factor)
@@ -485,7 +481,7 @@ def _segments(study: Study, runs: list[_Run], matrix: Matrix) -> dict[str, np.nd
     return values | _classes("segment_", rates, matrix)
 
 
-def _attributes(study: Study, runs: list[_Run]) -> dict[str, Any]:
+def _attributes(study: HazardInputs, runs: list[_Run]) -> dict[str, Any]:
     first, exposed = runs[0].attrs, study.objects.exposed
     kept = ("Conventions", "history", "version", "case_file", "seed", "impact_set")
     kept += ("impact_set_checksum", "input_checksums", "decoded_checksums", "dams", "stands")

@@ -5,72 +5,44 @@ same places, with the same random words, so that only the models differ."""
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_numbers, sample_numbers
-from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
-from rockfall.analysis.validity.remarks import model_warnings
-from rockfall.analysis.validity.warnings import joined_warnings
-from rockfall.case import Case
-from rockfall.case.zones import case_zones
-from rockfall.errors import RockfallError
-from rockfall.grounds import (
-    ABSORBS,
-    IMPACT_SETS,
-    TABLES,
-    GroundRule,
-    GroundTable,
-    find_ground,
-    shipped_grounds,
-    table_names,
-    table_path,
-    usual_ground,
-    usual_name,
+from rockfall.analysis.line_statistics import limited, line_numbers, sample_numbers
+from rockfall.analysis.precision.intervals import sources
+from rockfall.analysis.precision.paired import (
+    NONE,
+    Difference,
+    changed_sides,
+    difference_of_means,
+    mean_difference,
 )
+from rockfall.case import Case
+from rockfall.errors import RockfallError
 from rockfall.io.netcdf import load_dataset
-from rockfall.language import Text, packed, say, unpacked
+from rockfall.language import packed, say, unpacked
 from rockfall.quantities import percent
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import has_crossed, line_names, line_values
 from rockfall.result.dataset import put_netcdf
 from rockfall.result.trajectories import left_terrain
-from rockfall.scene.read import read_scene
-from rockfall.scene.surface import radius_over_rg
-from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import run_scene
+from rockfall.studies.model_scenes import named_notes, variants
+from rockfall.studies.study import ROWS_ONLY, Study
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from rockfall.scene.parts import Rasters
-    from rockfall.scene.scene import Scene
-
-#: Obstacle size [m] that separates the soil types 3 and 4 of Rockyfor3D, scree and talus.
-LARGE = 0.1
-#: Shipped grounds used for rocks below and above it, by model.
-ROCKS = {
-    "rockyfor3d": ("soil_3", "soil_4"),
-    "pfeiffer_bowen": ("pfeiffer_talus", "pfeiffer_rock"),
-    "constant": ("constant_talus", "rock_ledge"),
-    "bourrier_hungr": ("bourrier_hungr", "bourrier_hungr"),
-}
-NO_SHAPES = dict.fromkeys(("block_shape", "block_shape_share", "block_axes"))
-#: Obstacles of this size [m] stop every boulder in Rockyfor3D, but not with impact sets.
-STOPPING = 100.0
-AS_GIVEN = "grounds of the case"
 LAYOUT = 1  # of the file
 QUANTITIES = ("speed", "passing_height", "energy_total")
 RUN_OUT = "stopping_distance"
 COLUMNS = ["model", "line", "quantity", "statistic", "n", "value", "low", "high",
            "difference", "difference_low", "difference_high"]  # fmt: skip
 TEXTS = COLUMNS[:4]  # the others are numbers
-NO_DIFFERENCE = dict.fromkeys(COLUMNS[-3:], 0.0)
 
 
 @dataclass(frozen=True)
@@ -102,31 +74,28 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
     """
     import pandas as pd
 
-    case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"})
+    case = case.replace(output=ROWS_ONLY)
     notes: list[str] = []
     scenes = dict(variants(case, grounds, notes))
     first: xr.Dataset | None = None
-    rows: list[dict[str, Any]] = []
-    limits: dict[str, list[Text]] = {}
+
+    def numbers(name: str, result: xr.Dataset) -> list[dict[str, Any]]:
+        nonlocal first
+        first = result if first is None else first
+        if (gone := left_terrain(result).mean()) > 0:
+            notes.append(say("models.left", name=name, fraction=percent(gone)))
+        return [{"model": name, **row} for row in _rows(result, first)]
+
     total = sum(scene.boulders for scene in scenes.values())
-    with progress_bar(total, shown=progress) as advance:
-        for name, scene in scenes.items():
-            result = run_scene(scene)
-            advance(result.sizes["boulder"])
-            first = result if first is None else first
-            limits[name] = model_warnings(result, scene.case)
-            rows += [{"model": name, **row} for row in _rows(result, first)]
-            if (gone := left_terrain(result).mean()) > 0:
-                notes.append(say("models.left", name=name, fraction=percent(gone)))
+    with Study(total, progress=progress) as study:
+        rows = [row for _, own in study.run(scenes.items(), numbers) for row in own]
     own = next(iter(scenes.values()))
     notes += named_notes(own)
-    table = pd.DataFrame(rows, columns=COLUMNS)
-    title = case.case["title"] or case.name
     assert first is not None
     maps = first.drop_vars([name for name in first.variables if name != "crs"])
     return Models(
-        title, own.boulders, tuple(scenes), table, tuple(notes), maps,
-        tuple(joined_warnings(limits)),
+        case.case["title"] or case.name, own.boulders, tuple(scenes),
+        pd.DataFrame(rows, columns=COLUMNS), tuple(notes), maps, study.warnings,
     )  # fmt: skip
 
 
@@ -155,329 +124,40 @@ def read_models(path: str | Path) -> Models:
     table = dataset[COLUMNS].to_dataframe().reset_index(drop=True)[COLUMNS]
     names, notes = (tuple(str(dataset.attrs[name]).split("\n")) for name in ("models", "notes"))
     notes = tuple(filter(None, notes))
-    data = json.loads(dataset.attrs.get("note_messages", "[]")) or [None] * len(
-        notes
-    )  # older files
+    # older files have no messages
+    data = json.loads(dataset.attrs.get("note_messages", "[]")) or [None] * len(notes)
     notes = tuple(unpacked(note, text) for note, text in zip(data, notes, strict=True))
     boulders = int(dataset.attrs["model_boulders"])
     title = str(dataset.attrs["title"]) or str(dataset.attrs["case_file"])
     return Models(title, boulders, names, table, notes, dataset[["crs"]])
 
 
-def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scenes by the name of their model, the case's own first; `notes` collects remarks."""
-    as_given = read_scene(case)
-    own = _with_named_apart(as_given)
-    table = GroundTable(table_path(case))
-    chosen = [find_ground(case, table, name, "--ground") for name in grounds]
-    varied = _varied(own)
-    if not _on_grounds(own, varied).any():
-        raise RockfallError(
-            f"{case.name}: all of its ground absorbs boulders: no other model would hold anywhere"
-        )
-    if not _own_share(own):
-        yield AS_GIVEN, as_given
-        yield from _by_sets(own, varied, notes)
-    else:
-        yield from _by_methods(case, as_given)
-    unsized = _unsized_part(own, varied)
-    if chosen:
-        notes += _unsized_notes(case, "--ground", chosen, unsized)
-        yield from ((rule.name, with_rocks(own, rule, rule, varied)) for rule in chosen)
-        return
-    shipped = GroundTable(shipped_grounds())
-    rocks = {
-        model: (shipped.ground(small, case), shipped.ground(large, case))
-        for model, (small, large) in ROCKS.items()
-    }
-    if 0 < unsized < 1:
-        notes.append(say("models.unsized_part", fraction=percent(unsized), size=LARGE))
-    if unsized < 1:
-        yield from ((model, with_rocks(own, *rules, varied)) for model, rules in rocks.items())
-        return
-    needing = [model for model, rules in rocks.items() if any(rule.rocks for rule in rules)]
-    notes.append(say("models.unsized", models=", ".join(needing), size=LARGE))
-    for model, rules in rocks.items():
-        if model not in needing:
-            for rule in dict.fromkeys(rules):
-                yield f"{model} {rule.name}", with_rocks(own, rule, rule, varied)
-
-
-def by_tables(
-    case: Case, own: Scene, names: Sequence[str] | None, notes: list[str]
-) -> Iterator[tuple[str, Scene]]:
-    """Scenes of a case by tables of impacts of these names in place of what `variants` varies,
-    except its own table; by default by all shipped ones, without those whose sizes of rocks are not
-    known. `own` is its own scene; `notes` collects remarks."""
-    own = _with_named_apart(own)
-    varied, is_named = _varied(own), not _own_share(own)
-    follows_table = case.impact["form"] == "table" or "ground" in case.surface
-    kept = _kept_models(own)
-    unused: dict[str, Any] = {} if IMPACT_SETS in kept else {"ratio": None}
-    if kept <= {*TABLES}:
-        unused["turning"] = None
-    laws, unsized = {}, _unsized_part(own, varied)
-    for name in table_names() if names is None else names:
-        by_table = {"form": "table", "table": name}
-        if is_named or not follows_table or name != usual_name(case):
-            law = case.replace(impact=unused | by_table, surface={"ground": None})
-            laws[name] = law, usual_ground(law)
-    needing = [rule.name for _, rule in laws.values() if rule.rocks]
-    if names is None and unsized == 1 and needing:
-        laws = {name: law for name, law in laws.items() if name not in needing}
-        notes.append(say("models.unsized_tables", tables=", ".join(needing)))
-    notes += _unsized_notes(case, "--table", [rule for _, rule in laws.values()], unsized)
-    keeps_grounds = _grounds_of(own.rasters).ndim > 0
-    for name, (law, rule) in laws.items():
-        by_table = with_rocks(own, rule, rule, varied) if keeps_grounds else read_scene(law)
-        yield f"table {name}", by_table
-
-
-def _unsized_notes(
-    case: Case, option: str, rules: Iterable[GroundRule], unsized: float
-) -> Iterator[str]:
-    """Remark on the grounds of an option that need sizes of rocks, where this part of their ground
-    has none; refused where all has none."""
-    needing = [rule.name for rule in rules if rule.rocks]
-    if unsized == 1 and needing:
-        raise RockfallError(
-            f"{case.name}: {option} {needing[0]}: needs sizes of rocks, which &surface lacks"
-        )
-    if unsized > 0 and needing:
-        yield say("models.unsized_smooth", fraction=percent(unsized), models=", ".join(needing))
-
-
-def named_notes(own: Scene) -> Iterator[str]:
-    """Remark on the part of a terrain on which all models have the same ground, or on what they
-    vary where every place has a named ground."""
-    own = _with_named_apart(own)
-    if not (share := _own_share(own)):
-        part = _on_grounds(own, _varied(own))[~np.isnan(own.rasters.z)].mean()
-        yield say("models.all_named", fraction=percent(part))
-    elif share < 1:
-        yield say("models.named_grounds", fraction=percent(1 - share))
-
-
-def _kept_models(own: Scene) -> set[str]:
-    """Models of the grounds that no variant replaces."""
-    varied = _varied(own)
-    return {ground.model for ground in own.grounds if ground.name not in varied}
-
-
-def _varied(own: Scene) -> set[str]:
-    """Names of the grounds that models replace: the default one; if every place has a named ground,
-    all except absorbing ones."""
-    if _own_share(own):
-        return {usual_name(own.case)}
-    return {ground.name for ground in own.grounds if ground.model != ABSORBS}
-
-
-def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
-    """The unchanged case, and the case by its impact sets with each method for which it has
-    sizes."""
-    if "ground" in case.surface:
-        yield usual_name(case), own
-    elif case.impact["form"] == "table":
-        yield f"table {usual_name(case)}", own
-    method = case.surface["method"]
-    named = {zone.ground_name("") for zone in case_zones(case).values()}
-    tables = {ground.name for ground in own.grounds if ground.model in TABLES}
-    shapes = {} if named & tables else NO_SHAPES  # which are refused where no ground has a table
-    for way in (method, "AB".replace(method, "")):
-        surface = {"method": way, "ground": None}
-        try:
-            scene = read_scene(
-                case.replace(impact={"form": "matrix"}, surface=surface, boulder=shapes)
-            )
-        except RockfallError:  # no sizes for this method
-            continue
-        yield f"impact sets, method {way}", scene
-
-
-def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scene with its impact sets in place of grounds, wherever its rocks have a suitable size;
-    obstacles that stop every boulder, and smooth ground, keep their grounds."""
-    cells, rule = own.rasters, GroundRule(own.case.impact["sets"])
-    names = [ground.name for ground in own.grounds]
-    grounds = own.grounds if rule.name in names else (*own.grounds, rule)
-    number = [rule.name for rule in grounds].index(rule.name) + 1
-    fits = _test_sizes(cells, lambda sizes: np.all((sizes > 0) & (sizes < STOPPING), axis=0))
-    changed = _on_grounds(own, varied) & fits
-    if not changed.any():
-        notes.append(say("models.no_sizes"))
-        return
-    if (part := changed[~np.isnan(cells.z)].mean()) < 1:
-        notes.append(say("models.sets_on_part", fraction=percent(part)))
-    of_cells = np.where(changed, np.int8(number), _grounds_of(cells)).astype(np.int8)
-    name = f"impact sets, method {own.case.surface['method']}"
-    yield name, own.replace(grounds=grounds, material_ground=None, cell_ground=of_cells)
-
-
-def _with_named_apart(scene: Scene) -> Scene:
-    """Scene in which zones that name the case's own ground have a copy of it under another name:
-    they keep it where models vary the case's own."""
-    own = usual_name(scene.case)
-    zones = case_zones(scene.case).values()
-    named = np.array([zone.ground == own and not zone.pair for zone in zones], bool)
-    of_zones = scene.rasters.material_ground
-    if of_zones is None or not named.any():
-        return scene
-    (rule,) = (ground for ground in scene.grounds if ground.name == own)
-    grounds = *scene.grounds, rule._replace(name=f"{own} by name")
-    numbers = np.where(named, len(grounds), of_zones).astype(np.int8)
-    return scene.replace(grounds=grounds, material_ground=numbers)
-
-
-def _own_share(scene: Scene) -> float:
-    """Fraction of the terrain where no zone and no cell names a ground [-]."""
-    return float(_on_grounds(scene, {usual_name(scene.case)})[~np.isnan(scene.rasters.z)].mean())
-
-
-def _unsized_part(scene: Scene, varied: Collection[str]) -> float:
-    """Fraction of the grounds of these names on which no rocks have a size [-]."""
-    unsized = _test_sizes(scene.rasters, lambda sizes: sizes[0] == 0)
-    here = _on_grounds(scene, varied)
-    return float(np.broadcast_to(unsized, here.shape)[here].mean()) if here.any() else 0.0
-
-
-def _on_grounds(scene: Scene, names: Collection[str]) -> np.ndarray:
-    """Cells of the terrain that have one of these grounds."""
-    grounds = [ground.name for ground in scene.grounds] or [usual_name(scene.case)]
-    listed = np.array([False, *(name in names for name in grounds)])
-    return listed[_grounds_of(scene.rasters)] & ~np.isnan(scene.rasters.z)
-
-
-def _grounds_of(cells: Rasters) -> np.ndarray:
-    """Number of the ground of each cell, counted from 1; a single one if all have the same."""
-    if cells.cell_ground is not None:
-        return cells.cell_ground
-    if cells.material_ground is None:
-        return np.ones((), np.int8)
-    return np.append(np.int8(0), cells.material_ground)[1 if cells.zone is None else cells.zone]
-
-
-def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """A test of the sizes of rocks, (columns, ...), of each cell, or of all at once."""
-    if cells.values is not None:
-        return test(cells.values)
-    return np.append(False, test(cells.sizes.T))[1 if cells.zone is None else cells.zone]
-
-
-def with_rocks(
-    scene: Scene, small: GroundRule, large: GroundRule, varied: Collection[str] = ()
-) -> Scene:
-    """Scene with these grounds for its small and large rocks, in place of the grounds of these
-    names; by default in place of the default ground."""
-    cells = scene.rasters
-    varied = varied or {usual_name(scene.case)}
-    others = [ground for ground in scene.grounds if ground.name not in varied]
-    rules = dict.fromkeys((small, large))
-    number = {rule.name: k for k, rule in enumerate([*rules, *others], start=1)}
-    names = [ground.name for ground in scene.grounds] or [usual_name(scene.case)]
-    kept = np.array([0, *(0 if name in varied else number[name] for name in names)], np.int8)
-    sizes = cells.sizes[:, 0] if cells.values is None else cells.values[0]
-    of_rocks = _choice(scene, sizes, number[small.name], number[large.name])
-    everywhere, of_materials, of_cells = None, None, None
-    if cells.values is not None or cells.cell_ground is not None:
-        zone = np.ones((), int) if cells.zone is None else cells.zone
-        here = np.append(np.int8(1), of_rocks)[zone] if cells.values is None else of_rocks
-        of_cells = _filled(kept[1 if cells.cell_ground is None else cells.cell_ground], here)
-        of_cells = np.broadcast_to(of_cells, cells.z.shape).copy()
-    elif cells.zone is not None:
-        ground = 1 if cells.material_ground is None else cells.material_ground
-        of_materials = _filled(kept[ground], of_rocks)
-    else:
-        everywhere = (large if of_rocks[0] == number[large.name] else small,)
-    return scene.replace(
-        grounds=everywhere or (*rules, *others), material_ground=of_materials, cell_ground=of_cells,
-    )  # fmt: skip
-
-
-def _filled(numbers: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Ground numbers with zeros replaced by others."""
-    return np.where(numbers, numbers, others).astype(np.int8)
-
-
-def _choice(scene: Scene, sizes: np.ndarray, small: int, large: int) -> np.ndarray:
-    """Ground, of two, for rocks of these sizes; obstacle heights are diameters, as in
-    Rockyfor3D."""
-    obstacles = sizes if scene.case.surface["method"] == "A" else sizes / radius_over_rg(scene.case)
-    return np.where(obstacles >= LARGE, np.int8(large), np.int8(small))
-
-
 def _rows(result: xr.Dataset, first: xr.Dataset) -> Iterator[dict[str, Any]]:
     """Numbers of a result, and their differences from those of the first."""
     source = sources(result)
     for k, line in enumerate(line_names(result)):
-        speeds = line_numbers(result, k, "speed", source)
         crossed, before = (has_crossed(run, k) for run in (result, first))
-        apart = NO_DIFFERENCE
-        if result is not first:
-            apart = _fraction_difference(crossed, before, source)
-        yield {
-            "line": line, "quantity": "boulders", "statistic": "fraction",
-            **_row(speeds, "fraction"),
-            **apart,
-        }  # fmt: skip
+        apart = NONE if result is first else changed_sides(crossed, before, source)
+        speeds = line_numbers(result, k, "speed", source)
+        yield _row(line, "boulders", "fraction", speeds, apart)
         for quantity in QUANTITIES:
             numbers = line_numbers(result, k, quantity, source)
             value, other = (line_values(run, quantity, k) for run in (result, first))
-            for statistic in ("mean", "q95"):
-                row = _row(numbers, statistic)
-                row |= _mean_difference(value, other, source) if statistic == "mean" else {}
-                yield {"line": line, "quantity": quantity, "statistic": statistic, **row}
+            apart = difference_of_means(value, other, source)
+            yield _row(line, quantity, "mean", numbers, apart)
+            yield _row(line, quantity, "q95", numbers)
     distance, other = (run["plan_distance"].values for run in (result, first))
     numbers = {"n": distance.size, **sample_numbers(distance, source)}
-    for statistic in ("mean", "q95"):
-        row = _row(numbers, statistic)
-        row |= _difference(distance - other, source) if statistic == "mean" else {}
-        yield {"line": "", "quantity": RUN_OUT, "statistic": statistic, **row}
+    yield _row("", RUN_OUT, "mean", numbers, mean_difference(distance - other, source))
+    yield _row("", RUN_OUT, "q95", numbers)
 
 
-def _row(numbers: dict[str, float], statistic: str) -> dict[str, float]:
-    limits = {end or "value": numbers.get(f"{statistic}{end and '_'}{end}", np.nan)
-             for end in ("", "low", "high")}  # fmt: skip
-    return {"n": numbers["n"], **limits}
-
-
-def _difference(each: np.ndarray, source: Sources) -> dict[str, float]:
-    """Mean difference over boulders, with its interval; a single boulder has none."""
-    if not each.any():
-        return NO_DIFFERENCE
-    numbers = sample_numbers(each, source, signed=True)
-    limits = (numbers.get(f"mean_{end}", np.nan) for end in ("low", "high"))
-    return dict(zip(COLUMNS[-3:], (float(each.mean()), *limits), strict=True))
-
-
-def _fraction_difference(
-    crossed: np.ndarray, other: np.ndarray, source: Sources
-) -> dict[str, float]:
-    """Difference of the fractions of boulders that crossed. If boulders change sides in one
-    direction only, it is that fraction: unlike normal intervals, this one is bounded by 0 and 1."""
-    gained, lost = crossed & ~other, other & ~crossed
-    if gained.any() and lost.any():
-        return _difference(crossed * 1.0 - other, source)
-    moved, low, high = fraction_interval(gained | lost, source)
-    ends = (moved, low, high) if gained.any() else (-moved, -high, -low)
-    return dict(zip(COLUMNS[-3:], ends if moved else (0.0, -high, high), strict=True))
-
-
-def _mean_difference(value: np.ndarray, other: np.ndarray, source: Sources) -> dict[str, float]:
-    """Difference of the means over the boulders that crossed by either model. Each mean is a ratio
-    of means over all boulders; the interval is that of their difference, linearised (Cochran
-    1977)."""
-    fewest = min(np.isfinite(values).sum() for values in (value, other))
-    if not fewest:
-        return dict.fromkeys(COLUMNS[-3:], np.nan)
-    if np.array_equal(value, other, equal_nan=True):
-        return NO_DIFFERENCE
-    parts, means = [], []
-    for values in (value, other):
-        crossed = ~np.isnan(values)
-        means.append(float(values[crossed].mean()))
-        parts.append(np.where(crossed, values - means[-1], 0.0) / crossed.mean())
-    if fewest < 2:
-        return dict(zip(COLUMNS[-3:], (means[0] - means[1], np.nan, np.nan), strict=True))
-    apart = _difference(parts[0] - parts[1], source)
-    difference = means[0] - means[1]
-    return {name: difference + number - apart["difference"] for name, number in apart.items()}
+def _row(
+    line: str,
+    quantity: str,
+    statistic: str,
+    numbers: Mapping[str, float],
+    apart: Difference | tuple[()] = (),
+) -> dict[str, Any]:
+    values = [line, quantity, statistic, numbers["n"], *limited(numbers, statistic), *apart]
+    return dict(zip(COLUMNS[1:], values, strict=False))  # quantiles have no difference

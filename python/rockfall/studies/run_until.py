@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs that end when the confidence intervals at the lines reach a requested width."""
+"""Runs that end when the confidence intervals at the lines reach a requested width.
+
+This is no study of several scenes (`rockfall.studies.study`): it is one run, whose tallies go on
+with more boulders until they are enough.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,7 +18,7 @@ from rockfall.analysis.line_statistics import QUANTILES, QUANTITIES, numbers, qu
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import CROSSED, boulders_needed, half_width
 from rockfall.analysis.precision.samples import Sample
-from rockfall.analysis.validity.warnings import warn_of_model, with_model_warnings
+from rockfall.analysis.validity.warnings import warned_of_model
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
@@ -31,6 +34,7 @@ from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import Interrupted, check_tallies, run_chunks, start, trace
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import make_result
+from rockfall.studies.study import with_numbers
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,10 +108,7 @@ def run_until(
     """
     scene = read_scene(case, **arrays)
     warn_of(scene)
-    result = run_scene_until(scene, rules, cap, progress=progress, keep=False)
-    result = with_model_warnings(result)
-    warn_of_model(result)
-    return result
+    return warned_of_model(run_scene_until(scene, rules, cap, progress=progress, keep=False))
 
 
 def run_scene_until(scene: Scene, rules: str, cap: int | None = None, **how: Any) -> xr.Dataset:
@@ -131,7 +132,7 @@ def simulate_until(
     n, total, tally = min(cap, -(-FIRST // scene.x.size)), 0, None
     with interrupts() as interrupted, progress_bar(0, shown=progress) as advance:
         while True:
-            tally = _next_tally(_with_boulders(scene, n), tally)
+            tally = _next_tally(with_numbers(scene, boulders=n, boulders_total=None), tally)
             total += tally.scene.boulders - tally.done
             advance(0, total)
             run_chunks(tally, None, interrupted, advance)
@@ -151,11 +152,6 @@ def simulate_until(
     if interrupted():
         raise Interrupted(result)
     return result
-
-
-def _with_boulders(scene: Scene, n: int) -> Scene:
-    numbers = {"boulders": n, "boulders_total": None}
-    return replace(scene, case=scene.case.replace(case=numbers))
 
 
 def _next_tally(scene: Scene, last: Tally | None) -> Tally:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rockfall.analysis.validity.warnings import warn_of_model, with_model_warnings
+from rockfall.analysis.validity.warnings import warned_of_model
 from rockfall.case import Case
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import warn_of
@@ -50,11 +50,7 @@ def run(
     warn_of(scene)
     how: dict[str, Any] = {"progress": progress, "threads": threads, "chunk": chunk, "shard": shard}
     result = run_scene(scene, keep=False, **how)
-    if shard != (1, 1):
-        return result
-    result = with_model_warnings(result)
-    warn_of_model(result)
-    return result
+    return result if shard != (1, 1) else warned_of_model(result)
 
 
 def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
@@ -70,6 +66,4 @@ def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
     >>> rockfall.merge(parts).sizes["boulder"]
     20
     """
-    result = with_model_warnings(join(parts).dataset())
-    warn_of_model(result)
-    return result
+    return warned_of_model(join(parts).dataset())

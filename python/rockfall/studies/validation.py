@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -21,15 +21,11 @@ from rockfall.analysis.observed.run_out import (
     pooled_samples,
     weights,
 )
-from rockfall.analysis.validity.remarks import model_warnings
-from rockfall.analysis.validity.warnings import joined_warnings
 from rockfall.case import Case
 from rockfall.errors import RockfallError
-from rockfall.language import Text
 from rockfall.result.crossings import line_names, line_values
-from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import run_scene
-from rockfall.studies.models import by_tables, named_notes, variants
+from rockfall.studies.model_scenes import by_tables, named_notes, variants
+from rockfall.studies.study import ROWS_ONLY, Study, with_numbers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,38 +95,33 @@ def validate(
 
     if seeds < FEWEST:
         raise RockfallError(f"--seeds {seeds}: at least {FEWEST} are needed for an error")
-    case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"})
+    case = case.replace(output=ROWS_ONLY)
     notes: list[str] = []
     laws = dict(variants(case, (), notes))
-    own = next(iter(laws.values()))
-    laws |= by_tables(case, own, tables, notes)
-    notes += named_notes(own)
-    check_exchanged(seen, own.grid)
+    own_scene = next(iter(laws.values()))
+    laws |= by_tables(case, own_scene, tables, notes)
+    notes += named_notes(own_scene)
+    check_exchanged(seen, own_scene.grid)
     notes += unit_notes(seen)
     first = int(case.case["seed"]) + 1
     numbers = tuple(range(first, first + seeds))
-    rows: list[dict[str, Any]] = []
-    limits: dict[str, list[Text]] = {}
     total = sum(scene.boulders for scene in laws.values()) * seeds
-    with progress_bar(total, shown=progress) as advance:
-        for name, scene in laws.items():
-            runs = []
-            for seed in numbers:
-                result = run_scene(replace(scene, case=scene.case.replace(case={"seed": seed})))
-                advance(result.sizes["boulder"])
-                limits.setdefault(name, model_warnings(result, scene.case))
-                runs.append(numbers_beside([(result, seen)]))
-            rows += [{"law": name, **row} for row in over_runs(runs)]
+    runs: dict[str, list[dict[Key, Number]]] = {name: [] for name in laws}
+    with Study(total, progress=progress) as study:
+        for seed in numbers:
+            scenes = ((name, with_numbers(scene, seed=seed)) for name, scene in laws.items())
+            for name, own in study.run(scenes, lambda _, result: numbers_beside([(result, seen)])):
+                runs[name].append(own)
+    rows = [{"law": name, **row} for name, own in runs.items() for row in over_runs(own)]
     if not rows:
         raise RockfallError(
             f"{case.name}: nothing that was observed can be set beside it: places or distances of "
             "rest (with start_x, start_y where there are several sources), or lines of the case"
         )
-    table = pd.DataFrame(rows, columns=COLUMNS)
-    title = case.case["title"] or case.name
-    boulders = next(iter(laws.values())).boulders
-    warnings = tuple(joined_warnings(limits))
-    return Validation(title, boulders, numbers, tuple(laws), table, tuple(notes), warnings)
+    return Validation(
+        case.case["title"] or case.name, own_scene.boulders, numbers, tuple(laws),
+        pd.DataFrame(rows, columns=COLUMNS), tuple(notes), study.warnings,
+    )  # fmt: skip
 
 
 def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:

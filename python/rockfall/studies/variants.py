@@ -1,65 +1,165 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Variants of a protection compared with the first of them: paired differences at lines, and maps
-of difference.
+"""Variants of a protection: their runs, and paired differences from the first of them at lines.
 
-Variants with the same sources, boulders and seed have common random numbers: a boulder starts alike
-in each and draws the same numbers at its rebounds. Differences are taken boulder by boulder, so
-that chance common to both cancels. Intervals cover 95 % of the Monte Carlo error of a difference,
-not that of the model.
+Variants with the same sources, boulders and seed have common random numbers; see
+`rockfall.analysis.precision.paired`.
 """
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.precision.intervals import (
-    WITHHELD,
-    Shape,
-    Sources,
-    between_ranks,
-    fraction_interval,
-    sources,
+from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
+from rockfall.analysis.precision.paired import (
+    Difference,
+    difference,
+    difference_of_fractions,
+    mean_of,
+    quantile_of,
 )
-from rockfall.case import case_of
+from rockfall.analysis.validity.warnings import warn_each, with_model_warnings
+from rockfall.case import Case, case_of
+from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
-from rockfall.files.export import write_map
-from rockfall.io.output_files import atomic_folder
-from rockfall.io.rasters.arrays import grid_of
-from rockfall.io.tables import write_csv
-from rockfall.kernel_rules import Z
-from rockfall.limits import MIN_FOR_MEAN
+from rockfall.language import say
 from rockfall.result.crossings import line_names, line_values, outcomes_at
 from rockfall.result.same_case import check_same_site
 from rockfall.result.samples import check_rows, simulated
 from rockfall.result.variables import OUTCOME
-from rockfall.simulation.maps import boulders_per_cluster, count_limits
+from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import implausible
+from rockfall.scene.scene import Scene
+from rockfall.simulation.memory import machine_memory
+from rockfall.studies.study import NO_CHECKPOINTS, Study
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from rockfall.simulation.parts.checkpoint import Checkpoint
+
 QUANTITIES = ("speed", "upper_edge", "energy_total")
-LEVEL = 0.95
 COLUMNS = ["line", "variant", "quantity", "statistic", "n", "value", "difference",
            "difference_low", "difference_high", "verdict", "value_low", "value_high"]  # fmt: skip
 LESS, MORE, UNDECIDED = "less", "more", "undecided"
-OF_A_CELL = 1e-6  # tolerance of the places of cells
 STARTS = ("start_x", "start_y", "volume")
-MAPS = re.compile(r"(energy|speed|jump_height|passing_height)_(mean|max|max_map|q\d+)")
 
 
-class Estimate(NamedTuple):
-    """A statistic of the boulders that pass a line, and what each released boulder contributes to
-    its error (its influence, of mean 0; Hampel 1974). NaN, and no influence, from too few."""
+def run_variants(
+    case: Case,
+    *,
+    progress: bool = False,
+    threads: int | None = None,
+    memory: float | None = None,
+    **arrays: Any,
+) -> dict[str, xr.Dataset]:
+    """Run each &variant of a case: results by name, for `compare_variants` and `report_variants`.
 
-    value: float
-    influence: np.ndarray | None = None
+    All variants have the seed of the case, and so common random numbers. All are read and checked
+    before the first is run; one whose boulders would start elsewhere, or have other volumes, is
+    refused. `arrays` are the same for all; arguments are as in `rockfall.run`.
+
+    >>> import rockfall
+    >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
+    >>> case = rockfall.read_case("case.nml").replace(
+    ...     barrier=[net | {"height": 3.0, "class": 4}],
+    ...     variant=[{"name": "bare", "without": ["barrier"]}, {"name": "with net"}],
+    ... )
+    >>> results = rockfall.run_variants(case)
+    >>> sorted(set(rockfall.compare_variants(results)["variant"]))
+    ['bare', 'with net']
+    """
+    memory = memory or machine_memory()
+    for remark in check_variant_scenes(case, memory=memory, **arrays):
+        warnings.warn(remark, stacklevel=2)
+    how: dict[str, Any] = {"progress": progress, "threads": threads}
+    results, limits = run_each(case, memory=memory, **how, **arrays)
+    warn_each(limits)
+    return {name: with_model_warnings(result) for name, result in results.items()}
+
+
+def run_each(
+    case: Case,
+    *,
+    progress: bool = False,
+    threads: int | None = None,
+    checkpoints: Mapping[str, Checkpoint] = NO_CHECKPOINTS,
+    **given: Any,
+) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
+    """Results of variants that `check_variant_scenes` has passed, and the warnings on their models;
+    each resumes from its checkpoint. `given`: see `read_scene`."""
+    study = Study(progress=progress, threads=threads, checkpoints=checkpoints, keep=False)
+    scenes = ((name, read_scene(own, **given)) for name, own in variants(case).items())
+    return dict(study.run(scenes, lambda _, result: result)), study.warnings
+
+
+def check_variant_scenes(case: Case, **how: Any) -> list[str]:
+    """Read every variant, one at a time, and return remarks on likely mistakes. Variants whose
+    results could not be compared raise a RockfallError. `how`: see `read_scene`."""
+    cases = variants(case)
+    if len(cases) < 2:
+        raise RockfallError(
+            f"{case.name}: &variant: {len(cases)} of them; a comparison needs two or more"
+        )
+    if case.output["kept"] != "all":
+        raise RockfallError(
+            f"{case.name}: &output kept = '{case.output['kept']}': variants are compared boulder "
+            "by boulder; must be 'all'"
+        )
+    remarks: list[str] = []
+    first: tuple[str, dict[str, Any]] | None = None
+    ours: tuple[float, ...] = ()
+    for name, variant in cases.items():
+        with naming_variant(case, name):
+            scene = read_scene(variant, **how)
+        starts = _starts(scene)
+        first = first or (name, starts)
+        if differing := [key for key, value in starts.items() if not _same(value, first[1][key])]:
+            raise RockfallError(
+                f"{case.name}: &variant name = '{name}': its {differing[0]} are not those of "
+                f"'{first[0]}', with which it is compared boulder by boulder"
+            )
+        for line in implausible(scene):
+            remarks.append(f"variant {name}: {line.removeprefix(f'{case.name}: ')}")
+        extent = scene.grid.west, scene.grid.south, scene.grid.east, scene.grid.north
+        ours = ours or extent
+        apart = max(abs(a - b) for a, b in zip(extent, ours, strict=True))
+        if apart > scene.grid.cell:
+            remarks.append(say("input.other_extent", name=name, apart=apart, first=first[0]))
+    return remarks
+
+
+def _starts(scene: Scene) -> dict[str, Any]:
+    """Inputs that decide on the starts and volumes of boulders, by their names in messages."""
+    own = None if scene.source_boulders is None else scene.source_boulders.volume
+    features = scene.features
+    of_case = {key: value for key, value in scene.case.boulder.items() if "volume" in key}
+    of_layer = () if features is None else (features.number, features.law, features.value)
+    return {
+        "sources": (scene.x, scene.y),
+        "boulders of each source": (scene.boulders, scene.weight),
+        "volumes": (of_case, own, *of_layer[:2], _volumes(of_layer)),
+    }
+
+
+def _volumes(of_layer: tuple[Any, ...]) -> np.ndarray | None:
+    """Mean, deviation and limits of the volumes that a layer gives."""
+    return of_layer[2][:, :4] if of_layer and of_layer[2] is not None else None
+
+
+def _same(first: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
+    """Return True if all values of two tuples, numbers or arrays, are equal."""
+    return len(first) == len(other) and all(map(_equal, first, other))
+
+
+def _equal(first: Any, other: Any) -> bool:
+    if isinstance(first, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(first, other, equal_nan=first.dtype.kind == "f")
+    return type(first) is type(other) and bool(first == other)
 
 
 def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
@@ -161,7 +261,7 @@ def _rows(
     for threshold in dict.fromkeys((0.0, *thresholds)):
         passing = here["energy_total"] >= 1000.0 * threshold
         statistic = f"above_{threshold:.10g}" if threshold else "fraction"
-        compared: tuple[float, ...] = ()
+        compared: Difference | tuple[()] = ()
         if before is not None:
             was_passing = before["energy_total"] >= 1000.0 * threshold
             compared = difference_of_fractions(passing, was_passing, source)
@@ -182,177 +282,3 @@ def _verdict(value: float, low: float, high: float) -> dict[str, object]:
     return {
         "difference": value, "difference_low": low, "difference_high": high, "verdict": verdict,
     }  # fmt: skip
-
-
-# ---- differences
-
-
-def difference_of_fractions(
-    passing: np.ndarray, before: np.ndarray, source: Sources
-) -> tuple[float, float, float]:
-    """Difference of the fractions of the boulders that pass, and the limits of its interval."""
-    (p, p_low, p_high), (q, q_low, q_high) = (
-        fraction_interval(fraction, source) for fraction in (passing, before)
-    )
-    correlation = _correlation(passing, before, source)
-    low = _hypotenuse(p - p_low, q_high - q, correlation)
-    high = _hypotenuse(p_high - p, q - q_low, correlation)
-    return p - q, p - q - low, p - q + high
-
-
-def _hypotenuse(first: float, other: float, correlation: float) -> float:
-    return math.sqrt(max(0.0, first**2 - 2 * correlation * first * other + other**2))
-
-
-def _correlation(passing: np.ndarray, before: np.ndarray, source: Sources) -> float:
-    """Correlation of two indicators of boulders within their sources, or, if these are sampled, of
-    their sums over sources."""
-
-    def apart(indicator: np.ndarray) -> np.ndarray:
-        if source.sampled:
-            return np.bincount(source.number, indicator - indicator.mean())
-        n = np.maximum(source.released, 1)
-        return indicator - (np.bincount(source.stratum, indicator, n.size) / n)[source.stratum]
-
-    outer, other = apart(passing.astype(float)), apart(before.astype(float))
-    size = math.sqrt((outer @ outer) * (other @ other))
-    return float(outer @ other / size) if size else 0.0
-
-
-def difference(here: Estimate, before: Estimate, source: Sources) -> tuple[float, float, float]:
-    """Difference of two estimates from the same boulders, and the limits of its interval; NaN if
-    either comes from too few."""
-    value = here.value - before.value
-    if here.influence is None or before.influence is None:
-        return value, *WITHHELD
-    apart = here.influence - before.influence
-    low, high = source.sums(apart - apart.mean()).limits_of_mean(Shape.of(apart), signed=True)
-    return value, value + low, value + high
-
-
-def mean_of(values: np.ndarray) -> Estimate:
-    """Mean of the values that are not NaN."""
-    has = ~np.isnan(values)
-    if has.sum() < MIN_FOR_MEAN:
-        return Estimate(float(np.mean(values[has])) if has.any() else math.nan)
-    mean = float(values[has].mean())
-    return Estimate(mean, np.where(has, values - mean, 0.0) / has.mean())
-
-
-def quantile_of(values: np.ndarray, level: float = LEVEL) -> Estimate:
-    """Quantile of the values that are not NaN. The density at it, which its influence needs, is
-    that between the order statistics that enclose it (Woodruff 1952)."""
-    has = ~np.isnan(values)
-    if not has.any():
-        return Estimate(math.nan)
-    ordered = np.sort(values[has])
-    quantile = float(np.quantile(ordered, level))
-    low, high = between_ranks(ordered, level, ordered.size)
-    if not np.isfinite(high - low):
-        return Estimate(quantile)
-    of_rank = (high - low) / (2 * Z * math.sqrt(level * (1 - level) / ordered.size))
-    below = np.where(has, level - (values <= quantile), 0.0)
-    return Estimate(quantile, of_rank * below / has.mean())
-
-
-# ---- maps
-
-
-def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray]:
-    """Maps of the difference of each variant from the first, by name: of the fraction of boulders
-    that pass a cell, its verdict (-1 less, 1 more, 0 undecided), and of those maps of energy, speed
-    and height that both have, where boulders pass in both.
-
-    Results do not record which boulders pass a cell, so that the fractions are taken as
-    independent. The intervals are then too wide for common random numbers: the verdict of a cell
-    may be undecided where a line would show a difference, never the reverse.
-    """
-    import xarray as xr
-
-    check_variants(results)
-    if not have_passages(results):
-        raise RockfallError("maps of difference need &output maps = 'passages' in all variants")
-    (_, first), *others = results.items()
-    maps: dict[str, xr.DataArray] = {}
-    for name, other in others:
-        _check_grid(first, other, name)
-        keys = [
-            key
-            for key, of_first in first.data_vars.items()
-            if of_first.dims == ("y", "x") and MAPS.fullmatch(str(key)) and key in other
-        ]
-        pair = xr.align(first[["passages", *keys]], other[["passages", *keys]], join="outer")
-        (p, p_low, p_high), (q, q_low, q_high) = (
-            _fractions(passages["passages"].fillna(0).values, result)
-            for passages, result in zip(pair, (first, other), strict=True)
-        )
-        low = q - p - np.hypot(q - q_low, p_high - p)
-        high = q - p + np.hypot(q_high - q, p - p_low)
-        verdict = np.where(high < 0, -1, np.where(low > 0, 1, 0))
-        of_variant = {
-            "passing": (
-                (q - p).astype("f4"),
-                {"units": "1", "long_name": f"fraction of boulders that pass: {name} less first"},
-            ),
-            "verdict": (
-                verdict.astype("i1"),
-                {"units": "1", "long_name": f"{name}: passes less -1, more 1, undecided 0"},
-            ),
-        } | {key: ((pair[1][key] - pair[0][key]).values, dict(first[key].attrs)) for key in keys}
-        for key, (values, attrs) in of_variant.items():
-            like = pair[0]["passages"].assign_coords(crs=first["crs"]).drop_encoding()
-            maps[f"{name}_{key}"] = like.copy(data=values)
-            maps[f"{name}_{key}"].attrs = attrs | {"grid_mapping": "crs"}
-    return maps
-
-
-def have_passages(results: Mapping[str, xr.Dataset]) -> bool:
-    """Return True if all variants have the map on which maps of difference are based."""
-    return all("passages" in result for result in results.values())
-
-
-def on_same_cells(results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-    """The first variant, and those whose maps have its cells."""
-    first = next(iter(results.values()))
-    return {name: result for name, result in results.items() if _same_cells(first, result)}
-
-
-def _same_cells(first: xr.Dataset, other: xr.Dataset) -> bool:
-    """Return True if maps of two results are on the cells of one grid."""
-    ours, theirs = (grid_of(data["passages"])[0] for data in (first, other))
-    steps = np.array([theirs.west - ours.west, theirs.north - ours.north]) / ours.cell
-    return theirs.cell == ours.cell and float(np.abs(steps - np.round(steps)).max()) <= OF_A_CELL
-
-
-def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
-    """Refuse maps of other cells."""
-    if not _same_cells(first, other):
-        ours, theirs = (grid_of(data["passages"])[0] for data in (first, other))
-        raise RockfallError(
-            f"{name}: maps of difference need the cells of the first variant, of {ours.cell:g} m; "
-            f"its terrain has others, of {theirs.cell:g} m: compare without maps"
-        )
-
-
-def _fractions(counts: np.ndarray, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fractions of the boulders that pass cells, and the limits of their intervals."""
-    boulders = simulated(result)
-    starts = (result[f"start_{axis}"].values for axis in "xy")
-    per_cluster = boulders_per_cluster(case_of(result), *starts)
-    low, high = count_limits(counts.astype("i4"), boulders, per_cluster)
-    return counts / boulders, low, high
-
-
-def write_variants(
-    table: pd.DataFrame,
-    maps: Mapping[str, xr.DataArray],
-    folder: str | Path,
-    inputs: Iterable[str | Path] = (),
-) -> list[Path]:
-    """Write the table as differences.csv, and maps as GeoTIFF, to a folder: all of them or, with a
-    RockfallError, none; `inputs` are files that must not be replaced."""
-    folder = Path(folder)
-    with atomic_folder(folder, inputs) as part:
-        write_csv(table, part / "differences.csv")
-        made = [write_map(part / f"{name}.tif", data) for name, data in maps.items()]
-    return [folder / "differences.csv", *(folder / path.name for path in made)]

@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from rockfall.protection.siting import BEST, NOT_TOLD_APART, YES
 from rockfall.quantities import number
+from rockfall.studies.siting import BEST, NOT_TOLD_APART, YES
 from rockfall.text.design import class_name, factor_lines, needed, shown
 from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
-    from rockfall.protection.siting import Siting
+    from rockfall.studies.siting import Siting
 
 ABOUT = """\
 Of the boulders that cross each alignment, in brackets 95 % confidence intervals of the Monte Carlo

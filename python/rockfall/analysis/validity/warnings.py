@@ -56,11 +56,12 @@ def with_model_warnings(result: Result) -> Result:
     return result.assign_attrs({MODEL_WARNINGS: "\n".join(texts)})
 
 
-def warn_of_model(*results: xr.Dataset) -> None:
-    """Issue the warnings in the attributes of results as Python warnings, each once, attributed to
-    the caller's caller."""
-    lines = (line for result in results for line in result.attrs[MODEL_WARNINGS].splitlines())
-    warn_each(dict.fromkeys(lines), stacklevel=4)
+def warned_of_model(result: Result) -> Result:
+    """Result with the warnings on its model, which are issued as Python warnings, too, attributed
+    to the caller's caller."""
+    result = with_model_warnings(result)
+    warn_each(dict.fromkeys(result.attrs[MODEL_WARNINGS].splitlines()), stacklevel=4)
+    return result
 
 
 def warn_each(texts: Iterable[str], stacklevel: int = 3) -> None:

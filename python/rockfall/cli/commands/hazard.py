@@ -4,29 +4,27 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
 from pathlib import Path
 
+from rockfall.analysis.hazard.finished import is_finished
 from rockfall.analysis.hazard.scenarios import base_case
 from rockfall.analysis.hazard.variables import map_names
 from rockfall.analysis.objects.segments import Roads
 from rockfall.case import Case
 from rockfall.case.files import input_files
-from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
+from rockfall.cli.checkpoints import (
+    check_study_folder,
+    is_done,
+    study_checkpoints,
+    study_interrupted,
+)
 from rockfall.cli.given import memory_of, overridden, stem_of
 from rockfall.cli.messages import DONE, print_files, say, warn
-from rockfall.errors import RockfallError, need
+from rockfall.errors import need
 from rockfall.files.hazard_files import put_hazard
 from rockfall.interrupts import interrupts
 from rockfall.io.files import atomic_write
-from rockfall.io.output_files import (
-    EXISTS,
-    atomic_folder,
-    check_folder,
-    check_output,
-    check_outputs,
-    overwriting,
-)
+from rockfall.io.output_files import atomic_folder, check_output, overwriting
 from rockfall.language import catalogue, speaking
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.plots.hazard.hazard_sheet import Imprint, hazard_sheet, warning_pages
@@ -36,8 +34,7 @@ from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.parts.finished import FINISHED
 from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.simulate import Interrupted
-from rockfall.studies.finished_hazard import is_finished
-from rockfall.studies.hazard import Study, read_study, run_study
+from rockfall.studies.hazard import HazardInputs, read_study, run_study
 from rockfall.text.hazard import hazard_summary, hazard_warnings, warning_groups
 
 DOTS = 200  # of figures, per inch
@@ -59,23 +56,21 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     made = folder / "hazard.nc"
     is_there = arguments.resume and made.exists()
     with overwriting(arguments.overwrite or is_there):
-        _check_place(folder, case, inputs)
+        check_study_folder(folder, _files(case), inputs)
     with locked(folder.resolve(), warn):
         runs = [f"scenario{k}" for k in range(1, len(case.scenario) + 1)]
         checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a hazard")
         memory = memory_of(arguments)
         study = _study(arguments, case, memory)
-        if is_there and not any(checkpoint.path.exists() for checkpoint in checkpoints):
-            if is_finished(made, study.case, study.scene, study.objects, study.segments):
-                return say(f"{folder}: {FINISHED}", DONE)
-        if is_there and not arguments.overwrite:
-            raise RockfallError(f"{made}: {EXISTS}")
+        inputs_of = study.case, study.scene, study.objects, study.segments
+        if is_done(arguments, [made], checkpoints, lambda: is_finished(made, *inputs_of)):
+            return say(f"{folder}: {FINISHED}", DONE)
         for line in study.remarks:
             warn(line)
         return _run_to(arguments, folder, study, checkpoints, inputs)
 
 
-def _study(arguments: argparse.Namespace, case: Case, memory: float | None = None) -> Study:
+def _study(arguments: argparse.Namespace, case: Case, memory: float | None = None) -> HazardInputs:
     roads = Roads(arguments.segments, arguments.segments_layer, arguments.segment_length)
     objects = arguments.objects, memory, arguments.objects_layer, arguments.vulnerability
     return read_study(case, *objects, roads)
@@ -99,7 +94,7 @@ def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) 
 def _run_to(
     arguments: argparse.Namespace,
     folder: Path,
-    study: Study,
+    study: HazardInputs,
     checkpoints: list[Checkpoint],
     inputs: list[Path],
 ) -> int:
@@ -132,11 +127,8 @@ def _run_to(
     return DONE
 
 
-def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None:
-    """Refuse a folder to which the files cannot be written, before the runs start."""
-    check_folder(folder)
-    if not folder.resolve().parent.is_dir():
-        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
+def _files(case: Case) -> list[str]:
+    """Names of the files of a hazard."""
     names = ["hazard.nc", "hazard.gpkg"]
     names += [f"{name}.csv" for name in ("objects", "risk", "segments", "return_periods")]
     names += ["hazard_class.png", "risk.png", "segments.png", SHEET]
@@ -144,5 +136,4 @@ def _check_place(folder: Path, case: Case, inputs: Iterable[str | Path]) -> None
     periods = (
         shown("return_period", return_period) for return_period in case.hazard["return_periods"]
     )
-    names += [f"intensity_{period}.png" for period in periods]
-    check_outputs([folder / name for name in names], inputs)
+    return [*names, *(f"intensity_{period}.png" for period in periods)]

@@ -27,11 +27,11 @@ from rockfall.plots.studies.siting_figure import siting_figure
 from rockfall.plots.style import save
 from rockfall.protection.design import Design, design
 from rockfall.protection.factors import COLUMNS, Conditions
-from rockfall.protection.siting import CONDITIONS, Siting, site
 from rockfall.result.dataset import read_result, write_result
 from rockfall.result.same_case import check_same_site
 from rockfall.scene.layers import file_checksum
 from rockfall.simulation.memory import read_memory
+from rockfall.studies.siting import CONDITIONS, Siting, site
 from rockfall.text.design import design_text
 from rockfall.text.siting import siting_text
 

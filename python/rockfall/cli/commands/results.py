@@ -25,7 +25,8 @@ from rockfall.io.tables import plain_decimal, write_csv
 from rockfall.plots.hazard.hazard_sheet import Imprint
 from rockfall.products import Added, export_with, figures, report, report_variants
 from rockfall.result.dataset import read_result
-from rockfall.studies.variants import compare_variants, difference_maps, write_variants
+from rockfall.studies.difference_maps import difference_maps, write_variants
+from rockfall.studies.variants import compare_variants
 from rockfall.text.comparison import ranks_text, text
 from rockfall.text.line_details import print_groups, print_profile
 from rockfall.text.line_tables import print_lines

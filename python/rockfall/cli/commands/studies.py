@@ -4,18 +4,18 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
 from rockfall.analysis.observed.observations import read_observed
 from rockfall.case import Case
 from rockfall.case.files import input_files
+from rockfall.cli.checkpoints import check_study_folder
 from rockfall.cli.given import given_case, given_options, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE, say, warn_each
-from rockfall.errors import RockfallError, need
+from rockfall.errors import need
 from rockfall.interrupts import exit_status
-from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.output_files import atomic_folder, check_outputs
 from rockfall.io.rasters.grid import Grid
 from rockfall.io.rasters.raster import dem_header
 from rockfall.io.tables import write_csv
@@ -27,7 +27,7 @@ from rockfall.plots.style import save
 from rockfall.simulation.simulate import StudyInterrupted
 from rockfall.studies.back.files import check_back, write_back
 from rockfall.studies.back.study import Back, back_analysis
-from rockfall.studies.convergence import Convergence, converge
+from rockfall.studies.convergence import converge
 from rockfall.studies.ensemble.study import check_place, run_ensemble, write_ensemble
 from rockfall.studies.models import run_models, write_models
 from rockfall.studies.validation import validate
@@ -103,14 +103,17 @@ def convergence_command(arguments: argparse.Namespace) -> int:
     folder = arguments.output or Path(f"{stem_of(arguments)}_convergence")
     case = given_case(arguments)
     inputs = list(input_files(case))
-    check_writable(folder, inputs)
+    _check_folder(folder, FILES, "convergence", inputs)
     given = given_options(arguments, ("boulders", "reference"))
     warn_of_inputs(case)
     study = converge(case, **given, progress=True)
-    paths = write_convergence(study, folder, inputs)
+    with atomic_folder(folder, inputs) as part:
+        for name in TABLES:
+            write_csv(getattr(study, name), part / f"{name}.csv")
+        figure(study, [part / name for name in DRAWINGS])
     warn_each(study.model_warnings)
     print(text(study))
-    print("", *paths, sep="\n")
+    print("", *(folder / name for name in FILES), sep="\n")
     return DONE
 
 
@@ -148,31 +151,8 @@ def validate_command(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def write_convergence(
-    convergence: Convergence, folder: Path, inputs: Iterable[str | Path] = ()
-) -> list[Path]:
-    """Write all of FILES to a folder, or none; over no file of the `inputs`."""
-    inputs = list(inputs)
-    check_writable(folder, inputs)
-    with atomic_folder(folder, inputs) as part:
-        for name in TABLES:
-            write_csv(getattr(convergence, name), part / f"{name}.csv")
-        figure(convergence, [part / name for name in DRAWINGS])
-    return [folder / name for name in FILES]
-
-
-def check_writable(folder: Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse a folder to which `write_convergence` cannot write, before the runs start."""
-    _check_folder(folder, FILES, "convergence", inputs)
-
-
 def _check_folder(
     folder: Path, files: Iterable[str], study: str, inputs: Iterable[str | Path]
 ) -> None:
     need(f"{study} needs", "report", "matplotlib")
-    check_folder(folder)
-    if not folder.parent.is_dir():
-        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
-    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
-        raise RockfallError(f"{folder}: is not writable")
-    check_outputs([folder / name for name in files], inputs)
+    check_study_folder(folder, files, inputs)

@@ -8,11 +8,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rockfall.analysis.validity.warnings import joint_warnings
 from rockfall.case import Case, read_case
 from rockfall.case.files import input_files
 from rockfall.case.variants import variants
-from rockfall.cli.checkpoints import study_checkpoints, study_interrupted
+from rockfall.cli.checkpoints import (
+    check_study_folder,
+    is_done,
+    study_checkpoints,
+    study_interrupted,
+)
 from rockfall.cli.commands.results import IMPRINT
 from rockfall.cli.given import memory_of, with_overrides
 from rockfall.cli.messages import DONE, say, warn, warn_each, warnings_told
@@ -20,13 +24,7 @@ from rockfall.errors import RockfallError
 from rockfall.html_report.page import check_page_needs
 from rockfall.html_report.variants_page import check_yearly
 from rockfall.interrupts import interrupts
-from rockfall.io.output_files import (
-    EXISTS,
-    atomic_folder,
-    check_folder,
-    check_outputs,
-    overwriting,
-)
+from rockfall.io.output_files import atomic_folder, overwriting
 from rockfall.language import catalogue
 from rockfall.products import report_variants
 from rockfall.result.dataset import write_result
@@ -35,14 +33,13 @@ from rockfall.simulation.parts.finished import FINISHED, is_finished
 from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.simulate import Interrupted, start
 from rockfall.simulation.tally import origin_of
-from rockfall.studies.variant_runs import check_variant_scenes, run_each
-from rockfall.studies.variants import (
-    compare_variants,
+from rockfall.studies.difference_maps import (
     difference_maps,
     have_passages,
     on_same_cells,
     write_variants,
 )
+from rockfall.studies.variants import check_variant_scenes, compare_variants, run_each
 from rockfall.text.variants import comparison_notes, variants_text
 
 if TYPE_CHECKING:
@@ -54,12 +51,11 @@ def variants_command(arguments: argparse.Namespace) -> int:
     names, pages = list(variants(case)), _pages(arguments)
     folder = arguments.output or Path(f"{arguments.case.stem}_variants")
     inputs = list(input_files(case))
-    made = [
-        folder / name for name in (*(f"{name}.nc" for name in names), "differences.csv", *pages)
-    ]
+    files = [*(f"{name}.nc" for name in names), "differences.csv", *pages]
+    made = [folder / name for name in files]
     is_there = arguments.resume and any(path.exists() for path in made)
     with overwriting(arguments.overwrite or is_there):
-        _check_place(folder, made, inputs)
+        check_study_folder(folder, files, inputs)
     if pages:
         catalogue(arguments.language)  # refuses unknown languages before a file is read
         check_page_needs(pages[0])
@@ -70,17 +66,14 @@ def variants_command(arguments: argparse.Namespace) -> int:
         checkpoints = study_checkpoints(arguments, folder.resolve(), names, "a variant")
         memory = memory_of(arguments)
         remarks = check_variant_scenes(case, memory=memory)
-        if is_there and not any(checkpoint.path.exists() for checkpoint in checkpoints):
-            if all(path.exists() for path in made) and _are_finished(folder, case, memory):
-                return say(f"{folder}: {FINISHED}", DONE)
-        if is_there and not arguments.overwrite:
-            raise RockfallError(f"{next(filter(Path.exists, made))}: {EXISTS}")
+        if is_done(arguments, made, checkpoints, lambda: _are_finished(folder, case, memory)):
+            return say(f"{folder}: {FINISHED}", DONE)
         for remark in remarks:
             warn(remark)
         with interrupts():  # completed work is kept
             by_name = dict(zip(names, checkpoints, strict=True))
             try:
-                results = run_each(
+                results, limits = run_each(
                     case, memory=memory, progress=not arguments.quiet, checkpoints=by_name
                 )
             except Interrupted:
@@ -88,7 +81,7 @@ def variants_command(arguments: argparse.Namespace) -> int:
             paths = _write(case, results, folder, arguments, inputs)
         for checkpoint in checkpoints:
             checkpoint.remove()
-    warn_each(joint_warnings(results))
+    warn_each(limits)
     if not arguments.quiet:
         print(variants_text(compare_variants(results), "\n".join(comparison_notes(results))))
         print(*paths, sep="\n")
@@ -141,11 +134,3 @@ def _are_finished(folder: Path, case: Case, memory: float) -> bool:
         if not is_finished(folder / f"{name}.nc", origin_of(empty), boulders):
             return False
     return True
-
-
-def _check_place(folder: Path, made: Iterable[Path], inputs: Iterable[Path]) -> None:
-    """Refuse a folder to which the files cannot be written, before the runs start."""
-    check_folder(folder)
-    if not folder.resolve().parent.is_dir():
-        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
-    check_outputs(made, inputs)

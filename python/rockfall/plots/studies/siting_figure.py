@@ -10,14 +10,14 @@ import numpy as np
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.plots.style import BLUE, GREY, INK, VERMILION, WIDE, new_figure, plain, styled
 from rockfall.protection.demand import usable
-from rockfall.protection.siting import BEST, NOT_TOLD_APART
+from rockfall.studies.siting import BEST, NOT_TOLD_APART
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from rockfall.protection.siting import Siting
+    from rockfall.studies.siting import Siting
 
 LIMIT: dict[str, Any] = {"color": VERMILION, "lw": 0.9, "linestyle": (0, (5, 2))}
 

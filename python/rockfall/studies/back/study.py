@@ -4,7 +4,7 @@ with more members where it is high."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +24,6 @@ from rockfall.result.grounds import rebounds_by_ground
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import warn_of
 from rockfall.scene.scene import Scene
-from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import Interrupted, StudyInterrupted, run_scene
 from rockfall.studies.back.contributions import contributions
 from rockfall.studies.back.evidence import Evidence, as_record, evidence, predictive_p, shares
@@ -34,11 +33,13 @@ from rockfall.studies.ensemble.study import lean
 from rockfall.studies.ensemble.uncertain_inputs import (
     INPUTS,
     PAIR_FACTORS,
+    Draw,
     Uncertain,
     drawn_scene,
     has_rocks,
     normal_scores,
 )
+from rockfall.studies.study import Study
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -113,12 +114,12 @@ def back_analysis(
     _check_request(case, members, enough)
     rounds = _Rounds(_read(case.replace(ensemble={"runs": ROUND}), observed, arrays))
     stopped = False
-    with interrupts(), progress_bar(members, progress, "members") as advance:
+    with interrupts(), Study(members, "members", progress=progress) as study:
         try:
-            rounds.run(advance)
+            rounds.run(study)
             while effective(rounds.weight) < enough and len(rounds.cube) + ROUND <= members:
                 rounds.propose()
-                rounds.run(advance)
+                rounds.run(study)
         except Interrupted:
             stopped = True
     back = rounds.posterior(enough)
@@ -144,7 +145,7 @@ def _check_request(case: Case, members: int, enough: int) -> None:
 
 
 @dataclass(frozen=True)
-class _Study:
+class _Read:
     """Case, inputs and observations of a back-analysis."""
 
     case: Case
@@ -159,7 +160,7 @@ class _Study:
 
 def _read(
     case: Case, observed: tuple[str | Path | Observed, ...], arrays: Mapping[str, Any]
-) -> _Study:
+) -> _Read:
     """Read a case and the observations, with a run of the unchanged case."""
     read = read_scene(case, **arrays)
     warn_of(read)
@@ -180,13 +181,13 @@ def _read(
         _learn_noise(scene, inputs, data)
     notes = [*seen.notes, *unit_notes(seen), *notes]
     limits = tuple(model_warnings(base, scene.case))
-    return _Study(case, scene, inputs, _sought(inputs, base), data, counts, notes, limits)
+    return _Read(case, scene, inputs, _sought(inputs, base), data, counts, notes, limits)
 
 
 class _Rounds:
     """Members of a study, run in rounds: each learns from the likelihood of those before."""
 
-    def __init__(self, study: _Study) -> None:
+    def __init__(self, study: _Read) -> None:
         inputs, sought = study.inputs, study.sought
         self.study = study
         self.cube = inputs.design.reshape(-1, inputs.design.shape[-1])  # a row for each member
@@ -200,15 +201,15 @@ class _Rounds:
         self.by_data = np.empty((len(study.data), 0))
         self.weight = self.ahead = np.empty(0)
 
-    def run(self, advance: Callable[[int], None]) -> None:
+    def run(self, engine: Study) -> None:
         """Run the members of a round, and learn their likelihoods."""
         study = self.study
-        for number in range(len(self.rows), len(self.cube)):
-            row, values = _member(study.scene, study.inputs, self.cube[number], number, study.data)
-            self.rows.append(row)
-            for runs, value in zip(self.runs, values, strict=True):
-                runs.append(value)
-            advance(1)
+        runs = engine.run(
+            self._scenes(), lambda _, run: [item.kept(run) for item in study.data], compared=False
+        )
+        for _, kept in runs:
+            for of_item, value in zip(self.runs, kept, strict=True):
+                of_item.append(value)
         new = slice(self.by_data.shape[1], None)
         values = [
             item.log_likelihood(np.array(runs)[new])
@@ -219,6 +220,14 @@ class _Rounds:
         self.by_data = np.concatenate([self.by_data, by_data], axis=1)
         self.sampler.learn(by_data.sum(axis=0))
         self.weight, self.ahead = self.sampler.weights(), self.sampler.log_prior_weights()
+
+    def _scenes(self) -> Iterator[tuple[int, Scene]]:
+        """Scenes of the members of a round, by their numbers; what is drawn for each is noted."""
+        scene, inputs = self.study.scene, self.study.inputs
+        for number in range(len(self.rows), len(self.cube)):
+            draws = [inputs.at(name, self.cube[number], number) for name in inputs.names]
+            self.rows.append(_row(draws))
+            yield number, drawn_scene(scene, draws, inputs.boulders_seed(number))
 
     def propose(self) -> None:
         """Add the members of another round: near those of high likelihood, or of the prior."""
@@ -268,20 +277,17 @@ def _places(marks: list[Mark]) -> tuple[list[str], np.ndarray, np.ndarray]:
 
 def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
     """Measure the variation between runs that differ only in inputs that are not parameters."""
-    results = []
-    for k in range(REPLICATES):
-        draw = inputs.at("dem", inputs.design[0, 0], NOT_MEMBERS + k)
-        results.append(run_scene(drawn_scene(scene, [draw], inputs.boulders_seed(NOT_MEMBERS + k))))
-    for item in data:
-        item.learn_noise(np.array([item.kept(result) for result in results]))
+    scenes = (
+        (k, drawn_scene(scene, [inputs.at("dem", inputs.design[0, 0], k)], inputs.boulders_seed(k)))
+        for k in range(NOT_MEMBERS, NOT_MEMBERS + REPLICATES)
+    )
+    runs = Study().run(scenes, lambda _, run: [item.kept(run) for item in data], compared=False)
+    for item, values in zip(data, zip(*(kept for _, kept in runs), strict=True), strict=True):
+        item.learn_noise(np.array(values))
 
 
-def _member(
-    scene: Scene, inputs: Uncertain, point: np.ndarray, number: int, data: list[Evidence]
-) -> tuple[dict[str, float], list[np.ndarray]]:
-    """Numbers drawn for a member, and its run's data for each set of observations."""
-    draws = [inputs.at(name, point, number) for name in inputs.names]
-    result = run_scene(drawn_scene(scene, draws, inputs.boulders_seed(number)))
+def _row(draws: Iterable[Draw]) -> dict[str, float]:
+    """Numbers drawn for a member."""
     row: dict[str, float] = {}
     for draw in draws:
         for name, value in draw.kept.items():
@@ -289,7 +295,7 @@ def _member(
                 row |= {f"{name}_{i + 1}": float(number) for i, number in enumerate(value)}
             else:
                 row[name] = float(value)
-    return row, [item.kept(result) for item in data]
+    return row
 
 
 def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:

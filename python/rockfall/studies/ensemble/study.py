@@ -8,14 +8,14 @@ import json
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rockfall.analysis.line_statistics import numbers
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import Sources, sources
-from rockfall.analysis.validity.warnings import warn_of_model, with_model_warnings
+from rockfall.analysis.validity.warnings import warned_of_model
 from rockfall.case import Case
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError
@@ -30,11 +30,11 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.releases.sources import refuse_by_area
 from rockfall.scene.rules.plausible import warn_of
 from rockfall.scene.scene import Scene
-from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import Interrupted, StudyInterrupted, run_scene
 from rockfall.studies.ensemble.maps import RANGED, MemberMaps
 from rockfall.studies.ensemble.sobol_indices import Indices, deviations, indices, limits
 from rockfall.studies.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
+from rockfall.studies.study import ROWS_ONLY, Study
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,14 +63,6 @@ KEPT = {  # of the draws: units, meaning
     "draw": ("1", "row of the file of draws, from 0"),
     "set": ("1", "draw of the impact sets, by its place in all files of the case, from 0"),
 }
-
-
-class _Run(NamedTuple):
-    """Results of a run, with the `sobol_indices.deviations` of each."""
-
-    values: np.ndarray  # (lines * RESULTS)
-    deviations: list[np.ndarray]
-    result: xr.Dataset
 
 
 def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dataset:
@@ -108,27 +100,31 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     names, blocks = inputs.names, case.ensemble["runs"]
     maps = MemberMaps(scene) if scene.case.output.get("maps") else None
     output = {"kept": "all"} | ({"map_extent": "terrain"} if "maps" in case.output else {})
-    base = _run(replace(read, case=read.case.replace(output=output)))
-    size = (blocks, 2 + len(names), base.values.size)
+    base = run_scene(replace(read, case=read.case.replace(output=output)))
+    own, _ = _numbers(base)
+    size = (blocks, 2 + len(names), own.size)
     y, covariance = np.empty(size), np.empty((*size[:2], *size[1:]))
     draws: list[list[Draw]] = []
     seeds: list[int] = []
-    with interrupts(), progress_bar(blocks * size[1], progress, "runs") as advance:
+
+    def taken(j: int, result: xr.Dataset) -> tuple[np.ndarray, list[np.ndarray], list[xr.Dataset]]:
+        return *_numbers(result), [result] if maps is not None and j < 2 else []
+
+    with interrupts(), Study(blocks * size[1], "runs", progress=progress) as study:
         for k in range(blocks):
             seed = inputs.boulders_seed(k)
             a, b = ([inputs.draw(name, k, side) for name in names] for side in (0, 1))
+            scenes = ((j, drawn_scene(scene, drawn, seed)) for j, drawn in enumerate(_design(a, b)))
             by_run, shown = [], []
             try:
-                for j, drawn in enumerate(_design(a, b)):
-                    run = _run(drawn_scene(scene, drawn, seed))
-                    y[k, j] = run.values
-                    by_run.append(run.deviations)
-                    shown += [run.result] if maps is not None and j < 2 else []
-                    advance(1)
+                for j, (values, deviates, with_maps) in study.run(scenes, taken, compared=False):
+                    y[k, j] = values
+                    by_run.append(deviates)
+                    shown += with_maps
             except Interrupted:
                 break
-            for i, values in enumerate(map(np.array, zip(*by_run, strict=True))):
-                covariance[k, :, :, i] = values @ values.T
+            for i, of_runs in enumerate(map(np.array, zip(*by_run, strict=True))):
+                covariance[k, :, :, i] = of_runs @ of_runs.T
             for result in shown:
                 assert maps is not None
                 maps.add(result)
@@ -139,13 +135,13 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
         case = case.replace(ensemble={"runs": done})
     except RockfallError:  # too few for an ensemble
         raise KeyboardInterrupt from None
-    data = _dataset(base, names, y[:done], indices(y[:done], covariance[:done]))
+    of_inputs = indices(y[:done], covariance[:done])
+    data = _dataset(line_names(base), own, names, y[:done], of_inputs)
     data |= _drawn(draws, seeds)
     if maps is not None:
         data |= maps.variables()
     ensemble = _with_attributes(data, with_lines_of(case, scene.case), base, inputs)
-    ensemble = with_model_warnings(ensemble)
-    warn_of_model(ensemble)
+    ensemble = warned_of_model(ensemble)
     if done < blocks:
         raise StudyInterrupted(ensemble, done)
     return ensemble
@@ -155,8 +151,8 @@ def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
     """Scene without the outputs that studies do not use, except these maps."""
     case = scene.case
     refuse_by_area(scene.case, scene, what)
-    output: dict[str, Any] = {"maps": maps} | ({"map_extent": "terrain"} if maps else {})
-    output |= {"rebounds": False, "trajectories": 0, "energy_balance": False, "kept": "all"}
+    output = ROWS_ONLY | {"maps": maps, "energy_balance": False}
+    output |= {"map_extent": "terrain"} if maps else {}
     return replace(scene, case=case.replace(output=output))
 
 
@@ -168,11 +164,12 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
         yield [*a[:i], b[i], *a[i + 1 :]]
 
 
-def _run(scene: Scene) -> _Run:
-    result = run_scene(scene)
+def _numbers(result: xr.Dataset) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Results of a run (lines * RESULTS), with the `sobol_indices.deviations` of each."""
     source, values, deviates = sources(result), [], []
-    samples = LineSamples(result, Sources.alone(scene.boulders))  # intervals are not used
-    for k in range(len(scene.case.lines)):
+    alone = Sources.alone(result.sizes["boulder"])  # intervals are not used
+    samples = LineSamples(result, alone)
+    for k in range(len(line_names(result))):
         at, at_line, rows = AtLine(result, k), {}, {}
         for quantity in dict.fromkeys(quantity for quantity, _ in RESULTS.values()):
             at_line[quantity] = np.full(result.sizes["boulder"], np.nan)
@@ -182,13 +179,14 @@ def _run(scene: Scene) -> _Run:
             row = rows[quantity]
             deviates.append(deviations(at_line[quantity], number, row, source))
             values.append(row[number] if np.isfinite(deviates[-1]).all() else np.nan)
-    return _Run(np.array(values), deviates, result)
+    return np.array(values), deviates
 
 
-def _dataset(base: _Run, names: list[str], y: np.ndarray, indices: Indices) -> dict[str, Any]:
+def _dataset(
+    lines: list[str], own: np.ndarray, names: list[str], y: np.ndarray, indices: Indices
+) -> dict[str, Any]:
     """Results of the runs and the parts of their variance; dimensions run, variant, input, line,
     result."""
-    lines = line_names(base.result)
     shape, per_line = (len(lines), len(RESULTS)), ("line", "result")
 
     def table(values: np.ndarray, long_name: str) -> tuple:
@@ -211,7 +209,7 @@ def _dataset(base: _Run, names: list[str], y: np.ndarray, indices: Indices) -> d
     fraction_of = "fraction of the epistemic variance: an input "
     return data | {
         "value": table(y, "results of the runs"),
-        "case_value": table(base.values, "result of the case as it is"),
+        "case_value": table(own, "result of the case as it is"),
         "mean": table(two.mean(axis=0), "mean over the runs A and B"),
         "q05": table(np.quantile(two, 0.05, axis=0), "5 % of the runs A and B lie below"),
         "q95": table(np.quantile(two, 0.95, axis=0), "5 % of the runs A and B lie above"),
@@ -256,10 +254,11 @@ def _drawn(draws: list[list[Draw]], seeds: list[int]) -> dict[str, Any]:
     return data
 
 
-def _with_attributes(data: dict[str, Any], case: Case, base: _Run, inputs: Uncertain) -> xr.Dataset:
+def _with_attributes(
+    data: dict[str, Any], case: Case, run: xr.Dataset, inputs: Uncertain
+) -> xr.Dataset:
     import xarray as xr
 
-    run = base.result
     attrs = dict(run.attrs)
     checksums = json.loads(run.attrs["input_checksums"])
     checksums |= {f"ensemble sets {name}": sha256 for name, sha256 in inputs.set_checksums.items()}

@@ -29,8 +29,8 @@ from rockfall.result.crossings import has_crossed, line_names, line_values
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import warn_of
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
-from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.study import ROWS_ONLY, Study
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -123,6 +123,8 @@ def site(
     >>> found.table["alignment"].tolist()
     ['L', 'L +10 m', 'L +20 m']
     """
+    import pandas as pd
+
     limits = _limits(max_height, max_class, max_bypass)
     conditions = {key: given.pop(key) for key in CONDITIONS & given.keys()}
     standard = read_factors(conditions_of(conditions), factors)
@@ -130,7 +132,7 @@ def site(
     prices = read_costs(costs) if costs is not None else None
     if volume is not None and not 0 < volume < math.inf:
         raise RockfallError(f"volume = {volume}: must be > 0 m3")
-    case = case.replace(output={"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"})
+    case = case.replace(output=ROWS_ONLY)
     scene = read_scene(case, **given)
     warn_of(scene)
     if candidates is None:
@@ -139,30 +141,33 @@ def site(
         scene, alignments = drawn_scene(case, scene, line, candidates, candidates_layer, given)
     batches = in_batches(scene, line, alignments, machine_memory() if memory is None else memory)
     design_of = standard, case.boulder["density"], volume
+    alone = len(batches) == 1
+
+    def numbers(k: int, result: xr.Dataset) -> tuple[list[dict[str, Any]], xr.Dataset | None]:
+        own = [_row(result, line, place, design_of, prices, limits) for place in batches[k]]
+        return own, result if alone else None
+
     rows: list[dict[str, Any]] = []
-    with progress_bar(scene.boulders * len(batches), shown=progress) as advance:
-        for batch in batches:
-            result = run_scene(_scene_with(scene, line, alignments, batch))
-            rows += [_row(result, line, place, design_of, prices, limits) for place in batch]
-            advance(scene.boulders)
-            if len(batches) > 1:
-                del result  # before another takes its place
+    scenes = ((k, _scene_with(scene, line, alignments, batches[k])) for k in range(len(batches)))
+    with Study(scene.boulders * len(batches), progress=progress) as study:
+        for _, (own, kept) in study.run(scenes, numbers, compared=False):
+            rows, result = rows + own, kept
     choose(rows)
-    if len(batches) > 1:
+    if result is None:
         chosen = [spot for spot, row in zip(alignments, rows, strict=True) if row["choice"] == BEST]
         result = run_scene(_scene_with(scene, line, alignments, chosen))
     unconfirmed = unconfirmed_of(result, scene.case, standard)
     rows = [row | under_doubt(row, unconfirmed) for row in rows]
-    come = int(np.count_nonzero(_crossed(result, line)))
+    come = int(np.count_nonzero(has_crossed(result, line_names(result).index(line))))
     notes = (*_notes(scene.case, line, come, alignments, rows), *model_warnings(result, scene.case))
-    if len(batches) > 1:
+    if not alone:
         notes = (_memory_note(scene, alignments, batches), *notes)
     if candidates is None and alignments[-1].distance + every <= to * (1 + 1e-9):
         beyond = f"alignments beyond {alignments[-1].distance:g} m are outside the terrain"
         notes = (f"{beyond}: left out", *notes)
     return Siting(
-        line, result.sizes["boulder"], come, limits, standard, prices is not None, _table(rows),
-        tuple(alignments), result, notes,
+        line, result.sizes["boulder"], come, limits, standard, prices is not None,
+        pd.DataFrame(rows, columns=COLUMNS), tuple(alignments), result, notes,
     )  # fmt: skip
 
 
@@ -216,11 +221,6 @@ def _limits(height: float | None, ead_class: int | None, bypass: float) -> Limit
     return Limits(height, ead_class, bypass)
 
 
-def _crossed(result: xr.Dataset, line: str) -> np.ndarray:
-    """Mark boulders that cross a line."""
-    return has_crossed(result, line_names(result).index(line))
-
-
 def _row(
     result: xr.Dataset,
     line: str,
@@ -232,7 +232,7 @@ def _row(
     """Numbers of an alignment."""
     number = line_names(result).index(alignment.name)
     came, source = crossings(result, number), sources(result)
-    crossed = _crossed(result, alignment.name)
+    crossed = has_crossed(result, number)
     row: dict[str, Any] = {
         "alignment": alignment.name, "distance": alignment.distance,
         "elevation": alignment.elevation, "length": alignment.length, "n": came.n,
@@ -342,9 +342,3 @@ def _notes(
         yield f"no alignment is higher than {line}: give the direction in which the slope rises"
     if all(row["fits"] == NO for row in rows):
         yield "no alignment is within the limits"
-
-
-def _table(rows: list[dict[str, Any]]) -> pd.DataFrame:
-    import pandas as pd
-
-    return pd.DataFrame(rows, columns=COLUMNS)

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Differences of two runs by the same boulders, with 95 % intervals from their sources.
+
+With common random numbers a boulder starts alike in both runs and draws the same numbers at its
+rebounds. Differences are taken boulder by boulder, so that chance common to both cancels. Intervals
+cover the Monte Carlo error of a difference, not that of the models. Values are NaN for boulders
+without any.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.precision.intervals import (
+    WITHHELD,
+    Shape,
+    Sources,
+    between_ranks,
+    fraction_interval,
+)
+from rockfall.kernel_rules import Z
+from rockfall.limits import MIN_FOR_MEAN
+
+LEVEL = 0.95
+Difference = tuple[float, float, float]  # and the limits of its interval, NaN from too few
+NONE = 0.0, 0.0, 0.0
+
+
+class Estimate(NamedTuple):
+    """A statistic of the boulders that have a value, and what each released boulder contributes to
+    its error (its influence, of mean 0; Hampel 1974). NaN, and no influence, from too few."""
+
+    value: float
+    influence: np.ndarray | None = None
+
+
+def mean_of(values: np.ndarray, fewest: int = MIN_FOR_MEAN) -> Estimate:
+    """Mean of the values that are not NaN."""
+    has = ~np.isnan(values)
+    if has.sum() < fewest:
+        return Estimate(float(np.mean(values[has])) if has.any() else math.nan)
+    mean = float(values[has].mean())
+    return Estimate(mean, np.where(has, values - mean, 0.0) / has.mean())
+
+
+def quantile_of(values: np.ndarray, level: float = LEVEL) -> Estimate:
+    """Quantile of the values that are not NaN. The density at it, which its influence needs, is
+    that between the order statistics that enclose it (Woodruff 1952)."""
+    has = ~np.isnan(values)
+    if not has.any():
+        return Estimate(math.nan)
+    ordered = np.sort(values[has])
+    quantile = float(np.quantile(ordered, level))
+    low, high = between_ranks(ordered, level, ordered.size)
+    if not np.isfinite(high - low):
+        return Estimate(quantile)
+    of_rank = (high - low) / (2 * Z * math.sqrt(level * (1 - level) / ordered.size))
+    below = np.where(has, level - (values <= quantile), 0.0)
+    return Estimate(quantile, of_rank * below / has.mean())
+
+
+def difference(here: Estimate, before: Estimate, source: Sources) -> Difference:
+    """Difference of two estimates from the same boulders."""
+    value = here.value - before.value
+    if here.influence is None or before.influence is None:
+        return value, *WITHHELD
+    low, high = _limits(here.influence - before.influence, source)
+    return value, value + low, value + high
+
+
+def mean_difference(apart: np.ndarray, source: Sources) -> Difference:
+    """Mean of the differences of boulders that all have a value in both runs."""
+    if not apart.any():
+        return NONE
+    mean, (low, high) = float(apart.mean()), _limits(apart, source)
+    return mean, mean + low, mean + high
+
+
+def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
+    """Difference of the means over the boulders that have a value in either run. Each mean is a
+    ratio of means over all boulders, and the interval linearised (Cochran 1977)."""
+    ours, theirs = mean_of(here, fewest=2), mean_of(before, fewest=2)
+    value = ours.value - theirs.value
+    if ours.influence is None or theirs.influence is None:
+        equal = value == 0 and np.array_equal(here, before, equal_nan=True)
+        return NONE if equal else (value, *WITHHELD)
+    mean, *ends = mean_difference(ours.influence - theirs.influence, source)
+    low, high = (value + end - mean for end in ends)
+    return value + mean - mean, low, high
+
+
+def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
+    """Difference of the fractions of boulders of which something holds. If boulders change sides in
+    one direction only, it is that fraction: unlike normal intervals, this one is bounded by 0 and
+    1."""
+    gained, lost = here & ~before, before & ~here
+    if gained.any() and lost.any():
+        return mean_difference(here * 1.0 - before, source)
+    moved, low, high = fraction_interval(gained | lost, source)
+    if not moved:
+        return 0.0, -high, high
+    return (moved, low, high) if gained.any() else (-moved, -high, -low)
+
+
+def difference_of_fractions(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
+    """Difference of the fractions of boulders of which something holds (Newcombe 1998, method 10),
+    with their correlation within sources."""
+    (p, p_low, p_high), (q, q_low, q_high) = (
+        fraction_interval(holds, source) for holds in (here, before)
+    )
+    correlation = _correlation(here, before, source)
+    low = _hypotenuse(p - p_low, q_high - q, correlation)
+    high = _hypotenuse(p_high - p, q - q_low, correlation)
+    return p - q, p - q - low, p - q + high
+
+
+def relative_changes(
+    whole: np.ndarray, before: np.ndarray, parts: np.ndarray, parts_before: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Relative changes of numbers (...) of all boulders, and their standard errors from those of
+    the same parts (..., parts) of the boulders. NaN for changes from 0."""
+    before = np.where(before == 0, np.nan, before)
+    with np.errstate(invalid="ignore"), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Degrees of freedom")  # no boulder crossed
+        apart = (parts - parts_before) / before[..., None]
+        error = np.nanstd(apart, axis=-1, ddof=1) / np.sqrt(np.isfinite(apart).sum(axis=-1))
+        return whole / before - 1, error
+
+
+def _limits(apart: np.ndarray, source: Sources) -> tuple[float, float]:
+    """Limits of the interval of a mean, less the mean."""
+    return source.sums(apart - apart.mean()).limits_of_mean(Shape.of(apart), signed=True)
+
+
+def _hypotenuse(first: float, other: float, correlation: float) -> float:
+    return math.sqrt(max(0.0, first**2 - 2 * correlation * first * other + other**2))
+
+
+def _correlation(here: np.ndarray, before: np.ndarray, source: Sources) -> float:
+    """Correlation of two indicators of boulders within their sources, or, if these are sampled, of
+    their sums over sources."""
+
+    def apart(indicator: np.ndarray) -> np.ndarray:
+        if source.sampled:
+            return np.bincount(source.number, indicator - indicator.mean())
+        n = np.maximum(source.released, 1)
+        return indicator - (np.bincount(source.stratum, indicator, n.size) / n)[source.stratum]
+
+    outer, other = apart(here.astype(float)), apart(before.astype(float))
+    size = math.sqrt((outer @ outer) * (other @ other))
+    return float(outer @ other / size) if size else 0.0

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The engine of all studies: named scenes with common random numbers, run one after the other.
+
+A study says which scenes it runs and which numbers it takes of each result. A boulder has the same
+random words in all of them, so that results can be compared boulder by boulder (see
+`rockfall.analysis.precision.paired`). Progress, checkpoints and warnings are here; each result is
+gone before the next run, unless it is itself the number that is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+from rockfall.analysis.validity.remarks import model_warnings
+from rockfall.analysis.validity.warnings import joined_warnings
+from rockfall.case import case_of
+from rockfall.language import Text
+from rockfall.result.samples import simulated
+from rockfall.scene.scene import Scene
+from rockfall.simulation.progress import progress_bar
+from rockfall.simulation.simulate import run_scene
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.simulation.parts.checkpoint import Checkpoint
+
+    Name = TypeVar("Name", bound=Hashable)
+    Numbers = TypeVar("Numbers")
+
+#: Changes of &output for scenes of which only boulders are compared.
+ROWS_ONLY: dict[str, Any] = {"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"}
+NO_CHECKPOINTS: Mapping[Any, Checkpoint] = {}
+
+
+class Study:
+    """Runs of named scenes; within a `with` block, under one progress bar.
+
+    The bar counts up to `total`, in boulders or another unit: one for each run. Without a total
+    each run has a bar of its own. A run resumes from the checkpoint of its name. `how`: see
+    `rockfall.simulation.simulate.simulate`.
+    """
+
+    def __init__(
+        self,
+        total: int | None = None,
+        unit: str = "boulders",
+        *,
+        progress: bool = False,
+        checkpoints: Mapping[Any, Checkpoint] = NO_CHECKPOINTS,
+        **how: Any,
+    ) -> None:
+        self._limits: dict[Any, list[Text]] = {}  # warnings by the name of the scene
+        self._bar = progress_bar(total or 0, progress and total is not None, unit)
+        self._advance: Callable[..., None] = lambda *_: None
+        self._counts_boulders = unit == "boulders"
+        self._checkpoints = checkpoints
+        self._how = how | {"progress": progress and total is None}
+
+    def __enter__(self) -> Self:
+        self._advance = self._bar.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._bar.__exit__(*error)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings on the models of the runs, each once."""
+        return tuple(joined_warnings(self._limits))
+
+    def run(
+        self,
+        scenes: Iterable[tuple[Name, Scene | xr.Dataset]],
+        numbers: Callable[[Name, xr.Dataset], Numbers],
+        *,
+        compared: bool = True,
+    ) -> Iterator[tuple[Name, Numbers]]:
+        """Names of the scenes, and the numbers of the result of each.
+
+        Scenes may be made as they are asked for: each is gone before the next is made. Those that
+        are `compared` have the seed of the first, and their warnings are collected; others, such as
+        members of a sample, keep their own. A result in place of a scene is taken as it is. Ctrl-C
+        raises `Interrupted`, with the result of the run that it stopped.
+        """
+        seed: int | None = None
+        for name, scene in scenes:
+            if isinstance(scene, Scene):
+                seed = scene.case.case["seed"] if seed is None or not compared else seed
+                scene = with_numbers(scene, seed=seed)
+                result = run_scene(scene, checkpoint=self._checkpoints.get(name), **self._how)
+            else:
+                result = scene
+            del scene
+            self._advance(simulated(result) if self._counts_boulders else 1)
+            if compared and name not in self._limits:
+                self._limits[name] = model_warnings(result, case_of(result))
+            taken = numbers(name, result)
+            del result
+            yield name, taken
+            del taken
+
+
+def with_numbers(scene: Scene, **numbers: Any) -> Scene:
+    """Scene with these numbers in &case, such as its seed."""
+    if all(scene.case.case.get(key) == number for key, number in numbers.items()):
+        return scene
+    return replace(scene, case=scene.case.replace(case=numbers))
