@@ -25,6 +25,7 @@ program rockfall_batch
    use rockfall_version, only: version
    use rockfall_case, only: case_t, case_line_t
    use rockfall_grid, only: grid_t, is_outside
+   use rockfall_namelist, only: namelist_t
    use rockfall_case_file, only: read_case_file
    use rockfall_system, only: start_process, end_at_once, is_folder, is_regular, path_exists, same_file, folder_of, &
                               temporary_name, take_lock, give_lock_back, check_place
@@ -79,6 +80,7 @@ contains
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
       type(case_t), target :: case
+      type(namelist_t) :: keys
       character(len=:), allocatable :: output, scene, text
 
       output = arguments%output
@@ -87,27 +89,28 @@ contains
       scene = arguments%scene
       if (scene == "") scene = folder_of(arguments%case)//"scene.nc"
       call read_case_file(arguments%case, arguments%boulders, arguments%total, arguments%seed, arguments%threads, &
-                          text, case, error)
+                          text, keys, case, error)
       if (.not. allocated(error)) call check_team(case%threads, error)
       if (.not. allocated(error)) call check_output(output, arguments, scene, error)
       if (.not. allocated(error)) call take_lock(output//".lock", warn, error)
       if (allocated(error)) return
       call check_checkpoint(output//".checkpoint", arguments%resume, error)
-      if (.not. allocated(error)) call run_to(output, scene, case, text, arguments, error)
+      if (.not. allocated(error)) call run_to(output, scene, case, text, keys, arguments, error)
       call give_lock_back()
    end subroutine run
 
-   subroutine run_to(output, scene, case, text, arguments, error)
+   subroutine run_to(output, scene, case, text, keys, arguments, error)
       character(len=*), intent(in) :: output, scene
       type(case_t), intent(in), target :: case
       character(len=*), intent(in) :: text  !! of the case, with options of the command line
+      type(namelist_t), intent(in) :: keys  !! of that
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
       type(inputs_t), target :: inputs
       type(run_t), target :: state
       type(checkpoint_t) :: checkpoint
 
-      call read_scene(scene, case, text, inputs, error)
+      call read_scene(scene, case, keys, inputs, error)
       if (allocated(error)) return
       if (lines_outside(case, inputs%arrays%grid) /= "") &
          call warn("no boulder can cross "//lines_outside(case, inputs%arrays%grid)//": outside the terrain")

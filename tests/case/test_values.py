@@ -58,19 +58,27 @@ def test_values_have_the_types_of_their_keys():
     assert found["boulder"].given["volumes"] == [1.0, 1.0, 150.0, 3.0, 0.0005]
     release = found["release"].given
     assert release == {
-        "x": [1.0, 2.0], "y": [3.0, -0.5], "steep_cells": False, "drop_height": 45.0,
+        "x": [1.0, 2.0], "y": [3.0, -0.5], "drop_height": 45.0,
     }  # fmt: skip
     assert type(release["drop_height"]) is float and type(release["x"][0]) is float
     assert found["output"].given == {"maps": ["passages"], "kept": 50}
 
 
 def test_what_is_given_is_told_from_defaults():
+    """Whether these are written or not: a case that was written has all of them."""
     found = groups(CASE)
     assert "seed" not in found["case"].given and found["case"].usual["seed"] == 1
-    assert found["impact"].given == {"table": "talus"}
-    assert found["impact"].usual["form"] == "table"  # which a table brings with it
-    assert not found["flight"].given and found["flight"].usual == {"gravity": 9.81}
-    assert groups(CASE + "&flight gravity = 9.81 /")["flight"].usual == {}
+    assert found["impact"].given == {"form": "table"}  # which a table brings with it
+    assert found["impact"].usual["table"] == "talus"
+    assert groups(CASE.replace("talus", "meadow"))["impact"].given == {
+        "form": "table", "table": "meadow",
+    }  # fmt: skip
+    for written in "9.81", "981e-2":
+        flight = groups(f"{CASE}&flight gravity = {written} /")["flight"]
+        assert not flight.given and flight.usual == {"gravity": 9.81}
+    case = rockfall.read_case(ROOT / "cases/vaujany/case.nml")
+    again = rockfall.Case(folder=case.folder, **given_groups(case), line=case.line)
+    assert again == case and given_groups(again) == given_groups(case)
 
 
 def test_a_layer_may_give_what_has_a_default():

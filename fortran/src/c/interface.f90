@@ -6,6 +6,7 @@ module rockfall_c
    use rockfall_error, only: error_t
    use rockfall_sizes, only: max_message, max_array_row
    use rockfall_grid, only: grid_t
+   use rockfall_case, only: case_t, read_case
    use rockfall_state_table, only: array_t, row_text
    use rockfall_run_state, only: sort_crossings
    use rockfall_handles, only: scene_handle_t, run_handle_t, scene_at, run_at, new_scene, close_handle
@@ -42,9 +43,11 @@ contains
       character(kind=c_char), intent(out) :: message(max_message)
       type(scene_handle_t), pointer :: scene
       type(error_t), allocatable :: error
+      type(case_t) :: case
 
       scene => scene_at(handle)
-      call scene%build(text_of(text), text_of(name), error)
+      call read_case(text_of(text), text_of(name), case, error)
+      if (.not. allocated(error)) call scene%build(case, error)
       call return_error(error, code, message)
    end function c_build_scene
 

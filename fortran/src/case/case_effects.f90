@@ -9,7 +9,7 @@ module rockfall_case_effects
    use rockfall_case_keys, only: key_table, n_keys, text_length, map_names
    implicit none
    private
-   public :: check_effects
+   public :: check_effects, mark_defaults
 
    integer, parameter :: key_length = 20, map_length = len(map_names)
 
@@ -34,6 +34,24 @@ contains
          if (allocated(error)) return
       end do
    end subroutine check_effects
+
+   !> Mark keys that have their default, whether it is written or not, in groups that no layer completes. The form of
+   !> rebounds is not marked beside the name of a table, which has a default of its own.
+   pure subroutine mark_defaults(list)
+      type(namelist_t), intent(inout) :: list
+      integer :: e, g
+
+      do g = 1, size(list%group)
+         associate (group => list%group(g))
+            if (has_key(group, "file")) cycle
+            do e = 1, size(group%entry)
+               group%entry(e)%given = is_changed(group, trim(group%entry(e)%key))
+               if (group%name == "impact" .and. group%entry(e)%key == "form") &
+                  group%entry(e)%given = group%entry(e)%given .or. is_changed(group, "table")
+            end do
+         end associate
+      end do
+   end subroutine mark_defaults
 
    !> Sizes of rocks are valid for either method, because `rockfall models` compares both.
    pure subroutine check_surface(group, error)

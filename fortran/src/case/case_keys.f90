@@ -12,8 +12,8 @@ module rockfall_case_keys
    use rockfall_decimal, only: parse_real
    implicit none
    private
-   public :: key_t, key_table, n_keys, row_text, read_keys, default_keys, check_key, repeatable, broken_rule, &
-             limits_of
+   public :: key_t, key_table, n_keys, row_text, read_keys, complete_keys, default_keys, check_key, repeatable
+   public :: broken_rule, limits_of
    public :: map_names, n_maps, many, text_length, max_name, max_real
 
    integer, parameter :: many = 100000                !! maximum number of values in a list
@@ -361,14 +361,23 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call parse_namelist(text, file, list, error)
-      if (.not. allocated(error)) call check_removed(list, error)
+      if (.not. allocated(error)) call complete_keys(list, file, error)
+   end subroutine read_keys
+
+   !> Add defaults for absent groups and keys, and check all against the table.
+   pure subroutine complete_keys(list, file, error)
+      type(namelist_t), intent(inout) :: list
+      character(len=*), intent(in) :: file  !! file name, for messages
+      type(error_t), allocatable, intent(out) :: error
+
+      call check_removed(list, error)
       if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, repeatable, &
                                                    "a case has one such group; only &" &
                                                    //joined(repeatable, ", &")//" may repeat", error)
       if (.not. allocated(error)) call check_operator(list, error)
       if (.not. allocated(error)) call complete(list, file)
       if (.not. allocated(error)) call check_keys(list, error)
-   end subroutine read_keys
+   end subroutine complete_keys
 
    !> Refuse keys of earlier versions, with what to do instead.
    pure subroutine check_removed(list, error)

@@ -10,7 +10,7 @@ module rockfall_namelist
    use rockfall_text, only: check_text, after_mark, lower, integer_text, excerpt
    implicit none
    private
-   public :: namelist_t, group_t, entry_t, value_t, parse_namelist, raw_value
+   public :: namelist_t, group_t, entry_t, value_t, parse_namelist, mark_repeated, raw_value
 
    integer, parameter :: name_length = 63         !! maximum length of names of groups and keys
    integer, parameter :: max_value_length = 4096  !! [characters]
@@ -33,7 +33,7 @@ module rockfall_namelist
    type :: entry_t
       character(len=name_length) :: key = ""  !! lower case
       integer :: line = 0
-      logical :: given = .true.  !! false: by default
+      logical :: given = .true.  !! false: has its default
       character(len=:), allocatable :: text    !! from the first value to the last
       type(value_t), allocatable :: value(:)   !! at least one; repeat counts are expanded
    end type entry_t

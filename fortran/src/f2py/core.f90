@@ -54,13 +54,10 @@ module rockfall_f2py
    use rockfall_variables, only: variable_text, boulder_fields, boulder_counts, energy_fields, crossing_fields, &
                                  vertex_fields, map_fields, scene_layout, part_layout, piece, max_packing
    use rockfall_histogram, only: bin_width, n_bins
-   use rockfall_namelist, only: namelist_t, parse_namelist
-   use rockfall_namelist_json, only: json_of
    use rockfall_values, only: refuse
    use rockfall_case_keys, only: key_text => row_text, key_table, broken_rule, n_keys, repeatable, max_real, max_name, &
-                                 read_keys, default_keys, limits_of
-   use rockfall_case, only: case_t, read_case, case_of_keys, given_shapes, turning_rule, radius_of_reading, &
-                            line_groups, barrier_strengths
+                                 limits_of
+   use rockfall_case, only: given_shapes, turning_rule, radius_of_reading, line_groups, barrier_strengths
    use rockfall_covariance, only: find_root => covariance_root
    use rockfall_impact_sets, only: coefficients_t, read_impact_sets => read_sets, any_speed, max_speed
    use rockfall_state_table, only: array_t, row_text
@@ -71,7 +68,8 @@ module rockfall_f2py
                             unpack => unpack_part, unpack_samples
    use rockfall_value_rules, only: fault_of_values => value_fault
    use rockfall_same_run, only: identity_t, difference
-   use rockfall_handles, only: scene_handle_t, run_handle_t, scene_at, run_at, empty_scene => new_scene, close_handle
+   use rockfall_handles, only: case_handle_t, scene_handle_t, run_handle_t, case_at, scene_at, run_at, &
+                               empty_scene => new_scene, close_handle
    implicit none
    private
    public :: new_scene, pass_array, build_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, scan_rows, &
@@ -83,7 +81,8 @@ module rockfall_f2py
    public :: value_fault, run_difference, usual_radii, decimal, sphere_radii, kinetic_energies, limit_ranks, table_model
    public :: strength_deviates
    public :: largest_block
-   public :: check_maps, values_of, key_limits, check_ground, refusal, table_row, read_sets, covariance_root, fields
+   public :: read_values, change_case, values_of, close_values
+   public :: check_maps, key_limits, check_ground, refusal, table_row, read_sets, covariance_root, fields
    public :: histogram_bins, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
    public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
@@ -115,17 +114,18 @@ contains
       call opened%give(name, kind, length, pointer_of(address))
    end subroutine pass_array
 
-   !> Build a scene from the text of a case and the arrays passed; on error it is closed.
-   subroutine build_scene(handle, text, name, code, message)
-      integer(c_int64_t), intent(in) :: handle
-      character(len=*), intent(in) :: text, name            !! of the case, and its name in messages
+   !> Build a scene from a case and the arrays passed; on error it is closed.
+   subroutine build_scene(handle, case, code, message)
+      integer(c_int64_t), intent(in) :: handle, case
       integer(c_int), intent(out) :: code                   !! 0 = success
       character(len=max_message), intent(out) :: message
+      type(case_handle_t), pointer :: given
       type(scene_handle_t), pointer :: opened
       type(error_t), allocatable :: error
 
+      given => case_at(pointer_of(case))
       opened => scene_of(handle)
-      call opened%build(text, name, error)
+      call opened%build(given%case, error)
       if (allocated(error)) call close_scene(handle)
       call give_error(error, code, message)
    end subroutine build_scene
@@ -191,23 +191,25 @@ contains
       call return_run(opened, error, run, code, message)
    end subroutine open_run
 
-   !> Open a run without a scene, to be joined from parts, or a part of one: from a valid case, with the number of
+   !> Open a run without a scene, to be joined from parts, or a part of one: from a case, with the number of
    !> grounds (0: only impact sets), sources from the features of a layer, and boulders of several shapes (1 or 0).
-   subroutine open_joined_run(text, boulders, window, grounds, features, shapes, part_last, group_part, run, code, &
+   subroutine open_joined_run(case, boulders, window, grounds, features, shapes, part_last, group_part, run, code, &
                               message, np, ng)
       integer(c_int), intent(in) :: np, ng
-      character(len=*), intent(in) :: text
+      integer(c_int64_t), intent(in) :: case
       integer(c_int64_t), intent(in) :: boulders(3)  !! of the complete run, before the part, in it
       integer(c_int), intent(in) :: window(4), grounds, features, shapes
       integer(c_int32_t), intent(in) :: part_last(np), group_part(ng)  !! as in layout_t
       integer(c_int64_t), intent(out) :: run
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
+      type(case_handle_t), pointer :: given
       type(run_handle_t), pointer :: opened
       type(error_t), allocatable :: error
 
+      given => case_at(pointer_of(case))
       allocate (opened)
-      call opened%begin_joined(text, boulders, window, grounds, features /= 0, shapes /= 0, part_last, &
+      call opened%begin_joined(given%case, boulders, window, grounds, features /= 0, shapes /= 0, part_last, &
                                group_part, error)
       call return_run(opened, error, run, code, message)
    end subroutine open_joined_run
@@ -404,31 +406,32 @@ contains
 
    !> What differs between two runs, of which theirs must begin ours; blank if nothing. Texts are joined by character 1
    !> in the order of identity_t; numbers are its integers, first those of boulders.
-   subroutine run_difference(ours, theirs, numbers, corners, what)
+   subroutine run_difference(our_case, their_case, ours, theirs, numbers, corners, what)
+      integer(c_int64_t), intent(in) :: our_case, their_case
       character(len=*), intent(in) :: ours, theirs
       integer(c_int64_t), intent(in) :: numbers(9, 2)
       real(c_double), intent(in) :: corners(3, 2)           !! west, north, cell [m]
       character(len=max_message), intent(out) :: what
 
-      what = difference(identity_of(ours, numbers(:, 1), corners(:, 1)), &
-                        identity_of(theirs, numbers(:, 2), corners(:, 2)))
+      what = difference(identity_of(our_case, ours, numbers(:, 1), corners(:, 1)), &
+                        identity_of(their_case, theirs, numbers(:, 2), corners(:, 2)))
    end subroutine run_difference
 
-   pure type(identity_t) function identity_of(texts, numbers, corner) result(identity)
+   type(identity_t) function identity_of(case, texts, numbers, corner) result(identity)
+      integer(c_int64_t), intent(in) :: case
       character(len=*), intent(in) :: texts
       integer(c_int64_t), intent(in) :: numbers(9)
       real(c_double), intent(in) :: corner(3)
-      integer :: at(3), k, begin
+      type(case_handle_t), pointer :: given
+      integer :: first, second
 
-      begin = 0
-      do k = 1, 3
-         at(k) = begin + index(texts(begin + 1:), achar(1))
-         begin = at(k)
-      end do
-      identity%version = texts(:at(1) - 1)
-      identity%case = texts(at(1) + 1:at(2) - 1)
-      identity%read = texts(at(2) + 1:at(3) - 1)
-      identity%decoded = texts(at(3) + 1:)
+      given => case_at(pointer_of(case))
+      first = index(texts, achar(1))
+      second = index(texts, achar(1), back=.true.)
+      identity%version = texts(:first - 1)
+      identity%keys = given%list
+      identity%read = texts(first + 1:second - 1)
+      identity%decoded = texts(second + 1:)
       identity%total = numbers(1)
       identity%first = numbers(2)
       identity%last = numbers(3)
@@ -579,28 +582,29 @@ contains
       end do
    end subroutine points_along
 
-   !> Split blocks by the breakage of a valid case: their area ratios; the volumes of their fragments, 0 beyond them;
+   !> Split blocks by the breakage of a case: their area ratios; the volumes of their fragments, 0 beyond them;
    !> their fines [m3]; and 1 if the number of fragments limited them. A block that does not break is its only fragment.
-   subroutine split_blocks(text, volume, energy, ratio, fragments, fines, capped, n, room)
+   subroutine split_blocks(case, volume, energy, ratio, fragments, fines, capped, n, room)
       integer(c_int), intent(in) :: n, room
-      character(len=*), intent(in) :: text
+      integer(c_int64_t), intent(in) :: case
       real(c_double), intent(in) :: volume(n), energy(n)  !! of the motion normal to the ground [J]
       real(c_double), intent(out) :: ratio(n)
       real(c_double), intent(inout) :: fragments(room, n)
       real(c_double), intent(out) :: fines(n)
       integer(c_int), intent(out) :: capped(n)
-      type(case_t) :: case
-      type(error_t), allocatable :: error
+      type(case_handle_t), pointer :: given
       type(split_t) :: split
       integer :: k
 
-      call read_case(text, "", case, error)
+      given => case_at(pointer_of(case))
       ratio = area_ratio(energy, volume)
       fragments = 0
       do k = 1, n
          split = split_t([volume(k)])
-         if (ratio(k) > case%breakage%min_ratio) &
-            call split_volume(volume(k), ratio(k), case%breakage%min_volume, case%breakage%max_fragments, split)
+         associate (rule => given%case%breakage)
+            if (ratio(k) > rule%min_ratio) &
+               call split_volume(volume(k), ratio(k), rule%min_volume, rule%max_fragments, split)
+         end associate
          fragments(:size(split%volume), k) = split%volume
          fines(k) = split%fines
          capped(k) = merge(1, 0, split%capped)
@@ -957,42 +961,80 @@ contains
       limits = limits_of(key_table(k))
    end subroutine key_limits
 
-   !> Values of a text in namelist format as JSON (rockfall_namelist_json), and its length: in `json` are the first
-   !> `room` bytes. Of a "case" they are checked and complete; facts, 1 or 0: it has trees; its sources are points; its
-   !> boulders are those of the layer of sources; of rasters; rebounds follow a table of impacts where nothing else is
-   !> said; boulders can have each of the block shapes. "defaults": every group of a case, whatever the text. "any":
-   !> unknown groups and keys.
-   subroutine values_of(form, text, name, room, facts, json, length, code, message)
-      integer(c_int), intent(in) :: room
+   !> Read a text in namelist format, by a form as in rockfall_handles: its handle, and the length of its values. Facts
+   !> of a case, 1 or 0: it has trees; its sources are points; its boulders are those of the layer of sources; of
+   !> rasters; rebounds follow a table of impacts where nothing else is said; boulders can have each of the block shapes.
+   subroutine read_values(form, text, name, handle, facts, length, code, message)
       character(len=*), intent(in) :: form, text, name
-      integer(c_int), intent(out) :: facts(8)
-      integer(c_int8_t), intent(out) :: json(room)
-      integer(c_int), intent(out) :: length, code
+      integer(c_int64_t), intent(out) :: handle  !! 0 on error
+      integer(c_int), intent(out) :: facts(8), length, code
       character(len=max_message), intent(out) :: message
-      character(len=:), allocatable :: values
-      type(namelist_t) :: list
-      type(case_t) :: case
+      type(case_handle_t), pointer :: opened
       type(error_t), allocatable :: error
 
+      allocate (opened)
+      call opened%read_values(form, text, name, error)
+      call return_values(opened, error, handle, facts, length, code, message)
+   end subroutine read_values
+
+   !> Make a case of another by changes, as in change_namelist; results as those of read_values.
+   subroutine change_case(other, removed, text, name, handle, facts, length, code, message)
+      integer(c_int64_t), intent(in) :: other
+      character(len=*), intent(in) :: removed, text, name
+      integer(c_int64_t), intent(out) :: handle
+      integer(c_int), intent(out) :: facts(8), length, code
+      character(len=max_message), intent(out) :: message
+      type(case_handle_t), pointer :: opened
+      type(error_t), allocatable :: error
+
+      allocate (opened)
+      call opened%change(case_at(pointer_of(other)), removed, text, name, error)
+      call return_values(opened, error, handle, facts, length, code, message)
+   end subroutine change_case
+
+   subroutine return_values(opened, error, handle, facts, length, code, message)
+      type(case_handle_t), pointer, intent(inout) :: opened
+      type(error_t), allocatable, intent(in) :: error
+      integer(c_int64_t), intent(out) :: handle
+      integer(c_int), intent(out) :: facts(8), length, code
+      character(len=max_message), intent(out) :: message
+
+      handle = 0
       facts = 0
-      json = 0
       length = 0
-      select case (form)
-      case ("case")
-         call read_keys(text, name, list, error)
-         if (.not. allocated(error)) call case_of_keys(list, name, case, error)
-         if (.not. allocated(error)) facts = merge(1, 0, [case%forest, case%at_points, case%by_feature, &
-                                                          case%by_source, case%by_table, given_shapes(case)])
-      case ("defaults"); call default_keys(list)
-      case default; call parse_namelist(text, name, list, error)
-      end select
-      if (.not. allocated(error)) then
-         values = json_of(list, key_table(:merge(0, n_keys, form == "any")))
-         length = len(values)
-         json(:min(room, length)) = transfer(values(:min(room, length)), json, min(room, length))
+      if (allocated(error)) then
+         deallocate (opened)
+      else
+         handle = transfer(c_loc(opened), handle)
+         length = len(opened%json)
+         associate (case => opened%case)
+            facts = merge(1, 0, [case%forest, case%at_points, case%by_feature, case%by_source, case%by_table, &
+                                 given_shapes(case)])
+         end associate
       end if
       call give_error(error, code, message)
+   end subroutine return_values
+
+   !> Values of the groups of a handle as JSON (rockfall_namelist_json).
+   subroutine values_of(handle, json, length)
+      integer(c_int), intent(in) :: length
+      integer(c_int64_t), intent(in) :: handle
+      integer(c_int8_t), intent(out) :: json(length)
+      type(case_handle_t), pointer :: opened
+
+      opened => case_at(pointer_of(handle))
+      json = transfer(opened%json, json)
+      deallocate (opened%json)
    end subroutine values_of
+
+   !> Close what read_values or change_case opened; the handle becomes invalid.
+   subroutine close_values(handle)
+      integer(c_int64_t), intent(in) :: handle
+      type(case_handle_t), pointer :: opened
+
+      opened => case_at(pointer_of(handle))
+      deallocate (opened)
+   end subroutine close_values
 
    !> Strength of the ground under boulders of these numbers, as a standard normal number (theory, eq. 5.25a).
    subroutine strength_deviates(seed, number, deviate, n)
@@ -1023,30 +1065,31 @@ contains
       call give_error(error, code, message)
    end subroutine check_ground
 
-   !> One-line error message that refuses a key by a rule, in the text of a valid case, of group `number` of a name.
-   subroutine refusal(text, name, group, number, key, rule, message)
-      character(len=*), intent(in) :: text, name, group, key, rule
+   !> One-line error message that refuses a key of a case by a rule, of group `number` of a name.
+   subroutine refusal(case, group, number, key, rule, message)
+      integer(c_int64_t), intent(in) :: case
+      character(len=*), intent(in) :: group, key, rule
       integer(c_int), intent(in) :: number  !! from 1
       character(len=max_message), intent(out) :: message
-      type(namelist_t) :: list
+      type(case_handle_t), pointer :: opened
       type(error_t), allocatable :: error
       integer(c_int) :: code
 
-      call read_keys(text, name, list, error)
-      list%group = pack(list%group, list%group%name == group)
-      call refuse(list%group(number), key, rule, error)
+      opened => case_at(pointer_of(case))
+      associate (groups => pack(opened%list%group, opened%list%group%name == group))
+         call refuse(groups(number), key, rule, error)
+      end associate
       call give_error(error, code, message)
    end subroutine refusal
 
    !> Range of R_b of all but few boulders of a case, where it alone says their volumes [m].
-   subroutine usual_radii(text, radii)
-      character(len=*), intent(in) :: text
+   subroutine usual_radii(case, radii)
+      integer(c_int64_t), intent(in) :: case
       real(c_double), intent(out) :: radii(2)
-      type(case_t) :: case
-      type(error_t), allocatable :: error
+      type(case_handle_t), pointer :: opened
 
-      call read_case(text, "", case, error)
-      radii = sphere_radius(usual_volumes(case%volumes))
+      opened => case_at(pointer_of(case))
+      radii = sphere_radius(usual_volumes(opened%case%volumes))
    end subroutine usual_radii
 
    !> Number that a text spells, as in files; NaN if none.
@@ -1109,16 +1152,15 @@ contains
 
    !> Height of the top edge [m] and capacity [J] of each line of a case, evaluation lines first, then barriers; zero
    !> for evaluation lines.
-   subroutine barriers(text, height, capacity, n)
-      character(len=*), intent(in) :: text      !! of a valid case
+   subroutine barriers(case, height, capacity, n)
+      integer(c_int64_t), intent(in) :: case
       integer(c_int), intent(in) :: n
       real(c_double), intent(out) :: height(n), capacity(n)
-      type(case_t) :: case
-      type(error_t), allocatable :: error
+      type(case_handle_t), pointer :: given
 
-      call read_case(text, "", case, error)
-      height = case%lines%height
-      capacity = case%lines%capacity
+      given => case_at(pointer_of(case))
+      height = given%case%lines%height
+      capacity = given%case%lines%capacity
    end subroutine barriers
 
    !> Outcomes at a barrier of boulders that crossed it: number in the table of variables.

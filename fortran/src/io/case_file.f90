@@ -3,35 +3,44 @@
 module rockfall_case_file
    use rockfall_error, only: error_t, fail
    use rockfall_text_file, only: read_text
-   use rockfall_namelist, only: namelist_t, entry_t, value_t, parse_namelist
-   use rockfall_case, only: case_t, read_case
+   use rockfall_namelist, only: namelist_t, entry_t, value_t
+   use rockfall_namelist_changes, only: change_namelist
+   use rockfall_case_keys, only: read_keys, complete_keys
+   use rockfall_case, only: case_t, case_of_keys
    implicit none
    private
    public :: read_case_file
 
 contains
 
-   !> Read the case in a file, with replaced values for keys of &case ("" = as in the file), and its text.
-   subroutine read_case_file(file, boulders, total, seed, threads, text, case, error)
+   !> Read the case in a file, with replaced values for keys of &case ("" = as in the file), its text and keys.
+   subroutine read_case_file(file, boulders, total, seed, threads, text, keys, case, error)
       character(len=*), intent(in) :: file, boulders, total, seed, threads
       character(len=:), allocatable, intent(out) :: text
+      type(namelist_t), intent(out) :: keys
       type(case_t), intent(out) :: case
       type(error_t), allocatable, intent(out) :: error
-      type(namelist_t) :: list
+      type(namelist_t) :: list, new
+      character(len=:), allocatable :: removed
 
       call read_text(file, text, error)
-      if (.not. allocated(error)) call read_case(text, file, case, error)
+      if (.not. allocated(error)) call read_keys(text, file, keys, error)
+      if (.not. allocated(error)) call case_of_keys(keys, file, case, error)
       if (.not. allocated(error)) call check_single(case, error)
       if (allocated(error) .or. boulders//total//seed//threads == "") return
-      call parse_namelist(text, file, list, error)
-      if (boulders /= "") call remove(list, "boulders_total")
-      if (total /= "") call remove(list, "boulders")
-      call override(list, "boulders", boulders)
-      call override(list, "boulders_total", total)
-      call override(list, "seed", seed)
-      call override(list, "threads", threads)
-      text = namelist_text(list)
-      call read_case(text, file, case, error)
+      removed = ""
+      if (boulders /= "") removed = "case%boulders_total"
+      if (total /= "") removed = removed//" case%boulders"
+      allocate (new%group(1))
+      new%group(1)%name = "case"
+      new%group(1)%entry = [entry_of("boulders", boulders), entry_of("boulders_total", total), &
+                            entry_of("seed", seed), entry_of("threads", threads)]
+      new%group(1)%entry = pack(new%group(1)%entry, [len(boulders), len(total), len(seed), len(threads)] > 0)
+      list = keys
+      call change_namelist(list, removed, new, file, keys, error)
+      text = namelist_text(keys)
+      if (.not. allocated(error)) call complete_keys(keys, file, error)
+      if (.not. allocated(error)) call case_of_keys(keys, file, case, error)
    end subroutine read_case_file
 
    !> Refuse a case with variants: a scene file is that of one.
@@ -44,44 +53,13 @@ contains
                 //"--variant NAME` makes the case of one")
    end subroutine check_single
 
-   !> Replace the value of a key of &case.
-   pure subroutine override(list, key, value)
-      type(namelist_t), intent(inout) :: list  !! contains the group: a case must give the number of boulders
+   pure type(entry_t) function entry_of(key, value) result(entry)
       character(len=*), intent(in) :: key, value
-      type(entry_t) :: entry
-      integer :: g, e
 
-      if (value == "") return
       entry%key = key
       entry%text = value
       entry%value = [value_t(1, len(value), .false.)]
-      do g = 1, size(list%group)
-         if (list%group(g)%name /= "case") cycle
-         do e = 1, size(list%group(g)%entry)
-            if (list%group(g)%entry(e)%key == key) exit
-         end do
-         if (e <= size(list%group(g)%entry)) then
-            list%group(g)%entry(e) = entry
-         else
-            list%group(g)%entry = [list%group(g)%entry, entry]
-         end if
-      end do
-   end subroutine override
-
-   !> Remove a key of &case that is replaced by another.
-   pure subroutine remove(list, key)
-      type(namelist_t), intent(inout) :: list
-      character(len=*), intent(in) :: key
-      integer, allocatable :: kept(:)
-      integer :: g, e
-
-      do g = 1, size(list%group)
-         if (list%group(g)%name /= "case") cycle
-         kept = [(e, e=1, size(list%group(g)%entry))]
-         kept = pack(kept, list%group(g)%entry%key /= key)
-         list%group(g)%entry = list%group(g)%entry(kept)
-      end do
-   end subroutine remove
+   end function entry_of
 
    !> Format groups and values as the text of a namelist file.
    pure function namelist_text(list) result(text)

@@ -64,7 +64,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (this%resumes .and. path_exists(this%output) .and. .not. path_exists(this%name)) then
-         if (is_finished(this%output, this%text, this%inputs, run)) then
+         if (is_finished(this%output, this%inputs, run)) then
             call fail(error, this%output//": is finished already, from the same case; nothing was changed", code=0)
          else if (.not. this%overwrites) then
             call fail(error, this%output//": already exists; not overwritten (--overwrite replaces it)")
@@ -74,7 +74,7 @@ contains
       if (allocated(error)) return
       call wait_for(this, this%every)
       if (.not. path_exists(this%name)) return
-      call read_part(this%name, this%text, this%inputs, run, error)
+      call read_part(this%name, this%inputs, run, error)
       this%kept = run%done
    end subroutine on_start
 

@@ -22,7 +22,7 @@ module rockfall_part_file
    use rockfall_scene_type, only: n_grounds
    use rockfall_grounds, only: model_names
    use rockfall_case, only: case_t
-   use rockfall_same_run, only: identity_t, difference
+   use rockfall_same_run, only: identity_t, difference, keys_of
    use rockfall_scene_file, only: inputs_t
    use rockfall_state_table, only: array_t, table_t
    use rockfall_run_state, only: run_t, arrays_of, rows_of, settle_run, restore_run
@@ -298,9 +298,8 @@ contains
    end function integer_of
 
    !> Return whether a file is a part with all boulders of a run of which none are done.
-   logical function is_finished(name, text, inputs, run)
+   logical function is_finished(name, inputs, run)
       character(len=*), intent(in) :: name
-      character(len=*), intent(in) :: text  !! of the case, with options of the command line
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout) :: run
       type(netcdf_file_t) :: file
@@ -309,7 +308,7 @@ contains
       is_finished = .false.
       call open_netcdf(name, file, error)
       if (allocated(error)) return
-      call check_run(file, text, inputs, run, error)
+      call check_run(file, inputs, run, error)
       is_finished = .not. allocated(error) .and. is_ok(file) .and. run%done == run%boulders
       run%done = 0
       run%wall = 0
@@ -319,9 +318,8 @@ contains
 
    !> Read a part from which a run continues; it must start where the run starts. Others, and damaged ones, are
    !> rejected.
-   subroutine read_part(name, text, inputs, run, error)
+   subroutine read_part(name, inputs, run, error)
       character(len=*), intent(in) :: name
-      character(len=*), intent(in) :: text  !! of the case, with options of the command line
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout), target :: run
       type(error_t), allocatable, intent(out) :: error
@@ -330,7 +328,7 @@ contains
       logical :: good
 
       call open_netcdf(name, file, error)
-      if (.not. allocated(error)) call check_run(file, text, inputs, run, error)
+      if (.not. allocated(error)) call check_run(file, inputs, run, error)
       if (allocated(error)) return
       if (is_ok(file)) then
          call make_room(run, part, lengths_of(file, run), error)
@@ -361,9 +359,8 @@ contains
    end function lengths_of
 
    !> Check that the file belongs to this run, and that its boulders are the first to be done here.
-   subroutine check_run(file, text, inputs, run, error)
+   subroutine check_run(file, inputs, run, error)
       type(netcdf_file_t), intent(inout) :: file
-      character(len=*), intent(in) :: text
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
@@ -371,7 +368,7 @@ contains
       type(identity_t) :: ours, theirs
 
       ours%version = version
-      ours%case = text
+      ours%keys = inputs%keys
       ours%read = inputs%input_checksums
       ours%decoded = inputs%decoded_checksums
       ours%total = run%total
@@ -380,7 +377,7 @@ contains
       ours%grid = inputs%arrays%grid
       ours%window = window_of(run)
       theirs%version = text_of(file, nf90_global, "version")
-      theirs%case = text_of(file, nf90_global, "case")
+      theirs%keys = keys_of(text_of(file, nf90_global, "case"))
       theirs%read = text_of(file, nf90_global, "input_checksums")
       theirs%decoded = text_of(file, nf90_global, "decoded_checksums")
       theirs%total = integer_of(file, "boulders_requested")

@@ -20,7 +20,8 @@ module rockfall_scene_file
    use rockfall_variables, only: layout => scene_layout
    use rockfall_case_keys, only: max_real
    use rockfall_case, only: case_t
-   use rockfall_same_run, only: differing_key
+   use rockfall_namelist, only: namelist_t
+   use rockfall_same_run, only: differing_key, keys_of
    use rockfall_scene_type, only: scene_t
    use rockfall_grounds, only: max_grounds
    use rockfall_scene, only: scene_arrays_t, feature_fields, is_borrowed, build_scene_of_case
@@ -32,6 +33,7 @@ module rockfall_scene_file
    type :: inputs_t
       type(scene_t) :: scene
       type(scene_arrays_t) :: arrays
+      type(namelist_t) :: keys                 !! of the case
       type(netcdf_file_t) :: file              !! open: its `crs` is copied to results
       integer :: crs = -1                      !! id of that variable
       type(axis_t) :: cells(2)                 !! x, y
@@ -43,15 +45,16 @@ module rockfall_scene_file
 contains
 
    !> Read the scene of a case from the file prepared for it.
-   subroutine read_scene(name, case, text, inputs, error)
+   subroutine read_scene(name, case, keys, inputs, error)
       character(len=*), intent(in) :: name
       type(case_t), intent(in) :: case
-      character(len=*), intent(in) :: text  !! of the case
+      type(namelist_t), intent(in) :: keys  !! of the case
       type(inputs_t), intent(out) :: inputs
       type(error_t), allocatable, intent(out) :: error
 
       call open_netcdf(name, inputs%file, error)
-      if (.not. allocated(error)) call check_case(inputs, case, text, error)
+      inputs%keys = keys
+      if (.not. allocated(error)) call check_case(inputs, case, error)
       if (allocated(error)) return
       call read_place(inputs)
       call read_elevations(inputs)
@@ -70,12 +73,11 @@ contains
    end subroutine read_scene
 
    !> Check that the file is a scene file, prepared for this case.
-   subroutine check_case(inputs, case, text, error)
+   subroutine check_case(inputs, case, error)
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
-      character(len=*), intent(in) :: text
       type(error_t), allocatable, intent(out) :: error
-      character(len=:), allocatable :: prepared, key
+      character(len=:), allocatable :: key
 
       associate (file => inputs%file)
          if (any(integers_of(file, "scene_layout", 1) /= layout)) then
@@ -83,8 +85,7 @@ contains
                       //"; `rockfall prepare` makes one")
             return
          end if
-         prepared = text_of(file, nf90_global, "case")
-         key = differing_key(prepared, text, of_arrays=.true.)
+         key = differing_key(keys_of(text_of(file, nf90_global, "case")), inputs%keys, of_arrays=.true.)
          if (key /= "") call fail(error, case%file//": "//key//": is not as in the case that "//file%name &
                                   //" was made of; prepare again")
          inputs%case_file = text_of(file, nf90_global, "case_file")

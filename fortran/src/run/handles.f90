@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Scenes and runs behind handles, for callers in other languages: an empty scene receives its arrays by name and is
-!> built once; runs of it advance in chunks and list their arrays. What callers may ask for is checked here.
+!> Cases, scenes and runs behind handles, for callers in other languages: a case is read once, others are made of it by
+!> changes; an empty scene receives its arrays by name and is built once; runs of it advance in chunks and list their
+!> arrays. What callers may ask for is checked here.
 module rockfall_handles
    use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
    use rockfall_kinds, only: wp, sp, i4, i8
@@ -12,8 +13,12 @@ module rockfall_handles
    use rockfall_map_values, only: map_row
    use rockfall_map_tallies, only: views_of
    use rockfall_threads, only: check_team, team_size
-   use rockfall_case_keys, only: map_names
-   use rockfall_case, only: case_t, read_case
+   use rockfall_namelist, only: namelist_t, parse_namelist
+   use rockfall_namelist_changes, only: change_namelist
+   use rockfall_namelist_json, only: json_of
+   use rockfall_case_keys, only: map_names, key_table, read_keys, complete_keys, default_keys
+   use rockfall_case_effects, only: mark_defaults
+   use rockfall_case, only: case_t, case_of_keys
    use rockfall_bounds, only: boulder_count
    use rockfall_scene, only: scene_arrays_t, build_scene_of_case
    use rockfall_line_samples, only: layout_t
@@ -24,7 +29,16 @@ module rockfall_handles
    use rockfall_run_loop, only: scan_terrain
    implicit none
    private
-   public :: scene_handle_t, run_handle_t, scene_at, run_at, new_scene, close_handle
+   public :: case_handle_t, scene_handle_t, run_handle_t, case_at, scene_at, run_at, new_scene, close_handle
+
+   !> Case behind a handle, or another text in namelist format, of which only the groups are read.
+   type :: case_handle_t
+      type(namelist_t) :: list
+      type(case_t) :: case
+      character(len=:), allocatable :: json  !! values of the groups (rockfall_namelist_json)
+   contains
+      procedure :: read_values, change, finish
+   end type case_handle_t
 
    !> Scene behind a handle.
    type :: scene_handle_t
@@ -47,6 +61,59 @@ module rockfall_handles
    end type run_handle_t
 
 contains
+
+   !> Read the groups of a text. `form` is "case", whose values are checked and complete; "defaults", every group of a
+   !> case, whatever the text; or "any", with unknown groups and keys.
+   subroutine read_values(this, form, text, name, error)
+      class(case_handle_t), intent(inout) :: this
+      character(len=*), intent(in) :: form, text, name  !! name: for messages
+      type(error_t), allocatable, intent(out) :: error
+
+      select case (form)
+      case ("case")
+         call read_keys(text, name, this%list, error)
+         if (.not. allocated(error)) call this%finish(name, error)
+      case ("defaults")
+         call default_keys(this%list)
+         this%json = json_of(this%list, key_table)
+      case default
+         call parse_namelist(text, name, this%list, error)
+         if (.not. allocated(error)) this%json = json_of(this%list, key_table(:0))
+      end select
+   end subroutine read_values
+
+   !> Make a case of another by changes, as in change_namelist, whose text is read.
+   subroutine change(this, other, removed, text, name, error)
+      class(case_handle_t), intent(inout) :: this
+      type(case_handle_t), intent(in) :: other
+      character(len=*), intent(in) :: removed, text, name
+      type(error_t), allocatable, intent(out) :: error
+      type(namelist_t) :: new
+
+      call parse_namelist(text, name, new, error)
+      if (.not. allocated(error)) call change_namelist(other%list, removed, new, name, this%list, error)
+      if (.not. allocated(error)) call complete_keys(this%list, name, error)
+      if (.not. allocated(error)) call this%finish(name, error)
+   end subroutine change
+
+   !> Check the rules of a case between its keys, and mark those that have their default.
+   subroutine finish(this, name, error)
+      class(case_handle_t), intent(inout) :: this
+      character(len=*), intent(in) :: name
+      type(error_t), allocatable, intent(out) :: error
+
+      call case_of_keys(this%list, name, this%case, error)
+      if (allocated(error)) return
+      call mark_defaults(this%list)
+      this%json = json_of(this%list, key_table)
+   end subroutine finish
+
+   function case_at(at) result(case)
+      type(c_ptr), intent(in) :: at
+      type(case_handle_t), pointer :: case
+
+      call c_f_pointer(at, case)
+   end function case_at
 
    function scene_at(at) result(scene)
       type(c_ptr), intent(in) :: at
@@ -86,20 +153,20 @@ contains
       if (allocated(this%arrays)) call this%arrays%set_array(name, kind, length, at)
    end subroutine give
 
-   !> Build a scene from the text of a case and its arrays.
-   subroutine build(this, text, name, error)
+   !> Build a scene from a case and its arrays.
+   subroutine build(this, case, error)
       class(scene_handle_t), intent(inout) :: this
-      character(len=*), intent(in) :: text, name  !! of the case, and its name in messages
+      type(case_t), intent(in) :: case
       type(error_t), allocatable, intent(out) :: error
 
       if (.not. allocated(this%arrays)) then
-         call fail(error, name//": the scene has been built")
+         call fail(error, case%file//": the scene has been built")
       else if (.not. is_complete(this%arrays)) then
-         call fail(error, name//": arrays elevation, source_x, source_y and impact_sets are needed")
+         call fail(error, case%file//": arrays elevation, source_x, source_y and impact_sets are needed")
       else
          if (.not. allocated(this%arrays%sets_name)) this%arrays%sets_name = "impact_sets"
-         call read_case(text, name, this%case, error)
-         if (.not. allocated(error)) call build_scene_of_case(this%case, this%arrays, this%scene, error)
+         this%case = case
+         call build_scene_of_case(case, this%arrays, this%scene, error)
          if (allocated(error)) return
          this%dem = this%scene%dem
          deallocate (this%arrays)
@@ -174,24 +241,21 @@ contains
       call open_run(scene%case, scene%scene, before, n, cells, this%run, error)
    end subroutine begin
 
-   !> Open a run without a scene, as in open_joined_run, from the text of a valid case.
-   subroutine begin_joined(this, text, boulders, window, grounds, features, shapes, part_last, group_part, error)
+   !> Open a run without a scene, as in open_joined_run.
+   subroutine begin_joined(this, case, boulders, window, grounds, features, shapes, part_last, group_part, error)
       class(run_handle_t), intent(inout) :: this
-      character(len=*), intent(in) :: text
+      type(case_t), intent(in) :: case
       integer(i8), intent(in) :: boulders(3)  !! of the complete run, before the part, in it
       integer, intent(in) :: window(4), grounds
       logical, intent(in) :: features, shapes
       integer(i4), intent(in) :: part_last(:), group_part(:)  !! as in layout_t
       type(error_t), allocatable, intent(out) :: error
       type(layout_t) :: layout
-      type(case_t) :: case
 
       layout%part_last = part_last
       layout%group_part = group_part
-      call read_case(text, "", case, error)
-      if (.not. allocated(error)) &
-         call open_joined_run(case, boulders(1), boulders(2), boulders(3), window, grounds, features, shapes, &
-                              layout, this%run, error)
+      call open_joined_run(case, boulders(1), boulders(2), boulders(3), window, grounds, features, shapes, layout, &
+                           this%run, error)
    end subroutine begin_joined
 
    !> Open a run of a scene that continues another, which then cannot continue itself.

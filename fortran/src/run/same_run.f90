@@ -10,11 +10,12 @@ module rockfall_same_run
    use rockfall_case_keys, only: read_keys, key_t, key_table, text_length
    implicit none
    private
-   public :: identity_t, difference, differing_key
+   public :: identity_t, difference, differing_key, keys_of
 
    !> What identifies a run, and a range of its boulders.
    type :: identity_t
-      character(len=:), allocatable :: version, case  !! of this software; text of the case
+      character(len=:), allocatable :: version        !! of this software
+      type(namelist_t) :: keys                        !! of the case, complete
       character(len=:), allocatable :: read, decoded  !! checksums of inputs by name, as in files (JSON)
       integer(i8) :: total = 0, first = 0, last = 0   !! boulders of the run, of the range
       type(grid_t) :: grid                            !! of the terrain
@@ -30,7 +31,7 @@ contains
 
       what = "version"
       if (ours%version /= theirs%version) return
-      what = differing_key(ours%case, theirs%case, of_arrays=.false.)
+      what = differing_key(ours%keys, theirs%keys, of_arrays=.false.)
       if (what /= "") return
       what = "boulders"
       if (ours%total /= theirs%total .or. ours%first /= theirs%first) return
@@ -70,27 +71,31 @@ contains
       if (name == "") name = "input"
    end function differing_checksum
 
-   !> First key, as `&group key`, whose values differ between the texts of two cases, "" if none: among the keys that
-   !> determine the arrays of a scene file, or all that must agree to continue a run. "&case" if a text is not a case.
+   !> Keys of the text of a case; none if it is not one.
+   pure type(namelist_t) function keys_of(text) result(keys)
+      character(len=*), intent(in) :: text
+      type(error_t), allocatable :: error
+
+      call read_keys(text, "", keys, error)
+      if (allocated(error)) keys = namelist_t()
+   end function keys_of
+
+   !> First key, as `&group key`, whose values differ between two cases, "" if none: among the keys that determine the
+   !> arrays of a scene file, or all that must agree to continue a run. "&case" if one is not a case.
    pure function differing_key(ours, theirs, of_arrays) result(name)
-      character(len=*), intent(in) :: ours, theirs
+      type(namelist_t), intent(in) :: ours, theirs
       logical, intent(in) :: of_arrays
       character(len=:), allocatable :: name
-      type(namelist_t) :: lists(2)
-      type(error_t), allocatable :: error
       integer :: k
 
       name = "&case"
-      call read_keys(ours, "", lists(1), error)
-      if (allocated(error)) return
-      call read_keys(theirs, "", lists(2), error)
-      if (allocated(error)) return
+      if (.not. (allocated(ours%group) .and. allocated(theirs%group))) return
       do k = 1, size(key_table)
          associate (key => key_table(k))
             if (of_arrays .and. .not. key%of_scene) cycle
             if (key%group == "case" .and. key%name == "threads") cycle  ! does not affect results
             name = "&"//trim(key%group)//" "//trim(key%name)
-            if (.not. same_values(groups_of(lists(1), key%group), groups_of(lists(2), key%group), key)) return
+            if (.not. same_values(groups_of(ours, key%group), groups_of(theirs, key%group), key)) return
          end associate
       end do
       name = ""

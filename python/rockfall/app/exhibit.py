@@ -57,7 +57,7 @@ class Exhibit:
         )
         settings, document = given_groups(self.case), Document()
         layers = {
-            name: [*line_features(name, getattr(self.case, GROUPS[name]), layer_form[name])]
+            name: [*line_features(name, self.case, layer_form[name])]
             if name in GROUPS else []
             for name in LAYERS
         }  # fmt: skip

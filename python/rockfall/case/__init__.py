@@ -11,7 +11,10 @@ from rockfall.case.case import (
     case_of,
     facts,
     given_groups,
+    given_in_lists,
     given_text,
+    in_kernel,
+    is_given,
     read_case,
 )
 from rockfall.case.keys import (

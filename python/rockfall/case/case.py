@@ -4,15 +4,21 @@ in the kernel's table."""
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case.keys import REPEATABLE, Key, default_values, file_keys
+from rockfall.case.keys import REPEATABLE, Key, file_keys
 from rockfall.case.rules import first_fault
-from rockfall.case.text import namelist_text, plain_values, read_values
+from rockfall.case.text import (
+    KernelValues,
+    changed_values,
+    namelist_text,
+    plain_values,
+    read_values,
+    remember,
+)
 from rockfall.errors import RockfallError
 from rockfall.io.files import check_text_file, reason
 
@@ -52,8 +58,12 @@ def case_in(attrs: Mapping[str, Any]) -> Case:
 
 
 def _case(text: bytes, path: Path) -> Case:
+    return _made(read_values(text, str(path), "case"), path.parent, str(path))
+
+
+def _made(values: KernelValues, folder: Path, name: str) -> Case:
     case = Case.__new__(Case)
-    case._read(text, path.parent, str(path))
+    case._take(values, folder, name)
     return case
 
 
@@ -86,28 +96,26 @@ class Case:
         groups["terrain"] = terrain if "dem" in terrain else {**terrain, "dem": FROM_ARRAY}
         lists = {group: map(plain_values, groups.pop(group, ())) for group in REPEATABLE}
         plain = {group: plain_values(values) for group, values in groups.items()}
-        self._read(namelist_text(plain, lists).encode(), Path(folder), name)
+        text = namelist_text(plain, lists).encode()
+        self._take(read_values(text, name, "case"), Path(folder), name)
 
-    def _read(self, text: bytes, folder: Path, name: str) -> None:
-        """Take the values of a text, which messages show."""
-        self.folder, self.name = folder, name
-        groups, facts = read_values(text, name, "case")
-        self._facts = Facts(*facts)
-        self._groups: dict[str, dict[str, Any]] = {}  # complete
-        self._given: dict[str, Any] = {group: [] for group in REPEATABLE}
-        self.__dict__ |= {group: [] for group in REPEATABLE}
-        for group in groups:
-            if group.name in REPEATABLE:
-                self.__dict__[group.name].append(group.all())
-                self._given[group.name].append(group.given)
-            else:
-                self._groups[group.name] = group.all()
-                self._given[group.name] = group.given
-        every = self._groups | {group: self.__dict__[group] for group in REPEATABLE}
-        self._as_read = copy.deepcopy(every)
-        if fault := first_fault(every, self._facts.has_points):
-            message = _core.refusal(text, name, *fault)
+    def _take(self, values: KernelValues, folder: Path, name: str) -> None:
+        """Take the values that the kernel has read; messages show the name."""
+        self.folder, self.name, self._values = folder, name, values
+        self._facts = Facts(*values.facts)
+        groups = _all_values(values)
+        if fault := first_fault(groups, self._facts.has_points):
+            message = _core.refusal(values, *fault)
             raise RockfallError(message.decode(errors="replace").strip())
+        self.__dict__ |= {group: groups.pop(group) for group in REPEATABLE}
+        self._groups: dict[str, dict[str, Any]] = groups  # complete
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_values": self.text()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        values = read_values(state["_values"].encode(), state["name"], "case")
+        self.__dict__ |= state | {"_values": values}
 
     def __getattr__(self, group: str) -> dict[str, Any]:
         try:
@@ -179,30 +187,45 @@ class Case:
         >>> other.boulder["volume_mean"], other.boulder["density"], other.line
         (2.0, 2800.0, [])
         """
-        given = self._with_changes_in_place()
-        changed = dict(given)
+        changes = self._changes_in_place()
         for group, values in groups.items():
             if group not in REPEATABLE:
-                changed[group] = {**given.get(group, {}), **values}
+                changes[group] = changes.get(group, {}) | values
             elif values is not None:
-                changed[group] = values
-        changed["impact"] = _new_operator(given["impact"], groups.get("impact", {}))
-        if changed["output"].get("maps") is None and "maps" in self.output:
-            changed["output"] = changed["output"] | dict.fromkeys(OF_MAPS)
-        return Case(folder=self.folder, name=self.name, **changed)
+                changes[group] = values
+        if "impact" in groups:
+            changes["impact"] |= _new_form(groups["impact"])
+        if changes.get("output", {}).get("maps", "") is None:
+            changes["output"] |= dict.fromkeys(OF_MAPS)
+        return _made(self._changed(changes), self.folder, self.name)
 
-    def _with_changes_in_place(self) -> dict[str, Any]:
-        """Return what was given, with values that were set since by `case.boulder[key] = value`."""
-        given = dict(self._given)
-        for group, values in self._groups.items():
-            was = self._as_read[group]
-            changes = {key: value for key, value in values.items() if value != was.get(key)}
-            removed = dict.fromkeys(was.keys() - values.keys())
-            given[group] = {**given[group], **changes, **removed}
-        for group in REPEATABLE:
-            if self.__dict__[group] != self._as_read[group]:
-                given[group] = self.__dict__[group]
-        return given
+    def _changed(self, changes: dict[str, Any]) -> KernelValues:
+        """The case with changes, which alone are read: None removes a key."""
+        plain: dict[str, dict[str, Any]] = {}
+        lists, removed = {}, []
+        for group, values in changes.items():
+            if group in REPEATABLE:
+                removed.append(group)
+                lists[group] = map(plain_values, values)
+            else:
+                plain[group] = plain_values(values)
+                keys = {key.lower() for key in values} - plain[group].keys()
+                removed += [f"{group}%{key}" for key in keys]
+        text = namelist_text(plain, lists).encode()
+        return changed_values(self._values, removed, text, self.name)
+
+    def _changes_in_place(self) -> dict[str, Any]:
+        """Return what was set since by `case.boulder[key] = value`, and what was removed."""
+        changes: dict[str, Any] = {}
+        groups = self._groups | {group: self.__dict__[group] for group in REPEATABLE}
+        for group, was in _all_values(self._values).items():
+            if (own := groups[group]) == was:
+                continue
+            changes[group] = own
+            if group not in REPEATABLE:
+                new = {key: value for key, value in own.items() if value != was.get(key)}
+                changes[group] = dict.fromkeys(was.keys() - own.keys()) | new
+        return changes
 
     def text(self) -> str:
         """Case as the text of a namelist file.
@@ -213,7 +236,13 @@ class Case:
         &boulder
             block_
         """
-        return namelist_text(self._groups, {group: self.__dict__[group] for group in REPEATABLE})
+        values = in_kernel(self)
+        if not values.text:
+            groups = _all_values(values)
+            lists = {group: groups.pop(group) for group in REPEATABLE}
+            values.text = namelist_text(groups, lists)
+            remember(values.text.encode(errors="replace"), self.name, "case", values)
+        return values.text
 
     def path(self, file: str) -> Path:
         """The path of a file that the case names.
@@ -246,35 +275,58 @@ def facts(case: Case, *groups: str) -> Facts:
     return case._facts
 
 
-def _new_operator(own: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Group `impact` with changes. Sets or a table that they name bring their form, without which
-    they would have no effect; both together are for the kernel to refuse."""
-    kept = dict(own)
+def in_kernel(case: Case) -> KernelValues:
+    """A case as the kernel has read it, with values that were changed in place since."""
+    changes = case._changes_in_place()
+    return case._changed(changes) if changes else case._values
+
+
+def is_given(case: Case, group: str, key: str) -> bool:
+    """Return True if a key does not have its default; stages note its group."""
+    own = getattr(case, group).get(key)
+    read = next(read for read in case._values.groups if read.name == group)
+    return key in read.given or own != read.usual.get(key)
+
+
+def _all_values(values: KernelValues) -> dict[str, Any]:
+    """Values of each group of a case; of REPEATABLE, lists of them."""
+    groups: dict[str, Any] = {group: [] for group in REPEATABLE}
+    for group in values.groups:
+        if group.name in REPEATABLE:
+            groups[group.name].append(group.all())
+        else:
+            groups[group.name] = group.all()
+    return groups
+
+
+def _new_form(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Form of rebounds that changes of `impact` bring: that of sets or a table that they name,
+    without which they would have no effect; both together are for the kernel to refuse."""
     named = [form for key, form in OPERATOR.items() if changes.get(key) is not None]
-    if changes.get("form") is None and (named or {"form", "table"} & changes.keys()):
-        usual = default_values()["impact"]
-        kept = {key: own[key] for key in own if key not in OPERATOR or own[key] != usual[key]}
-        kept.pop("form", None)
-        if len(named) == 1:
-            kept["form"] = named[0]
-    return kept | {key: value for key, value in changes.items() if key != "form" or value}
+    if changes.get("form") is not None or not (named or {"form", "table"} & changes.keys()):
+        return {}
+    return {"form": named[0] if len(named) == 1 else None}
 
 
 def given_groups(case: Case) -> dict[str, dict[str, Any]]:
-    """Groups of a case that may not be repeated, without keys that have their default."""
-    groups: dict[str, dict[str, Any]] = {}
-    for group, values in case._groups.items():
-        usual = default_values().get(group, {})
-        given = {key: value for key, value in values.items() if value != usual.get(key)}
-        if "table" in given and group == "impact":  # which brings a form of its own
-            given["form"] = values["form"]
-        if given:
-            groups[group] = given
+    """Groups of a case that may not be repeated, with the keys that do not have their default."""
+    return {
+        group.name: group.given
+        for group in in_kernel(case).groups
+        if group.given and group.name not in REPEATABLE
+    }
+
+
+def given_in_lists(case: Case) -> dict[str, list[dict[str, Any]]]:
+    """Groups that may be repeated, without keys that have their default."""
+    groups: dict[str, list[dict[str, Any]]] = {group: [] for group in REPEATABLE}
+    for group in in_kernel(case).groups:
+        if group.name in REPEATABLE:
+            groups[group.name].append(group.given)
     return groups
 
 
 def given_text(case: Case) -> str:
     """Text of a case without the groups in which every key has its default."""
-    defaults = default_values()
-    given = {name: values for name, values in case._groups.items() if values != defaults.get(name)}
+    given = {group: case._groups[group] for group in given_groups(case)}
     return namelist_text(given, {name: getattr(case, name) for name in REPEATABLE})

@@ -4,18 +4,19 @@
 from __future__ import annotations
 
 import json
+import weakref
 from collections.abc import Iterable, Iterator, Mapping
-from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError, check_kernel
 
 WIDTH = 72  # columns after which a list continues on the next line
 VALUE_COLUMN = 44  # column at which comments begin
-#: Bytes of JSON that are more than the kernel makes of a short text; a longer one needs more.
-ROOM, ROOM_PER_BYTE = 2**15, 3
+KEPT = 8  # texts whose values are kept
 
 Groups = Mapping[str, Mapping[str, Any]]
 
@@ -25,38 +26,64 @@ class Values(NamedTuple):
 
     name: str
     given: dict[str, Any]
-    usual: dict[str, Any]  # defaults of keys that are not given
+    usual: dict[str, Any]  # values of keys that have their default
 
     def all(self) -> dict[str, Any]:
         """All values."""
         return self.usual | self.given
 
 
-class Read(NamedTuple):
-    """Groups that the kernel found in a text."""
+class KernelValues:
+    """Groups of a text, or of a case, as the kernel holds them while this object lives."""
 
-    groups: list[Values]
-    facts: tuple[bool, ...]  # of a case
+    def __init__(
+        self, handle: int, facts: np.ndarray, length: int, code: int, message: bytes
+    ) -> None:
+        check_kernel(code, message)
+        self._handle = handle
+        weakref.finalize(self, _core.close_values, handle)
+        self.facts: tuple[bool, ...] = tuple(facts.astype(bool).tolist())  # of a case
+        self._json = _core.values_of(handle, length).tobytes()
+        self.text = ""  # of a case, once it has been written
+
+    def __index__(self) -> int:
+        return self._handle
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("what the kernel has read belongs to its process")
+
+    @property
+    def groups(self) -> list[Values]:
+        """Values of the groups in their order, which are the caller's."""
+        return [Values(*group) for group in json.loads(self._json)]
 
 
-def read_values(text: bytes, name: str, form: str = "any") -> Read:
-    """Values of the groups of a text, in its order. `form` is "case", which is checked and
-    complete; "defaults", those of every group of a case, whatever the text; or "any", with
-    unknown keys."""
-    document, facts = _read(text, name, form)
-    return Read([Values(*group) for group in json.loads(document)], facts)
+_READ: dict[tuple[bytes, str, str], KernelValues] = {}  # the last texts, the oldest first
 
 
-@lru_cache(maxsize=8)
-def _read(text: bytes, name: str, form: str) -> tuple[bytes, tuple[bool, ...]]:
-    """JSON of the values, and facts of a case: cached, because a result's case is used often."""
-    room = ROOM + ROOM_PER_BYTE * len(text)
-    while True:
-        facts, document, length, *status = _core.values_of(form, *kernel_text(text, name), room)
-        check_kernel(*status)
-        if length <= room:
-            return document[:length].tobytes(), tuple(facts.astype(bool).tolist())
-        room = length
+def read_values(text: bytes, name: str, form: str = "any") -> KernelValues:
+    """Read the groups of a text. `form` is "case", which is checked and complete; "defaults", those
+    of every group of a case, whatever the text; or "any", with unknown keys."""
+    if (kept := _READ.get((text, name, form))) is not None:
+        return kept
+    read = KernelValues(*_core.read_values(form, *kernel_text(text, name)))
+    remember(text, name, form, read)
+    return read
+
+
+def remember(text: bytes, name: str, form: str, values: KernelValues) -> None:
+    """Keep the values of a text, as that of a result's case, which is often asked for."""
+    _READ[text, name, form] = values
+    for oldest in [*_READ][:-KEPT]:
+        _READ.pop(oldest, None)
+
+
+def changed_values(
+    values: KernelValues, removed: Iterable[str], text: bytes, name: str
+) -> KernelValues:
+    """Values of a case without groups or keys (`group%key`), and with those of a text in place."""
+    words = " ".join(removed) or " "
+    return KernelValues(*_core.change_case(values, words, *kernel_text(text, name)))
 
 
 def read_groups(text: str, name: str) -> dict[str, dict[str, Any]]:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case, facts
+from rockfall.case import Case, facts, in_kernel
 from rockfall.errors import RockfallError, check_kernel
 from rockfall.grounds.impact_sets import find_set, shipped_sets
 from rockfall.grounds.impact_tables import (
@@ -262,7 +262,7 @@ def scaled_pair(rule: GroundRule, strength: float, relief: float, case: Case) ->
 def usual_radii(case: Case) -> tuple[float, float]:
     """Least and largest R_b [m] of all but few boulders of a case."""
     given = facts(case, "boulder", "release", "breakage")
-    low, high = _core.usual_radii(case.text().encode()).tolist()
+    low, high = _core.usual_radii(in_kernel(case)).tolist()
     if given.by_raster or given.by_layer or not {"points", "polygons"}.isdisjoint(case.release):
         low, high = ANY_RADIUS
     return (ANY_RADIUS[0] if case.breakage["at"] != "none" else low), high

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case, in_kernel
 from rockfall.errors import check_kernel
 from rockfall.io.rasters.grid import Box, Grid
 
@@ -48,12 +49,12 @@ class RunArrays:
 
     @classmethod
     def joined(
-        cls, case: str, boulders: tuple[int, int, int], box: Box, grounds: int, features: bool,
+        cls, case: Case, boulders: tuple[int, int, int], box: Box, grounds: int, features: bool,
         shapes: bool, *layout: np.ndarray,
     ) -> Self:  # fmt: skip
         """Create a run to be joined from parts, or a part. `boulders`: of the complete run, before
         the part, in it; `layout`: part_last and group_part of samples."""
-        extent = case.encode(), boulders, window(box), grounds, features, shapes
+        extent = in_kernel(case), boulders, window(box), grounds, features, shapes
         return cls(_core.open_joined_run(*extent, *layout), "merge")
 
     def merge(self, part: RunArrays) -> None:

@@ -187,9 +187,7 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
     )
     layout = (data[f"sample_{name}"].values.astype("i4") for name in ("part_last", "group_part"))
     boulders = requested, first - 1, last - first + 1
-    run = RunArrays.joined(
-        case_of(data).text(), boulders, Box(0, 0, 0, 0), 0, False, False, *layout
-    )
+    run = RunArrays.joined(case_of(data), boulders, Box(0, 0, 0, 0), 0, False, False, *layout)
     sizes = (data.sizes[dim] for dim in ("boulder", "sample_entry", "sample_group_entry"))
     rows, *bins = map(int, sizes)
     run.begin_part(boulders[2], (rows, 0, 0, *bins, 0), str(path))

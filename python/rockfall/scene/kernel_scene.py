@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A scene in the kernel, built once from the text of its case and from arrays."""
+"""A scene in the kernel, built once from its case and from arrays."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case
+from rockfall.case import Case, in_kernel
 from rockfall.errors import check_kernel
 from rockfall.grounds.impact_tables import table_arrays
 from rockfall.io.rasters.grid import Box
@@ -51,8 +51,7 @@ class KernelScene:
         """The kernel's number of the scene, which is built on first use."""
         self._given = self.arrays()
         handle = _new_scene(self._rasters, self._given, self._draw)
-        text = self._case.text().encode()
-        check_kernel(*_core.build_scene(handle, text, self.name.encode()))
+        check_kernel(*_core.build_scene(handle, in_kernel(self._case)))
         self._close = weakref.finalize(self, _core.close_scene, handle)
         return handle
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case
+from rockfall.case import Case, in_kernel
 from rockfall.errors import RockfallError
 from rockfall.grounds import GroundRule
 from rockfall.io.input_warnings import InputWarning
@@ -53,13 +53,14 @@ class Origin:
         """First item in which another run differs, "" if none; threads and the notation of the case
         are ignored. Ranges of boulders differ unless theirs begins our own."""
         texts, numbers, corners = zip(self._identity(own), other._identity(theirs), strict=True)
-        what = _core.run_difference(*texts, np.array(numbers).T, np.array(corners).T)
+        cases = in_kernel(self.case), in_kernel(other.case)
+        what = _core.run_difference(*cases, *texts, np.array(numbers).T, np.array(corners).T)
         return what.decode().strip()
 
     def _identity(self, numbers: range) -> tuple[bytes, list[int], tuple[float, ...]]:
         """Texts, integers and reals of the kernel's identity_t; numbers are of boulders, from 1."""
         sums = (json.dumps(by_name, sort_keys=True) for by_name in (self.checksums, self.decoded))
-        texts = "\1".join((self.version, self.case.text(), *sums)).encode(errors="replace")
+        texts = "\1".join((self.version, *sums)).encode(errors="replace")
         grid, ends = self.grid, (numbers.start, numbers.stop - 1)
         integers = [self.boulders, *ends, grid.nx, grid.ny, *window(self.window)]
         return texts, integers, (grid.west, grid.north, grid.cell)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case
+from rockfall.case import Case, in_kernel
 from rockfall.errors import check_kernel
 from rockfall.io.rasters.grid import row_blocks
 from rockfall.result import variables
@@ -131,7 +131,7 @@ def line_variables(tally: Tally) -> dict[str, Any]:
     for name, attrs in variables.LINE_VERTEX.items():
         data[f"line_vertex_{name}"] = ("line_vertex", vertices[name], attrs)
     if case.barrier:
-        height, capacity = _core.barriers(case.text().encode(), len(lines))
+        height, capacity = _core.barriers(in_kernel(case), len(lines))
         height[capacity == 0] = capacity[capacity == 0] = np.nan
         data["barrier_height"] = ("line", height, variables.BARRIER["height"])
         data["barrier_capacity"] = ("line", capacity, variables.BARRIER["capacity"])

@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.app.edited.document import OTHER_SOURCES, Document, Settings, Site, Variants
 from rockfall.app.edited.features import MAX_FEATURES, MAX_VERTICES, Feature
 from rockfall.app.edited.forms import DRAWN, REST, Form, ground_names, layer_forms, settings_forms
-from rockfall.case import FROM_ARRAY, REPEATABLE, Case, default_values, given_groups, read_case
+from rockfall.case import FROM_ARRAY, REPEATABLE, Case, given_groups, given_in_lists, read_case
 from rockfall.case.variants import variants
 from rockfall.draft.grounds import GROUNDS, needs_rocks
 from rockfall.draft.groups import RADIUS, VOLUME
@@ -133,7 +133,7 @@ def _read(
     layers = dict(document.layers)
     lines = read_lines(inputs)
     for name, group in GROUPS.items():
-        features = list(line_features(name, getattr(lines, group), forms[name]))
+        features = list(line_features(name, lines, forms[name]))
         if _fits(features):
             layers[name], kept[group] = features, []
     release = settings.get("release", {})
@@ -166,11 +166,10 @@ def _has_polygon_zones(case: Case) -> bool:
     return case.path(named).suffix.lower() in EXTENSIONS
 
 
-def line_features(layer: str, groups: list[dict[str, Any]], form: Form) -> Iterator[Feature]:
-    """Features of line groups, with the keys that differ from their default."""
-    usual = default_values().get(GROUPS[layer], {})
-    for k, group in enumerate(groups, start=1):
-        own = {key: group[key] for key in form if key in group and group[key] != usual.get(key)}
+def line_features(layer: str, case: Case, form: Form) -> Iterator[Feature]:
+    """Features of line groups, with the keys that do not have their default."""
+    for k, group in enumerate(given_in_lists(case)[GROUPS[layer]], start=1):
+        own = {key: group[key] for key in form if key in group}
         places = [[*at] for at in zip(group["x"], group["y"], strict=True)]
         yield Feature(f"{layer[0]}{k}", "LineString", places, own)
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import default_values
+from rockfall.case import is_given
 from rockfall.errors import RockfallError
 from rockfall.io.tables import read_table
 from rockfall.io.vectors.layers import EXTENSIONS, attribute, extent, named_attribute, read_points
@@ -72,7 +72,7 @@ def listed_trees(inputs: Inputs) -> Planted:
 def _from_table(path: Path, inputs: Inputs) -> Listed:
     """Read trees from a CSV file, whose columns have fixed names."""
     for key in FIELDS:
-        if inputs.case.forest[key] != default_values()["forest"][key]:
+        if is_given(inputs.case, "forest", key):
             raise RockfallError(
                 f"{inputs.case.name}: &forest {key}: is only valid with a layer: name the columns "
                 f"of a table {', '.join(COLUMNS)}"

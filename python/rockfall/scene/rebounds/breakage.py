@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case
+from rockfall.case import Case, in_kernel
 
 MAX_SPEED = _core.constant("max_speed")  # [m/s], above that of any boulder
 SPEEDS = 1001  # tried at a time
@@ -30,7 +30,7 @@ def split_blocks(case: Case, volume: np.ndarray, energy: np.ndarray) -> Splits:
     """Split blocks of these volumes [m3] by energies [J] normal to the ground, (n,), by the
     `&breakage` of a case whose boulders break."""
     volumes = np.zeros((case.breakage["max_fragments"], len(volume)), order="F")
-    ratio, fines, capped = _core.split_blocks(case.text().encode(), volume, energy, volumes)
+    ratio, fines, capped = _core.split_blocks(in_kernel(case), volume, energy, volumes)
     return Splits(ratio, volumes.T, fines, capped.astype(bool))
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rockfall.case import default_values, given_groups
+from rockfall.case import given_groups, is_given
 from rockfall.grounds import ABSORBS, TABLES, repose, usual_key
 from rockfall.io.input_warnings import InputWarning
 from rockfall.language import Text, say
@@ -270,7 +270,7 @@ def _operator(scene: Scene) -> Iterator[InputWarning]:
     """A table of impacts, or impact sets, that a case names beside a ground for all."""
     key = usual_key(scene.case)
     name, ground = scene.case.impact[key], scene.case.surface.get("ground", "")
-    if ground not in ("", name) and name != default_values()["impact"][key]:
+    if ground not in ("", name) and is_given(scene.case, "impact", key):
         yield InputWarning(f"&impact {key} = '{name}'", say("input.no_effect", ground=ground))
 
 

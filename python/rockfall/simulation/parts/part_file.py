@@ -107,7 +107,7 @@ class Part:
         origin = self.origin
         layout = (self.arrays.get(name, np.zeros(1, "i4")) for name in LAYOUT_OF.values())
         return Run.joined(
-            origin.case.text(), (origin.boulders, before, boulders), origin.window,
+            origin.case, (origin.boulders, before, boulders), origin.window,
             len(origin.grounds), origin.features is not None, bool(origin.shapes), *layout,
         )  # fmt: skip
 
@@ -330,12 +330,12 @@ def _case(text: str, file: str) -> Case:
 
 @lru_cache(maxsize=8)
 def _table(
-    text: str, boulders: int, grounds: int, features: bool, shapes: bool
+    case: Case, boulders: int, grounds: int, features: bool, shapes: bool
 ) -> tuple[dict[str, tuple[Any, tuple[str, ...]]], dict[str, int]]:
     """Type and dimensions of every variable that a part of a case has, and the lengths that do not
     depend on the part, from the arrays of an empty run."""
     run = Run.joined(
-        text, (boulders, 0, 0), Box(0, 0, 0, 0), grounds, features, shapes, *np.zeros((2, 1), "i4")
+        case, (boulders, 0, 0), Box(0, 0, 0, 0), grounds, features, shapes, *np.zeros((2, 1), "i4")
     )
     table: dict[str, tuple[Any, tuple[str, ...]]] = {"crs": ("i4", ())}
     shape: dict[str, int] = {}
@@ -357,7 +357,7 @@ def _check_shapes(
     `size` bytes) that can hold them; others are dropped."""
     origin = part.origin
     has = origin.features is not None, bool(origin.shapes)
-    table, known_lengths = _table(origin.case.text(), origin.boulders, len(origin.grounds), *has)
+    table, known_lengths = _table(origin.case, origin.boulders, len(origin.grounds), *has)
     expected, lengths = {**table}, {**known_lengths}
     if "sample_ended" not in expected:  # else a dimension of its own
         lengths["boulder"] = part.last - part.first + 1
