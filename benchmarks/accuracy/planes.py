@@ -226,10 +226,9 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
         "# Shipped impact sets and tables on planes",
         "",
         *wrap(
-            "What the shipped sets and tables do on planes, where nothing was observed: "
             f"{boulders:,} boulders for each number, released {DROP:g} m above a plane; a line "
-            f"{DISTANCE:g} m further down, in plan. R_b/R_m is constant, and boulders turn past "
-            "the aspect. Tables of impacts have compact blocks, and R_b/R_m = "
+            f"{DISTANCE:g} m further down, in plan. R_b/R_m is the same everywhere, boulders turn "
+            "past the aspect. By tables of impacts blocks are compact, and R_b/R_m = "
             f"{RATIO_OF_TABLES} where it matters. Of sets other than `{'`, `'.join(FULL)}` this "
             "page has neutral slopes only. It and its figure are written by "
             "`benchmarks/accuracy/planes.py`.",
@@ -237,9 +236,10 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
         ),
         "",
         *wrap(
-            "± is the standard error; - means that too few pass. On the **neutral slope** boulders "
-            "that go straight down neither gain nor lose speed in the long run; those that turn "
-            "descend less steeply. On steeper planes they accelerate without end.",
+            "± is the standard error; - where too few pass to know the number. On the **neutral "
+            "slope** boulders that go straight down neither gain nor lose speed in the long run; "
+            "those that turn descend less steeply. There is no terminal velocity: what is steeper "
+            "makes them faster without end.",
             100,
         ),
         "",

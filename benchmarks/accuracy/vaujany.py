@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The shipped impact sets compared with what the paper prints: writes docs/validation/vaujany.md.
+"""The shipped impact sets beside what the paper prints: writes docs/validation/vaujany.md.
 
     python -m benchmarks.accuracy.vaujany [--slopes 48] [-o docs]
 
@@ -51,7 +51,7 @@ def cell(one: Score, target: Target) -> str:
 
 def rows(scores: dict[str, Score], wanted: list[Target]) -> list[str]:
     names = list(scores)
-    text = [f"| | paper | bounds | {' | '.join(names)} | 5 to 95 % of the draws |"]
+    text = [f"| | paper | asked | {' | '.join(names)} | 5 to 95 % of the draws |"]
     text.append("| --- | --: | --: |" + " --: |" * (len(names) + 1))
     for target in wanted:
         cells = [cell(one, target) for one in scores.values()]
@@ -75,24 +75,24 @@ def beside(scores: dict[str, Score]) -> list[str]:
 
 HEAD = """# The paper's slope by our sets
 
-How the shipped sets reproduce what the paper simulated at Vaujany. Each number is a mean over
-{slopes} slopes of the recipe of [cases/vaujany](../../cases/vaujany/README.md) that no calibration
-has seen, with 2,000 boulders each. ± is the standard error over slopes, boulders and coefficients;
-a number within a standard error of a bound is undecided. `benchmarks/accuracy/vaujany.py` writes
-this page.
+Each number is a mean over {slopes} slopes of the recipe of
+[cases/vaujany](../../cases/vaujany/README.md), with 2,000 boulders on each; no calibration has seen
+these slopes. ± is its standard error: of slopes, boulders and coefficients. A number within a
+standard error of a bound is undecided. This page is written by `benchmarks/accuracy/vaujany.py`.
 
-Columns: [the shipped sets](../impact_sets.md), `bourrier2009` also with another rule of turning,
-and the draws of its ensemble. `vaujany-observed` is fitted to the observed boulders, not to these
-numbers. Rg of method A is a radius, for `laboratory-spheres` a diameter;
+Columns: [the shipped sets](../impact_sets.md), `bourrier2009` with another rule of turning too, and
+the draws of its ensemble, in turns. `vaujany-observed` is fitted to the observed boulders and not
+to these numbers. Rg of method A is read as a radius, for `laboratory-spheres` as a diameter;
 `ratio` is `'between'` for `vaujany-observed`, `'nearest'` for the others.
 """
 KS = """
-The tests of its table 4 cannot be repeated: the observed samples were not published."""
+Table 4, Kolmogorov-Smirnov tests against the boulders observed, cannot be made again: the observed
+samples were not published."""
 
 
 def page(scores: dict[str, Score], wanted: list[Target], slopes: int) -> str:
     parts = {
-        "Compared with the paper (table 2 and text)": [*rows(scores, wanted), KS],
+        "Beside the paper (table 2 and text)": [*rows(scores, wanted), KS],
         "Without a number in the paper": beside(scores),
     }
     text = HEAD.format(slopes=slopes)

@@ -47,6 +47,7 @@ import numpy as np
 import pandas as pd
 
 from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
+from rockfall.result.crossings import at_lines
 from rockfall.result.motion import motion_of
 from rockfall.scene.rebounds.sets import Sets, restitution
 from rockfall_lab.scorecard.site import QUANTITIES, TANGENTIAL, Site, tangential_above
@@ -196,7 +197,7 @@ def numbers(sets: Sets, name: str, on: list[Talus], boulders: int) -> dict[str, 
         results = site.run(sets, seed=talus.seed, talus=talus, threads=1, **HOW[name])
         row = over_rebounds(results["B"])
         for method, result in results.items():
-            row |= at_lines(method, result, observed)
+            row |= numbers_at_lines(method, result, observed)
         if not observed:
             for line in "EL1", "EL2":
                 b, a = (row.get(f"{method}_{line}_speed_mean", np.nan) for method in "BA")
@@ -216,7 +217,7 @@ def numbers(sets: Sets, name: str, on: list[Talus], boulders: int) -> dict[str, 
     return mean
 
 
-def at_lines(method: str, result, in_hundreds: bool) -> dict[str, float]:
+def numbers_at_lines(method: str, result, in_hundreds: bool) -> dict[str, float]:
     """Numbers at the lines by a method; none of a line that fewer than `AT_ONCE` boulders pass."""
     found = {}
     for line in "EL1", "EL2":

@@ -195,10 +195,10 @@ def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     source, thresholds = sources(first), case_of(first).hazard["thresholds"]
     rows = []
     for line in dict.fromkeys(name for result in results.values() for name in line_names(result)):
-        before = _at_line(first, line)
+        before = at_line(first, line)
         for name, result in results.items():
             first_itself = name == name_of_first
-            here = before if first_itself else _at_line(result, line)
+            here = before if first_itself else at_line(result, line)
             if here is not None:
                 made = _rows(here, None if first_itself else before, source, thresholds)
                 rows += [{"line": line, "variant": name, **row} for row in made]
@@ -230,7 +230,7 @@ def check_variants(results: Mapping[str, xr.Dataset]) -> None:
         )
 
 
-def _at_line(result: xr.Dataset, line: str) -> dict[str, np.ndarray] | None:
+def at_line(result: xr.Dataset, line: str) -> dict[str, np.ndarray] | None:
     """Values of each boulder at a line, NaN for those that do not pass it; None without the
     line."""
     names = line_names(result)
@@ -256,7 +256,7 @@ def _rows(
 
     def row(quantity: str, statistic: str, value: float, *compared: float) -> dict[str, object]:
         attrs = {"quantity": quantity, "statistic": statistic, "n": n, "value": value}
-        return attrs | (_verdict(*compared) if compared else {})
+        return attrs | (verdict_on(*compared) if compared else {})
 
     for threshold in dict.fromkeys((0.0, *thresholds)):
         passing = here["energy_total"] >= 1000.0 * threshold
@@ -277,7 +277,8 @@ def _rows(
             yield row(quantity, statistic, own.value, *compared)
 
 
-def _verdict(value: float, low: float, high: float) -> dict[str, object]:
+def verdict_on(value: float, low: float, high: float) -> dict[str, object]:
+    """Difference with its limits, and whether it is less, more or undecided."""
     verdict = LESS if high < 0 else MORE if low > 0 else UNDECIDED
     return {
         "difference": value, "difference_low": low, "difference_high": high, "verdict": verdict,

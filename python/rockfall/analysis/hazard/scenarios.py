@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -44,13 +44,14 @@ class Scenario(NamedTuple):
     case: Case
 
 
-def base_case(case: Case) -> Case:
-    """Case common to all scenarios; refused without any, or if one is contradictory."""
+def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
+    """Case common to all scenarios, with this output; refused without any, or if one is
+    contradictory."""
     if not case.scenario:
         raise RockfallError(
             f"{case.name}: a hazard needs a &scenario: a class of boulders with its frequency"
         )
-    base = case.replace(output=OUTPUT, line=[])
+    base = case.replace(output=dict(output), line=[])
     for scenario in case.scenario:
         _case(base, scenario)
     return base

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Frequencies a year at the lines of the variants of a case, over all of its scenarios."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.hazard.exceedance import Passed, levels_by_period
+from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
+from rockfall.analysis.hazard.variables import PERIODS
+from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
+from rockfall.analysis.precision.paired import difference_of_fractions
+from rockfall.case import Case, case_of
+from rockfall.case.variants import variants
+from rockfall.result.crossings import line_names
+from rockfall.scene.read import read_scene
+from rockfall.simulation.maps import boulders_per_cluster
+from rockfall.studies.study import NO_CHECKPOINTS, ROWS_ONLY, Study
+from rockfall.studies.variants import COLUMNS, at_line, verdict_on
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from rockfall.scene.scene import Scene
+    from rockfall.simulation.parts.checkpoint import Checkpoint
+
+    Key = tuple[str, str]  # names of variant and scenario
+
+VALUES = "value", "value_low", "value_high"
+
+
+class Yearly(NamedTuple):
+    """Frequencies at the lines of variants, and the warnings on the models of their runs."""
+
+    table: pd.DataFrame
+    warnings: tuple[str, ...]
+
+
+class _Run(NamedTuple):
+    """Energies [J] of all boulders of a scenario at each line, NaN for those that do not pass."""
+
+    energies: dict[str, np.ndarray]
+    source: Sources
+    per_cluster: int
+    yearly: float  # frequency of the scenario [1/year]
+
+
+def yearly_variants(
+    case: Case,
+    *,
+    progress: bool = False,
+    threads: int | None = None,
+    checkpoints: Mapping[Key, Checkpoint] = NO_CHECKPOINTS,
+    **given: Any,
+) -> Yearly:
+    """Run the &scenario groups of each &variant of a case, with common random numbers.
+
+    The table has the columns of `rockfall.compare_variants`, by line and variant: `frequency`
+    [1/year] of boulders that pass (statistic all, above_E for each &hazard threshold E [kJ]), as
+    the sum over scenarios, with the difference from the first variant; and `energy_by_period` [J]
+    (statistic T [year]). Limits of sums are sums of limits, since scenarios share random numbers. A
+    boulder that a barrier stops at a line does not pass it. `given`: see `read_scene`.
+    """
+    import pandas as pd
+
+    study = Study(progress=progress, threads=threads, checkpoints=checkpoints)
+    weights: dict[Key, float] = {}
+    by_variant: dict[str, list[_Run]] = {}
+    scenes = _scenes(case, weights, given)
+    for (name, _), run in study.run(scenes, lambda key, result: _run(result, weights[key])):
+        by_variant.setdefault(name, []).append(run)
+    first = next(iter(by_variant.values()))
+    thresholds = case.hazard["thresholds"]
+    rows = [
+        {"line": line, "variant": name, **row}
+        for line in dict.fromkeys(line for runs in by_variant.values() for line in runs[0].energies)
+        for name, runs in by_variant.items()
+        if line in runs[0].energies
+        for row in _rows(line, runs, None if runs is first else first, thresholds)
+    ]
+    return Yearly(pd.DataFrame(rows, columns=COLUMNS), study.warnings)
+
+
+def _scenes(
+    case: Case, weights: dict[Key, float], given: Mapping[str, Any]
+) -> Iterator[tuple[Key, Scene]]:
+    """Scenes by variant and scenario; their frequencies go to `weights`."""
+    for name, variant in variants(case).items():
+        scene = read_scene(base_case(variant, ROWS_ONLY), **given)
+        for scenario in scenarios_of(scene, variant.line):
+            weights[name, scenario.name] = scenario.frequency
+            yield (name, scenario.name), replace(scene, case=scenario.case)
+
+
+def _run(result: xr.Dataset, yearly: float) -> _Run:
+    energies = {}
+    for line in line_names(result):
+        at = at_line(result, line)
+        assert at is not None
+        energies[line] = at["energy_total"]
+    starts = (result[f"start_{axis}"].values for axis in "xy")
+    per_cluster = boulders_per_cluster(case_of(result), *starts)
+    return _Run(energies, sources(result), per_cluster, yearly)
+
+
+def _rows(
+    line: str, runs: Sequence[_Run], first: Sequence[_Run] | None, thresholds: Sequence[float]
+) -> Iterator[dict[str, object]]:
+    """Rows of a variant at a line; `first`: runs of the first variant, None if this is it."""
+    energies = [run.energies[line] for run in runs]
+    before = [run.energies[line] for run in first or () if line in run.energies]
+    n = sum(int(np.count_nonzero(~np.isnan(each))) for each in energies)
+    for threshold in dict.fromkeys((0.0, *thresholds)):
+        passing = [each >= 1000.0 * threshold for each in energies]
+        parts = (fraction_interval(of, run.source) for of, run in zip(passing, runs, strict=True))
+        row = {"quantity": "frequency", "n": n, **_yearly(runs, parts)}
+        row["statistic"] = f"above_{threshold:.10g}" if threshold else "all"
+        if before:
+            others = [each >= 1000.0 * threshold for each in before]
+            apart = (
+                difference_of_fractions(of, other, run.source)
+                for of, other, run in zip(passing, others, runs, strict=True)
+            )
+            row |= verdict_on(*_yearly(runs, apart).values())
+        yield row
+    passed = [
+        Passed([], each.size, run.per_cluster, run.yearly)
+        for each, run in zip(energies, runs, strict=True)
+    ]
+    levels = levels_by_period([each[~np.isnan(each)] for each in energies], passed)
+    for period, three in zip(PERIODS, levels.T.tolist(), strict=True):
+        values = dict(zip(VALUES, three, strict=True))
+        yield {"quantity": "energy_by_period", "statistic": f"{period:g}", "n": n, **values}
+
+
+def _yearly(runs: Sequence[_Run], fractions: Iterable[Sequence[float]]) -> dict[str, float]:
+    """Fractions of the boulders of each scenario, with their limits, as a sum a year."""
+    each = [run.yearly * np.array(three) for run, three in zip(runs, fractions, strict=True)]
+    return dict(zip(VALUES, np.sum(each, axis=0).tolist(), strict=True))
