@@ -174,6 +174,16 @@ def test_grounds_on_request(case):
     assert found.names[2:] == ("soil_6", "rocky-slope")
 
 
+def test_tables_on_request_come_last_and_are_those_of_a_case_by_the_table(case):
+    case = case.replace(case={"boulders": 5})
+    found = run_models(case, tables=["talus", "meadow"])
+    assert found.names[-2:] == ("table talus", "table meadow")
+    own = run_models(case.replace(impact={"form": "table", "table": "talus", "ratio": None}))
+    values = found.table.set_index("model").loc["table talus", "value"].to_numpy()
+    expected = own.table.set_index("model").loc[own.names[0], "value"].to_numpy()
+    assert own.names[0] == "table talus" and np.array_equal(values, expected, equal_nan=True)
+
+
 def test_a_case_with_a_ground_comes_first_as_it_is(case):
     case = case.replace(surface={"ground": "meadow"}, case={"boulders": 5})
     found = run_models(case)

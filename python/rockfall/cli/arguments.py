@@ -299,6 +299,8 @@ def _add_studies(commands: _Commands) -> None:
     _option(every, "-o --output DIR", Path, "default: CASE_models")
     text = "a ground, in place of those that stand for rocks; several: --ground A --ground B"
     _option(every, "--ground NAME", str, text, action="append", default=[])
+    text = "a table of impacts as well; several: --table A --table B"
+    _option(every, "--table NAME", str, text, action="append", default=[])
     _add_overrides(every)
     text = "set a case by every law of rebound beside what was observed at its site"
     site = _add(commands, "studies", "validate", text, "CASE")

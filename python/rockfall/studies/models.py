@@ -30,7 +30,7 @@ from rockfall.result.contents import Contents
 from rockfall.result.crossings import has_crossed, line_names, line_values
 from rockfall.result.dataset import put_netcdf
 from rockfall.result.trajectories import left_terrain
-from rockfall.studies.model_scenes import named_notes, variants
+from rockfall.studies.model_scenes import by_tables, named_notes, variants
 from rockfall.studies.study import ROWS_ONLY, Study
 
 if TYPE_CHECKING:
@@ -62,9 +62,15 @@ class Models:
     warnings: tuple[str, ...] = ()  # on the models, each once
 
 
-def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) -> Models:
+def run_models(
+    case: Case,
+    grounds: Sequence[str] = (),
+    progress: bool = False,
+    tables: Sequence[str] = (),
+) -> Models:
     """Run a case by the impact sets with methods A and B, as far as it has their sizes, and by each
-    classical model, or by these `grounds` (rows of its table, impact sets) in place of those.
+    classical model, or by these `grounds` (rows of its table, impact sets) in place of those; and
+    by these `tables` of impacts.
 
     Ground that the case assigns to zones or cells by name is the same for all models; models differ
     where its own impact sets or table, or its `&surface ground`, apply. There classical models use
@@ -77,6 +83,8 @@ def run_models(case: Case, grounds: Sequence[str] = (), progress: bool = False) 
     case = case.replace(output=ROWS_ONLY)
     notes: list[str] = []
     scenes = dict(variants(case, grounds, notes))
+    if tables:
+        scenes |= by_tables(case, next(iter(scenes.values())), tables, notes)
     first: xr.Dataset | None = None
 
     def numbers(name: str, result: xr.Dataset) -> list[dict[str, Any]]:

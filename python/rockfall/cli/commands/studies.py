@@ -122,7 +122,8 @@ def models_command(arguments: argparse.Namespace) -> int:
     folder = arguments.output or Path(f"{stem_of(arguments)}_models")
     inputs = list(input_files(case))
     _check_folder(folder, MODEL_FILES, "models", inputs)
-    models = run_models(case, arguments.ground, progress=not arguments.quiet)
+    tables = arguments.table
+    models = run_models(case, arguments.ground, progress=not arguments.quiet, tables=tables)
     warn_of_inputs(case)
     with atomic_folder(folder, inputs) as part:
         write_csv(models.table, part / "models.csv")
