@@ -30,7 +30,7 @@ from rockfall.simulation.simulate import run_scene
 from rockfall.studies.back.posterior import parameters, posterior_table, warnings
 from rockfall.studies.back.study import Back, back_analysis
 from rockfall.studies.ensemble.uncertain_inputs import Uncertain, drawn_scene
-from rockfall.text.back import back_text
+from rockfall.tables.back import back_text
 
 NY, NX, CELL = 100, 60, 5.0
 KINDS = ("at rest", "at rest, of a source", "marks", "at rest and marks")

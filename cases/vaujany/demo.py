@@ -9,10 +9,10 @@ from pathlib import Path
 import rockfall
 from rockfall.analysis.observed.compare import compare
 from rockfall.analysis.observed.observations import read_observed
-from rockfall.html_report.page import write_report
+from rockfall.html_report.page import ReportInputs, write_report
 from rockfall.io.rasters.raster import read_dem
 from rockfall.plots.figures import figures, write_figures
-from rockfall.text.comparison import text
+from rockfall.tables.comparison import comparison_text
 from rockfall.text.summary import summary
 
 HERE = Path(__file__).parent
@@ -28,14 +28,14 @@ def main(folder: Path) -> None:
         results[method] = rockfall.run(rockfall.read_case(case), progress=True)
         rockfall.write_result(results[method], folder / f"method_{method}.nc")
     for result in results.values():
-        print(f"\n{summary(result)}\n\n{text(compare(result, paper))}")
+        print(f"\n{summary(result)}\n\n{comparison_text(compare(result, paper))}")
     if results["A"]["stop_x"].equals(results["B"]["stop_x"]):
         print("A and B coincide: the impact set is the same for all ratios R_b/R_m (see README.md)")
 
     terrain = read_dem(HERE / "dem.tif")
     for method, result in results.items():
         write_figures(figures(result, terrain, paper), folder / f"figures_{method}")
-    write_report(results["B"], folder / "report.html", terrain, paper)
+    write_report(ReportInputs(results["B"], terrain, paper), folder / "report.html")
     print(f"\nResults, figures and report.html: {folder}")
 
 

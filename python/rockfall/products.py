@@ -18,8 +18,7 @@ from rockfall.errors import RockfallError, need
 from rockfall.files.export import EXPORTED, Chosen, crs_wkt, put_export
 from rockfall.files.hazard_files import put_zones, read_hazard
 from rockfall.html_report.inputs import Parties
-from rockfall.html_report.page import check_page, is_pdf, write_report
-from rockfall.html_report.spread import check_models
+from rockfall.html_report.page import ReportInputs, check_page, is_pdf, write_report
 from rockfall.html_report.variants_page import Given, write_variants_page
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.rasters.grid import Grid
@@ -40,6 +39,7 @@ from rockfall.result.same_case import check_same_case
 from rockfall.result.samples import has_rows
 from rockfall.scene.layers import file_checksum
 from rockfall.studies.models import read_models
+from rockfall.tables.models import check_models
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -135,18 +135,12 @@ def report(
     cut = None
     if section is not None:
         cut = _section(drawn.result, drawn.terrain, section, section_layer, section_within)
-    write_report(
-        drawn.result,
-        path,
-        *drawn[1:],
-        "" if view is None else view.page,
-        language,
-        parties,
-        zones,
-        spread,
-        cut,
-        factors,
-    )
+    shown = "" if view is None else view.page
+    inputs = ReportInputs(
+        *drawn, view=shown, parties=parties, hazard=zones, models=spread, section=cut,
+        factors=factors,
+    )  # fmt: skip
+    write_report(inputs, path, language)
     return path
 
 

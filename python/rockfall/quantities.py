@@ -81,6 +81,14 @@ DESIGN = {  # of loads on a barrier; heights above the ground
     **QUANTITIES,
     "passing_height": _of_line("passing_height", "quantity.centre_vertical", 2),
 }
+#: Units of columns of data, as in results; "1" of fractions. Others are counts, marks, or without.
+COLUMN_UNITS = {
+    "fraction": "1", "residual": "1",
+    "height": "m", "height_needed": "m", "normal_height_needed": "m", "h_d": "m",
+    "normal_h_d": "m", "start": "m", "end": "m", "f_min": "m",
+    "capacity": "J", "energy_allowed": "J", "E_d": "J",
+    "v_d": "m s-1", "m_d": "kg", "volume": "m3",
+}  # fmt: skip
 REBOUND = {  # of histograms over all rebounds
     "tangential_share": Quantity("quantity.tangential_share", "1", 1),
     "normal_share": Quantity("quantity.normal_share", "1", 1),
@@ -120,8 +128,11 @@ def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
     return Number(f"{near:,.{max(0, beyond)}f}")
 
 
-#: Text in place of an interval, if there are too few boulders for a valid one.
-TOO_FEW = "n too small"
+def small(value: float) -> str:
+    """A risk, by a power of ten: 2.3e-7."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.1e}".replace("e-0", "e-").replace("e+00", "") if value else "0"
 
 
 def round_step(rough: float) -> float:
@@ -146,13 +157,6 @@ def percent(fraction: float) -> Number:
 def first_of(items: Sequence[Any], most: int) -> list[Any]:
     """The first items of a list that a message shows, and "..." if there are more."""
     return [*items[:most], *["..."][: len(items) > most]]
-
-
-def within(value: object, low: object, high: object) -> Text:
-    """Value and its limits in brackets, each of which may be unknown: "-"."""
-    bounded = low != "-", high != "-"
-    key = {(True, True): "both", (True, False): "low", (False, True): "high"}.get(bounded, "none")
-    return say(f"within.{key}", value=value, low=low, high=high)
 
 
 def part_of_boulders(part: int, whole: int) -> Text:

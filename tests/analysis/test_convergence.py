@@ -25,7 +25,7 @@ from rockfall.studies.convergence import (
     larger_cells,
     other_digits,
 )
-from rockfall.text.convergence import text
+from rockfall.tables.convergence import convergence_text
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed").use("Agg")
@@ -150,7 +150,7 @@ def test_the_same_terrain_changes_nothing(tmp_path, monkeypatch):
     assert (same["change"] == 0).all() and (same["change_error"] == 0).all()
     assert measured.sources == 3 and measured.reference == 20_001
     assert (measured.error["boulders"] % 3 == 0).all()
-    assert "The sources are as given" in text(measured)
+    assert "The sources are as given" in convergence_text(measured)
 
 
 def test_other_digits_round_or_give_back_what_rounding_took(tmp_path):
@@ -184,16 +184,16 @@ def test_a_source_at_the_edge_is_told_where_larger_cells_do_not_reach(tmp_path):
     case = case_file(tmp_path, line=LINES[:1]).replace(release={"x": [150.0], "y": [396.0]})
     measured = converge(case, boulders=[10], reference=20_000)
     assert set(measured.refused) == {"cells x2", "cells x4"}
-    assert "cells x4: not run: " in text(measured)
+    assert "cells x4: not run: " in convergence_text(measured)
 
 
 def test_the_text_claims_nothing_of_what_is_not_known(found):
     """Nobody crosses one line: no number is NaN or infinite there, and no error is told."""
-    said = text(found[1])
+    said = convergence_text(found[1])
     assert not re.search(r"\b(nan|inf)\b", said) and "the widest of the intervals" in said
     assert re.search(r"^  never: speed \[m/s\], mean( +-){4}$", said, re.M)
     study = found[1].study.assign(change=np.inf)
-    assert "still changed from 0." in text(replace(found[1], study=study))
+    assert "still changed from 0." in convergence_text(replace(found[1], study=study))
 
 
 def test_too_few_turns_of_many_sources_are_refused(tmp_path):

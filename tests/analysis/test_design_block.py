@@ -13,7 +13,7 @@ from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import Z
 from rockfall.scene.releases.frequencies import stated_frequency
-from rockfall.text.design_block import design_block_text, scenario_text
+from rockfall.tables.design_block import design_block_text, scenario_text
 from scenes import make_case, sets
 
 STEPS = np.exp([*np.arange(1, 20) / 10, 4.0])  # m3; their logarithms sum to 23

@@ -13,8 +13,8 @@ from made import make_frame, make_layer, refused
 from rockfall.cli import main
 from rockfall.files.hazard_files import object_table
 from rockfall.studies.hazard import read_study
-from rockfall.text.hazard import object_rows
-from rockfall.text.risk import assumptions, risk_rows
+from rockfall.tables import hazard as tables
+from rockfall.tables.hazard import assumptions
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
@@ -87,13 +87,14 @@ def test_assumptions_and_tables_name_the_layer(tmp_path, layers):
     assert "default presence = 1: houses: 1, 2" in said
     assert any(one.startswith("NOT included") and one.endswith(": roads: 1") for one in said)
     assert len(said) == len({*said})
-    head, *rows = object_rows(found)
-    assert head[1] == "layer" and {row[1] for row in rows} == {"houses", "roads", "marks"}
-    assert len({len(row) for row in rows} | {len(head)}) == 1
-    head, *rows = risk_rows(found)
-    assert head[1] == "layer" and {len(row) for row in rows} == {len(head)}
+    table = tables.object_table(found)
+    assert table.head[1] == "layer"
+    assert {row[1] for row in table.rows} == {"houses", "roads", "marks"}
+    assert len({len(row) for row in table.rows} | {len(table.head)}) == 1
+    table = tables.risk_table(found)
+    assert table.head[1] == "layer" and {len(row) for row in table.rows} == {len(table.head)}
     assert object_table(found)["layer"].tolist() == ["houses", "houses", "roads", "marks"]
-    assert next(object_rows(hazard(tmp_path, layers[0])))[1] != "layer"
+    assert tables.object_table(hazard(tmp_path, layers[0])).head[1] != "layer"
 
 
 def test_layers_of_one_file_and_files_of_one_name(tmp_path, layers):

@@ -15,8 +15,8 @@ from rockfall.files.risk_files import class_words
 from rockfall.kernel_rules import fraction_limits
 from rockfall.language import speaking, translated
 from rockfall.result.crossings import at_lines
+from rockfall.tables.hazard import class_legend, class_number, risk_table
 from rockfall.text.hazard import hazard_summary
-from rockfall.text.risk import class_legend, class_number, risk_lines, risk_rows
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 pytest.importorskip("pyogrio", reason="the vector extra is not installed")
@@ -228,9 +228,12 @@ def test_an_interval_of_classes_is_one_of_their_numbers(language, both):
 
 def test_the_table_of_risks_is_in_the_language_of_the_command(case):
     found = hazard(case, [HOUSE], persons=[3.0], presence=[0.5], lethality=[0.2])
-    head, row, total = risk_rows(found)
-    assert head[0] == "  risk a year (95 %)" and head[3] == "class" and row[3] == "4"
-    assert total[0] == "  all objects" and f"  {class_legend()}" in [*risk_lines(found)]
+    table = risk_table(found)
+    row, total = table.texts()
+    assert table.head[0] == "risk a year (95 %)" and table.head[3] == "class" and row[3] == "4"
+    assert total[0] == "all objects" and f"\n  {class_legend()}\n" in hazard_summary(found)
+    assert "\n(" in total[-1]
     with speaking("de"):
-        head, _, total = risk_rows(found)
-    assert head[3] == "Klasse" and total[0].endswith("Objekte") and " bis " in total[-1]
+        table = risk_table(found)
+        _, total = table.texts()
+    assert table.head[3] == "Klasse" and total[0].endswith("Objekte") and "," in total[-1]

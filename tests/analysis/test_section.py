@@ -23,9 +23,9 @@ from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.figures import section_entry
 from rockfall.plots.section_figure import section_figure
 from rockfall.result.crossings import at_lines, has_crossed, line_values
+from rockfall.tables.section import section_notes
 from rockfall.terrain.height import height
 from rockfall.terrain.polyline import intersections
-from rockfall.text.section import section_notes
 from scenes import grid, make_case, rough, sets
 
 SINGLE = 1e-6  # what a result keeps of a crossing is in single precision

@@ -22,7 +22,7 @@ from rockfall.kernel_rules import fraction_limits
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.result.crossings import at_lines
 from rockfall.studies.hazard import read_study
-from rockfall.text.segments import segment_rows
+from rockfall.tables.hazard import segment_table as shown_segments
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
@@ -436,7 +436,7 @@ def test_the_command_writes_a_layer_and_a_table(site, monkeypatch, capsys):
     style = pyogrio.raw.read("out/hazard.gpkg", layer="layer_styles", columns=["f_table_name"])
     assert "segments" in style[3][0]
     found = rockfall.hazard(rockfall.read_case("case.nml"), segments="road.gpkg", segment_length=25)
-    assert len([*segment_rows(found)]) == 5
+    assert len(shown_segments(found).rows) == 4
 
 
 def test_results_without_the_lines_are_refused_with_what_to_do(site, capsys):

@@ -19,7 +19,7 @@ from rockfall.quantities import number
 from rockfall.result.crossings import at_lines, line_names
 from rockfall.studies.difference_maps import difference_maps
 from rockfall.studies.variants import check_variant_scenes, compare_variants
-from rockfall.text.variants import comparison_notes, rows_of, value_text, variants_text
+from rockfall.tables.variants import comparison_notes, value_text, variant_table, variants_text
 from scenes import case_in, grid, place, rough
 
 Z = rough()
@@ -122,7 +122,7 @@ def test_a_net_lets_less_pass_at_it_and_below(variants):
     assert np.isnan(at_net["difference"])  # the first has no such line
     text = variants_text(table, "a note")
     assert text.endswith("a note")
-    assert "passing [%]" in text and "with 30 kJ or more [%]" in text
+    assert "pass [%]" in text and "with 30 kJ or more [%]" in text
 
 
 def test_where_none_passes_the_upper_limit_is_told(tmp_path):
@@ -135,12 +135,12 @@ def test_where_none_passes_the_upper_limit_is_told(tmp_path):
     assert (none["value"] == 0).all() and (none["value_low"] == 0).all()
     assert none["value_high"].values == pytest.approx(1.96**2 / (n + 1.96**2), rel=1e-3)
     high = none["value_high"].iloc[0]
-    (shown,) = [row for row in rows_of(none[:2].drop_duplicates("variant")) if "passing" in row[0]]
+    (shown,) = [row for row in variant_table(none[:2].drop_duplicates("variant")).rows]
     assert shown[1] == f"0 to {number(100 * high, up=True)}"
-    assert value_text(none.iloc[0], 0.5, " … ") == f"0 … {number(0.5 * high, up=True)}"
+    assert value_text(none.iloc[0], 0.5) == f"0 to {number(0.5 * high, up=True)}"
     some = table[(table["line"] == "L") & (table["quantity"] == "passing")].iloc[0]
     assert some["value_low"] < some["value"] < some["value_high"]
-    assert value_text(some, 1.0, " to ") == number(some["value"])
+    assert value_text(some, 1.0) == number(some["value"])
 
 
 def test_a_threshold_of_zero_is_every_passage(variants):
@@ -150,7 +150,7 @@ def test_a_threshold_of_zero_is_every_passage(variants):
     table = compare_variants({"bare": bare, "net": variants["net"]})
     passing = table[(table["line"] == "L") & (table["quantity"] == "passing")]
     assert passing["statistic"].tolist() == 2 * ["fraction", "above_30"]
-    assert "fraction passing [%]" in variants_text(table)
+    assert "of all boulders, pass [%]" in variants_text(table)
 
 
 def test_maps_of_difference(variants, tmp_path):

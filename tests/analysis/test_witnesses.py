@@ -47,8 +47,8 @@ from rockfall.studies.back.deposited import Deposited
 from rockfall.studies.back.marked import Marked
 from rockfall.studies.back.posterior import alone_table, posterior_table, warnings
 from rockfall.studies.validation import numbers_beside
-from rockfall.text.back import back_text
-from rockfall.text.comparison import text as as_text
+from rockfall.tables.back import back_text
+from rockfall.tables.comparison import comparison_text as as_text
 from scenes import grid, make_case, sets
 
 stats = pytest.importorskip("scipy.stats")

@@ -17,7 +17,7 @@ from scenes import grid, make_case, rough, sets
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
 from rockfall.html_report.front import WARNING_LINES  # noqa: E402
 from rockfall.html_report.inputs import Parties  # noqa: E402
-from rockfall.html_report.page import report  # noqa: E402
+from rockfall.html_report.page import ReportInputs, report  # noqa: E402
 from rockfall.language import LANGUAGES, say, speaking  # noqa: E402
 
 NAMES = ["road", "track to the upper alp", "net", "railway", "school", "campsite by the river"]
@@ -68,7 +68,7 @@ def text_of(page):
 
 def page_1(result, language="en", **about):
     with speaking(language):
-        return report(result, (rough(), grid(rough())), parties=PEOPLE, **about)
+        return report(ReportInputs(result, (rough(), grid(rough())), parties=PEOPLE, **about))
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ def test_what_a_signature_needs_is_before_it(result, bare):
     assert "How sure this is" in page and "Pass frequency" in page
     older = result.copy()
     del older.attrs["date_created"]
-    assert "not recorded" in text_of(report(older))
+    assert "not recorded" in text_of(report(ReportInputs(older)))
 
 
 def test_what_page_1_has_no_room_for_is_on_page_2(result, bare, monkeypatch):

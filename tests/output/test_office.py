@@ -14,13 +14,15 @@ import rockfall
 import slope_case
 from rockfall.case import case_of, given_text
 from rockfall.cli import main
-from rockfall.html_report.intervals import rows_of
 from rockfall.html_report.render import _environment
-from rockfall.html_report.tables import line_tables, provenance
-from rockfall.language import speaking, translated
-from rockfall.office.workbook import UNITS, Sheet, number_format, write_workbook
+from rockfall.language import speaking
+from rockfall.office.workbook import Sheet, number_format, write_workbook
+from rockfall.quantities import COLUMN_UNITS as UNITS
 from rockfall.result.crossings import at_lines
 from rockfall.scene.layers import file_checksum
+from rockfall.table import data_table
+from rockfall.tables.lines import line_tables, rows_of
+from rockfall.tables.run import provenance
 
 openpyxl = pytest.importorskip("openpyxl", reason="the office extra is not installed")
 docx = pytest.importorskip("docx", reason="the office extra is not installed")
@@ -152,7 +154,7 @@ def test_texts_are_never_run_as_formulas(site, tmp_path):
         found = [cell for row in page.iter_rows() for cell in row if cell.value == "=1+1"]
         assert found and {cell.data_type for cell in found} == {"s"}
     table = pd.DataFrame({"a": ["=cmd()", "bell\x07", "+1"], "b": [np.inf, np.nan, -1.5]})
-    write_workbook([Sheet("hostile", table)], tmp_path / "hostile.xlsx")
+    write_workbook([Sheet("hostile", data_table(table))], tmp_path / "hostile.xlsx")
     _, rows = cells(tmp_path / "hostile.xlsx", "hostile")
     assert rows == [("=cmd()", None), ("bell ", None), ("+1", -1.5)]
     page = openpyxl.load_workbook(tmp_path / "hostile.xlsx")["hostile"]
@@ -178,7 +180,7 @@ def test_a_document_has_the_tables_of_the_report(site):
     texts = [[cell.text for cell in row.cells] for row in found.rows]
     assert texts == [
         [*map(str, expected.head)],
-        *([str(one).strip() for one in row] for row in expected.rows),
+        *expected.texts(),
     ]
     assert found.rows[0]._tr.trPr.xpath("w:tblHeader")
     headings = [
@@ -222,7 +224,7 @@ def test_numbers_of_the_provenance_are_in_the_language(site, language, shown):
     )
     with speaking(language):
         table = provenance(result)["table"]
-        cells = {str(name): translated(value) for name, value in table.rows}
+        cells = dict(table.texts())
         page = table_html(table)
     assert f"1 – {shown[:-1]}0 / {shown}" in cells.values() and shown in cells.values()
     assert page.count(shown) == 2 and "12345" not in page

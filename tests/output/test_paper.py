@@ -19,7 +19,7 @@ weasyprint = pytest.importorskip("weasyprint", reason="the pdf extra is not inst
 from weasyprint.formatting_structure import boxes  # noqa: E402
 
 from rockfall.html_report.inputs import Parties  # noqa: E402
-from rockfall.html_report.page import report  # noqa: E402
+from rockfall.html_report.page import ReportInputs, report  # noqa: E402
 from rockfall.language import LANGUAGES, speaking  # noqa: E402
 
 #: Languages of pages, and one whose words are hyphenated by rules of their own.
@@ -80,7 +80,7 @@ def page_of(result, language):
         leave_pictures_blank(here)
         here.setattr("rockfall.html_report.page.figures", lambda *_: [])
         here.setattr("rockfall.html_report.page.history_figure", lambda *_: Figure())
-        return report(result, (rough(), grid(rough())), on_paper=True, parties=people)
+        return report(ReportInputs(result, (rough(), grid(rough())), on_paper=True, parties=people))
 
 
 def texts(document) -> Iterator[tuple[int, str, bool]]:

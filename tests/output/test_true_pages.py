@@ -11,12 +11,12 @@ from scenes import grid, make_case, rough, sets
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
 from rockfall.analysis.return_levels import return_levels  # noqa: E402
 from rockfall.html_report.inputs import zone_table  # noqa: E402
-from rockfall.html_report.intervals import rows_of  # noqa: E402
-from rockfall.html_report.page import report  # noqa: E402
+from rockfall.html_report.page import ReportInputs, report  # noqa: E402
 from rockfall.html_report.validity import cautions  # noqa: E402
 from rockfall.language import LANGUAGES, say, speaking  # noqa: E402
 from rockfall.plots.figures import figures  # noqa: E402
 from rockfall.plots.rebound_figures import beside_paper  # noqa: E402
+from rockfall.tables.lines import rows_of  # noqa: E402
 
 SPHERES, BLOCKS = "Boulders are spheres.", "By tables of impacts boulders rebound as the blocks"
 STILL, SLIDES = (
@@ -102,7 +102,7 @@ def test_only_runs_by_sets_have_the_appendix_of_sets(results, name, monkeypatch)
     assert ("impact_set" in named) <= by_sets
     assert any("paper" in caption for caption in named.values()) == by_sets
     monkeypatch.setattr("rockfall.html_report.page.ground_figure", lambda *_: None)
-    assert ('id="appendix"' in report(result)) == by_sets
+    assert ('id="appendix"' in report(ReportInputs(result))) == by_sets
 
 
 @pytest.mark.parametrize("name", ["table of blocks", "table of spheres", "classical", "matrix"])

@@ -24,7 +24,7 @@ from rockfall.protection.factors import DECIDES, NEEDED, Conditions, read_factor
 from rockfall.protection.selection import choices, height_for, read_costs
 from rockfall.quantities import number
 from rockfall.result.crossings import at_lines
-from rockfall.text.design import check_row, choice_rows, demand_rows, design_text, factor_lines
+from rockfall.tables.design import check_row, choice_table, demand_rows, design_text, factor_lines
 from scenes import FACTORS, grid, make_case, rough, sets
 
 design = partial(rockfall.design, factors=FACTORS)
@@ -279,7 +279,7 @@ def test_a_check_that_the_interval_straddles_is_undecided(result, tmp_path):
 def test_what_is_needed_is_never_shown_as_less(result):
     sheet = design(result, residual=0.02)
     asked, chosen = sheet.demand.iloc[0].to_dict(), sheet.choices.to_dict("records")
-    rows = {row[0].strip(): row[1] for row in demand_rows(asked, "UNI")}
+    rows = {row[0]: str(row[1]) for row in demand_rows(asked)}
     for title, name, factor in (
         ("height needed, vertical [m]", "height_needed", 1.0), ("E_d [kJ]", "E_d", 1e-3)
     ):  # fmt: skip
@@ -287,7 +287,7 @@ def test_what_is_needed_is_never_shown_as_less(result):
         assert factor * asked[name] <= value <= 1.01 * factor * asked[name]
         assert low < value and all(one >= factor * asked[f"{name}_high"] for one in high)
     came = crossings(result, 0)
-    for row, cells in zip(chosen, [*choice_rows(chosen, 0.02)][1:], strict=True):
+    for row, cells in zip(chosen, choice_table(sheet, asked["line"]).rows, strict=True):
         if row["height"] == row["height"]:
             assert passes(came, float(cells[1]), row["capacity"]).mean() <= 0.02
 
@@ -457,7 +457,7 @@ def test_what_rests_on_unconfirmed_rebounds_is_never_said_to_hold(tmp_path):
         assert low.startswith("no") or low == "no boulder comes"
         found[name] = high
         said = "unconfirmed" in high
-        (_, shown) = [*demand_rows(sheet.demand.to_dict("records")[0], "UNI")][-1]
+        _, shown, *_ = [*demand_rows(sheet.demand.to_dict("records")[0])][-1]
         assert ("; unconfirmed: " in shown) == said
         assert ("Warning: " in design_text(sheet)) >= said
     assert found["sets"] == found["fitted"] == "yes"

@@ -28,7 +28,7 @@ from rockfall.studies.siting import (
     choose,
     under_doubt,
 )
-from rockfall.text.siting import siting_text
+from rockfall.tables.siting import siting_text
 from scenes import FACTORS, grid, make_case, rough, sets
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
@@ -217,8 +217,8 @@ def test_the_table_says_what_is_printed(case):
     assert (found.table["choice"] == BEST).sum() == 1
     said = siting_text(found)
     for row in found.table.to_dict("records"):
-        (printed,) = (one for one in said.splitlines() if one.startswith(f"  {row['alignment']}  "))
-        assert f"{row['fits']}: {row['fails']}" in printed
+        printed = [one for one in said.splitlines() if one.startswith(f"  {row['alignment']}  ")]
+        assert f"{row['fits']}: {row['fails']}" in "\n".join(printed)
     best = found.table[found.table["choice"] == BEST].iloc[0]
     assert best["fails"] == "unconfirmed: rebounds"
     assert "not certain to be within the limits (unconfirmed: rebounds)" in said

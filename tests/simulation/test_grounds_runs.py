@@ -10,13 +10,13 @@ import rockfall
 from made import make_raster
 from programs import make_full_case, same_results
 from rockfall.cli import main
-from rockfall.html_report.tables import provenance
 from rockfall.language import speaking
 from rockfall.result.crossings import at_lines
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_chunks, run_scene, start
+from rockfall.tables.run import provenance
 from rockfall.text.preview import preview
 from same import same
 from scenes import CALM_SETS, case_in, grid, make_case, place, rough, sets

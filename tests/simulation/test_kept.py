@@ -15,7 +15,7 @@ from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Counts, Values
 from rockfall.cli import main
 from rockfall.errors import RockfallError
-from rockfall.html_report.page import report
+from rockfall.html_report.page import ReportInputs, report
 from rockfall.kernel_rules import SAMPLE_BINS, SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.language import LANGUAGES, speaking
 from rockfall.plots.figures import figures
@@ -26,7 +26,7 @@ from rockfall.scene.read import read_scene
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import run_scene
 from rockfall.studies.run_until import run_until
-from rockfall.text.design import design_text
+from rockfall.tables.design import design_text
 from rockfall.text.summary import summary
 from same import same, same_numbers
 from scenes import case_in, grid, rough
@@ -211,7 +211,7 @@ def test_until_finds_as_many_boulders_without_rows(tmp_path):
 
 def test_what_needs_rows_says_so_and_the_rest_works(counted, tmp_path):
     assert "3,000 boulders, rows of 0 kept" in summary(counted)
-    page = report(counted)
+    page = report(ReportInputs(counted))
     assert "3,000" in page and "jump height" in page
     rockfall.write_result(counted, tmp_path / "a.nc")
     assert rockfall.line_statistics(rockfall.read_result(tmp_path / "a.nc")).equals(
@@ -245,8 +245,9 @@ def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_f
     note = "From the 60 of 3,000 boulders that were kept."
     assert kept_note(result) == rockfall.design(result).kept == note
     assert f"Warning: {note}" in design_text(rockfall.design(result))
-    assert note in summary(result).split("barrier (95 %)")[1]
-    assert report(result).count(f"{note}</") == 2  # at the sheet, and at what barriers did
+    assert note in summary(result).split("  barrier ")[1]
+    page = report(ReportInputs(result))
+    assert page.count(f"{note}</") == 2  # at the sheet, and at what barriers did
     assert kept_note(run(case)) == rockfall.design(run(case)).kept == ""
     openpyxl, docx = pytest.importorskip("openpyxl"), pytest.importorskip("docx")
     rockfall.write_result(result, file)
@@ -256,7 +257,7 @@ def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_f
         assert main(["export", str(file), str(folder / "export"), *words]) == 0
         with speaking(language):
             said = kept_note(result)
-            page = report(result)
+            page = report(ReportInputs(result))
         assert page.count(f"{said}</") == 2, language
         for name in ("design", "export/tables"):
             document = docx.Document(folder / f"{name}.docx")

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from rockfall.html_report.tables import Table
 from rockfall.language import say
 from rockfall.plots.cartography.sheet import Room
 from rockfall.plots.extent import reached
@@ -20,6 +19,7 @@ from rockfall.plots.map_figures import map_figure, stops_figure
 from rockfall.plots.style import NARROW, WIDE
 from rockfall.result.maps.passages import passed_map
 from rockfall.result.samples import has_rows
+from rockfall.table import Table, in_line
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rockfall.html_report.inputs import Parties
-    from rockfall.html_report.intervals import Rows
     from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
+    from rockfall.tables.lines import Rows
 
 MM = 25.4  # of an inch
 SHEET = 263.0  # height between the margins [mm]; templates/page.css has the margins
@@ -158,7 +158,7 @@ def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Tab
     shown: list[Table] = []
     more: list[Table] = []
     for k, table in enumerate(tables):
-        rows = [tuple(str(cell).replace("\n", " ") for cell in row) for row in table.rows]
+        rows = [tuple(map(in_line, row)) for row in table.texts()]
         room = max(left - HEAD, 0 if k else 1)
         if room < sum(map(_high, rows)):
             more.append(table)

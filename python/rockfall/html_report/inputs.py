@@ -16,7 +16,6 @@ from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
 from rockfall.grounds import usual_name
-from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import has
 from rockfall.io.input_warnings import InputWarning
 from rockfall.io.rasters.arrays import corner_of
@@ -33,6 +32,7 @@ from rockfall.result.boulders import boulders_by_shape
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, simulated
 from rockfall.scene.read import read_scene
+from rockfall.table import Table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -87,7 +87,7 @@ def input_table(result: xr.Dataset, parties: Parties) -> Table:
     rows += [(say("inputs.dams"), f"{len(case.dam)}")] if case.dam else []
     if has(case, "forest"):
         rows += [(say("inputs.trees"), say("inputs.trees_stand_on_the_slope"))]
-    return Table(say("inputs.what_the_run_was_given"), ("", say("label.value")), rows, "inputs")
+    return Table.of(say("inputs.what_the_run_was_given"), ("", say("label.value")), rows, "inputs")
 
 
 def _file(name: str) -> str:
@@ -162,7 +162,7 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
         if ground := surface.get("ground"):  # whose rocks have no size where none is given
             cells = {word("ground"): ground} | (cells if sizes.any() else {})
         row = say("inputs.everywhere"), *cells.values()
-        yield Table(say("inputs.grounds_and_radii_of_their_rocks"), ("", *cells), [row])
+        yield Table.of(say("inputs.grounds_and_radii_of_their_rocks"), ("", *cells), [row])
 
 
 def _polygon_zones(zones: dict[int, Zone]) -> Table:
@@ -182,7 +182,7 @@ def _zones(columns: list[str], cells: list[dict[str, str]]) -> Table:
     shown = [name for name in (*NAMES, "zone", *MATERIAL) if name in columns]
     heads = [RADII.get(name) or with_unit(word(name), UNITS.get(name, "")) for name in shown]
     rows = [tuple(_size(row, name) for name in shown) for row in cells]
-    return Table(say("inputs.grounds_and_radii_of_their_rocks"), heads, rows)
+    return Table.of(say("inputs.grounds_and_radii_of_their_rocks"), heads, rows)
 
 
 def _size(row: dict[str, str], name: str) -> str:

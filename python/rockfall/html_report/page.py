@@ -8,6 +8,8 @@ The modules of this package provide numbers and texts; `templates` define the st
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,14 +18,6 @@ from rockfall.analysis.observed.compare import compare
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
-from rockfall.html_report.embedded_view import embedded
-from rockfall.html_report.ensemble import (
-    PER_LINE,
-    range_answers,
-    range_headline,
-    range_tables,
-    range_words,
-)
 from rockfall.html_report.front import front_of, overview
 from rockfall.html_report.inputs import (
     Parties,
@@ -33,38 +27,18 @@ from rockfall.html_report.inputs import (
     input_table,
     zone_table,
 )
-from rockfall.html_report.intervals import rows_of
 from rockfall.html_report.maps import map_section
 from rockfall.html_report.pdf import check_pdf, write_pdf
-from rockfall.html_report.render import Picture, picture, rendered
-from rockfall.html_report.spread import (
-    missing_spread,
-    model_tables,
-    spread_table,
-    spread_words,
-)
+from rockfall.html_report.render import Picture, embedded, picture, rendered
 from rockfall.html_report.summary import (
     angle,
     answers,
     certainty,
-    ends_table,
-    headline,
     question,
+    range_answers,
+    range_words,
     requested,
     technical,
-)
-from rockfall.html_report.tables import (
-    barrier_table,
-    compared,
-    dam_tables,
-    design_tables,
-    ground_table,
-    hazard_tables,
-    level_table,
-    line_tables,
-    precision_table,
-    provenance,
-    stand_tables,
 )
 from rockfall.html_report.validity import cautions, sets_of, warnings
 from rockfall.io.files import atomic_write
@@ -77,19 +51,39 @@ from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.samples import has_rows, simulated
-from rockfall.text.design import factor_lines
+from rockfall.tables.comparison import comparison_tables, notes
+from rockfall.tables.design import check_tables, factor_lines, load_tables
+from rockfall.tables.ensemble import PER_LINE, range_headline, range_tables
+from rockfall.tables.hazard import hazard_tables
+from rockfall.tables.lines import (
+    headline,
+    level_table,
+    line_tables,
+    precision_table,
+    rows_of,
+)
+from rockfall.tables.models import missing_spread, model_tables, spread_table, spread_words
+from rockfall.tables.run import (
+    barrier_table,
+    dam_tables,
+    ends_table,
+    ground_table,
+    provenance,
+    stand_tables,
+)
 from rockfall.text.hazard import hazard_warnings
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.analysis.lines.section import Section
-    from rockfall.html_report.intervals import Rows
-    from rockfall.html_report.tables import Table
+    from rockfall.analysis.observed.observations import Observed
     from rockfall.plots.figures import Figure
     from rockfall.plots.map_figures import Look
     from rockfall.result.trajectories import Terrain
     from rockfall.studies.models import Models
+    from rockfall.table import Table
+    from rockfall.tables.lines import Rows
 
 PDF = ".pdf"
 NOBODY = Parties()
@@ -97,28 +91,39 @@ GROUNDS = "page.grounds_radii_of_their_rocks"
 DRAWN_LINES = 8  # lines with figures; the tables have all
 
 
-def write_report(
-    result: xr.Dataset,
-    path: str | Path,
-    terrain: Terrain | None = None,
-    observed: Any = None,
-    look: Look | None = None,
-    view: str = "",
-    language: str = "en",
-    parties: Parties = NOBODY,
-    hazard: xr.Dataset | None = None,
-    models: Models | None = None,
-    section: Section | None = None,
-    factors: str | Path | None = None,
-) -> None:
-    """Write the page of a result to `path` (.html, or .pdf) atomically; other arguments are as in
-    `report`."""
+@dataclass(frozen=True)
+class ReportInputs:
+    """Inputs of a page.
+
+    `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
+    `rockfall.analysis.observed.observations.read_observed`, is compared with the result in figures
+    and tables; `look` has limits between classes of maps and a basemap. `view` is the page of a
+    view of the result, from `rockfall.show`. With `on_paper` all maps are figures. `hazard`, from
+    `rockfall.hazard`, adds its zones; `models`, from `rockfall.studies.models`, the spread over
+    rebound models; `section`, from `rockfall.section`, its figure; `factors` is a table with the
+    numbers of a standard, as in `rockfall.design`.
+    """
+
+    result: xr.Dataset
+    terrain: Terrain | None = None
+    observed: Observed | None = None
+    look: Look | None = None
+    view: str = ""
+    on_paper: bool = False
+    parties: Parties = NOBODY
+    hazard: xr.Dataset | None = None
+    models: Models | None = None
+    section: Section | None = None
+    factors: str | Path | None = None
+
+
+def write_report(inputs: ReportInputs, path: str | Path, language: str = "en") -> None:
+    """Write the page of a result to `path` (.html, or .pdf, for which it is on paper)
+    atomically."""
     path = Path(path)
-    check_page(path, files_behind(result))
-    on_paper = is_pdf(path)
-    drawn = result, terrain, observed, look, view, on_paper
+    check_page(path, files_behind(inputs.result))
     with speaking(language):
-        page = report(*drawn, parties, hazard, models, section, factors)
+        page = report(replace(inputs, on_paper=is_pdf(path)))
     write_page(page, path)
 
 
@@ -152,37 +157,19 @@ def check_page_needs(path: str | Path) -> None:
         check_pdf()
 
 
-def report(
-    result: xr.Dataset,
-    terrain: Terrain | None = None,
-    observed: Any = None,
-    look: Look | None = None,
-    view: str = "",
-    on_paper: bool = False,
-    parties: Parties = NOBODY,
-    hazard: xr.Dataset | None = None,
-    models: Models | None = None,
-    section: Section | None = None,
-    factors: str | Path | None = None,
-) -> str:
-    """Page of a result as text, in the language in force. The same result gives the same text.
-
-    `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
-    `rockfall.analysis.observed.observations.read_observed`, is compared with the result in figures
-    and tables; `look` has limits between classes of maps and a basemap. `view` is the page of a
-    view of the result, from `rockfall.show`. With `on_paper` all maps are figures. `hazard`, from
-    `rockfall.hazard`, adds its zones; `models`, from `rockfall.studies.models`, the spread over
-    rebound models; `section`, from `rockfall.section`, its figure; `factors` is a table with the
-    numbers of a standard, as in `rockfall.design`.
-    """
-    result = flat_maps(result)
+def report(inputs: ReportInputs) -> str:
+    """Page of a result as text, in the language in force. The same inputs give the same text."""
+    terrain, hazard, models = inputs.terrain, inputs.hazard, inputs.models
+    observed, parties, on_paper = inputs.observed, inputs.parties, inputs.on_paper
+    result = flat_maps(inputs.result)
     rows, levels = rows_of(result), return_levels(result)
-    sheet = design(result, factors=factors) if rows and has_rows(result) else None
+    sheet = design(result, factors=inputs.factors) if rows and has_rows(result) else None
     ranges = range_tables(result, rows)
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
-    drawn = figures(result, terrain, observed, look, DRAWN_LINES)
+    drawn = figures(result, terrain, observed, inputs.look, DRAWN_LINES)
     shown = [figure for figure in drawn if figure.name not in zoomed]
-    shown = [*([] if section is None else [section_entry(section)]), *shown]
+    if inputs.section is not None:
+        shown.insert(0, section_entry(inputs.section))
     laboratory = [figure for figure in shown if figure.name in LABORATORY]
     if not sets_of(result):
         laboratory = []  # the reference is not what rebounds followed
@@ -209,7 +196,8 @@ def report(
     ]
     front = front_of(result, rows, parties, texts, shown_first)
     stops = None if observed is None else observed.stops
-    drawn_first = list(overview(result, terrain, stops, hazard, look, front.room))
+    compared = None if observed is None else compare(result, observed)
+    drawn_first = list(overview(result, terrain, stops, hazard, inputs.look, front.room))
     return rendered(
         "page.html.j2",
         title=texts["title"],
@@ -230,11 +218,11 @@ def report(
         ends=[ends_table(result)],
         angle=list(angle(result)),
         cautions=cautions(result, rows, levels),
-        map_section=None if on_paper else map_section(result, terrain, look),
-        view=embedded(view) if view else None,
+        map_section=None if on_paper else map_section(result, terrain, inputs.look),
+        view=embedded(inputs.view) if inputs.view else None,
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=[
-            *(design_tables(sheet) if sheet else ()),
+            *(chain(load_tables(sheet), check_tables(sheet)) if sheet else ()),
             *([barrier_table(result)] if barriers_of(result) and has_rows(result) else ()),
         ],
         kept=[sheet.kept] if sheet and sheet.kept else [],
@@ -252,7 +240,9 @@ def report(
         ],
         has_clusters=LineSamples(result).sampled,
         convergence=list(_convergence(result, rows, on_paper)),
-        comparison=None if observed is None else compared(compare(result, observed)),
+        comparison=None
+        if compared is None
+        else {"tables": comparison_tables(compared), "notes": notes(compared)},
         figures=_pictures([figure for figure in shown if figure.name not in LABORATORY], on_paper),
         appendix=_pictures(laboratory, on_paper),
         technical=[*technical(result), *requested(result)],

@@ -7,6 +7,7 @@ import base64
 import hashlib
 import importlib.resources
 import re
+import zlib
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -34,6 +35,21 @@ class Picture(NamedTuple):
     uri: str
     wide: int
     high: int
+
+
+class EmbeddedView(NamedTuple):
+    """The page of `rockfall.show` within a report: packed, and unpacked on request, so that other
+    readers do not wait; and the hash that permits its script there."""
+
+    page: str
+    script_hash: str
+
+
+def embedded(page: str) -> EmbeddedView:
+    """Pack a page that has one script."""
+    (script,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    checksum = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return EmbeddedView(base64.b64encode(zlib.compress(page.encode(), 9)).decode(), checksum)
 
 
 def picture(figure: Figure, title: str, caption: str, on_paper: bool = False) -> Picture:
@@ -89,7 +105,6 @@ def _environment() -> jinja2.Environment:
     )  # fmt: skip
     environment.filters["capital"] = capital
     environment.filters["say"] = lambda text: UNIT.sub("\u00a0", translated(text))
-    environment.filters["translated"] = translated
     environment.filters["unit"] = lambda text: UNIT.sub("\u00a0", text)
     environment.globals["say"] = say
     return environment

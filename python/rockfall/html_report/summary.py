@@ -11,37 +11,29 @@ import numpy as np
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.observed.run_out import mean_slopes
 from rockfall.analysis.precision.intervals import half_width
-from rockfall.html_report.intervals import ONE_SIDED, TOO_FEW, estimate, in_lines, in_unit
-from rockfall.html_report.tables import Table
-from rockfall.language import Number, Text, say, say_count
+from rockfall.language import Text, say, say_count
+from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import number, percent
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, simulated
-from rockfall.result.trajectories import ended
 from rockfall.studies.ensemble.study import is_ensemble
 from rockfall.studies.run_until import verdicts_of
+from rockfall.table import TOO_FEW, Table
+from rockfall.tables.ensemble import (
+    are_undecided,
+    headline_numbers,
+    more_needed,
+    orders_reversed,
+)
+from rockfall.tables.lines import estimate, in_unit, key_numbers
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from rockfall.html_report.intervals import Numbers, Rows
+    from rockfall.tables.lines import Numbers, Rows
 
-HEADLINE = {  # of the table on page 1: quantity and number
-    "summary.boulders_that_pass": ("fraction", "fraction"),
-    "summary.total_kinetic_energy_quantile_kj": ("energy_total", "q95"),
-    "summary.passing_height_quantile_m": ("passing_height", "q95"),
-    "summary.speed_quantile_m_s": ("speed", "q95"),
-}
-ENDED = {  # of the statuses
-    "stopped": "summary.came_to_rest_on_the_slope",
-    "absorbed": "summary.ended_where_the_ground_absorbs_boulders",
-    "left_domain": "summary.left_the_terrain_model",
-    "hit_nodata": "summary.met_terrain_without_elevation",
-    "impact_limit": "summary.reached_the_limit_of_contacts_and",
-    "stopped_by_tree": "summary.were_stopped_by_trees",
-    "stopped_by_barrier": "summary.were_stopped_by_barriers",
-}
+ONE_SIDED = ("interval.from", "interval.up_to")  # messages
 
 
 def question(rows: Rows, has_hazard: bool) -> str:
@@ -65,9 +57,9 @@ def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
     if not row["n"]:
         high = in_unit(row["fraction_high"], "fraction")
         return say(f"summary.{kind}_none", line=line, high=high)
-    fraction = estimate(row, "fraction", "fraction")[0]
+    fraction = estimate(row, "fraction", "fraction").number
     energy, height = (
-        estimate(numbers[quantity], "q95", quantity)[0]
+        estimate(numbers[quantity], "q95", quantity).number
         for quantity in ("energy_total", "passing_height")
     )
     if row["n"] == 1 or "-" in (energy, height):
@@ -76,20 +68,20 @@ def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
     return say(f"summary.{kind}_values", line=line, **values)
 
 
-def headline(rows: Rows) -> Table:
-    """Key numbers at the lines for decisions, with their intervals."""
-    shown = [
-        (line, *(in_lines(*cell).strip() for cell in _estimates(numbers)))
-        for line, numbers in rows.items()
-    ]
-    caption = say("summary.headline_caption")
-    return Table(caption, (say("label.line_or_barrier"), *map(say, HEADLINE)), shown)
-
-
-def _estimates(numbers: Numbers) -> Iterator[tuple[str, str]]:
-    """Key numbers at a line, and their intervals."""
-    for quantity, name in HEADLINE.values():
-        yield estimate(numbers["speed" if quantity == "fraction" else quantity], name, quantity)
+def range_answers(result: xr.Dataset) -> list[str]:
+    """A sentence for each line: range of the draws, then value of the unchanged case."""
+    answers = []
+    for line in line_names(result):
+        passing, energy, height, _ = headline_numbers(result, line)
+        values = dict(zip(("low", "high", "fraction"), passing, strict=True))
+        values |= zip(("e_low", "e_high", "energy"), energy, strict=True)
+        values |= zip(("h_low", "h_high", "height"), height, strict=True)
+        is_known = "-" not in [
+            value for name, value in values.items() if name.endswith(("low", "high"))
+        ]
+        key = "ensemble.line_values" if is_known else "ensemble.line_fraction"
+        answers.append(say(key, line=line, **values))
+    return [*answers, *run_out(result)]
 
 
 def run_out(result: xr.Dataset) -> Iterator[str]:
@@ -108,7 +100,7 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     """Sentences on the certainty of the answer: the Monte Carlo error, and what it does not
     include."""
     boulders, samples = simulated(result), LineSamples(result)
-    limits = [limits for numbers in rows.values() for _, limits in _estimates(numbers)]
+    limits = [cell.interval for numbers in rows.values() for cell in key_numbers(numbers)]
     if is_ensemble(result):  # the answer is the range of the draws
         yield say_count("summary.simulated_in_each_run", samples.sources, boulders=boulders)
         yield say("summary.the_ranges_of_the_draws_hold")
@@ -132,16 +124,19 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
         yield say("summary.no_large_part_of_the_run")
 
 
-def ends_table(result: xr.Dataset) -> Table:
-    """Table of the outcomes of boulders."""
-    boulders = simulated(result)
-    rows = [
-        (say(ENDED[name]), Number(f"{n:,}"), percent(n / boulders))
-        for name, n in ended(result).items()
-        if n
+def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
+    """Explanations of the tables."""
+    if not tables:
+        return []
+    words = [
+        say(
+            "ensemble.draws",
+            run=result.sizes["run"],
+            join=[say(f"uncertain.{name}") for name in result["input"].values],
+        ),
+        *(f"{sentence}." for sentence in orders_reversed(result)),
     ]
-    heads = "", say("label.boulders"), say("label.fraction")
-    return Table(say("summary.how_boulders_ended"), heads, rows)
+    return [*words, f"{capital(more_needed(result))}."] if are_undecided(tables) else words
 
 
 def angle(result: xr.Dataset) -> Iterator[str]:

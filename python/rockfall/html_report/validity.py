@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.case import Case
-    from rockfall.html_report.intervals import Rows
+    from rockfall.tables.lines import Rows
 
 FEW = 100  # boulders at a line, below which its upper quantiles are uncertain
 FEW_IN_CELL = 30  # boulders through a cell, below which its numbers are mostly Monte Carlo error

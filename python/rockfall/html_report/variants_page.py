@@ -8,23 +8,20 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from rockfall.analysis.validity.warnings import joint_warnings
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.errors import RockfallError
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import check_page, is_pdf, write_page
 from rockfall.html_report.render import picture, rendered
-from rockfall.html_report.tables import Table
 from rockfall.html_report.validity import missing
-from rockfall.language import Number, Text, localised, say, speaking
+from rockfall.language import localised, say, speaking
 from rockfall.plots.studies.difference_figures import difference_figure
-from rockfall.quantities import QUANTITIES
 from rockfall.result.samples import simulated
 from rockfall.studies.difference_maps import difference_maps, have_passages, on_same_cells
-from rockfall.studies.variants import UNDECIDED, compare_variants
-from rockfall.text.variants import comparison_notes, signed, value_text
+from rockfall.studies.variants import compare_variants
+from rockfall.table import Table
+from rockfall.tables.variants import comparison_notes, variant_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,14 +29,7 @@ if TYPE_CHECKING:
 
     from rockfall.result.trajectories import Terrain
 
-#: Message of each quantity.
-NAMES = {
-    "speed": "variants.speed",
-    "upper_edge": "variants.upper_edge",
-    "energy_total": "variants.energy_total",
-}
 BESIDE_FIRST = 4  # variants in a table on paper
-MEAN, Q95 = "variants.mean", "variants.q95"
 
 
 class Given(NamedTuple):
@@ -112,7 +102,7 @@ def _page(
         ],
         warnings=list(_warnings(results)),
         lines=[
-            _line_table(part, given)
+            variant_table(part, given.yearly)
             for _, of_line in table.groupby("line", sort=False)
             for part in _on_page(of_line, on_paper)
         ],
@@ -157,49 +147,6 @@ def _on_page(of_line: pd.DataFrame, on_paper: bool) -> Iterator[pd.DataFrame]:
         yield of_line[of_line["variant"].isin([first, *others[k : k + step]])]
 
 
-def _line_table(of_line: pd.DataFrame, given: Given) -> Table:
-    """Numbers of a line, each with its difference from the first variant."""
-    rows = []
-    for (quantity, statistic), group in of_line.groupby(["quantity", "statistic"], sort=False):
-        display = QUANTITIES["fraction" if quantity == "passing" else quantity]
-        label = _label(str(quantity), str(statistic), display.unit)
-        rows.append([label, *(_cell(row, display.factor) for _, row in group.iterrows())])
-        if quantity == "passing" and given.yearly:
-            label = _yearly_label(str(statistic))
-            rows.append([label, *(_cell(row, given.yearly) for _, row in group.iterrows())])
-    head = ["", *of_line["variant"].unique()]
-    return Table(say("variants.line_caption", line=of_line["line"].iloc[0]), head, rows)
-
-
-def _label(quantity: str, statistic: str, unit: str) -> Text:
-    threshold = statistic.removeprefix("above_")
-    if threshold != statistic:
-        return say("variants.above", energy=Number(threshold))
-    if quantity == "passing":
-        return say("variants.passing")
-    return say(MEAN if statistic == "mean" else Q95, quantity=say(NAMES[quantity]), unit=unit)
-
-
-def _yearly_label(statistic: str) -> Text:
-    threshold = statistic.removeprefix("above_")
-    if threshold != statistic:
-        return say("variants.yearly_above", energy=Number(threshold))
-    return say("variants.yearly")
-
-
-def _cell(row: pd.Series, factor: float) -> str:
-    """A number, below it its difference, and below that the interval."""
-    value = localised(value_text(row, factor, " … "))
-    if not isinstance(row["verdict"], str):
-        return value
-    apart, low, high = (
-        localised(signed(factor * row[f"difference{end}"])) for end in ("", "_low", "_high")
-    )
-    interval = f"\n({low} … {high})" if np.isfinite(row["difference_low"]) else ""
-    doubt = " ?" if row["verdict"] == UNDECIDED else ""
-    return f"{value}\n{apart}{doubt}{interval}"
-
-
 def _measures(results: Mapping[str, xr.Dataset], given: Given) -> Table:
     """Measures of each variant, from its case."""
     cases = {name: case_of(result) for name, result in results.items()}
@@ -211,8 +158,7 @@ def _measures(results: Mapping[str, xr.Dataset], given: Given) -> Table:
         costs = (given.costs.get(name) for name in results)
         shown = ("-" if cost is None else localised(f"{cost:,.10g}") for cost in costs)
         rows.append([say("variants.cost"), *shown])
-    head = ["", *results]
-    return Table(say("variants.measures"), head, rows, "facts")
+    return Table.of(say("variants.measures"), ["", *results], rows, "facts")
 
 
 def _dem(case: Case) -> str:

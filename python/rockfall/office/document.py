@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rockfall.html_report.tables import Table
 from rockfall.io.files import atomic_write
 from rockfall.language import spoken, translated
 from rockfall.office.workbook import CONTROL
+from rockfall.table import Table
 
 SMALL = 8  # size of letters in tables [pt]
 MARGIN = 1.8  # [cm]
@@ -73,11 +74,11 @@ def _set_language(document: Any, language: str) -> None:
 
 def _add_table(document: Any, table: Table) -> None:
     """A table; its first row is repeated on each page that it reaches, and no row is split."""
-    rows: list[list[object]] = [[*table.head], *([*row] for row in table.rows)]
+    rows = [table.head, *table.texts()]
     grid = document.add_table(len(rows), len(table.head), style="Table Grid")
     cells = iter(grid._cells)  # grid.cell(i, j) makes this list again each time
     for number, row in enumerate(rows):
-        for value in row:
+        for _, value in zip_longest(table.head, row, fillvalue=""):
             _write(next(cells), translated(value), bold=number == 0)
     for row in grid.rows:
         row._tr.get_or_add_trPr().append(_flag("w:cantSplit"))

@@ -10,15 +10,6 @@ from typing import TYPE_CHECKING
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.return_levels import return_levels
 from rockfall.errors import RockfallError, need
-from rockfall.html_report.intervals import rows_of
-from rockfall.html_report.tables import (
-    Table,
-    barrier_table,
-    design_tables,
-    level_table,
-    line_tables,
-    provenance,
-)
 from rockfall.language import catalogue, say, speaking, translated
 from rockfall.office.document import Part, write_document
 from rockfall.office.workbook import Sheet, write_workbook
@@ -26,7 +17,11 @@ from rockfall.protection.barriers import barrier_statistics, barriers_of
 from rockfall.protection.design import Design
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, kept_note
-from rockfall.text.design import factor_lines
+from rockfall.table import Table, data_table
+from rockfall.tables.design import check_tables as barrier_checks
+from rockfall.tables.design import factor_lines, load_tables
+from rockfall.tables.lines import level_table, line_tables, rows_of
+from rockfall.tables.run import barrier_table, provenance
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,7 +73,7 @@ def put_design(
     with speaking(language):
         facts = {name: _facts(result, checksums[name]) for name, result in results.items()}
         if "xlsx" in formats:
-            sheets = [Sheet(name, table) for name, table in tables.items()]
+            sheets = [Sheet(name, data_table(table)) for name, table in tables.items()]
             notes = [
                 note
                 for name, sheet in designs.items()
@@ -92,7 +87,7 @@ def put_design(
                 kept = [design.kept] if design.kept else []
                 notes = [*kept, *design.population, say("office.intervals"), *design.warnings]
                 notes += factor_lines(design.factors)
-                shown = [*design_tables(design), facts[name]]
+                shown = [*load_tables(design), *barrier_checks(design), facts[name]]
                 parts.append(Part(f"{name}", notes, shown))
             title = _title(next(iter(results.values())))
             yield write_document(title, parts, folder / "design.docx")
@@ -101,10 +96,10 @@ def put_design(
 def _result_sheets(result: xr.Dataset) -> Iterator[Sheet]:
     """Tables of a result as they are in CSV files."""
     if line_names(result):
-        yield Sheet("line_statistics", line_statistics(result))
-        yield Sheet("return_levels", return_levels(result))
+        yield Sheet("line_statistics", data_table(line_statistics(result)))
+        yield Sheet("return_levels", data_table(return_levels(result)))
         if barriers_of(result) and has_rows(result):
-            yield Sheet("barriers", barrier_statistics(result))
+            yield Sheet("barriers", data_table(barrier_statistics(result)))
 
 
 def _result_parts(result: xr.Dataset) -> Iterator[Part]:
@@ -130,8 +125,8 @@ def _fact_sheet(facts: Iterable[Table], notes: Iterable[str]) -> Sheet:
     rows: list[Sequence[str]] = [(say("office.units"),), (say("office.intervals"),)]
     rows += [(note,) for note in notes]
     for table in facts:
-        rows += [("",), *((translated(name), translated(value)) for name, value in table.rows)]
-    return Sheet("provenance", rows)
+        rows += [("",), *table.texts()]
+    return Sheet("provenance", Table.of("", ("", ""), rows), is_table=False)
 
 
 def _notes_of(name: str, notes: Iterable[str]) -> Iterator[str]:

@@ -6,42 +6,28 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rockfall.io.files import atomic_write
-from rockfall.quantities import QUANTITIES
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    #: Rows of a sheet that is no table: texts side by side.
-    Facts = Sequence[Sequence[str]]
+from rockfall.table import Table
 
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f]")  # not allowed in XML
 WIDEST, PAD = 60, 2  # of a column, in letters
 NARROWEST_HEAD = 12  # letters from which a header is wrapped
 DIGITS = 3  # shown at least of a number; its cell has all
-LIMIT = re.compile(r"_(?:low|high)$")
-BY_ROW = "unit"  # column with the units of the rows of a table
-#: Units of columns, as in results; "1" of fractions. Others are counts, marks, or without a unit.
-UNITS = {
-    "fraction": "1", "residual": "1",
-    "height": "m", "height_needed": "m", "normal_height_needed": "m", "h_d": "m",
-    "normal_h_d": "m", "start": "m", "end": "m", "f_min": "m",
-    "capacity": "J", "energy_allowed": "J", "E_d": "J",
-    "v_d": "m s-1", "m_d": "kg", "volume": "m3",
-}  # fmt: skip
 
 
 class Sheet(NamedTuple):
-    """A sheet: its name, and its table, or facts."""
+    """A sheet: its name, and its table, or texts side by side that are none."""
 
     name: str
-    table: pd.DataFrame | Facts
+    table: Table
+    is_table: bool = True
 
 
 def write_workbook(sheets: Iterable[Sheet], path: Path) -> Path:
@@ -57,42 +43,18 @@ def write_workbook(sheets: Iterable[Sheet], path: Path) -> Path:
     book.properties.creator = "rockfall"
     for sheet in sheets:
         page = book.create_sheet(sheet.name)
-        is_table = hasattr(sheet.table, "columns")
-        rows = _table_rows(sheet.table) if is_table else sheet.table
-        for number, row in enumerate(rows, start=1):
+        columns, rows = sheet.table.data()
+        head: list[list[object]] = [[column.title for column in columns]] * sheet.is_table
+        for number, row in enumerate(chain(head, rows), start=1):
             for column, value in enumerate(row, start=1):
-                _put(page, number, column, value, is_head=is_table and number == 1)
-        if is_table:
+                _put(page, number, column, value, is_head=number <= len(head))
+        if sheet.is_table:
             page.freeze_panes = "A2"
-        _widen(page, is_table)
-        _set_print(page, is_table)
+        _widen(page, sheet.is_table)
+        _set_print(page, sheet.is_table)
     with atomic_write(path) as part, open(part, "wb") as file:
         book.save(file)
     return path
-
-
-def with_units(table: pd.DataFrame) -> pd.DataFrame:
-    """Table with the unit of each row in a column after `quantity`, if it has that column, else
-    unchanged."""
-    if "quantity" not in table.columns:
-        return table
-    table, at = table.copy(), table.columns.get_loc("quantity") + 1
-    table.insert(at, BY_ROW, [QUANTITIES[name].units for name in table["quantity"]])
-    return table
-
-
-def header(name: str, table: pd.DataFrame) -> str:
-    """Name of a column with its unit in brackets, if it has one of its own."""
-    stem = LIMIT.sub("", name)
-    if BY_ROW in table.columns and stem != "fraction":
-        return name
-    return f"{name} [{UNITS[stem]}]" if stem in UNITS else name
-
-
-def _table_rows(table: pd.DataFrame) -> Iterable[Sequence[Any]]:
-    table = with_units(table)
-    yield [header(str(name), table) for name in table.columns]
-    yield from table.itertuples(index=False, name=None)
 
 
 def _put(page: Any, row: int, column: int, value: Any, is_head: bool) -> None:

@@ -3,30 +3,33 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from rockfall.analysis.line_statistics import numbers
+from rockfall.analysis.line_statistics import numbers as line_row
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.precision.intervals import longer_side
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
-from rockfall.protection.barriers import barrier_rows, barriers_of
-from rockfall.protection.dams import dams_of
-from rockfall.protection.stands import stands_of
-from rockfall.quantities import QUANTITIES, TOO_FEW, Quantity, percent
+from rockfall.protection.barriers import barriers_of
+from rockfall.quantities import QUANTITIES
 from rockfall.result.crossings import line_names
-from rockfall.result.grounds import GroundRebounds, rebounds_by_ground
 from rockfall.result.samples import kept_note, simulated
-from rockfall.result.trajectories import ended
 from rockfall.studies.run_until import verdicts_of
-from rockfall.text.dams import dam_lines
-from rockfall.text.stands import stand_lines
-from rockfall.text.table import MOST_LINES, more_lines, table
+from rockfall.table import Column, Table, as_text
+from rockfall.tables.lines import estimate
+from rockfall.tables.run import (
+    barrier_table,
+    dam_tables,
+    ends_table,
+    ground_table,
+    stand_tables,
+)
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
+
+MOST_LINES = 20  # evaluation lines that a terminal shows
+AT_LINES = "speed", "passing_height"
 
 
 def summary(result: Held) -> str:
@@ -35,78 +38,42 @@ def summary(result: Held) -> str:
     lines = [f"{result.attrs['title'] or 'rockfall'}: {boulders:,} boulders"]
     if rows < boulders:
         lines[0] += f", rows of {rows:,} kept"
-    lines.append(table(_ends(result)))
+    lines.append(as_text(ends_table(result)))
     if "line" in result:
-        lines += [table(_passages(result)), *more_lines(result.sizes["line"])]
+        lines += [as_text(_passages(result)), *more_lines(result.sizes["line"])]
     if barriers_of(result) and rows:
-        lines.append(table(_barriers(result)))
+        lines.append(as_text(barrier_table(result)))
         lines += [f"  {note}" for note in filter(None, [kept_note(result)])]
     elif barriers_of(result):
         lines.append("  barriers: outcomes need rows, and &output kept = 'none' keeps none")
-    lines += [f"  {name}: {line}" for name, line in dam_lines(dams_of(result))]
-    lines += [f"  {line}" for line in stand_lines(stands_of(result))]
+    lines += [as_text(table) for table in (*dam_tables(result), *stand_tables(result))]
     lines += [f"  until {verdict}" for verdict in verdicts_of(result)]
     lines += _rebounds(result)
-    if grounds := rebounds_by_ground(result):
-        lines.append(table(_grounds(grounds)))
+    if "rebounds_by_ground" in result:
+        lines.append(as_text(ground_table(result)))
     wall, cpu = (result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu"))
     lines.append(f"  {wall:.1f} s, {cpu:.1f} s of CPU")
     return "\n".join(lines)
 
 
-def _ends(result: Held) -> Iterator[list[str]]:
-    """Fraction of the boulders with each status."""
-    boulders = simulated(result)
-    for word, n in ended(result).items():
-        if n:
-            yield [f"  {word.replace('_', ' ')}", f"{n:,}", f"{n / boulders:.1%}"]
-
-
-def _passages(result: Held) -> Iterator[list[str]]:
-    """Boulders at the first lines, their mean speed and passing height, with 95 % intervals."""
-    shown = "speed", "passing_height"
-    yield [
-        "  line (95 %)",
-        "boulders",
-        "fraction",
-        *(f"mean {key.replace('_', ' ')}" for key in shown),
-    ]
-    samples = LineSamples(result)
+def _passages(result: Held) -> Table:
+    """Boulders at the first lines, their mean speed and passing height."""
+    samples, rows = LineSamples(result), []
     for k, name in enumerate(line_names(result)[:MOST_LINES]):
-        rows = {key: numbers(samples.sample(k, key), key) for key in shown}
-        passed = rows["speed"]
-        if not passed["n"]:
-            yield [f"  {name}", "0", f"0 to {100 * passed['fraction_high']:.2g} %", "", ""]
-            continue
-        means = (_within(row, "mean", QUANTITIES[key]) for key, row in rows.items())
-        fraction = _within(passed, "fraction", QUANTITIES["fraction"])
-        yield [f"  {name}", f"{passed['n']:,}", fraction, *means]
+        numbers = {key: line_row(samples.sample(k, key), key) for key in AT_LINES}
+        passed = numbers["speed"]
+        fraction = estimate(passed, "fraction", "fraction")
+        means = (estimate(row, "mean", key) if row["n"] else "" for key, row in numbers.items())
+        rows.append((name, int(passed["n"]), fraction, *means))
+    heads = (Column.of(QUANTITIES[key], "mean") for key in AT_LINES)
+    fraction_head = QUANTITIES["fraction"].title
+    return Table.of("", ("line (95 %)", "boulders", fraction_head, *heads), rows)
 
 
-def _barriers(result: Held) -> Iterator[list[str]]:
-    """Performance of each barrier on the boulders that reached it, with 95 % intervals."""
-    yield ["  barrier (95 %)", "outcome", "boulders", "fraction"]
-    for row in barrier_rows(result):
-        outcome, fraction = row["outcome"].replace("_", " "), QUANTITIES["fraction"]
-        yield [f"  {row['barrier']}", outcome, f"{row['n']:,}", _within(row, "fraction", fraction)]
-
-
-def _within(row: dict[str, float], name: str, display: Quantity) -> str:
-    """Number and the longer side of its interval, or a note that it has none."""
-    value, decimals = display.factor * row[name], display.decimals
-    half = display.factor * longer_side(row, name)
-    if math.isnan(half):
-        return f"{value:.{decimals}f} {display.unit} ({TOO_FEW})"
-    if 0 < half < 10**-decimals:  # two digits instead of +- 0.0
-        decimals = 1 - math.floor(math.log10(half))
-    return f"{value:.{decimals}f} +- {half:.{decimals}f} {display.unit}"
-
-
-def _grounds(grounds: list[GroundRebounds]) -> Iterator[list[str]]:
-    """Rebounds by ground."""
-    yield ["  ground", "rebounds", "fraction", "model"]
-    for name, model, rebounds, fraction, _ in grounds:
-        yield [f"  {name}", f"{rebounds:,}", percent(fraction), model.replace("_", " ")]
+def more_lines(lines: int) -> list[str]:
+    """Note on how many evaluation lines are not shown, and where all are; none if all are shown."""
+    more = lines - MOST_LINES
+    return [f"  and {more:,} more: `rockfall lines OUT.nc -o FILE.csv` writes all"] * (more > 0)
 
 
 def _rebounds(result: Held) -> Iterator[str]:

@@ -356,13 +356,6 @@ def half_width(row: Mapping[str, float], name: str) -> float:
     return half / abs(value) if value else np.inf
 
 
-def longer_side(row: Mapping[str, float], name: str) -> float:
-    """Longer side of a number's interval, a conservative +-; NaN without one. In a skewed interval
-    the truth may be farther above than half its length."""
-    value, low, high = (row.get(f"{name}{end}", np.nan) for end in ("", "_low", "_high"))
-    return float(np.maximum(high - value, value - low))
-
-
 def boulders_needed(boulders: float, width: float, limit: float, crossed: float = np.inf) -> float:
     """Number of boulders for an interval as narrow as `limit`, from one of `width` with `boulders`:
     the width falls as 1/sqrt(n). If `crossed`, the boulders past the line, is given, the interval

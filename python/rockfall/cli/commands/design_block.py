@@ -11,7 +11,7 @@ from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv
-from rockfall.text.design_block import design_block_text, scenario_text
+from rockfall.tables.design_block import design_block_text, scenario_text
 
 OPTIONS = ("years", "events", "threshold", "volume_max")  # of this mode only
 

@@ -7,7 +7,6 @@ import argparse
 import csv
 import io
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 from rockfall.cli.messages import DONE
@@ -23,7 +22,7 @@ from rockfall.grounds.measured_ground import (
 from rockfall.io.files import atomic_write, read_text
 from rockfall.io.output_files import check_output, overwriting
 from rockfall.io.tables import spreadsheet_text, table_rows
-from rockfall.text.table import table
+from rockfall.table import Table, as_text
 
 
 def ground_command(arguments: argparse.Namespace) -> int:
@@ -68,27 +67,28 @@ def _scars(arguments: argparse.Namespace) -> Scars | None:
 
 
 def _summary(ground: MeasuredGround) -> str:
-    parts = [table(_rows(ground)), *ground.remarks]
+    parts = [as_text(_table(ground)), *ground.remarks]
     parts.append(f"Nearest shipped ground of this model: {ground.nearest}.")
     return "\n".join([*parts, ONE_SLOPE])
 
 
-def _rows(ground: MeasuredGround) -> Iterator[list[str]]:
+def _table(ground: MeasuredGround) -> Table:
     """Quantities with their standard errors."""
-    yield ["", "value", "standard error"]
-    yield ["R_b [m]", f"{ground.radius:.3g}", ""]
+    rows = [("R_b [m]", f"{ground.radius:.3g}", "")]
     if not math.isnan(ground.strength):
         low, high = (ground.strength * math.exp(k * ground.strength_error) for k in (-1, 1))
         limits = f"{low / 1e6:.3g} to {high / 1e6:.3g}"
-        yield ["strength [MPa]", f"{ground.strength / 1e6:.3g}", limits]
-        yield ["  scars", f"{len(ground.strengths)}", ""]
-        yield ["  scatter by attitude of the block [ln]", f"{ground.attitude_sigma:.2f}", ""]
+        rows.append(("strength [MPa]", f"{ground.strength / 1e6:.3g}", limits))
+        rows.append(("  scars", f"{len(ground.strengths)}", ""))
+        scatter = f"{ground.attitude_sigma:.2f}"
+        rows.append(("  scatter by attitude of the block [ln]", scatter, ""))
     if not math.isnan(ground.strength_sigma):
         error = f"{ground.strength_sigma_error:.2f}"
-        yield ["strength_sigma", f"{ground.strength_sigma:.2f}", error]
+        rows.append(("strength_sigma", f"{ground.strength_sigma:.2f}", error))
     if not math.isnan(ground.relief):
-        yield ["relief [degree]", f"{ground.relief:.1f}", f"{ground.relief_error:.1f}"]
-        yield ["hurst", f"{ground.hurst:.2f}", ""]
+        rows.append(("relief [degree]", f"{ground.relief:.1f}", f"{ground.relief_error:.1f}"))
+        rows.append(("hurst", f"{ground.hurst:.2f}", ""))
+    return Table.of("", ("", "value", "standard error"), rows)
 
 
 def _csv(rows: list[list[str]]) -> str:

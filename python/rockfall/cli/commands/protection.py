@@ -32,8 +32,8 @@ from rockfall.result.same_case import check_same_site
 from rockfall.scene.layers import file_checksum
 from rockfall.simulation.memory import read_memory
 from rockfall.studies.siting import CONDITIONS, Siting, site
-from rockfall.text.design import design_text
-from rockfall.text.siting import siting_text
+from rockfall.tables.design import design_text
+from rockfall.tables.siting import siting_text
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -27,10 +27,9 @@ from rockfall.products import Added, export_with, figures, report, report_varian
 from rockfall.result.dataset import read_result
 from rockfall.studies.difference_maps import difference_maps, write_variants
 from rockfall.studies.variants import compare_variants
-from rockfall.text.comparison import ranks_text, text
-from rockfall.text.line_details import print_groups, print_profile
-from rockfall.text.line_tables import print_lines
-from rockfall.text.variants import comparison_notes, variants_text
+from rockfall.tables.comparison import comparison_text, ranks_text
+from rockfall.tables.variants import comparison_notes, variants_text
+from rockfall.text.lines import print_groups, print_lines, print_profile
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,7 +103,7 @@ def compare_command(arguments: argparse.Namespace) -> int:
     if len(results) == 1:
         (result,) = results.values()
         comparison = compare(result, seen)
-        table, report = comparison.table(), text(comparison)
+        table, report = comparison.table(), comparison_text(comparison)
     else:
         table = rank_results(results, seen)
         report = "\n".join([ranks_text(table), *seen.notes])

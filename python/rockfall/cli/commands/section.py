@@ -15,12 +15,13 @@ from rockfall.cli.given import given_options, warn_of_models
 from rockfall.cli.messages import DONE, warnings_told
 from rockfall.errors import RockfallError, need
 from rockfall.io.output_files import atomic_folder, check_output
-from rockfall.io.tables import plain_decimal, write_csv
+from rockfall.io.tables import plain_decimal
 from rockfall.plots.section_figure import section_figure
 from rockfall.plots.style import FORMATS, save
 from rockfall.products import section
 from rockfall.result.dataset import open_result
-from rockfall.text.section import section_text, with_units
+from rockfall.table import write_csv
+from rockfall.tables.section import section_data, section_text
 
 TABLE = ".csv"
 ENDINGS = [TABLE, *(f".{form}" for form in FORMATS)]
@@ -40,8 +41,8 @@ def section_command(arguments: argparse.Namespace) -> int:
         cut = section(path, line, layer=arguments.line_layer, dem=arguments.dem, **given)
     table, lines, picture = places
     with atomic_folder(table.parent, inputs) as part:
-        write_csv(with_units(cut.table), part / table.name)
-        write_csv(with_units(cut.lines), part / lines.name)
+        write_csv(section_data(cut.table), part / table.name)
+        write_csv(section_data(cut.lines), part / lines.name)
         save(section_figure(cut), part / picture.name)
     warn_of_models(path, told=told)
     print(section_text(cut))

@@ -31,10 +31,10 @@ from rockfall.studies.convergence import converge
 from rockfall.studies.ensemble.study import check_place, run_ensemble, write_ensemble
 from rockfall.studies.models import run_models, write_models
 from rockfall.studies.validation import validate
-from rockfall.text.back import back_text
-from rockfall.text.convergence import text
-from rockfall.text.ensemble import ensemble_summary
-from rockfall.text.models import models_text, validation_text
+from rockfall.tables.back import back_text
+from rockfall.tables.convergence import convergence_text
+from rockfall.tables.ensemble import ensemble_summary
+from rockfall.tables.models import models_text, validation_text
 
 TABLES = ("study", "error", "cost", "numerical")
 DRAWINGS = "convergence.png", "convergence.pdf"
@@ -112,7 +112,7 @@ def convergence_command(arguments: argparse.Namespace) -> int:
             write_csv(getattr(study, name), part / f"{name}.csv")
         figure(study, [part / name for name in DRAWINGS])
     warn_each(study.model_warnings)
-    print(text(study))
+    print(convergence_text(study))
     print("", *(folder / name for name in FILES), sep="\n")
     return DONE
 

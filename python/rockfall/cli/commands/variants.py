@@ -40,7 +40,7 @@ from rockfall.studies.difference_maps import (
     write_variants,
 )
 from rockfall.studies.variants import check_variant_scenes, compare_variants, run_each
-from rockfall.text.variants import comparison_notes, variants_text
+from rockfall.tables.variants import comparison_notes, variants_text
 
 if TYPE_CHECKING:
     import xarray as xr

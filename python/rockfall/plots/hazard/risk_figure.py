@@ -12,7 +12,7 @@ from rockfall.language import say
 from rockfall.plots.cartography.labels import beside
 from rockfall.plots.cartography.marks import OBJECT, draw_line
 from rockfall.plots.style import INK
-from rockfall.text.risk import small
+from rockfall.quantities import small
 
 if TYPE_CHECKING:
     import xarray as xr

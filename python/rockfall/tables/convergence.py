@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text output of a measured convergence, with tables."""
+"""A measured convergence as tables, and as text."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.analysis.precision.intervals import TARGETS, rounded_up
 from rockfall.quantities import QUANTITIES, number
 from rockfall.studies.convergence import AS_GIVEN, ERRORS, KEYS, SIZE, Convergence
-from rockfall.text.table import table
+from rockfall.table import Table, as_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,20 +25,20 @@ TERRAINS = {
 }
 
 
-def text(convergence: Convergence) -> str:
+def convergence_text(convergence: Convergence) -> str:
     """The study, the Monte Carlo and the numerical errors, each as a table and its
     interpretation."""
     place = f" from each of {convergence.sources:,} sources" if convergence.sources > 1 else ""
     parts = [
         f"{convergence.name}\n\nBy number of boulders{place}:\n",
-        table(_study(convergence.study)),
+        as_text(study_table(convergence.study)),
     ]
     parts += ["", *_study_says(convergence.study)]
     seconds = f"{1e6 * convergence.seconds:.0f} microseconds of CPU a boulder"
     parts += [f"\nMonte Carlo error against {convergence.reference:,} boulders, {seconds}:\n"]
-    parts += [table(_cost(convergence.cost)), "", *_cost_says(convergence)]
+    parts += [as_text(cost_table(convergence.cost)), "", *_cost_says(convergence)]
     parts += [f"\nNumerical error, {convergence.paired:,} boulders on each terrain:\n"]
-    parts += [table(_numerical(convergence)), "", *_numerical_says(convergence)]
+    parts += [as_text(numerical_table(convergence)), "", *_numerical_says(convergence)]
     return "\n".join(parts)
 
 
@@ -46,16 +46,17 @@ def _label(key: tuple[str, str, str]) -> str:
     """Line, quantity and statistic."""
     line, quantity, statistic = key
     if quantity == "boulders":
-        return f"  {line}: {QUANTITIES[statistic].title}"
-    return f"  {line}: {QUANTITIES[quantity].title}, {statistic}"
+        return f"{line}: {QUANTITIES[statistic].title}"
+    return f"{line}: {QUANTITIES[quantity].title}, {statistic}"
 
 
-def _study(study: pd.DataFrame) -> Iterator[list[str]]:
-    sizes = sorted(study["boulders"].unique())
-    yield ["", *(f"{size:,}" for size in sizes)]
+def study_table(study: pd.DataFrame) -> Table:
+    """Numbers after so many boulders."""
+    rows = []
     for key, group in study.groupby(KEYS, sort=False):
         factor = QUANTITIES[key[2] if key[1] == "boulders" else key[1]].factor
-        yield [_label(key), *(number(factor * value, 4) for value in group["value"])]
+        rows.append((_label(key), *(number(factor * value, 4) for value in group["value"])))
+    return Table.of("", ["", *(f"{size:,}" for size in sorted(study["boulders"].unique()))], rows)
 
 
 def _study_says(study: pd.DataFrame) -> Iterator[str]:
@@ -89,19 +90,16 @@ def _rule(key: tuple[str, str, str]) -> str:
     return f"fraction@{line}" if quantity == "boulders" else f"{quantity}.{statistic}@{line}"
 
 
-def _cost(cost: pd.DataFrame) -> Iterator[list[str]]:
-    head = [f"boulders for +- {100 * target:g} %" for target in TARGETS]
-    yield ["", "slope", f"at {SIZE:,}", "CPU s for 1 %", *head]
+def cost_table(cost: pd.DataFrame) -> Table:
+    """Monte Carlo errors, and what small ones cost."""
+    targets = [f"boulders for +- {100 * target:g} %" for target in TARGETS]
+    rows = []
     for row in cost.itertuples(index=False):
         slope = _changed(row.slope, row.slope_error, ".2f")
-        needs = (f"{rounded_up(boulders):,}" for boulders in row[-len(TARGETS) :])
-        yield [
-            _label(row[:3]),
-            slope,
-            f"{row.error_10000:.2%}",
-            number(row[cost.columns.get_loc("cpu_seconds_1_percent")], 2),
-            *needs,
-        ]
+        seconds = number(row[cost.columns.get_loc("cpu_seconds_1_percent")], 2)
+        needs = map(rounded_up, row[-len(TARGETS) :])
+        rows.append((_label(row[:3]), slope, f"{row.error_10000:.2%}", seconds, *needs))
+    return Table.of("", ("", "slope", f"at {SIZE:,}", "CPU s for 1 %", *targets), rows)
 
 
 def _cost_says(convergence: Convergence) -> Iterator[str]:
@@ -126,18 +124,17 @@ def _changed(value: float, error: float, digits: str) -> str:
     return "-" if np.isnan(value) else f"{value:{digits}} +- {error:{digits.lstrip('+')}}"
 
 
-def _numerical(convergence: Convergence) -> Iterator[list[str]]:
+def numerical_table(convergence: Convergence) -> Table:
+    """Monte Carlo errors, and changes on other terrains."""
     all_ = convergence.numerical
     variants = [name for name in all_["variant"].unique() if name != AS_GIVEN]
-    yield ["", f"Monte Carlo, {SIZE:,}", *variants]
+    rows = []
     for key, group in all_.groupby(KEYS, sort=False):
         changes = group.set_index("variant").loc[variants]
         error = group["statistical_error"].iloc[0]
-        yield [
-            _label(key),
-            "-" if np.isnan(error) else f"{error:.2%}",
-            *(_changed(row.change, row.change_error, "+.2%") for row in changes.itertuples()),
-        ]
+        moved = (_changed(row.change, row.change_error, "+.2%") for row in changes.itertuples())
+        rows.append((_label(key), "-" if np.isnan(error) else f"{error:.2%}", *moved))
+    return Table.of("", ("", f"Monte Carlo, {SIZE:,}", *variants), rows)
 
 
 def _numerical_says(convergence: Convergence) -> Iterator[str]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Section along a drawn line as text, and its tables with units."""
+"""A section along a drawn line as tables, and as text."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from rockfall.analysis.lines.envelopes import QUANTITIES as OF_SECTION
 from rockfall.analysis.lines.envelopes import fewest_for
 from rockfall.analysis.lines.section import RECORDED
 from rockfall.limits import MIN_FOR_MEAN
-from rockfall.quantities import QUANTITIES, count, number, with_unit
+from rockfall.quantities import QUANTITIES, count, number
+from rockfall.table import Column, Estimate, Table, as_text
 from rockfall.terrain.polyline import lengths
-from rockfall.text.line_tables import ENDS
-from rockfall.text.table import table as aligned
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,13 +43,14 @@ counts where it first crosses a station, all boulders by their maxima in the cel
 it; a maximum of the corridor is that of all cells which the station crosses."""
 
 
-def with_units(table: pd.DataFrame) -> pd.DataFrame:
-    """Table of a section in the units in which numbers are shown, named in its columns."""
-    columns = {}
-    for name, column in table.items():
-        unit, factor = _unit(str(name))
-        columns[with_unit(str(name), unit)] = column if factor == 1 else factor * column
-    return table.__class__(columns)
+def section_data(frame: pd.DataFrame) -> Table:
+    """Table of a section, all its columns, in the units in which numbers are shown."""
+    units = {str(name): _unit(str(name)) for name in frame.columns}
+    scaled = (
+        frame[name] if units[name][1] == 1 else units[name][1] * frame[name] for name in units
+    )
+    columns = [Column(name, unit) for name, (unit, _) in units.items()]
+    return Table("", columns, [*zip(*scaled, strict=True)])
 
 
 def _unit(name: str) -> tuple[str, float]:
@@ -72,12 +72,20 @@ def section_text(section: Section) -> str:
     parts = [ABOUT, *(f"Warning: {note}" for note in section_notes(section)), "", first]
     if len(section.lines):
         head = "Lines, barriers and dams that it crosses, with all boulders in the corridor"
-        parts += ["", head, aligned(_lines(section.lines))]
+        parts += ["", head, as_text(crossed_table(section.lines))]
     if section.recorded:
         names = tuple(f"{RECORDED}{name}" for name in AT_LINE)
-        parts += ["", "Recorded trajectories", aligned(_stations(section, f"{RECORDED}n", names))]
+        parts += [
+            "",
+            "Recorded trajectories",
+            as_text(station_table(section, f"{RECORDED}n", names)),
+        ]
     if section.has_maps:
-        parts += ["", "All boulders, by the maps", aligned(_stations(section, "cell_n", BY_CELL))]
+        parts += [
+            "",
+            "All boulders, by the maps",
+            as_text(station_table(section, "cell_n", BY_CELL)),
+        ]
     return "\n".join(parts)
 
 
@@ -123,29 +131,35 @@ def section_notes(section: Section) -> Iterator[str]:
         )
 
 
-def _lines(lines: pd.DataFrame) -> Iterator[list[str]]:
-    yield ["  crosses", "at [m]", "boulders", *map(_title, AT_LINE)]
+def crossed_table(lines: pd.DataFrame) -> Table:
+    """Lines, barriers and dams that a section crosses."""
+    rows = []
     for row in lines.to_dict("records"):
-        text = f", {row['height']:g} m" if np.isfinite(row["height"]) else ""
-        name = f"  {row['name']}" + (f" ({row['kind']}{text})" if row["kind"] != "line" else "")
+        height = f", {row['height']:g} m" if np.isfinite(row["height"]) else ""
+        name = f"{row['name']}" + (f" ({row['kind']}{height})" if row["kind"] != "line" else "")
         numbers = (_number(row, name) for name in AT_LINE)
-        yield [name, number(row["distance"], 4), _count(row["n"]), *numbers]
+        rows.append((name, number(row["distance"], 4), row["n"], *numbers))
+    heads = [Column("crosses"), Column("at", "m"), Column("boulders", decimals=0)]
+    return Table.of("", [*heads, *map(_column, AT_LINE)], rows)
 
 
-def _stations(section: Section, counted: str, names: tuple[str, ...]) -> Iterator[list[str]]:
+def station_table(section: Section, counted: str, names: tuple[str, ...]) -> Table:
     """Stations, evenly selected, with numbers from one source."""
-    yield ["  at [m]", "elevation [m]", "boulders", *map(_title, names)]
-    rows = section.table.to_dict("records")
-    for row in rows[:: -(-len(rows) // ROWS)]:
-        place = f"  {number(row['distance'], 4)}", number(row["elevation"], 5)
-        yield [*place, _count(row[counted]), *(_number(row, name) for name in names)]
+    records = section.table.to_dict("records")
+    rows = [
+        (number(row["distance"], 4), number(row["elevation"], 5), row[counted],
+         *(_number(row, name) for name in names))
+        for row in records[:: -(-len(records) // ROWS)]
+    ]  # fmt: skip
+    heads = [Column("at", "m"), Column("elevation", "m"), Column("boulders", decimals=0)]
+    return Table.of("", [*heads, *map(_column, names)], rows)
 
 
-def _title(name: str) -> str:
-    """Title of a column: E95 [kJ], corridor: E_max [kJ]."""
+def _column(name: str) -> Column:
+    """Column of a number: E95 [kJ], corridor: E_max [kJ]."""
     before, quantity, number = _parsed(name)
     corridor = "corridor: " if before == "corridor_" else ""
-    return corridor + with_unit(f"{SYMBOLS[quantity]}_{number}", QUANTITIES[quantity].unit)
+    return Column(f"{corridor}{SYMBOLS[quantity]}_{number}", QUANTITIES[quantity].unit)
 
 
 def _parsed(name: str) -> tuple[str, str, str]:
@@ -155,13 +169,6 @@ def _parsed(name: str) -> tuple[str, str, str]:
     return before, quantity, number
 
 
-def _count(n: float) -> str:
-    return f"{n:,.0f}" if np.isfinite(n) else "-"
-
-
-def _number(row: Mapping[Any, Any], name: str) -> str:
+def _number(row: Mapping[Any, Any], name: str) -> Estimate:
     """Number with its interval, if it has one."""
-    factor = QUANTITIES[_parsed(name)[1]].factor
-    value, low, high = (factor * row.get(name + end, np.nan) for end in ENDS)
-    is_known = np.isfinite([low, high]).all()
-    return number(value) + (f" ({number(low)} to {number(high)})" if is_known else "")
+    return Estimate.of(row, name, QUANTITIES[_parsed(name)[1]].factor, digits=3)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text output of a comparison for a terminal; +- is half of a 95 % interval."""
+"""A comparison with observations as tables, and as text; in brackets 95 % intervals."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ import numpy as np
 
 from rockfall.analysis.observed.compare import STATISTICS, Comparison
 from rockfall.analysis.observed.contacts import VALUES
-from rockfall.analysis.precision.intervals import longer_side
 from rockfall.language import Number, say, word
 from rockfall.quantities import QUANTITIES, number, with_unit
-from rockfall.text.table import table as aligned
+from rockfall.table import Estimate, Table, as_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,14 +21,14 @@ LEVEL = 0.05  # a smaller p rejects that two samples have one distribution
 MAX_ROWS = 12  # of a long table
 
 
-def text(comparison: Comparison) -> str:
+def comparison_text(comparison: Comparison) -> str:
     """Title, the tables that are not empty, notes."""
-    parts = [aligned(rows) for _, rows in tables(comparison)]
+    parts = [as_text(table, "") for table in comparison_tables(comparison)]
     return "\n\n".join([comparison.title, *parts, *notes(comparison)])
 
 
-def tables(comparison: Comparison) -> Iterator[tuple[str, list[list[str]]]]:
-    """Non-empty tables: a caption, and rows, the first of which is the header."""
+def comparison_tables(comparison: Comparison) -> Iterator[Table]:
+    """Tables that are not empty."""
     errors = comparison.errors
     for caption, table, rows in (
         ("compare.lines", errors, _errors),
@@ -42,7 +41,8 @@ def tables(comparison: Comparison) -> Iterator[tuple[str, list[list[str]]]]:
         ("compare.impacts", comparison.contacts, _contacts),
     ):
         if len(table):
-            yield say(caption), list(rows(table))
+            head, *cells = rows(table)
+            yield Table.of(say(caption), head, cells)
 
 
 def notes(comparison: Comparison) -> list[str]:
@@ -52,7 +52,7 @@ def notes(comparison: Comparison) -> list[str]:
     return [*([say("compare.exact")] if marked else []), *comparison.notes]
 
 
-def _errors(table: pd.DataFrame) -> Iterable[list[str]]:
+def _errors(table: pd.DataFrame) -> Iterable[list[Any]]:
     mean, *rest = map(word, STATISTICS)
     ours, error = (
         say("join.colon", before=before, after=mean)
@@ -74,7 +74,7 @@ def _errors(table: pd.DataFrame) -> Iterable[list[str]]:
         shown = name
 
 
-def _printed_errors(table: pd.DataFrame) -> Iterable[list[str]]:
+def _printed_errors(table: pd.DataFrame) -> Iterable[list[Any]]:
     """Errors of a paper's own method relative to the observations (its table 3)."""
     head = say("compare.printed_error", method=table["against"].iloc[0])
     yield [head, *map(word, STATISTICS)]
@@ -83,17 +83,13 @@ def _printed_errors(table: pd.DataFrame) -> Iterable[list[str]]:
         yield [_name(line, quantity), *(_number(error, "+z.0f") for error in errors)]
 
 
-def _three(row: pd.DataFrame, whose: str, quantity: str) -> list[str]:
-    """Mean with the longer side of its interval, standard deviation, maximum."""
+def _three(row: pd.DataFrame, whose: str, quantity: str) -> list[object]:
+    """Mean with its interval, standard deviation, maximum."""
     display = QUANTITIES[quantity]
     numbers = (_rounded(display.factor * value, display.decimals, whose) for value in row[whose])
-    mean, *rest = numbers
-    half = display.factor * longer_side(row.loc["mean"], whose)
-    if not np.isnan(half):
-        mean = Number(f"{mean} +- {half:.{display.decimals}f}")
-    elif whose == "simulated" and mean != "-":
-        mean = say("compare.too_few", value=mean)
-    return [mean, *rest]
+    given, *rest = numbers
+    mean = Estimate.of(row.loc["mean"], whose, display.factor, decimals=display.decimals)
+    return [mean if mean.has_interval or whose == "simulated" else given, *rest]
 
 
 def _error(row: pd.Series) -> str:
@@ -106,7 +102,7 @@ def _mark(row: Mapping[str, Any]) -> str:
     return " " if pd.isna(row["consistent"]) or row["consistent"] else "*"
 
 
-def _ks(table: pd.DataFrame) -> Iterable[list[str]]:
+def _ks(table: pd.DataFrame) -> Iterable[list[Any]]:
     level = say("compare.level", level=100 * LEVEL)
     ours, printed = (table[name].notna().any() for name in ("n_observed", "printed_p"))
     yield [
@@ -126,18 +122,17 @@ def _verdict(p: float) -> tuple[str, str]:
     return _number(p, ".4f"), "-" if np.isnan(p) else say(verdict)
 
 
-def _passing(table: pd.DataFrame) -> Iterable[list[str]]:
+def _passing(table: pd.DataFrame) -> Iterable[list[Any]]:
     yield [
         with_unit(say("compare.distance"), "m"), with_unit(word("observed"), "%"),
         with_unit(say("compare.this_run"), "%"), say("compare.difference"),
     ]  # fmt: skip
     chosen = np.linspace(0, len(table) - 1, min(MAX_ROWS, len(table))).round().astype(int)
     for row in table.iloc[chosen].to_dict("records"):
-        fractions = []
-        for whose in "observed", "simulated":
-            half = 100 * longer_side(row, whose)
-            fraction = f"{100 * row[whose]:.1f}"
-            fractions.append(Number(fraction if np.isnan(half) else f"{fraction} +- {half:.1f}"))
+        fractions = (
+            Estimate.of(row, whose, 100.0, decimals=1) if np.isfinite(row[f"{whose}_high"])
+            else Number(f"{100 * row[whose]:.1f}") for whose in ("observed", "simulated")
+        )  # fmt: skip
         difference = Number(f"{row['difference_percent']:+z.1f}{_mark(row)}")
         yield [say("compare.or_more", distance=row["distance"]), *fractions, difference]
     if chosen.size < len(table):
@@ -154,7 +149,7 @@ LABELS = {  # messages
 SIZES = "compare.n_observed", "compare.n_this_run"
 
 
-def _run_out(table: pd.DataFrame) -> Iterable[list[str]]:
+def _run_out(table: pd.DataFrame) -> Iterable[list[Any]]:
     several = table["source"].nunique() > 1
     heads = "compare.observed", "compare.this_run", "compare.difference", "compare.verdict"
     yield [say("compare.run_out_head"), *map(say, SIZES), *map(say, heads)]
@@ -163,14 +158,15 @@ def _run_out(table: pd.DataFrame) -> Iterable[list[str]]:
         if several:
             name = say("join.colon", before=say("compare.source", name=row["source"]), after=name)
         sizes = [_number(row[f"n_{whose}"], ",d") for whose in ("observed", "simulated")]
-        three = [_within(row, whose) for whose in ("observed", "simulated", "difference")]
+        whose = "observed", "simulated", "difference"
+        three = (Estimate.of(row, name, decimals=1) for name in whose)
         verdict = word(row["verdict"])
         if np.isfinite(row["by_chance"]):
             verdict = say("compare.up_to_by_chance", verdict=verdict, high=row["by_chance"])
         yield [name, *sizes, *three, verdict]
 
 
-def _at_rest(table: pd.DataFrame) -> Iterable[list[str]]:
+def _at_rest(table: pd.DataFrame) -> Iterable[list[Any]]:
     """Density of simulated boulders at the blocks."""
     heads = "compare.outside", "compare.density", "compare.own_density", "compare.verdict"
     yield [say("compare.at_rest_head"), *map(say, SIZES), *map(say, heads)]
@@ -184,34 +180,20 @@ def _at_rest(table: pd.DataFrame) -> Iterable[list[str]]:
         yield [name, *numbers, here, own, verdict]
 
 
-def _within(row: Mapping[str, Any], name: str) -> str:
-    """A number with its interval."""
-    value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
-    if np.isnan(value):
-        return "-"
-    if np.isnan(low):
-        return say("compare.too_few", value=Number(f"{value:.1f}"))
-    return say("compare.within", value=value, low=low, high=high)
-
-
 def ranks_text(table: pd.DataFrame) -> str:
     """Results by their distance from the observations."""
-    return aligned(_ranks(table))
-
-
-def _ranks(table: pd.DataFrame) -> Iterable[list[str]]:
-    yield ["distance from what was observed", "result", "distance", "95 % interval", "rank"]
-    shown = ""
+    rows, shown = [], ""
     for row in table.to_dict("records"):
-        value, low, high = (number(row[f"distance{end}"]) for end in ("", "_low", "_high"))
         first, last = row["rank_low"], row["rank_high"]
         rank = str(row["rank"]) if first == last else f"undecided: {first} to {last}"
         measure = "" if row["measure"] == shown else row["measure"]
-        yield [measure, row["result"], value, f"{low} to {high}", rank]
+        rows.append((measure, row["result"], Estimate.of(row, "distance", digits=3), rank))
         shown = row["measure"]
+    heads = "distance from what was observed", "result", "distance", "rank"
+    return as_text(Table.of("", heads, rows), "")
 
 
-def _contacts(table: pd.DataFrame) -> Iterable[list[str]]:
+def _contacts(table: pd.DataFrame) -> Iterable[list[Any]]:
     """Observed impacts by reach; speeds and heights with the maxima of their cells."""
     yield from _stops(table, say("compare.impacts_head"))
     for name, maps in VALUES.items():
@@ -223,7 +205,7 @@ def _contacts(table: pd.DataFrame) -> Iterable[list[str]]:
             yield [label, Number(f"{above:,}")]
 
 
-def _stops(table: pd.DataFrame, title: str = "") -> Iterable[list[str]]:
+def _stops(table: pd.DataFrame, title: str = "") -> Iterable[list[Any]]:
     """Observed places by the fraction of the boulders that reach their cell."""
     reach = table["reach_probability"].to_numpy(float)
     yield [title or say("compare.stops_head"), say("compare.places")]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text output of the siting of a barrier."""
+"""The siting of a barrier as a table, and as text."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from rockfall.quantities import number
 from rockfall.studies.siting import BEST, NOT_TOLD_APART, YES
-from rockfall.text.design import class_name, factor_lines, needed, shown
-from rockfall.text.table import table as aligned
+from rockfall.table import Column, Table, as_text, in_line
+from rockfall.tables.design import class_name, factor_lines, needed, shown
 
 if TYPE_CHECKING:
     from rockfall.studies.siting import Siting
@@ -25,8 +25,14 @@ def siting_text(siting: Siting) -> str:
     first = (
         f"{siting.line}: {siting.come:,} of {siting.boulders:,} boulders come; {_limits(siting)}"
     )
-    parts = [ABOUT, *(f"Warning: {text}" for text in siting.notes), "", first]
-    parts += [aligned(_rows(siting)), "", *_choice(siting), "", *factor_lines(siting.factors)]
+    parts = [ABOUT, *(f"Warning: {note}" for note in siting.notes), "", first]
+    parts += [
+        as_text(siting_table(siting)),
+        "",
+        *_choice(siting),
+        "",
+        *factor_lines(siting.factors),
+    ]
     return "\n".join(parts)
 
 
@@ -37,20 +43,25 @@ def _limits(siting: Siting) -> str:
     return ", ".join([*given, f"at most {100 * limits.bypass:g} % around it"])
 
 
-def _rows(siting: Siting) -> Iterator[list[str]]:
-    cost = "cost" if siting.priced else "cost [kJ m2]"
-    yield ["  alignment", "up [m]", "elevation [m]", "boulders", "E95 [kJ]", "h95 [m]",
-           "E_d [kJ]", "height needed [m]", "class", "round [%]", "left [%]", cost, "fits",
-           ""]  # fmt: skip
+def siting_table(siting: Siting) -> Table:
+    """Alignments: what they need, and what it costs."""
+    rows = []
     for row in siting.table.to_dict("records"):
         verdict = ": ".join(filter(None, [row["fits"], row["fails"]]))
-        yield [
-            f"  {row['alignment']}", number(row["distance"]), number(row["elevation"], 4),
-            f"{row['n']:,}", shown(row, "energy_q95", 1e-3), shown(row, "height_q95"),
-            needed(row, "E_d", 1e-3), needed(row, "height_needed"),
-            class_name(row) if row["n"] else "-", shown(row, "bypass", 100.0),
-            shown(row, "remaining", 100.0), shown(row, "cost"), verdict, row["choice"],
-        ]  # fmt: skip
+        rows.append((
+            row["alignment"], row["distance"], number(row["elevation"], 4), int(row["n"]),
+            shown(row, "energy_q95", 1e-3), shown(row, "height_q95"), needed(row, "E_d", 1e-3),
+            needed(row, "height_needed"), class_name(row) if row["n"] else "-",
+            shown(row, "bypass", 100.0), shown(row, "remaining", 100.0), shown(row, "cost"),
+            verdict, row["choice"],
+        ))  # fmt: skip
+    heads = (
+        "alignment", Column("up", "m"), Column("elevation", "m"), "boulders", Column("E95", "kJ"),
+        Column("h95", "m"), Column("E_d", "kJ"), Column("height needed", "m"), "class",
+        Column("round", "%"), Column("left", "%"),
+        Column("cost", "" if siting.priced else "kJ m2"), "fits", "",
+    )  # fmt: skip
+    return Table.of("", heads, rows)
 
 
 def _choice(siting: Siting) -> Iterator[str]:
@@ -65,7 +76,7 @@ def _choice(siting: Siting) -> Iterator[str]:
     )
     yield (
         f"Best: {best['alignment']}, of the lowest cost{state}: class {class_name(best)}, "
-        f"{needed(best, 'height_needed')} m"
+        f"{in_line(needed(best, 'height_needed'))} m"
     )
     if NOT_TOLD_APART in chosen:
         names = ", ".join(chosen[NOT_TOLD_APART]["alignment"])

@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text output of a design block."""
+"""A design block as tables, and as text."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
-from typing import Any
 
 from rockfall.analysis.design_block import REJECTED, DesignBlock
 from rockfall.case.text import Entry, Group, case_text
 from rockfall.quantities import count, number
-from rockfall.text.table import table
+from rockfall.table import Column, Estimate, Table, as_text
 
 COMMENTS = {
     "activity": "blocks larger than 1 m3 a year",
@@ -26,8 +23,8 @@ survey, or are gone from it, more come loose: raise the activity."""
 
 def design_block_text(block: DesignBlock) -> str:
     """Survey, distribution, table of return periods, warnings and scenario."""
-    parts = [ABOUT, "", table(_survey_rows(block)), "", table(_level_rows(block))]
-    parts += [f"Warning: {text}" for text in block.warnings]
+    parts = [ABOUT, "", as_text(survey_table(block)), "", as_text(block_table(block))]
+    parts += [f"Warning: {note}" for note in block.warnings]
     volume = number(block.volume, up=True).replace(",", "")
     parts += ["", f"Design sheet of a result: rockfall design OUT.nc --volume {volume}"]
     if block.scenario:
@@ -35,40 +32,42 @@ def design_block_text(block: DesignBlock) -> str:
     return "\n".join(parts)
 
 
-def _survey_rows(block: DesignBlock) -> Iterator[list[str]]:
+def survey_table(block: DesignBlock) -> Table:
+    """The survey, and the distributions that it gives."""
     survey, rate, fit, law = block.survey, block.rate, block.fit, block.power_law
-    yield [f"{survey.name}: {count(survey.volumes.size, 'block')}"]
-    yield ["  threshold [m3]", number(fit.threshold)]
-    yield ["  larger blocks", f"{fit.exceedances:,}"]
-    yield [f"  of the dated ones, in {survey.years:g} years", f"{rate.dated:,}"]
-    yield ["  larger blocks a year", _interval(rate.value, rate.low, rate.high)]
-    shape = _interval(fit.shape, *block.shape_limits)
-    yield ["  generalised Pareto, shape", f"{shape}, {_fits(fit.p_value)}"]
-    yield ["  generalised Pareto, scale [m3]", number(fit.scale)]
-    exponent = _interval(law.exponent, law.low, law.high)
-    yield ["  power law, exponent", f"{exponent}, {_fits(law.p_value)}"]
+    shape = Estimate(fit.shape, *block.shape_limits, digits=3)
+    exponent = Estimate(law.exponent, law.low, law.high, digits=3)
+    rows: list[list[object]] = [
+        [f"{survey.name}: {count(survey.volumes.size, 'block')}"],
+        ["threshold [m3]", fit.threshold],
+        ["larger blocks", int(fit.exceedances)],
+        [f"of the dated ones, in {survey.years:g} years", int(rate.dated)],
+        ["larger blocks a year", Estimate(rate.value, rate.low, rate.high, digits=3)],
+        ["generalised Pareto, shape", f"{shape}\n{_fits(fit.p_value)}"],
+        ["generalised Pareto, scale [m3]", fit.scale],
+        ["power law, exponent", f"{exponent}\n{_fits(law.p_value)}"],
+    ]
+    return Table.of("", ("", ""), rows)
 
 
 def _fits(p_value: float) -> str:
     return f"p = {p_value:.2g}" + (": does not fit" if p_value < REJECTED else "")
 
 
-def _interval(value: float, low: float, high: float, *, up: bool = False) -> str:
-    return f"{number(value, up=up)} ({number(low)} to {number(high, up=up)})"
-
-
-def _level_rows(block: DesignBlock) -> Iterator[list[str]]:
-    yield ["return period [year]", "block [m3]", "by the power law [m3]", ""]
+def block_table(block: DesignBlock) -> Table:
+    """Block of each return period."""
+    rows: list[list[object]] = []
     for row in block.levels.to_dict("records"):
-        yield [f"  {row['return_period']:g}", *_level_cells(row, block.fit.threshold)]
-
-
-def _level_cells(row: Mapping[str, Any], threshold: float) -> list[str]:
-    if row["refused"]:
-        return ["-", "-", row["refused"]]
-    block = _interval(row["volume"], row["volume_low"], row["volume_high"], up=True)
-    remark = "extrapolated" if row["extrapolated"] else ""
-    return [block, number(row["power_law"]), remark]
+        period = f"{row['return_period']:g}"
+        if row["refused"]:
+            rows.append([period, "-", "-", row["refused"]])
+        else:
+            remark = "extrapolated" if row["extrapolated"] else ""
+            volume = Estimate.of(row, "volume", digits=3, up=True)
+            rows.append([period, volume, row["power_law"], remark])
+    heads = (Column("return period", "year"), Column("block", "m3"),
+             Column("by the power law", "m3"), "")  # fmt: skip
+    return Table.of("", heads, rows)
 
 
 def scenario_text(block: DesignBlock) -> str:

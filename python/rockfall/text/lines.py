@@ -1,43 +1,55 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Line statistics and return levels as text and as CSV."""
+"""Tables of the lines of a result on a terminal, and as files."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import QUANTILES, line_statistics, quantile_name
-from rockfall.analysis.return_levels import LEVELS, return_levels
+from rockfall.analysis.line_statistics import line_statistics
+from rockfall.analysis.lines.profile import line_profile
+from rockfall.analysis.return_levels import return_levels
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError
 from rockfall.io.output_files import atomic_folder, check_output
 from rockfall.io.tables import write_csv
-from rockfall.quantities import QUANTITIES, TOO_FEW, number
+from rockfall.plots.along_figures import line_profile_figure
+from rockfall.plots.style import save
+from rockfall.quantities import QUANTITIES, number
 from rockfall.result.crossings import line_names
 from rockfall.result.dataset import read_result
-from rockfall.result.samples import simulated
+from rockfall.result.samples import kept_note, simulated
 from rockfall.studies.ensemble.study import is_ensemble
-from rockfall.text.ensemble import ensemble_summary
-from rockfall.text.table import MOST_LINES, more_lines
-from rockfall.text.table import table as aligned
+from rockfall.table import as_text
+from rockfall.tables.ensemble import ensemble_summary
+from rockfall.tables.lines import (
+    estimate,
+    group_tables,
+    level_table,
+    line_tables,
+    profile_table,
+    rows_in,
+)
+from rockfall.text.summary import MOST_LINES, more_lines
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
 ABOUT = """\
-Below each number its 95 % confidence interval; "n too small" where too few boulders pass for one
-that holds, "-" for the limit that they cannot give. The std of the position along the line is the
-lateral spread. The maximum grows with the number of boulders. 1 in N: the level that one in N of
-the boulders that pass exceeds, from the sample where 25 or more boulders exceed it, else from a
-generalised Pareto tail of the boulders above the threshold."""
-
-
-ENDS = "", "_low", "_high"
+Below each number its 95 % confidence interval; (–) where too few boulders pass for one that holds.
+The std of the position along the line is the lateral spread. The maximum grows with the number of
+boulders. 1 in N: the level that one in N of the boulders that pass exceeds, from the sample where
+25 or more boulders exceed it, else from a generalised Pareto tail of the boulders above the
+threshold."""
+BY_GROUP = "In brackets 95 % confidence intervals; fractions are of the boulders of the group."
+ALONG = """\
+In brackets 95 % confidence intervals. Fractions are of all boulders; each counts where it first
+crosses the line."""
 
 
 def print_lines(path: str | Path, table: str | Path | None = None) -> None:
@@ -49,6 +61,35 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
     if is_ensemble(result):
         print("", ensemble_summary(result), sep="\n")
     write_tables(path, result, dict(zip(places, [statistics, levels], strict=False)))
+
+
+def print_groups(
+    path: str | Path,
+    by: str,
+    classes: Sequence[float] | None = None,
+    table: str | Path | None = None,
+) -> None:
+    """Print the boulders that pass the lines of a result by source, class of volume or block
+    shape; with `table`, a CSV file, write line_statistics of these groups to it."""
+    result, places = open_lines(path, table, "")
+    statistics = line_statistics(result, by, classes)
+    print(BY_GROUP)
+    for group in group_tables(statistics, by):
+        print("", group.caption, as_text(group), sep="\n")
+    write_tables(path, result, dict(zip(places, [statistics], strict=False)))
+
+
+def print_profile(
+    path: str | Path, line: str, width: float | None = None, table: str | Path | None = None
+) -> None:
+    """Print the boulders that pass each window of a line of a result; with `table`, a CSV file,
+    write them to it, and a figure next to it as NAME.png."""
+    result, places = open_lines(path, table, "", ".png")
+    profile = line_profile(result, line, width)
+    head = [ALONG, *filter(None, [kept_note(result)])]
+    print("\n".join([*head, "", line, as_text(profile_table(profile))]))
+    made = [profile, lambda part: save(line_profile_figure(profile), part)]
+    write_tables(path, result, dict(zip(places, made, strict=False)))
 
 
 def open_lines(
@@ -89,50 +130,18 @@ def _csv(path: Path) -> Path:
 def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iterator[str]:
     """Both tables, line after line, of the first ones."""
     yield ABOUT
-    by_line = statistics.groupby("line", sort=False)
-    for line, rows in itertools.islice(by_line, MOST_LINES):
-        first = rows.iloc[0]
-        fraction, low, high = (number(100 * first[f"fraction{end}"], 4) for end in ENDS)
-        yield ""
-        yield f"{line}: {first['n']:,} of {boulders:,} boulders, {fraction} % ({low} to {high} %)"
-        if first["n"]:
-            yield aligned(_statistics(rows))
+    rows = rows_in(statistics)
+    for line, numbers in itertools.islice(rows.items(), MOST_LINES):
+        first = numbers["speed"]
+        fraction = estimate(first, "fraction", "fraction")
+        of_all = f"{first['n']:,} of {boulders:,} boulders, {fraction.number} % {fraction.interval}"
+        yield f"\n{line}: {of_all}"
+        for table in line_tables({line: numbers}, short=True):
             tails = levels[levels["line"] == line]
-            yield aligned(_levels(tails))
+            yield from (as_text(table), as_text(level_table(tails, short=True)))
             yield from _bounded(tails)
             yield from _refused(tails)
-    yield from more_lines(by_line.ngroups)
-
-
-def _statistics(rows: pd.DataFrame) -> Iterator[list[str]]:
-    names = ["mean", "std", *map(quantile_name, QUANTILES)]
-    yield ["", *names]
-    for _, row in rows.iterrows():
-        yield from _row(row, names, TOO_FEW)
-
-
-def _levels(tails: pd.DataFrame) -> Iterator[list[str]]:
-    yield ["", "max", *(f"1 in {N:,}" for N in LEVELS), "threshold", "above", "shape"]
-    names = [f"level_{N}" for N in LEVELS]
-    for _, row in tails.iterrows():
-        yield from _row(row, ["max", *names, "threshold", "exceedances", "shape"])
-
-
-def _row(row: pd.Series, names: list[str], without: str = "") -> Iterator[list[str]]:
-    """Numbers of a quantity, and below them their intervals, or a note if there is none."""
-    display = QUANTITIES[row["quantity"]]
-    numbers, limits = [f"  {display.short}"], [""]
-    for name in names:
-        factor = 1 if name in ("exceedances", "shape") else display.factor
-        value, low, high = (factor * row.get(f"{name}{end}", np.nan) for end in ENDS)
-        is_count = name == "exceedances" and np.isfinite(value)
-        numbers.append(f"{value:,.0f}" if is_count else number(value, 4))
-        is_known = np.isfinite([low, high]).any()
-        absent = without if np.isfinite(value) else ""
-        limits.append(f"{number(low, 4)}..{number(high, 4)}" if is_known else absent)
-    yield numbers
-    if any(limits):
-        yield limits
+    yield from more_lines(len(rows))
 
 
 def _bounded(tails: pd.DataFrame) -> Iterator[str]:

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tables: columns, and rows of values, which renderers show.
+
+There is one renderer for each format: `as_text` (a terminal) and `write_csv` here, the macro
+`table` of html_report/templates/parts.html.j2, office/workbook.py and office/document.py.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rich.cells import cell_len  # columns on a terminal; the rest of rich takes long to import
+
+from rockfall.io import tables
+from rockfall.language import Number, say, translated
+from rockfall.quantities import (
+    COLUMN_UNITS,
+    QUANTITIES,
+    Quantity,
+    number,
+    statistic,
+    with_unit,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ENDS = "", "_low", "_high"  # of the names of a number and of the limits of its interval
+TOO_FEW = "(–)"  # in place of an interval, if there are too few boulders for a valid one
+BY_ROW = "unit"  # column with the units of the rows of a table of data
+HEAD = 12  # letters from which a head is broken on a terminal, if its cells are shorter
+WIDEST = 120  # of a line on a terminal
+LETTERS = 108  # of the numbers of a row that fit on A4, upright, next to a label
+
+
+class Estimate(NamedTuple):
+    """A cell: a number and the limits of its interval, in the unit of its column; NaN if unknown.
+
+    Both are shown with these significant `digits`, or with those that the interval justifies: the
+    last one is a twentieth to a half of its half-width. `up` rounds up, for required minima.
+    """
+
+    value: float
+    low: float = math.nan
+    high: float = math.nan
+    digits: int | None = None
+    up: bool = False
+    decimals: int | None = None  # in place of those that the interval justifies
+
+    @classmethod
+    def of(cls, row: Mapping[Any, Any], name: str, factor: float = 1.0, **how: Any) -> Estimate:
+        """Cell of a number of a row, whose limits are in NAME_low and NAME_high, if at all."""
+        return cls(*(factor * row.get(f"{name}{end}", math.nan) for end in ENDS), **how)
+
+    @property
+    def has_interval(self) -> bool:
+        """Return True if at least one limit is known."""
+        return not (math.isnan(self.low) and math.isnan(self.high))
+
+    @property
+    def justified(self) -> int:
+        """Decimals that the interval justifies."""
+        limits = [end for end in (self.low, self.high) if not math.isnan(end)]
+        half = max(abs(self.value - end) for end in limits)
+        return min(4, -math.floor(math.log10(half / 2))) if half else 2
+
+    def shown(self, value: float, *, up: bool = False) -> Number:
+        """The number, or a limit, with its digits."""
+        if self.digits or not self.has_interval:
+            return number(value, self.digits or 3, up=up)
+        decimals = self.justified if self.decimals is None else self.decimals
+        near = round(value, decimals)
+        return Number("-" if math.isnan(value) else f"{near:,.{max(decimals, 0)}f}")
+
+    @property
+    def number(self) -> Number:
+        """The number alone."""
+        return self.shown(self.value, up=self.up)
+
+    @property
+    def interval(self) -> str:
+        """The interval in brackets; "" without a number, or without an interval that digits ask
+        for."""
+        if not self.has_interval:
+            return "" if self.digits or math.isnan(self.value) else TOO_FEW
+        return between(self.shown(self.low), self.shown(self.high, up=self.up))
+
+    def __str__(self) -> str:
+        return stacked(self.number, *filter(None, [self.interval]))
+
+
+def in_line(cell: object) -> str:
+    """A cell of several lines in one."""
+    return translated(cell).replace("\n", " ")
+
+
+def stacked(*lines: object) -> str:
+    """Cell of several lines, in the language in force."""
+    return "\n".join(map(translated, lines))
+
+
+def between(low: object, high: object) -> str:
+    """Limits in brackets, of which one may be unknown: "-"."""
+    if low == high == "-":
+        return "-"
+    if high == "-":
+        return say("interval.from", low=low)
+    if low == "-":
+        return say("interval.up_to", high=high)
+    if "-" in f"{low}{high}":  # of a negative number, which a dash would hide
+        return f"({say('interval.range', low=low, high=high)})"
+    return say("interval.both", low=low, high=high)
+
+
+class Column(NamedTuple):
+    """A column: its label, or its name in a table of data; its unit, and the decimals that texts
+    show of its numbers (None: three digits that count)."""
+
+    label: str = ""
+    unit: str = ""
+    decimals: int | None = None
+
+    @classmethod
+    def of(cls, display: Quantity, number: str, *, short: bool = False) -> Column:
+        """Column of a statistic of a quantity: E_tot, q95 [kJ] in short, or in words."""
+        words = (display.name, number) if short else (display.label, statistic(number))
+        return cls(", ".join(words), display.unit, display.decimals)
+
+    @property
+    def title(self) -> str:
+        """Label and unit."""
+        return with_unit(translated(self.label), self.unit) if self.unit else self.label
+
+    def text(self, cell: object) -> str:
+        """Text of a cell, of one or several lines, in the language in force."""
+        if isinstance(cell, float):
+            is_exact = self.decimals is not None and math.isfinite(cell)
+            return translated(Number(f"{cell:,.{self.decimals}f}") if is_exact else number(cell))
+        if isinstance(cell, int) and not isinstance(cell, bool):
+            return translated(Number(f"{cell:,}"))
+        return translated(cell)
+
+
+class Table(NamedTuple):
+    """A table. Cells are texts, numbers in the units of their columns, and estimates; texts may
+    have several lines. A row of one text is a heading. `kind` is the class in the style sheet."""
+
+    caption: str
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[object]]
+    kind: str = "numbers"
+
+    @classmethod
+    def of(
+        cls, caption: str, heads: Iterable[str | Column], rows: Iterable[Sequence[object]],
+        kind: str = "numbers",
+    ) -> Table:  # fmt: skip
+        """Table with these heads, of which texts name columns without a unit."""
+        columns = [head if isinstance(head, Column) else Column(head) for head in heads]
+        return cls(caption, columns, [*rows], kind)
+
+    @property
+    def head(self) -> list[str]:
+        """Titles of the columns."""
+        return [column.title for column in self.columns]
+
+    def texts(self) -> Iterator[list[str]]:
+        """Cells as texts in the language in force."""
+        for row in self.rows:
+            yield [column.text(cell) for column, cell in zip(self.columns, row, strict=False)]
+
+    def is_crowded(self) -> bool:
+        """Return True if its numbers are too wide for one line each on A4: cells may then wrap."""
+        columns = zip(*(row[1:] for row in self.texts() if len(row) > 1), strict=True)
+        longest = (max(map(len, "\n".join(column).split("\n"))) for column in columns)
+        return sum(1 + letters for letters in longest) > LETTERS
+
+    def data(self) -> tuple[list[Column], Iterator[list[object]]]:
+        """Columns and rows in which limits of intervals have columns of their own."""
+        columns: list[Column] = []
+        split = [any(isinstance(row[k], Estimate) for row in self.rows if len(row) > k)
+                 for k in range(len(self.columns))]  # fmt: skip
+        for column, is_split in zip(self.columns, split, strict=True):
+            ends = ENDS if is_split else ("",)
+            columns += [column._replace(label=f"{column.label}{end}") for end in ends]
+        return columns, (_spread(row, split) for row in self.rows)
+
+
+def _spread(row: Sequence[object], split: Sequence[bool]) -> list[object]:
+    cells: list[object] = []
+    for cell, is_split in zip_longest(row, split, fillvalue=None):
+        limits = cell[:3] if isinstance(cell, Estimate) else (cell, None, None)
+        cells += limits if is_split else [cell]
+    return cells
+
+
+def data_table(frame: pd.DataFrame) -> Table:
+    """Table of data, as in a CSV: its units are those of results, by column, or by row in a column
+    after `quantity`."""
+    by_row = "quantity" in frame.columns
+    if by_row:
+        frame = frame.copy()
+        units = [QUANTITIES[name].units for name in frame["quantity"]]
+        frame.insert(frame.columns.get_loc("quantity") + 1, BY_ROW, units)
+    columns = []
+    for name in map(str, frame.columns):
+        stem = name.removesuffix("_low").removesuffix("_high")
+        unit = "" if by_row and stem != "fraction" else COLUMN_UNITS.get(stem, "")
+        columns.append(Column(name, unit))
+    return Table("", columns, [*frame.itertuples(index=False, name=None)])
+
+
+def as_text(table: Table, indent: str = "  ") -> str:
+    """Table for a terminal, without its caption: columns as wide as their longest cell, the first
+    left-aligned, the others right-aligned; the lines of a cell below each other, long heads broken,
+    and columns for which a line has no room below the others, with the first one again."""
+    cells = [*table.texts()]
+    head = [[_wrapped(name, cells, k) for k, name in enumerate(table.head)]] * any(table.head)
+    lines: list[list[str]] = []
+    for row in [*head, *cells]:
+        split = (cell.split("\n") for cell in row)
+        lines += [[row[0]]] if len(row) == 1 else map(list, zip_longest(*split, fillvalue=""))
+    columns = zip(*(line for line in lines if len(line) > 1), strict=True)
+    widths = [max(map(cell_len, column)) for column in columns]
+    return "\n".join(
+        indent + (line[0] if len(line) == 1 else _aligned([line[k] for k in part], part, widths))
+        for part in _parts(widths, WIDEST - len(indent))
+        for line in lines
+    )
+
+
+def _wrapped(head: str, rows: Sequence[Sequence[str]], k: int) -> str:
+    """Head of the k-th column, broken to about the width of its cells."""
+    lines = (line for row in rows if len(row) > 1 for line in row[k].split("\n"))
+    return "\n".join(textwrap.wrap(head, max([HEAD, *map(cell_len, lines)]))) or head
+
+
+def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
+    """Columns that fit side by side, each time with the first one."""
+    parts: list[list[int]] = [[0][: len(widths)]]
+    for k in range(1, len(widths)):
+        if len(parts[-1]) > 1 and sum(2 + widths[j] for j in (*parts[-1], k)) - 2 > room:
+            parts.append([0])
+        parts[-1].append(k)
+    return parts
+
+
+def _aligned(cells: Sequence[str], part: Sequence[int], widths: Sequence[int]) -> str:
+    blanks = (" " * (widths[k] - cell_len(cell)) for k, cell in zip(part, cells, strict=True))
+    first, *others = zip(cells, blanks, strict=True)
+    return "  ".join(["".join(first), *(blank + cell for cell, blank in others)]).rstrip()
+
+
+def write_csv(table: Table, path: str | Path) -> None:
+    """Write a table with its numbers in full, atomically; its texts are safe in a spreadsheet."""
+    import pandas as pd
+
+    columns, rows = table.data()
+    tables.write_csv(pd.DataFrame([*rows], columns=[column.title for column in columns]), path)

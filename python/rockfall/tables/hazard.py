@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A hazard as tables: scenarios, classes, objects, segments of roads, and the risk of objects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.objects.risk import CLASS_ENDS
+from rockfall.files.hazard_files import object_table as objects_of
+from rockfall.files.risk_files import class_words, has_risk, risk_columns, total_table
+from rockfall.files.segment_files import has_segments
+from rockfall.files.segment_files import segment_table as segments_of
+from rockfall.io.rasters.arrays import grid_of
+from rockfall.language import Number, Text, say, word
+from rockfall.quantities import QUANTITIES, percent, small
+from rockfall.result.maps.flat_maps import shown
+from rockfall.table import Column, Estimate, Table, between, stacked
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST = 20  # objects or segments listed individually
+NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # of segments
+
+
+def hazard_tables(hazard: xr.Dataset) -> Iterator[Table]:
+    """Areas of the classes, objects, segments of roads, scenarios; the risk is another table."""
+    yield class_table(hazard)
+    if "object" in hazard.dims:
+        yield object_table(hazard)
+    if has_segments(hazard):
+        yield segment_table(hazard)
+    yield scenario_table(hazard)
+
+
+def scenario_table(hazard: xr.Dataset) -> Table:
+    """Annual frequency and number of boulders of each scenario."""
+    columns = (hazard[name].values.tolist() for name in ("scenario", "frequency", "boulders"))
+    rows = [
+        (name, yearly, 1 / yearly, boulders)
+        for name, yearly, boulders in zip(*columns, strict=True)
+    ]
+    heads = "hazard.scenario", "hazard.a_year", "hazard.years", "hazard.simulated"
+    return Table.of(say("sheet.scenarios"), map(say, heads), rows)
+
+
+def class_table(hazard: xr.Dataset) -> Table:
+    """Cells and area of each class present, the highest first."""
+    classes, cell = hazard["hazard_class"].values, grid_of(hazard["hazard_class"])[0].cell
+    certain = hazard["hazard_class_certain"].values > 0
+    rows = [
+        (word(CLASSES[k]), int(n := here.sum()), float(n * cell**2), percent(certain[here].mean()))
+        for k in range(len(CLASSES) - 1, 0, -1)
+        if (here := classes == k).any()
+    ]  # fmt: skip
+    heads = "hazard.hazard", "hazard.cells", "hazard.area", "hazard.certain"
+    return Table.of(say("tables.classes_of_hazard"), map(say, heads), rows)
+
+
+def object_table(hazard: xr.Dataset) -> Table:
+    """Objects, those hit most often first; or those of the highest risk, if available."""
+    frame = objects_of(hazard)
+    key = "risk" if "risk" in frame else "frequency"
+    frame = frame.iloc[np.argsort(-frame[key].to_numpy(), kind="stable")][:MOST]
+    names, titles = _frequencies(hazard)
+    risk, layer = ["risk"] * (key == "risk"), ["layer"] * has_layers(hazard)
+    rows = [
+        (row["object"], *(row[name] for name in layer), *(_estimate(row, name) for name in names),
+         class_within(row), *(_estimate(row, name) for name in risk))
+        for row in frame.to_dict("records")
+    ]  # fmt: skip
+    heads = [say("hazard.object"), *map(word, layer), *titles, say("hazard.hazard")]
+    return Table.of(
+        say("tables.objects"), [*heads, *(say("hazard.risk_a_year") for _ in risk)], rows
+    )
+
+
+def segment_table(hazard: xr.Dataset) -> Table:
+    """Segments that are hit most often, with their frequencies, class, energies and heights."""
+    frame = segments_of(hazard).assign(segment=hazard["segment"].values)
+    order = np.argsort(-frame["frequency"].to_numpy(), kind="stable")[:MOST]
+    names, titles = _frequencies(hazard)
+    rows = [
+        (row["segment"], *(_estimate(row, name) for name in names), class_within(row),
+         *(_estimate(row, name) for name in NUMBERS.values()))
+        for row in frame.iloc[order].to_dict("records")
+    ]  # fmt: skip
+    columns = (Column.of(QUANTITIES[name], "q95", short=True) for name in NUMBERS)
+    heads = say("hazard.segment"), *titles, say("hazard.hazard")
+    return Table.of(say("tables.segments"), [*heads, *columns], rows)
+
+
+def risk_table(hazard: xr.Dataset) -> Table:
+    """Risk of objects, those of the highest individual risk first, then of the highest damage; and
+    sums."""
+    import pandas as pd
+
+    layer = ["layer"] * has_layers(hazard)
+    frame = pd.DataFrame({"object": hazard["object"].values, **dict(risk_columns(hazard))})
+    keys = [-np.nan_to_num(frame[name].to_numpy()) for name in ("damage", "individual_risk")]
+    order = np.lexsort(keys)[:MOST]
+    layers = hazard["object_layer"].values[order] if layer else order
+    rows = [
+        (row["object"], *([of_layer] if layer else []), _estimate(row, "damage", 3),
+         _risk(row, "individual_risk"), class_number(row), _risk(row, "collective_risk"))
+        for of_layer, row in zip(layers, frame.iloc[order].to_dict("records"), strict=True)
+    ]  # fmt: skip
+    sums = {
+        f"{row['quantity']}{end}": row[key]
+        for row in total_table(hazard).to_dict("records")
+        for end, key in (("", "value"), ("_low", "low"), ("_high", "high"))
+    }
+    damage, deaths = _estimate(sums, "damage", 3), _risk(sums, "collective_risk")
+    rows.append((say("hazard.all_objects"), *[""] * len(layer), damage, "", "", deaths))
+    heads = (say(f"hazard.{name}") for name in ("damage", "individual", "class", "collective"))
+    return Table.of(class_legend(), [say("hazard.risk_within"), *map(word, layer), *heads], rows)
+
+
+def assumptions(hazard: xr.Dataset) -> list[str]:
+    """Assumptions of the risk, a line each; none if the objects do not say what is exposed."""
+    return str(hazard.attrs["risk_assumptions"]).splitlines() if has_risk(hazard) else []
+
+
+def class_number(row: Mapping[str, Any]) -> str:
+    """Number of a class of individual risk, and those at the ends of its interval if they differ:
+    names of the classes are ranges themselves."""
+    names = class_words().tolist()
+    value, low, high = (
+        Number(f"{names.index(row[f'risk_class{end}'])}") for end in ("", "_lower", "_upper")
+    )
+    return value if low == high else stacked(value, between(low, high))
+
+
+def class_legend() -> Text:
+    """Meaning of the numbers of the classes."""
+    low, middle, high = (Number(f"{end:.0e}".replace("e-0", "e-")) for end in CLASS_ENDS)
+    return say("hazard.risk_classes", low=low, middle=middle, high=high)
+
+
+def has_layers(hazard: xr.Dataset) -> bool:
+    """Return True if the objects of a hazard are of several layers."""
+    return "object_layer" in hazard and len({*hazard["object_layer"].values.tolist()}) > 1
+
+
+def class_within(row: Mapping[str, Any]) -> str:
+    """Class of hazard, and those at the ends of its interval if they differ."""
+    name, low, high = (word(row[f"hazard{end}"]) for end in ("", "_lower", "_upper"))
+    return name if low == high else stacked(name, between(low, high))
+
+
+def _frequencies(hazard: xr.Dataset) -> tuple[list[str], list[str]]:
+    """Columns of the annual frequencies, of all boulders and above each threshold; their heads."""
+    thresholds = [shown("threshold", value) for value in hazard["threshold"].values.tolist()]
+    titles = [say("hazard.above", energy=Number(threshold)) for threshold in thresholds]
+    names = [f"frequency_above_{threshold}" for threshold in thresholds]
+    return ["frequency", *names], [say("hazard.boulders_a_year"), *titles]
+
+
+def _estimate(row: Mapping[Any, Any], name: str, digits: int = 2) -> Estimate:
+    return Estimate.of(row, name, digits=digits)
+
+
+def _risk(row: Mapping[Any, Any], name: str) -> str:
+    """Risk and its interval, by powers of ten."""
+    value, low, high = (small(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
+    return value if value == "-" else stacked(Number(value), between(Number(low), Number(high)))

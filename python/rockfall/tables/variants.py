@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A comparison of variants as tables, and as text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.population import population_notes
+from rockfall.case import case_of
+from rockfall.language import Number, Text, say
+from rockfall.quantities import QUANTITIES, number
+from rockfall.result.crossings import line_names
+from rockfall.result.samples import kept_note
+from rockfall.studies.variants import UNDECIDED
+from rockfall.table import Table, as_text, stacked
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+#: Message of each quantity.
+NAMES = {
+    "speed": "variants.speed",
+    "upper_edge": "variants.upper_edge",
+    "energy_total": "variants.energy_total",
+}
+MEAN, Q95 = "variants.mean", "variants.q95"
+
+
+def variants_text(frame: pd.DataFrame, note: str = "") -> str:
+    """A table for each line, with a column for each variant; `note` is on the boulders."""
+    parts = []
+    for _, of_line in frame.groupby("line", sort=False):
+        table = variant_table(of_line)
+        parts.append(f"{table.caption}\n{as_text(table)}")
+    return "\n\n".join([*parts, say("variants.note"), *([note] if note else [])])
+
+
+def comparison_notes(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
+    """Notes on the boulders that numbers of variants are of, and on lines of one name in two
+    places."""
+    first = next(iter(results.values()))
+    yield from population_notes(case_of(first))
+    if note := kept_note(first):
+        yield note
+    places: dict[str, tuple[str, np.ndarray]] = {}
+    for name, result in results.items():
+        for k, line in enumerate(line_names(result)):
+            here = np.array([result[f"line_vertex_{axis}"].values for axis in "xy"])
+            here = here[:, result["line_vertex_line"].values == k]
+            before, place = places.setdefault(line, (name, here))
+            if not np.array_equal(here, place):
+                yield say("variants.moved_line", line=line, name=name, before=before)
+
+
+def variant_table(of_line: pd.DataFrame, yearly: float = 0.0) -> Table:
+    """Numbers of a line, each with its difference from the first variant; by the year, too, where
+    so many boulders come loose in one."""
+    rows = []
+    for (quantity, statistic), group in of_line.groupby(["quantity", "statistic"], sort=False):
+        display = QUANTITIES["fraction" if quantity == "passing" else quantity]
+        records = group.to_dict("records")
+        label = _label(str(quantity), str(statistic), display.unit)
+        rows.append((label, *(_cell(row, display.factor) for row in records)))
+        if quantity == "passing" and yearly:
+            rows.append((_yearly_label(str(statistic)), *(_cell(row, yearly) for row in records)))
+    heads = ["", *of_line["variant"].unique()]
+    return Table.of(say("variants.line_caption", line=of_line["line"].iloc[0]), heads, rows)
+
+
+def _label(quantity: str, statistic: str, unit: str) -> Text:
+    threshold = statistic.removeprefix("above_")
+    if threshold != statistic:
+        return say("variants.above", energy=Number(threshold))
+    if quantity == "passing":
+        return say("variants.passing")
+    return say(MEAN if statistic == "mean" else Q95, quantity=say(NAMES[quantity]), unit=unit)
+
+
+def _yearly_label(statistic: str) -> Text:
+    threshold = statistic.removeprefix("above_")
+    if threshold != statistic:
+        return say("variants.yearly_above", energy=Number(threshold))
+    return say("variants.yearly")
+
+
+def _cell(row: Mapping[Any, Any], factor: float) -> str:
+    """A number, below it its difference, and below that the interval."""
+    value = value_text(row, factor)
+    if not isinstance(row["verdict"], str):
+        return stacked(value)
+    apart, low, high = (_signed(factor * row[f"difference{end}"]) for end in ("", "_low", "_high"))
+    doubt = " ?" if row["verdict"] == UNDECIDED else ""
+    ends = say("interval.range", low=low, high=high)
+    limits = [f"({ends})"] if np.isfinite(row["difference_low"]) else []
+    return stacked(value, Number(apart + doubt), *limits)
+
+
+def value_text(row: Mapping[Any, Any], factor: float) -> str:
+    """A number; where no boulder passes, with the upper limit of the fraction, as a road that none
+    of some hundred reach may still be reached."""
+    value = number(factor * row["value"])
+    is_none = row["value"] == 0 and row["value_high"] > 0
+    high = number(factor * row["value_high"], up=True)
+    return say("interval.range", low=value, high=high) if is_none else value
+
+
+def _signed(value: float) -> Number:
+    return Number(("+" if value > 0 else "") + number(value))
