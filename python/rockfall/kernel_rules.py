@@ -6,6 +6,8 @@ from rockfall._core import rockfall_f2py as _core
 Z = _core.constant("z_95")  # of a normal distribution, 95 % within
 PIECE = int(_core.constant("piece"))  # values of a part or a scene that share a checksum
 limit_ranks = _core.limit_ranks  # of the interval of a quantile of n values (binomial)
+USUAL_DENSITY = _core.constant("usual_density")  # of boulders on tables of impacts [kg/m3]
+USUAL_WEIGHT = _core.constant("usual_weight")  # [N/m3]
 decimal = _core.decimal  # number that a text spells, as in all files; NaN if none
 EAD_ENERGY = tuple(_core.ead_energies().tolist())  # of barriers of classes 0 to 7 [J]
 barrier_outcomes = _core.barrier_outcomes  # of a barrier with boulders that reach it

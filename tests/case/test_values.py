@@ -133,7 +133,7 @@ def test_another_value_leaves_defaults_to_the_kernel():
 def test_what_is_written_reads_as_equal_values(values):
     for text in (
         namelist_text({"group": values}),
-        namelist_text({}, {"group": [values]}, indent=2),
+        namelist_text({"group": [values]}, indent=2),
         case_text(["head"], [Group("group", [Entry(*item, "why / &") for item in values.items()])],
                   ["foot"]),
     ):  # fmt: skip
@@ -178,7 +178,7 @@ def test_shipped_files_are_read_and_written_again(path):
         return {name: [group.given for group in found if group.name == name] for name in names}
 
     found = read(path.read_bytes())
-    assert found and read(namelist_text({}, found).encode()) == found
+    assert found and read(namelist_text(found).encode()) == found
 
 
 def test_a_case_can_be_copied_by_pickle():

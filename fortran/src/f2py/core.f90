@@ -32,7 +32,8 @@ module rockfall_f2py
    use rockfall_bounds, only: check_sources, boulder_count, max_volumes, max_tree_hits
    use rockfall_scene, only: feature_fields, object_reach
    use rockfall_flights, only: lanes
-   use rockfall_impact_table, only: yielding_ground_t, largest_of_table => largest_block, max_held_speed
+   use rockfall_impact_table, only: yielding_ground_t, largest_of_table => largest_block, max_held_speed, &
+                                    usual_density, usual_weight
    use rockfall_grounds, only: parameter_of_ground => ground_parameter, model_names, rocks_of_model, &
                                model_of_table => table_model, read_yielding, max_grounds
    use rockfall_reach, only: block_side, update_block_minima, reach_box
@@ -962,8 +963,8 @@ contains
    end subroutine key_limits
 
    !> Read a text in namelist format, by a form as in rockfall_handles: its handle, and the length of its values. Facts
-   !> of a case, 1 or 0: it has trees; its sources are points; its boulders are those of the layer of sources; of
-   !> rasters; rebounds follow a table of impacts where nothing else is said; boulders can have each of the block shapes.
+   !> of a case, 1 or 0: it has trees; its sources are points; its boulders are those of the layer of sources; those of
+   !> rasters; rebounds follow a table of impacts where nothing else is said; boulders can have each block shape.
    subroutine read_values(form, text, name, handle, facts, length, code, message)
       character(len=*), intent(in) :: form, text, name
       integer(c_int64_t), intent(out) :: handle  !! 0 on error
@@ -1325,6 +1326,8 @@ contains
       case ("max_real"); value = max_real            ! of a case
       case ("max_name"); value = max_name            ! [characters]
       case ("max_held_speed"); value = max_held_speed  ! over sqrt(g R_b)
+      case ("usual_density"); value = usual_density  ! of boulders [kg/m3]
+      case ("usual_weight"); value = usual_weight    ! [N/m3]
       case ("lanes"); value = lanes                  ! boulders that a thread carries at a time
       case ("max_grounds"); value = max_grounds      ! of a scene
       case ("save_rest"); value = save_rest          ! minimum pause between saves over the duration of the last

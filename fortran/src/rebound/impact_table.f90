@@ -40,7 +40,8 @@ module rockfall_impact_table
    !> Map of a bin, with the range of its inputs: the numbers before each row of n_inputs, for the velocity along, V_n
    !> and W; and before the range, W over V.
    integer, parameter :: along_map = 0, n_map = 4, w_map = 8, low = 12, high = 16, map_fields = 20
-   real(wp), parameter :: usual_weight = 2700*9.81_wp  !! of boulders [N/m3]
+   real(wp), parameter, public :: usual_density = 2700         !! of boulders [kg/m3]
+   real(wp), parameter, public :: usual_weight = usual_density*9.81_wp  !! [N/m3]
    integer, parameter :: window = 6      !! 1/window of a bin is eligible for a slow contact: see find_window
    integer, parameter :: fewest = 16     !! or so many: boulders that land alike are not to hang on one or two
    integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken

@@ -18,11 +18,12 @@ import numpy as np
 from rockfall.case.text import kernel_text, namelist_text, plain_values, read_groups
 from rockfall.errors import RockfallError, check_kernel
 from rockfall.grounds import shipped_rows, yielding_ground
-from rockfall.grounds.impact_tables import CONSTANTS, DENSITY, YieldingGround
+from rockfall.grounds.impact_tables import CONSTANTS, YieldingGround
 from rockfall.grounds.relief import Spectrum
 from rockfall.grounds.shapes import SHAPES, Surface, hull, random_block, refine
 from rockfall.io.files import read_text
 from rockfall.io.tables import read_table
+from rockfall.kernel_rules import USUAL_DENSITY
 from rockfall_lab._lab import lab_f2py as _lab
 from rockfall_lab.case import THROWN, like, names, names_ground, range_values
 
@@ -56,7 +57,7 @@ def ground_values(model: str, ground: YieldingGround) -> dict[str, Any]:
     return {
         **CONSTANTS[model],
         "yield_pressure": ground.strength,
-        "restitution": restitution_of(ground.strength, DENSITY),
+        "restitution": restitution_of(ground.strength, USUAL_DENSITY),
         "relief": float(ground.reliefs(np.array(radius))),
         "rest_angle": ground.rest_angle,
         "yield_exponent": float(grows),

@@ -94,9 +94,8 @@ class Case:
     def __init__(self, *, folder: str | Path = ".", name: str = "case", **groups: Any) -> None:
         terrain = groups.get("terrain", {})
         groups["terrain"] = terrain if "dem" in terrain else {**terrain, "dem": FROM_ARRAY}
-        lists = {group: map(plain_values, groups.pop(group, ())) for group in REPEATABLE}
-        plain = {group: plain_values(values) for group, values in groups.items()}
-        text = namelist_text(plain, lists).encode()
+        lists = {group: groups.pop(group, ()) for group in REPEATABLE}
+        text = namelist_text(_plain(groups | lists)).encode()
         self._take(read_values(text, name, "case"), Path(folder), name)
 
     def _take(self, values: KernelValues, folder: Path, name: str) -> None:
@@ -201,18 +200,12 @@ class Case:
 
     def _changed(self, changes: dict[str, Any]) -> KernelValues:
         """The case with changes, which alone are read: None removes a key."""
-        plain: dict[str, dict[str, Any]] = {}
-        lists, removed = {}, []
+        plain, removed = _plain(changes), []
         for group, values in changes.items():
-            if group in REPEATABLE:
-                removed.append(group)
-                lists[group] = map(plain_values, values)
-            else:
-                plain[group] = plain_values(values)
-                keys = {key.lower() for key in values} - plain[group].keys()
-                removed += [f"{group}%{key}" for key in keys]
-        text = namelist_text(plain, lists).encode()
-        return changed_values(self._values, removed, text, self.name)
+            keys = {} if group in REPEATABLE else {key.lower() for key in values}
+            removed += [f"{group}%{key}" for key in keys if key not in plain[group]]
+        removed += [group for group in changes if group in REPEATABLE]
+        return changed_values(self._values, removed, namelist_text(plain).encode(), self.name)
 
     def _changes_in_place(self) -> dict[str, Any]:
         """Return what was set since by `case.boulder[key] = value`, and what was removed."""
@@ -238,9 +231,7 @@ class Case:
         """
         values = in_kernel(self)
         if not values.text:
-            groups = _all_values(values)
-            lists = {group: groups.pop(group) for group in REPEATABLE}
-            values.text = namelist_text(groups, lists)
+            values.text = namelist_text(_all_values(values))
             remember(values.text.encode(errors="replace"), self.name, "case", values)
         return values.text
 
@@ -288,6 +279,14 @@ def is_given(case: Case, group: str, key: str) -> bool:
     return key in read.given or own != read.usual.get(key)
 
 
+def _plain(groups: Mapping[str, Any]) -> dict[str, Any]:
+    """Groups, some of them lists, with values for a namelist file."""
+    return {
+        group: [*map(plain_values, values)] if group in REPEATABLE else plain_values(values)
+        for group, values in groups.items()
+    }
+
+
 def _all_values(values: KernelValues) -> dict[str, Any]:
     """Values of each group of a case; of REPEATABLE, lists of them."""
     groups: dict[str, Any] = {group: [] for group in REPEATABLE}
@@ -329,4 +328,4 @@ def given_in_lists(case: Case) -> dict[str, list[dict[str, Any]]]:
 def given_text(case: Case) -> str:
     """Text of a case without the groups in which every key has its default."""
     given = {group: case._groups[group] for group in given_groups(case)}
-    return namelist_text(given, {name: getattr(case, name) for name in REPEATABLE})
+    return namelist_text(given | {name: getattr(case, name) for name in REPEATABLE})

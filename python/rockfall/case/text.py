@@ -18,8 +18,6 @@ WIDTH = 72  # columns after which a list continues on the next line
 VALUE_COLUMN = 44  # column at which comments begin
 KEPT = 8  # texts whose values are kept
 
-Groups = Mapping[str, Mapping[str, Any]]
-
 
 class Values(NamedTuple):
     """Values of a group in their types."""
@@ -112,14 +110,14 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in plain_keys.items() if value is not None and value != []}
 
 
-def namelist_text(
-    groups: Groups, lists: Mapping[str, Iterable[Mapping]] | None = None, indent: int = 4
-) -> str:
-    """Text of a namelist file with the non-empty groups and repeated groups, which reads as equal
-    values."""
-    texts = [_group_text(name, keys, " " * indent) for name, keys in sorted(groups.items()) if keys]
-    for name, several in (lists or {}).items():
-        texts += [_group_text(name, values, " " * indent) for values in several]
+def namelist_text(groups: Mapping[str, Any], indent: int = 4) -> str:
+    """Text of a namelist file with groups that are not empty, then with repeated groups, which are
+    lists; it reads as equal values."""
+    single = {name: keys for name, keys in groups.items() if isinstance(keys, Mapping)}
+    texts = [_group_text(name, keys, " " * indent) for name, keys in sorted(single.items()) if keys]
+    for name, several in groups.items():
+        if name not in single:
+            texts += [_group_text(name, values, " " * indent) for values in several]
     return "\n".join(texts)
 
 

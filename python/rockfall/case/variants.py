@@ -97,7 +97,7 @@ def _contents(case: Case) -> str:
     """Contents of a case as text, without its title."""
     groups = given_groups(case)
     groups["case"] = {key: own for key, own in groups["case"].items() if key != "title"}
-    return namelist_text(groups, {group: getattr(case, group) for group in REPEATABLE})
+    return namelist_text(groups | {group: getattr(case, group) for group in REPEATABLE})
 
 
 @contextmanager

@@ -206,7 +206,17 @@ def _numbers(row: Row) -> dict[str, float]:
 
 def yielding_ground(row: Row) -> tuple[str, YieldingGround]:
     """Model and values of a row that a plane of tables serves."""
-    return row.cells["model"], YieldingGround(**{"rest_angle": repose(), **_numbers(row)})
+    return row.cells["model"], _yielding(_numbers(row))
+
+
+def _yielding(numbers: Mapping[str, float]) -> YieldingGround:
+    """Ground with these numbers, and with the kernel's defaults of others."""
+    usual = {
+        key.name: float(key.default)
+        for key in parameters()
+        if key.name in YieldingGround._fields and key.default != "required"
+    }
+    return YieldingGround(**{**usual, **numbers})
 
 
 def check_yielding(where: str, model: str, numbers: Mapping[str, float]) -> None:
@@ -229,7 +239,7 @@ def _plane_rule(
     """Ground that a plane of tables serves, for the boulders of a case. The kernel's refusals come
     first: parts are chosen by valid numbers alone."""
     _check_text(text, where)
-    ground = YieldingGround(**{"rest_angle": repose(), **numbers})
+    ground = _yielding(numbers)
     sigma = case.boulder.get("ground_strength_sigma", ground.strength_sigma)
     weight = case.boulder["density"] * case.flight["gravity"]
     plane = Plane(model, ground._replace(strength_sigma=sigma), usual_radii(case), weight)

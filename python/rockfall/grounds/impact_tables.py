@@ -19,6 +19,7 @@ from rockfall.case import Case, facts, keys_of
 from rockfall.errors import RockfallError
 from rockfall.io.files import atomic_write
 from rockfall.io.netcdf import load_dataset, write_compressed
+from rockfall.kernel_rules import USUAL_WEIGHT
 
 FIELDS = (
     "vt_in", "vn_in", "w_in", "speed_in", "height_in", "along_out", "across_out", "vn_out", "w_out",
@@ -30,8 +31,6 @@ BY_SOURCE = "source"  # block_shape that sources give
 BLOCK_SHAPES = tuple(
     shape for shape in keys_of("boulder")["block_shape"].allowed.split(", ") if shape != BY_SOURCE
 )
-DENSITY = 2700.0  # of the usual boulder [kg/m3]
-USUAL_WEIGHT = DENSITY * 9.81  # [N/m3]
 SIZE = "R_b/R_m, or rho_b g R_b over the strength of ground that yields"
 BY_BIN = "map", "low", "high"  # arrays over bins
 KINDS = "flight", "roll"

@@ -13,17 +13,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rockfall.case import keys_of
 from rockfall.errors import RockfallError
 from rockfall.grounds import YIELDING, check_yielding, shipped_rows, yielding_ground
-from rockfall.grounds.impact_tables import CONSTANTS, DENSITY, YieldingGround
+from rockfall.grounds.impact_tables import CONSTANTS, YieldingGround
 from rockfall.grounds.relief import Spectrum, measure, slope_between
 from rockfall.grounds.shapes import SHAPES, Surface, hull, random_block, refine, volume
 from rockfall.grounds.uniform import Uniform
 from rockfall.io.rasters.raster import read_dem
 from rockfall.io.tables import Row, check_columns, read_table
+from rockfall.kernel_rules import USUAL_DENSITY
 from rockfall.limits import MAX_NAME
 
-GRAVITY = 9.81  # [m/s2]
+GRAVITY = float(keys_of("flight")["gravity"].default)  # [m/s2]
 UPRIGHT = 0.4  # pressure on an upright ploughing facet, relative to a flat one, as in pressure.f90
 SPHERE = "sphere"
 BAND = Spectrum(0.0, longest=CONSTANTS["ploughed"]["longest"])  # waves of the planes of tables
@@ -326,7 +328,7 @@ def _scar(row: Row) -> Scar:
     if math.isnan(depth):
         raise RockfallError(f"{row.where}: needs the depth of the scar [m]")
     density = row.maybe("density", 500.0, 8000.0)
-    density = DENSITY if math.isnan(density) else density
+    density = USUAL_DENSITY if math.isnan(density) else density
     mass, size = either("mass", "volume", 1e-2, 1e8, 1e-5, 1e5)
     radius = float(np.cbrt(3 * (mass / density if math.isnan(size) else size) / (4 * np.pi)))
     if depth > 2 * radius:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rockfall.app.edited.document import Document, Runnable, Site, runnable
 from rockfall.app.edited.places import without_files
 from rockfall.app.messages import Refused
-from rockfall.case import REPEATABLE, Case, Key, file_keys, given_groups
+from rockfall.case import Case, Key, file_keys, given_groups, given_in_lists
 from rockfall.case.files import input_files
 from rockfall.case.rules import CHOSEN
 from rockfall.case.text import namelist_text
@@ -124,4 +124,4 @@ def _files_of_variants(site: Site) -> Iterator[tuple[str, Key, str]]:
 
 def case_text(case: Case) -> str:
     """Text of a case, with what differs from the defaults."""
-    return namelist_text(given_groups(case), {name: getattr(case, name) for name in REPEATABLE})
+    return namelist_text({**given_groups(case), **given_in_lists(case)})
