@@ -17,6 +17,7 @@ from shutil import which
 from typing import Any
 
 import rockfall
+from rockfall.analysis.hazard.combined import LAYOUT as HAZARD_LAYOUT
 from rockfall.analysis.hazard.variables import TABLE as HAZARD
 from rockfall.analysis.line_statistics import COLUMNS
 from rockfall.case import REPEATABLE, key_table
@@ -29,7 +30,6 @@ from rockfall.result import variables
 from rockfall.result.validate import ALWAYS, known_variables
 from rockfall.scene.prepare import LAYOUT as SCENE_LAYOUT
 from rockfall.simulation.parts.part_file import LAYOUT as PART_LAYOUT
-from rockfall.studies.hazard import LAYOUT as HAZARD_LAYOUT
 
 MADE = rockfall.Batch, rockfall.Session  # by functions and methods: nobody else makes one
 LIST = Path(__file__).resolve().parents[1] / "tests/interface.txt"

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from rockfall.analysis.hazard.combined import HazardInputs
 from rockfall.analysis.hazard.finished import is_finished
 from rockfall.analysis.hazard.scenarios import base_case
 from rockfall.analysis.hazard.variables import map_names
@@ -34,7 +35,7 @@ from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.parts.finished import FINISHED
 from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.simulate import Interrupted
-from rockfall.studies.hazard import HazardInputs, read_study, run_study
+from rockfall.studies.hazard import read_study, run_study
 from rockfall.text.hazard import hazard_summary, hazard_warnings, warning_groups
 
 DOTS = 200  # of figures, per inch
