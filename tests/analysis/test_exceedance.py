@@ -122,6 +122,15 @@ def test_a_line_is_crossed_as_often_as_boulders_of_the_runs_cross_it(tmp_path):
     assert (np.diff(above, axis=1) <= 0).all()
 
 
+def test_lines_of_a_layer_are_those_that_are_typed(tmp_path):
+    shape = shapely.LineString(np.transpose([LINE["x"], LINE["y"]]))
+    make_layer(tmp_path / "lines.gpkg", [shape], name=["road"])
+    typed = hazard(make_case(tmp_path))
+    drawn = hazard(make_case(tmp_path, line=[{"file": "lines.gpkg"}]))
+    assert drawn.drop_attrs().identical(typed.drop_attrs())
+    assert drawn.attrs["case"] == typed.attrs["case"]
+
+
 def test_what_hits_an_object_and_a_segment_has_the_levels_of_its_line(tmp_path):
     """The same place as a line of the case, an object and a segment without width."""
     shape = shapely.LineString(np.transpose([LINE["x"], LINE["y"]]))

@@ -137,7 +137,7 @@ def test_the_command_takes_several(place, capsys):
     words = ["hazard", "case.nml", "--objects", "a.gpkg", "--objects", "b.gpkg", "--write-cases"]
     assert main(words) == 0
     case = rockfall.read_case("case_scenario1.nml")
-    assert [one["name"] for one in case.line] == ["object 1 part 1", "object 2 part 2"]
+    assert [one["name"] for one in case.line] == ["object 1 part 1", "object 2 part 2", "L"]
 
 
 @pytest.mark.parametrize("given, listed", [
