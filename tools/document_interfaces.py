@@ -19,19 +19,17 @@ from rockfall.cli.arguments import make_parser
 
 CLI = """# The command line
 
-Every command says the same of itself: `rockfall COMMAND --help`. This page is made from the
-program's own parsers. Exit status: 0 done; 2 the input is wrong, which one line on the standard
-error says; 1 a fault of ours; 130 and 143 stopped by Ctrl-C or SIGTERM.
+This page lists all commands and options, as `rockfall COMMAND --help` does; it is made from the
+program's parsers. Exit status: 0 done; 1 a fault of the program; 2 wrong input, with one line on
+the standard error; 130 and 143 stopped by Ctrl-C or SIGTERM.
 
 """
 
 API = """# The Python interface
 
-`import rockfall` loads nothing heavy; each name below is imported when it is first used. All
-lengths are in metres, all other quantities in SI units, unless a name says otherwise. What stands
-in the Dataset that `run` returns is in [result.md](result.md), the keys of a case are in
-[case.md](case.md), and [start/python.md](start/python.md) says which function does the work of
-which command. The examples run in the tests, on a slope of 30 by 24 cells.
+This page lists the public names of `rockfall`. Lengths are in metres, all other quantities in SI
+units, unless a name differs. `run` returns the variables of [result.md](result.md); keys of a case
+are in [case.md](case.md). Functions by command: [start/python.md](start/python.md).
 
 """
 
