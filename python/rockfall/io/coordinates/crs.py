@@ -370,6 +370,17 @@ def grid_mapping(crs: CRS) -> dict[str, Any]:
     heights would make readers scale counts and energies. The complete system is in `crs_wkt`
     (WKT 2), and in `spatial_ref` (WKT 1, for older programs); CF parameters are added where they
     are equivalent. `vertical_datum` is the name of the system of heights, if there is one."""
+    texts = crs.to_wkt(version="WKT2_2019"), crs.to_wkt()
+    if texts not in _MAPPINGS:
+        _MAPPINGS[texts] = _grid_mapping(crs)
+    return dict(_MAPPINGS[texts])
+
+
+#: Those of systems seen before: one takes longer than many a run.
+_MAPPINGS: dict[tuple[str, str], dict[str, Any]] = {}
+
+
+def _grid_mapping(crs: CRS) -> dict[str, Any]:
     plan, heights = in_plan(crs), vertical_datum(crs)
     system = _pyproj(plan)
     attrs = _parameters(system)
