@@ -3,6 +3,7 @@
 
 import gc
 import os
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import rockfall
 import slope_case
+from gallery import Gallery
 from programs import MANY, find_program, make_prepared, run_program
 
 
@@ -54,6 +56,13 @@ def pytest_collection_finish():
     gc.set_threshold(100_000)
 
 
+@pytest.fixture(scope="session")
+def gallery(tmp_path_factory):
+    """Results of this session, for all its workers."""
+    root = tmp_path_factory.getbasetemp()
+    return Gallery((root.parent if "PYTEST_XDIST_WORKER" in os.environ else root) / "gallery")
+
+
 @pytest.fixture
 def few_boulders(tmp_path):
     """The file of cases/vaujany with 50 boulders, in a folder of its own."""
@@ -70,11 +79,10 @@ def few_boulders(tmp_path):
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(gallery, tmp_path, monkeypatch):
     """A folder with a case that runs, made the current one."""
     monkeypatch.chdir(tmp_path)
-    slope_case.write_slope()
-    return tmp_path
+    return gallery.copy("slope", slope_case.write_slope, tmp_path)
 
 
 @pytest.fixture
@@ -108,14 +116,16 @@ def batch():
 
 
 @pytest.fixture
-def ready(batch, tmp_path):
+def ready(batch, gallery, tmp_path):
     """A folder with a case of everything, prepared in `ready`."""
-    make_prepared(tmp_path)
-    return tmp_path
+    return gallery.copy("everything", _prepare, tmp_path)
+
+
+def _prepare(folder, **groups):
+    make_prepared(folder, **groups)
 
 
 @pytest.fixture
-def many(batch, tmp_path):
+def many(batch, gallery, tmp_path):
     """The same of many boulders."""
-    make_prepared(tmp_path, case={"boulders": MANY})
-    return tmp_path
+    return gallery.copy("many", partial(_prepare, case={"boulders": MANY}), tmp_path)

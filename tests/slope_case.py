@@ -31,9 +31,9 @@ def zones():
     return (np.where(np.arange(NX) < 12, 1, 2) + np.zeros((NY, 1))).astype("i4")
 
 
-def write_slope():
-    """The files of the case, in the current folder."""
-    make_raster("dem.tif", slope(), nodata=-9999)
-    make_raster("zones.tif", zones(), nodata=-9999)
+def write_slope(folder="."):
+    """The files of the case, in a folder."""
+    make_raster(f"{folder}/dem.tif", slope(), nodata=-9999)
+    make_raster(f"{folder}/zones.tif", zones(), nodata=-9999)
     for name, text in (("zones.csv", TABLE), ("sets.nml", scenes.CALM_SETS), ("case.nml", CASE)):
-        Path(name).write_text(text)
+        Path(folder, name).write_text(text)

@@ -64,11 +64,11 @@ class Row(NamedTuple):
 # Of every scene
 
 
-def run(scene: Scene, folder: Path) -> tuple[rockfall.Case, xr.Dataset]:
+def run(scene: Scene, folder: Path, boulders: int = 500) -> tuple[rockfall.Case, xr.Dataset]:
     """A scene with all that can be asked for."""
     south = scene.grid.south + scene.grid.cell * scene.z.shape[0] / 3
     ends = [scene.grid.west, scene.grid.west + scene.grid.cell * scene.z.shape[1]]
-    case = scene.case(folder, output=ALL | {"trajectories": TRACED})
+    case = scene.case(folder, boulders, output=ALL | {"trajectories": TRACED})
     case = case.replace(line=[{"name": "third", "x": ends, "y": [south, south]}])
     return case, rockfall.run(case, **scene.arrays())
 

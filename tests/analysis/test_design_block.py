@@ -96,19 +96,17 @@ def test_the_interval_is_that_of_the_likelihood():
 
 
 def test_intervals_hold_the_block_of_a_known_distribution():
-    """88 of 100 at least: those of 95 % would fail that once in 250 tries. And they tell
+    """One sample of 20 surveys; benchmarks.accuracy.design_block has thousands. And they tell
     something."""
-    random, held, width = np.random.default_rng(), 0, []
-    seed = int(random.integers(1 << 31))
-    random = np.random.default_rng(seed)
+    random, held, width = np.random.default_rng(1), 0, []
     true = 0.5 + 0.6 / 0.8 * (37.5**0.8 - 1)
-    for _ in range(100):
+    for _ in range(20):
         dated = max(3, random.poisson(15))
         volumes, events = (drawn(n, random) for n in (80, dated))
         found = rockfall.design_block(volumes, 100, events=events, years=40, threshold=0.5)
         held += found.volume_low <= true <= found.volume_high
         width.append(found.volume_high / found.volume_low)
-    assert held >= 88, f"seed {seed}"
+    assert held >= 17
     assert np.median(width) < 12
 
 

@@ -15,17 +15,22 @@ from rockfall.kernel_rules import fraction_limits
 from rockfall.result.crossings import at_lines, line_values
 from scenes import grid, make_case, rough, sets
 
+LONG = 20_000
+
 
 @pytest.fixture(scope="module")
-def long_run(tmp_path_factory):
-    """100,000 boulders of one source past a line."""
-    folder = tmp_path_factory.mktemp("case")
+def long_run(gallery):
+    """20,000 boulders of one source past a line."""
     line = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
-    case = make_case(
-        folder, *sets(), line=line, case={"boulders": 100_000, "threads": 0},
-        terrain={}, release={"x": 150.0, "y": 380.0},
-    )  # fmt: skip
-    return rockfall.run(case, dem=rough(), transform=grid(rough()))
+
+    def make(folder):
+        case = make_case(
+            folder, *sets(), line=line, case={"boulders": LONG, "threads": 0},
+            terrain={}, release={"x": 150.0, "y": 380.0},
+        )  # fmt: skip
+        return rockfall.run(case, dem=rough(), transform=grid(rough()))
+
+    return gallery.value("long", make)
 
 
 def a_sample(number):
@@ -42,15 +47,15 @@ def test_95_percent_intervals_hold_the_long_runs_value_95_times_in_100(long_run)
     truth = of_speed(long_run)
     parts = [
         line_numbers(long_run.isel(boulder=slice(k, k + 200)), 0, "speed", Sources.alone(200))
-        for k in range(0, 100_000, 200)
-    ]  # 500 repetitions with boulders of their own
+        for k in range(0, LONG, 200)
+    ]  # 100 repetitions with boulders of their own; benchmarks.accuracy.intervals has more
     for name in ("mean", "q50", "q95", "fraction", "std"):
         held = [part[f"{name}_low"] <= truth[name] <= part[f"{name}_high"] for part in parts]
-        assert 0.93 <= np.mean(held) <= 0.97, name
+        assert 0.90 <= np.mean(held) <= 0.99, name
 
 
 def test_intervals_enclose_their_number_and_shrink_with_n(long_run):
-    few, many = of_speed(long_run.isel(boulder=slice(0, 1000))), of_speed(long_run)
+    few, many = of_speed(long_run.isel(boulder=slice(0, 200))), of_speed(long_run)
     for name in ("fraction", "mean", "std", "q50", "q90"):
         width = [row[f"{name}_high"] - row[f"{name}_low"] for row in (few, many)]
         assert few[f"{name}_low"] <= few[name] <= few[f"{name}_high"]
@@ -63,7 +68,7 @@ def test_the_numbers_are_those_of_the_crossing_boulders(long_run):
     speed = at_lines(long_run)["line_speed"].values[0]
     speed = speed[np.isfinite(speed)]
     row = table.loc["speed"]
-    assert row["n"] == speed.size and row["fraction"] == speed.size / 100_000
+    assert row["n"] == speed.size and row["fraction"] == speed.size / LONG
     assert row["mean"] == speed.mean() and row["std"] == speed.std(ddof=1)
     assert row["max"] == speed.max() and row["q98"] == np.quantile(speed, 0.98)
     energy = (

@@ -29,9 +29,26 @@ UNSIZED = [
 
 
 @pytest.fixture(scope="module")
-def case(tmp_path_factory):
+def made(gallery):
+    def make(folder):
+        case = case_of_zones(folder)
+        return case, run_models(case)
+
+    return gallery.value("models", make)
+
+
+@pytest.fixture(scope="module")
+def case(made):
+    return made[0]
+
+
+@pytest.fixture(scope="module")
+def found(made):
+    return made[1]
+
+
+def case_of_zones(folder):
     """Zones with small and with large rocks, and one that is a road in every model."""
-    folder = tmp_path_factory.mktemp("models")
     case = make_full_case(folder, case={"boulders": 100})
     ids = np.tile(np.repeat([4, -2, 5], 2), (80, 10))
     make_raster(folder / "zones.tif", ids.astype("i2"), crs="EPSG:32632")
@@ -39,11 +56,6 @@ def case(tmp_path_factory):
     rows = "4,0.02,0.05,0.04,0.03,\n-2,0.3,0.6,0.5,0.7,\n5,,,,,road\n"
     (folder / "zones.csv").write_text(head + rows)
     return case
-
-
-@pytest.fixture(scope="module")
-def found(case):
-    return run_models(case)
 
 
 def at(found, model, line, quantity, statistic="mean"):

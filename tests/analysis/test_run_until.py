@@ -43,7 +43,7 @@ def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, withi
     statistic = rules[0].statistic
     truth, need = theory(statistic, rules[0].limit)
     stops, held = [], []
-    for _ in range(40):
+    for _ in range(10):
         result = stages(rules, random)
         row = line_numbers(result, 0, "speed", sources(result))
         assert (row[f"{statistic}_high"] - row[f"{statistic}_low"]) / 2 <= (
@@ -53,7 +53,7 @@ def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, withi
         held.append(row[f"{statistic}_low"] <= truth <= row[f"{statistic}_high"])
     assert abs(np.mean(stops) - 1) < 0.2
     assert np.mean(np.abs(np.array(stops) - 1) <= 0.2) >= within
-    assert np.mean(held) >= 0.875  # of 40: 2.2 standard errors below 0.95
+    assert np.mean(held) >= 0.8  # of 10: 2.2 standard errors below 0.95
 
 
 def test_heavy_tails_take_no_more_boulders_than_theory_asks():
@@ -64,23 +64,23 @@ def test_heavy_tails_take_no_more_boulders_than_theory_asks():
     density = norm.pdf(norm.ppf(level)) / sigma  # of the logarithm, at the quantile
     need = (Z / rule.limit) ** 2 * level * (1 - level) / density**2
     random, stops = np.random.default_rng(5), []
-    for _ in range(150):
+    for _ in range(40):
         n, larger = 0, 500
         while larger > n:
             n = larger
             result = made(np.exp(random.normal(0, sigma, n)))
             larger = next_stage(evaluate(rules, result), n, 10**6)
         stops.append(n / need)
-    assert np.mean(stops) == pytest.approx(1.07, abs=0.08)
+    assert np.mean(stops) == pytest.approx(1.07, abs=0.15)
 
 
 @pytest.mark.parametrize("rule", ["fraction@L<0.7%", "speed.mean@L<1%", "energy_total.std@L<2.5%"])
 def test_a_scene_takes_the_boulders_that_its_precision_needs(tmp_path, rule):
-    """Within a tenth: the need is that of the width of a run ten times as long."""
+    """Within a tenth: the need is that of the width of a run five times as long."""
     case = slope_case(tmp_path)
     found = rockfall.run_until(case, rule, **terrain())
     (verdict,) = verdicts_of(found)
-    long = 10 * found.sizes["boulder"]
+    long = 5 * found.sizes["boulder"]
     many = rockfall.run(case.replace(case={"boulders": long}), **terrain())
     (known,) = evaluate(read_rules(rule, ["L"]), many)
     need = long * (known.width / known.rule.limit) ** 2
@@ -92,7 +92,7 @@ def test_runs_of_few_sources_do_not_end_by_luck(of):
     """Sources that are alike may also seem so by chance, and then a run must not believe it."""
     random, held = np.random.default_rng(of), []
     rules = read_rules("speed.mean@L<3%", ["L"])
-    for _ in range(100):
+    for _ in range(25):
         n, larger = 0, FIRST // of
         while larger > n:
             n = larger
@@ -101,7 +101,7 @@ def test_runs_of_few_sources_do_not_end_by_luck(of):
         row = line_numbers(result, 0, "speed", sources(result))
         held.append(row["mean_low"] <= theory("mean", 1)[0] <= row["mean_high"])
         assert result.sizes["boulder"] >= 0.8 * theory("mean", 0.03)[1]
-    assert np.mean(held) >= 0.9  # of 100: 2.3 standard errors below 0.95
+    assert np.mean(held) >= 0.85  # of 25: 2.3 standard errors below 0.95
 
 
 def test_no_interval_is_believed_before_enough_boulders_crossed():

@@ -939,18 +939,19 @@ def test_variants_are_saved_with_what_they_name(varied, place):
 # What goes out.
 
 
-@pytest.mark.parametrize(
-    "name", ["", ".x", "..", "../x", "a/b", "a\\b", "/tmp/x", "x ", " x", "x.", "a\0", "a\nb",
-             "x" * 81, "a:b", "~", "$HOME", None, 5, ["x"]],
-)  # fmt: skip
-def test_names_that_are_no_bare_names_are_refused(serve, place, name, visit):
+NAMES = ["", ".x", "..", "../x", "a/b", "a\\b", "/tmp/x", "x ", " x", "x.", "a\0", "a\nb", "x" * 81,
+         "a:b", "~", "$HOME", None, 5, ["x"]]  # fmt: skip
+
+
+def test_names_that_are_no_bare_names_are_refused(serve, place, visit):
     page = visit(serve("dem.tif"))
     before = sorted(place.iterdir())
     settings = {"case": {"boulders_total": 5}, "surface": {"ground": "meadow"}}
     page.edit(1, layers={"sources": [point(150, 40)]}, settings=settings)
-    for kind in "save", "report", "export":
-        page.send(kind, name=name, overwrite=True)
-        assert page.until("refused")["task"] == kind
+    for name in NAMES:
+        for kind in "save", "report", "export":
+            page.send(kind, name=name, overwrite=True)
+            assert page.until("refused")["task"] == kind, name
     assert sorted(place.iterdir()) == before
 
 

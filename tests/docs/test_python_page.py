@@ -18,6 +18,7 @@ def code(kind):
     return re.findall(rf"^```{kind}\n(.*?)^```$", STUDY, re.MULTILINE | re.DOTALL)
 
 
+@pytest.mark.all
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_the_study_prints_what_the_page_says(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib", reason="the report extra is not installed")

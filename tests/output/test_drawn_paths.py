@@ -31,9 +31,9 @@ TERRAIN = Z, Grid(W, N, 5.0, 60, 80)
 NET = {"name": "net", "x": [W, W + 300], "y": [N - 60.0] * 2, "height": 4.0, "capacity": 50.0}
 #: Table or rest angle, volume [m3], gravity [m/s2], barriers, and boulders.
 RUNS = {
-    "talus": ("talus", 2.0, G, [], 60),
-    "meadow": ("meadow", 2.0, G, [], 60),
-    "compact": ("compact", 0.2, G, [], 60),
+    "talus": ("talus", 2.0, G, [], 20),
+    "meadow": ("meadow", 2.0, G, [], 20),
+    "compact": ("compact", 0.2, G, [], 20),
     "rolls": (5.0, 2.0, G, [], 8),
     "moon": ("meadow", 2.0, 1.62, [], 8),
     "net": ("meadow", 2.0, G, [NET], 8),

@@ -116,10 +116,18 @@ def within(limits, start, size):
     return max(limits[0], start), min(limits[1], start + size)
 
 
-@pytest.mark.parametrize("locale", LOCALES)
+def laid_out(*locales):
+    """Locales that are laid out always; others with --all, for each takes some seconds."""
+    extra = [pytest.param(one, marks=pytest.mark.all) for one in LOCALES if one not in locales]
+    return pytest.mark.parametrize("locale", [*locales, *extra])
+
+
+@laid_out("de", "fr", "it")
 def test_every_text_is_within_its_sheet_and_cell(documents, locale):
     """With energies of seven digits."""
-    all_within(documents("wide", locale))
+    document = documents("wide", locale)
+    all_within(document)
+    assert "signature" in document.pages[0].anchors
 
 
 def all_within(document):
@@ -128,7 +136,7 @@ def all_within(document):
     assert [(page, text) for page, text, fits in found if not fits] == []
 
 
-@pytest.mark.parametrize("locale", LOCALES)
+@laid_out("en", "de-CH")
 def test_a_page_of_usual_numbers_fits_wraps_no_interval_and_has_a_map_to_read(documents, locale):
     """Page 1 has the whole project and title; the map has at least 60 mm between its title and its
     scale, a third of the sheet's width."""

@@ -77,7 +77,7 @@ def case_in(folder, kind="tiff", surface=None, **groups):
     cells[5:100:12, 8:80:11] = 1
     make_raster(folder / "cells.tif", cells, transform=PLACE, crs=None)
     output = {"maps": MAPS, "rebounds": True, "trajectories": 25}
-    groups = {"case": {"boulders": 9}, "output": output} | groups
+    groups = {"case": {"boulders": 4}, "output": output} | groups
     groups.setdefault("release", {"cells": "cells.tif", "drop_height": 5.0})
     return make_case(
         folder, *sets(2.0), line=LINE, terrain={"dem": make_dem(folder, kind)},
@@ -118,7 +118,7 @@ def test_windows_of_boulders_that_break(tmp_path):
 
 
 def test_windows_follow_the_sources_and_learn_how_far_boulders_go(tmp_path):
-    case = case_in(tmp_path)
+    case = case_in(tmp_path, case={"boulders": 9})
     scene = read_scene(case, memory=30_000)
     windows, seen = scene.windows, []
     rim = windows.margins[0]

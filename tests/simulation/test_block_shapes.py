@@ -81,10 +81,22 @@ def mixed_case(folder, boulder=MIX, **groups):
 
 
 @pytest.fixture(scope="module")
-def mixed(tmp_path_factory):
+def mixed(gallery):
     """A run of a mix, with every output."""
-    case = mixed_case(tmp_path_factory.mktemp("mixed"))
+    return gallery.value("mixed", made_of_mix)
+
+
+def made_of_mix(folder):
+    case = mixed_case(folder)
     return case, rockfall.run(case, **striped())
+
+
+def write_parts(folder):
+    """Both halves of the run of a mix."""
+    case = mixed_case(folder)
+    for k in (1, 2):
+        name = folder / f"{k}.nc"
+        put_netcdf(rockfall.run(case, shard=(k, 2), **striped()), name, name)
 
 
 def test_each_boulder_goes_as_in_a_run_of_its_shape(mixed):
@@ -198,7 +210,7 @@ def test_terrain_in_windows_gives_the_same(tmp_path):
 def test_fragments_have_the_shape_of_their_boulder(tmp_path):
     case = full_case(tmp_path, block_shape=["platy", "elongated"], block_shape_share=None)
     case = case.replace(
-        case={"boulders": 15}, breakage={"at": "impact", "min_area_ratio": 0.3},
+        case={"boulders": 5}, breakage={"at": "impact", "min_area_ratio": 0.3},
         output={"maps": None},
     )  # fmt: skip
     result = rockfall.run(case)
@@ -609,11 +621,8 @@ def with_shape(number):
         (without_attribute, "merge: a part has other variables of boulders than the first"),
     ],
 )
-def test_a_part_with_other_shapes_is_refused(mixed, tmp_path, change, message):
-    case, _ = mixed
-    names = [tmp_path / f"{k}.nc" for k in (1, 2)]
-    for k, name in enumerate(names, start=1):
-        put_netcdf(rockfall.run(case, shard=(k, 2), **striped()), name, name)
+def test_a_part_with_other_shapes_is_refused(gallery, tmp_path, change, message):
+    names = [gallery.copy("parts", write_parts, tmp_path) / f"{k}.nc" for k in (1, 2)]
     with netCDF4.Dataset(names[1], "a") as file:
         file.set_auto_maskandscale(False)
         change(file)

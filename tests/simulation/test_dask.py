@@ -41,6 +41,7 @@ def test_the_result_is_that_of_a_run_here(workers, scene):
         assert found.attrs[name] == here.attrs[name]
 
 
+@pytest.mark.all  # seconds of the library's processes
 def test_a_worker_that_dies_in_the_middle_is_done_without(workers, scene, monkeypatch):
     address, client = workers
     killed, add = [], cluster.Joined.add
@@ -91,6 +92,7 @@ def test_where_nobody_answers(few_boulders, tmp_path, monkeypatch, capsys):
     assert not list(tmp_path.glob("*.nc"))
 
 
+@pytest.mark.all
 def test_processes_of_this_machine_take_nothing_from_strangers(few_boulders):
     """Others on the machine see the port, and have no credentials."""
     pytest.importorskip("cryptography")

@@ -87,8 +87,14 @@ def beyond(folder, name, shape, speed, slope, radius=RADIUS, density=DENSITY):
 TABLES = [*itertools.product(GROUNDS, BLOCK_SHAPES), ("rocky-slope", "compact")]
 
 
-@pytest.mark.parametrize("size", [(RADIUS, DENSITY), (0.45, 2700.0), (0.6, 1900.0), (0.3, 3300.0)])
-@pytest.mark.parametrize(("name", "shape"), TABLES)
+SIZES = [(RADIUS, DENSITY), (0.45, 2700.0), (0.6, 1900.0), (0.3, 3300.0)]
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "size"),
+    [(*table, SIZES[0]) for table in TABLES]
+    + [(g, "compact", s) for g in GROUNDS for s in SIZES[1:]],
+)
 def test_rebounds_beyond_the_records_are_counted(folder, name, shape, size):
     """Sizes and densities have limits of their own."""
     if name == "rocky-slope":

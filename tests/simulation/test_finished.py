@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`--resume` onto what is finished, and a second merge: exit 0, one line, no byte changes."""
 
+import contextlib
 import subprocess
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import netCDF4
 import pytest
 
 import rockfall
+import slope_case
 from programs import Killed, everything, find_program, killed_after
 from rockfall.cli import main
 from rockfall.simulation import simulate
@@ -15,12 +17,24 @@ from rockfall.simulation import simulate
 FINISHED = "is finished already, from the same case; nothing was changed"
 
 
+def prepare(folder):
+    """The small case, the same ready for rockfall-batch, and what both make of it."""
+    slope_case.write_slope(folder)
+    with contextlib.chdir(folder):
+        assert by_python("-o", "rockfall.nc") == 0
+        if find_program():
+            assert main(["prepare", "case.nml", "ready"]) == 0
+            assert by_batch("-o", "rockfall-batch.nc") == 0
+
+
 @pytest.fixture
-def case(place):
+def case(gallery, tmp_path, monkeypatch):
     """The small case, and the same ready for rockfall-batch."""
-    if find_program():
-        assert main(["prepare", "case.nml", "ready"]) == 0
-    return place
+    monkeypatch.chdir(tmp_path)
+    gallery.copy("finished", prepare, tmp_path)
+    for path in Path().glob("rockfall*.nc"):
+        path.rename(path.with_suffix(".done"))
+    return tmp_path
 
 
 def by_python(*words):
@@ -67,7 +81,9 @@ def test_parts_of_the_other_program_are_finished_too(shard, case, capfd):
 ])  # fmt: skip
 def test_what_is_not_the_same_is_not_overwritten_unasked(program, change, case, capfd):
     run, words = PROGRAMS[program], ["-o", "a.nc", "--resume"]
-    assert run("-o", "a.nc") == 0
+    if not Path(f"{program}.done").exists():
+        pytest.skip("rockfall-batch is not built")
+    Path(f"{program}.done").rename("a.nc")
     path, more = Path("a.nc"), change if isinstance(change, list) else []
     if change == "case":
         for name in filter(Path.exists, map(Path, ("case.nml", "ready/case.nml"))):
