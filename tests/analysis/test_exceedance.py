@@ -10,6 +10,8 @@ from made import make_layer
 from rockfall.analysis.hazard.exceedance import Passed, levels_by_period
 from rockfall.analysis.hazard.variables import EXCEEDED, PERIODS
 from rockfall.result.crossings import line_values
+from rockfall.tables.hazard import period_tables
+from rockfall.text.hazard import hazard_summary
 
 pytest.importorskip("shapely", reason="the vector extra is not installed")
 import shapely
@@ -227,3 +229,15 @@ def test_the_file_has_the_levels_of_every_place(tmp_path):
     assert float(lines[1].split(",")[3]) == pytest.approx(
         float(found["line_energy_by_period"][0, 0]) / 1e3, rel=1e-6
     )
+
+
+def test_the_tables_show_lines_first_and_leave_out_what_is_not_known(tmp_path):
+    layer = tmp_path / "objects.gpkg"
+    wall = shapely.LineString([(0, 200), (300, 200)])
+    make_layer(layer, [shapely.Point(150, 200), wall], name=["pole", "wall"], width=[np.nan, 4.0])
+    found = hazard(make_case(tmp_path), objects=layer)
+    energies, heights = period_tables(found)
+    assert [row[0] for row in energies.rows] == [row[0] for row in heights.rows] == ["road", "wall"]
+    level = float(found["line_energy_by_period"][0, 0]) / 1e3
+    assert energies.rows[0][1].value == level and len(energies.rows[0]) == 1 + len(PERIODS)
+    assert f"{energies.rows[0][1].number}" in hazard_summary(found)

@@ -39,8 +39,6 @@ from rockfall.errors import RockfallError
 from rockfall.language import Text, unpacked
 from rockfall.result.dataset import read_result
 from rockfall.scene.frames import frame_files, of_frames
-from rockfall.scene.layers import Inputs
-from rockfall.scene.lines import read_lines
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import machine_memory
@@ -132,13 +130,10 @@ def read_study(
         found_objects.paths = [of_frames(path, files) for path in found_objects.paths]
         remarks = [of_frames(remark, files) for remark in remarks]
     segments = roads_of(roads, scene, remarks)
-    given = case.line if case.output["kept"] == "all" else []
-    of_lines = Inputs(scene.case.replace(line=given), scene.grid)
-    own = read_lines(of_lines).line
+    own = scene.case.line if case.output["kept"] == "all" else []
     read = {"barrier": scene.case.barrier, "dam": scene.case.dam} | ({"line": own} if own else {})
     case = case.replace(**read)  # layers have been read
-    of_inputs = *scene.remarks, *of_lines.remarks, *scenario_remarks(scene)
-    scene = scene.replace(remarks=of_inputs)
+    scene = scene.replace(remarks=(*scene.remarks, *scenario_remarks(scene)))
     lines = [*found_objects.lines, *segments.lines]
     scenarios = scenarios_of(scene, [*lines, *own])
     study = HazardInputs(case, scene, scenarios, own, found_objects, segments)

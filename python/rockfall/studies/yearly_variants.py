@@ -92,7 +92,7 @@ def _scenes(
     """Scenes by variant and scenario; their frequencies go to `weights`."""
     for name, variant in variants(case).items():
         scene = read_scene(base_case(variant, ROWS_ONLY), **given)
-        for scenario in scenarios_of(scene, variant.line):
+        for scenario in scenarios_of(scene, scene.case.line):
             weights[name, scenario.name] = scenario.frequency
             yield (name, scenario.name), replace(scene, case=scenario.case)
 

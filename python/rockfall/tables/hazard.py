@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.hazard.levels import PLACES
 from rockfall.analysis.objects.risk import CLASS_ENDS
 from rockfall.files.hazard_files import object_table as objects_of
 from rockfall.files.risk_files import class_words, has_risk, risk_columns, total_table
@@ -16,9 +17,9 @@ from rockfall.files.segment_files import has_segments
 from rockfall.files.segment_files import segment_table as segments_of
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Number, Text, say, word
-from rockfall.quantities import QUANTITIES, percent, small
+from rockfall.quantities import QUANTITIES, number, percent, small
 from rockfall.result.maps.flat_maps import shown
-from rockfall.table import Column, Estimate, Table, between, stacked
+from rockfall.table import TOO_FEW, Column, Estimate, Table, between, stacked
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,8 +29,10 @@ NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # o
 
 
 def hazard_tables(hazard: xr.Dataset) -> Iterator[Table]:
-    """Areas of the classes, objects, segments of roads, scenarios; the risk is another table."""
+    """Areas of the classes, energies and heights by return period, objects, segments of roads,
+    scenarios; the risk is another table."""
     yield class_table(hazard)
+    yield from period_tables(hazard)
     if "object" in hazard.dims:
         yield object_table(hazard)
     if has_segments(hazard):
@@ -59,6 +62,37 @@ def class_table(hazard: xr.Dataset) -> Table:
     ]  # fmt: skip
     heads = "hazard.hazard", "hazard.cells", "hazard.area", "hazard.certain"
     return Table.of(say("tables.classes_of_hazard"), map(say, heads), rows)
+
+
+def period_tables(hazard: xr.Dataset) -> Iterator[Table]:
+    """Energies and heights by return period at lines, and at the objects and segments that are hit
+    most often; none without such places."""
+    places = [
+        (kind, int(k))
+        for kind in PLACES
+        if f"{kind}_energy_by_period" in hazard
+        for k in np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")
+        if not np.isnan(hazard[f"{kind}_energy_by_period"].values[k]).any()
+    ][:MOST]
+    if not places:
+        return
+    years = [say("hazard.in_years", years=T) for T in hazard["event_period"].values.tolist()]
+    for quantity, factor in ("energy", 1e-3), ("height", 1.0):
+        names = [f"{quantity}_by_period{end}" for end in ("", "_low", "_high")]
+        rows = []
+        for kind, k in places:
+            levels = np.array([hazard[f"{kind}_{name}"].values[k] for name in names]) * factor
+            rows.append((str(hazard[kind].values[k]), *map(_level, *levels.tolist())))
+        yield Table.of(say(f"tables.{quantity}_by_period"), [say("hazard.place"), *years], rows)
+
+
+def _level(value: float, low: float, high: float) -> Estimate | str:
+    """Level of a return period; 0 if boulders come more rarely."""
+    if high == 0:
+        return "0"
+    if np.isinf(high):
+        return stacked(number(value, 2), TOO_FEW) if not low else Estimate(value, low, digits=2)
+    return Estimate(value, low, high, digits=2)
 
 
 def object_table(hazard: xr.Dataset) -> Table:

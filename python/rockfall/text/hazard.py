@@ -20,6 +20,7 @@ from rockfall.tables.hazard import (
     assumptions,
     class_table,
     object_table,
+    period_tables,
     risk_table,
     scenario_table,
     segment_table,
@@ -39,6 +40,8 @@ def hazard_summary(hazard: xr.Dataset) -> str:
         f"  {say('hazard.population')}",
         as_text(class_table(hazard)),
     ]
+    for table in period_tables(hazard):
+        lines += [f"  {table.caption}", as_text(table)]
     if "object" in hazard.dims:
         lines += [as_text(object_table(hazard)), *_more(hazard, "object")]
     if has_segments(hazard):

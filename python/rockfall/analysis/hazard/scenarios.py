@@ -51,7 +51,7 @@ def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
         raise RockfallError(
             f"{case.name}: a hazard needs a &scenario: a class of boulders with its frequency"
         )
-    base = case.replace(output=dict(output), line=[])
+    base = case.replace(output=dict(output))
     for scenario in case.scenario:
         _case(base, scenario)
     return base
