@@ -116,14 +116,14 @@ class Boulder:
 
 
 def flown(folder, forest, impact=None):
-    """Forty boulders through a forest: the result, its world, and the trees."""
+    """Boulders through a forest: the result, its world, and the trees."""
     z = scenes.rough()
     impact = {"rest_angle": 90.0} | (impact or {})  # flights only
     case = scenes.make_case(
-        folder, *scenes.sets(), case={"boulders": 40, "seed": 2**40 + 7}, impact=impact,
+        folder, *scenes.sets(), case={"boulders": 24, "seed": 2**40 + 7}, impact=impact,
         boulder={"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15}, forest=forest,
         release={"x": [149.8], "y": [382.6], "drop_height": 5.0},
-        output={"trajectories": 40, "energy_balance": True},
+        output={"trajectories": 24, "energy_balance": True},
     )  # fmt: skip
     scene = read_scene(case, dem=z, transform=scenes.grid(z, 5.0, -2.5, -2.5))
     return run_scene(scene), replay.world_of(scene), forest_of(scene)
@@ -155,7 +155,7 @@ def test_down_a_slope_through_trees(tmp_path, forest, impact):
             one.energy_released
         )
         judged += boulder.trees
-    assert judged > 60 and undecided <= 1
+    assert judged > 30 and undecided <= 1
 
 
 @pytest.mark.parametrize(("column", "off"), [(0, 1e-10), (3, 1e-11), (4, 1e-8), (6, 1e-8)])
