@@ -28,66 +28,45 @@ module rockfall_table_arrays
       real(sp), pointer, contiguous :: record(:, :) => null() !! (record_fields, records)
    end type table_arrays_t
 
-   !> Numbers of values of one or more tables. Reals, because products of wrong numbers may be of any size.
-   type :: extent_t
-      real(wp) :: columns = 0, rows = 0, edges = 0, bins = 0, ends = 0, records = 0
-   end type extent_t
-
 contains
 
    !> Number of tables; -1 if the arrays do not agree.
    pure integer function count_tables(arrays) result(tables)
       type(table_arrays_t), intent(in) :: arrays
-      type(extent_t) :: whole
-      logical :: agree
+      integer :: edges
 
       tables = 0
       if (.not. associated(arrays%shape)) return
       tables = -1
       if (.not. (associated(arrays%scale) .and. associated(arrays%size) .and. associated(arrays%relief) &
                  .and. associated(arrays%first) .and. associated(arrays%map) .and. associated(arrays%record))) return
-      if (size(arrays%shape, 1) /= table_counts .or. any(arrays%shape < 1)) return
-      if (any(arrays%shape(1, :) > max_columns .or. arrays%shape(2, :) > max_rows) &
-          .or. any(arrays%shape(3:8, :) > max_bins)) return
-      whole = extent(arrays%shape)
-      agree = all(shape(arrays%scale) == [table_scales, size(arrays%shape, 2)]) &
-              .and. agrees(whole%columns, size(arrays%size)) .and. agrees(whole%rows, size(arrays%relief)) &
-              .and. agrees(whole%edges, number_of_edges(arrays)) .and. agrees(whole%ends, size(arrays%first)) &
-              .and. size(arrays%map, 1) == map_fields .and. agrees(whole%bins, size(arrays%map, 2)) &
-              .and. size(arrays%record, 1) == record_fields .and. agrees(whole%records, size(arrays%record, 2))
-      if (agree) tables = size(arrays%shape, 2)
+      if (any([size(arrays%shape, 1), size(arrays%scale, 1), size(arrays%map, 1), size(arrays%record, 1)] &
+              /= [table_counts, table_scales, map_fields, record_fields])) return
+      if (any(arrays%shape < 1) .or. any(arrays%shape(3:8, :) > max_bins) &
+          .or. any(arrays%shape(1, :) > max_columns .or. arrays%shape(2, :) > max_rows)) return
+      edges = 0
+      if (associated(arrays%edge)) edges = size(arrays%edge)
+      if (size(arrays%scale, 2) == size(arrays%shape, 2) &
+          .and. .not. any(abs(lengths(arrays%shape) &
+                              - [size(arrays%size), size(arrays%relief), edges, size(arrays%map, 2), &
+                                 size(arrays%first), size(arrays%record, 2)]) > 0)) tables = size(arrays%shape, 2)
    end function count_tables
 
-   pure logical function agrees(real_number, number)
-      real(wp), intent(in) :: real_number
-      integer, intent(in) :: number
-
-      agrees = .not. abs(real_number - number) > 0
-   end function agrees
-
-   pure integer function number_of_edges(arrays) result(n)
-      type(table_arrays_t), intent(in) :: arrays
-
-      n = 0
-      if (associated(arrays%edge)) n = size(arrays%edge)
-   end function number_of_edges
-
-   pure type(extent_t) function extent(counts) result(n)
+   !> Numbers of columns, rows, edges, bins, ends of bins, and records of tables. Reals, because products of wrong
+   !> numbers may be of any size.
+   pure function lengths(counts) result(n)
       integer, intent(in) :: counts(:, :)  !! (table_counts, tables)
-      real(wp) :: c(table_counts), parts
+      real(wp) :: n(6), c(table_counts), parts, bins
       integer :: k
 
+      n = 0
       do k = 1, size(counts, 2)
          c = counts(:, k)
          parts = c(1)*c(2)
-         n%columns = n%columns + c(1)
-         n%rows = n%rows + c(2)
-         n%edges = n%edges + parts*(edges_of(c(3:5)) + edges_of(c(6:8)))
-         n%bins = n%bins + parts*(product(c(3:5)) + product(c(6:8)))
-         n%records = n%records + c(9)
+         bins = parts*(product(c(3:5)) + product(c(6:8)))
+         n = n + [c(1), c(2), parts*(edges_of(c(3:5)) + edges_of(c(6:8))), bins, bins + 1, c(9)]
       end do
-      n%ends = n%bins + size(counts, 2)
-   end function extent
+   end function lengths
 
    pure real(wp) function edges_of(n)
       real(wp), intent(in) :: n(3)
@@ -102,23 +81,22 @@ contains
       character(len=*), intent(in) :: file  !! for messages
       type(impact_table_t), intent(out) :: table
       type(error_t), allocatable, intent(out) :: error
-      type(extent_t) :: before, own
-      integer :: parts, edge
+      integer :: first(6), last(6), parts, edge
 
-      before = extent(arrays%shape(:, :k - 1))
-      own = extent(arrays%shape(:, k:k))
+      first = int(lengths(arrays%shape(:, :k - 1))) + 1
+      last = int(lengths(arrays%shape(:, :k)))
       associate (counts => arrays%shape(:, k), scale => arrays%scale(:, k))
          parts = product(counts(:2))
-         table%size = arrays%size(int(before%columns) + 1:int(before%columns + own%columns))
-         table%relief = arrays%relief(int(before%rows) + 1:int(before%rows + own%rows))
+         table%size = arrays%size(first(1):last(1))
+         table%relief = arrays%relief(first(2):last(2))
          table%inertia = scale(1)
          table%ground = yielding_ground_t(scale(2), scale(3), scale(4), scale(5), scale(6), scale(7), scale(8))
-         edge = int(before%edges)
+         edge = first(3) - 1
          call take_bins(arrays, edge, parts, counts(3:5), table%flights)
          call take_bins(arrays, edge, parts, counts(6:8), table%rolls)
-         table%first = arrays%first(int(before%ends) + 1:int(before%ends + own%ends))
-         table%map = arrays%map(:, int(before%bins) + 1:int(before%bins + own%bins))
-         table%record = arrays%record(:, int(before%records) + 1:int(before%records + own%records))
+         table%map = arrays%map(:, first(4):last(4))
+         table%first = arrays%first(first(5):last(5))
+         table%record = arrays%record(:, first(6):last(6))
       end associate
       if (is_valid(table)) then
          call index_records(table)

@@ -129,7 +129,6 @@ contains
       integer(i4), pointer, contiguous :: integers(:), numbers(:, :)
       integer(i1), pointer, contiguous :: bytes(:)
 
-      if (index(name, "table_") == 1) call set_table_array(arrays%tables, name, length, at)
       call c_f_pointer(at, reals, length(:1))
       call c_f_pointer(at, table, length(:2))
       call c_f_pointer(at, integers, length(:1))
@@ -163,6 +162,14 @@ contains
       case ("impact_sets_file"); arrays%sets_name = text_of(bytes)
       case ("ground_length"); arrays%ground_length = integers
       case ("ground_table"); arrays%ground_table = integers
+      case ("table_shape"); arrays%tables%shape => numbers
+      case ("table_scale"); arrays%tables%scale => table
+      case ("table_size"); arrays%tables%size => reals
+      case ("table_relief"); arrays%tables%relief => reals
+      case ("table_edge"); arrays%tables%edge => reals
+      case ("table_first"); arrays%tables%first => integers
+      case ("table_map"); arrays%tables%map => table
+      case ("table_record"); call c_f_pointer(at, arrays%tables%record, length(:2))
       case ("ground_text"); arrays%ground_text = text_of(bytes)
       case ("ground_names"); arrays%ground_names = text_of(bytes)
       case ("material_ground"); arrays%material_ground = bytes
@@ -170,25 +177,6 @@ contains
       case ("cell_ground"); call c_f_pointer(at, arrays%cell_ground, length(:2))
       end select
    end subroutine set_array
-
-   !> Set an array of the tables of impacts, as in set_array.
-   subroutine set_table_array(tables, name, length, at)
-      type(table_arrays_t), intent(inout) :: tables
-      character(len=*), intent(in) :: name
-      integer(i8), intent(in) :: length(3)
-      type(c_ptr), intent(in) :: at
-
-      select case (name)
-      case ("table_shape"); call c_f_pointer(at, tables%shape, length(:2))
-      case ("table_scale"); call c_f_pointer(at, tables%scale, length(:2))
-      case ("table_size"); call c_f_pointer(at, tables%size, length(:1))
-      case ("table_relief"); call c_f_pointer(at, tables%relief, length(:1))
-      case ("table_edge"); call c_f_pointer(at, tables%edge, length(:1))
-      case ("table_first"); call c_f_pointer(at, tables%first, length(:1))
-      case ("table_map"); call c_f_pointer(at, tables%map, length(:2))
-      case ("table_record"); call c_f_pointer(at, tables%record, length(:2))
-      end select
-   end subroutine set_table_array
 
    !> Return whether an array with this name remains the caller's.
    pure logical function is_borrowed(name)

@@ -17,10 +17,7 @@ from rockfall.limits import MAX_NAME
 CHOSEN = {"barriers": "barrier", "dams": "dam"}
 BASE = "base"  # name of the case without its variants
 #: Factors of &ensemble for which draws may have a column.
-FACTORS = (
-    "radius_factor", "volume_factor", "volume_std_factor", "drop_height_factor", "strength_factor",
-    "relief_factor",
-)  # fmt: skip
+FACTORS = tuple(key for key in keys_of("ensemble") if key.endswith("_factor"))
 
 ROCKS = {  # keys of &surface that may give rock sizes
     "zones", "mean_radius", "rg70", "uniform_mean_radius", "uniform_rg",
