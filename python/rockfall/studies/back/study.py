@@ -187,25 +187,25 @@ def _read(
 class _Rounds:
     """Members of a study, run in rounds: each learns from the likelihood of those before."""
 
-    def __init__(self, study: _Read) -> None:
-        inputs, sought = study.inputs, study.sought
-        self.study = study
+    def __init__(self, read: _Read) -> None:
+        inputs, sought = read.inputs, read.sought
+        self.read = read
         self.cube = inputs.design.reshape(-1, inputs.design.shape[-1])  # a row for each member
         is_set = sought == inputs.ends[INPUTS.index("sets")]
         self.levels = np.where(is_set, len(inputs.sets), 0)
         self.sampler = Sampler(normal_scores(self.cube[:, sought]), self.levels)
-        self.random = np.random.default_rng((study.case.case["seed"], STREAM))
+        self.random = np.random.default_rng((read.case.case["seed"], STREAM))
         self.rows: list[dict[str, float]] = []  # numbers drawn for each member
-        self.runs: list[list[np.ndarray]] = [[] for _ in study.data]  # what each set of data needs
+        self.runs: list[list[np.ndarray]] = [[] for _ in read.data]  # what each set of data needs
         # Of complete rounds: log-likelihoods by set of data, weights, and those of the prior alone.
-        self.by_data = np.empty((len(study.data), 0))
+        self.by_data = np.empty((len(read.data), 0))
         self.weight = self.ahead = np.empty(0)
 
-    def run(self, engine: Study) -> None:
+    def run(self, study: Study) -> None:
         """Run the members of a round, and learn their likelihoods."""
-        study = self.study
-        runs = engine.run(
-            self._scenes(), lambda _, run: [item.kept(run) for item in study.data], compared=False
+        read = self.read
+        runs = study.run(
+            self._scenes(), lambda _, run: [item.kept(run) for item in read.data], compared=False
         )
         for _, kept in runs:
             for of_item, value in zip(self.runs, kept, strict=True):
@@ -213,9 +213,9 @@ class _Rounds:
         new = slice(self.by_data.shape[1], None)
         values = [
             item.log_likelihood(np.array(runs)[new])
-            for item, runs in zip(study.data, self.runs, strict=True)
+            for item, runs in zip(read.data, self.runs, strict=True)
         ]
-        by_data = study.counts[:, None] * np.array(values)
+        by_data = read.counts[:, None] * np.array(values)
         by_data[:, [row.get("source_redrawn", 0) > 0 for row in self.rows[new]]] = -np.inf
         self.by_data = np.concatenate([self.by_data, by_data], axis=1)
         self.sampler.learn(by_data.sum(axis=0))
@@ -223,7 +223,7 @@ class _Rounds:
 
     def _scenes(self) -> Iterator[tuple[int, Scene]]:
         """Scenes of the members of a round, by their numbers; what is drawn for each is noted."""
-        scene, inputs = self.study.scene, self.study.inputs
+        scene, inputs = self.read.scene, self.read.inputs
         for number in range(len(self.rows), len(self.cube)):
             draws = [inputs.at(name, self.cube[number], number) for name in inputs.names]
             self.rows.append(_row(draws))
@@ -231,7 +231,7 @@ class _Rounds:
 
     def propose(self) -> None:
         """Add the members of another round: near those of high likelihood, or of the prior."""
-        seed, sought = self.study.case.case["seed"], self.study.sought
+        seed, sought = self.read.case.case["seed"], self.read.sought
         shape = ROUND, self.cube.shape[1]
         points = np.random.default_rng((seed, STREAM, len(self.cube))).random(shape)
         if self.weight.any():
@@ -244,29 +244,29 @@ class _Rounds:
         """Result of the complete rounds; KeyboardInterrupt if none is complete."""
         import pandas as pd
 
-        study, sampler, weight = self.study, self.sampler, self.weight
+        read, sampler, weight = self.read, self.sampler, self.weight
         if not (done := sampler.log_likelihood.size):
             raise KeyboardInterrupt
         if not weight.any():
             raise RockfallError(
-                f"{study.case.name}: in none of {done} members as many as 20 boulders come to "
+                f"{read.case.name}: in none of {done} members as many as 20 boulders come to "
                 "where some were observed: the case, the prior or the number of boulders is wrong"
             )
         table = pd.DataFrame(self.rows[:done]).assign(
             log_likelihood=sampler.log_likelihood, smooth=sampler.smooth, weight=weight
         )
         parts = contributions(sampler.points[:done], self.levels, self.ahead, weight, self.by_data)
-        records, notes, noise = [], [*study.notes], 0.0
-        for item, count, runs, part in zip(study.data, study.counts, self.runs, parts, strict=True):
+        records, notes, noise = [], [*read.notes], 0.0
+        for item, count, runs, part in zip(read.data, read.counts, self.runs, parts, strict=True):
             values = np.array(runs[:done])
             fit = predictive_p(item, values, weight, self.random)
             records.append(as_record(item, count, fit) | part.record())
             notes += item.remarks(values, weight)
-            noise += float(count * item.noise(study.scene.boulders))
+            noise += float(count * item.noise(read.scene.boulders))
         return Back(
-            study.case, study.inputs, study.sought, self.cube[:done], table,
-            pd.DataFrame(records), tuple(notes), enough, noise, study.scene.boulders,
-            np.array([part.alone for part in parts]), study.model_warnings,
+            read.case, read.inputs, read.sought, self.cube[:done], table,
+            pd.DataFrame(records), tuple(notes), enough, noise, read.scene.boulders,
+            np.array([part.alone for part in parts]), read.model_warnings,
         )  # fmt: skip
 
 
