@@ -11,6 +11,7 @@ import math
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import zip_longest
+from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 ENDS = "", "_low", "_high"  # of the names of a number and of the limits of its interval
 TOO_FEW = "(–)"  # in place of an interval, if there are too few boulders for a valid one
 BY_ROW = "unit"  # column with the units of the rows of a table of data
-HEAD = 12  # letters from which a head is broken on a terminal, if its cells are shorter
+HEAD = 16  # letters from which a head is broken on a terminal, if its cells are shorter
 WIDEST = 120  # of a line on a terminal
 LETTERS = 108  # of the numbers of a row that fit on A4, upright, next to a label
 
@@ -138,11 +139,11 @@ class Column(NamedTuple):
 
     def text(self, cell: object) -> str:
         """Text of a cell, of one or several lines, in the language in force."""
-        if isinstance(cell, float):
-            is_exact = self.decimals is not None and math.isfinite(cell)
-            return translated(Number(f"{cell:,.{self.decimals}f}") if is_exact else number(cell))
-        if isinstance(cell, int) and not isinstance(cell, bool):
-            return translated(Number(f"{cell:,}"))
+        if isinstance(cell, Integral) and not isinstance(cell, bool):
+            return translated(Number(f"{int(cell):,}"))
+        if isinstance(cell, Real):
+            value, is_exact = float(cell), self.decimals is not None and math.isfinite(cell)
+            return translated(Number(f"{value:,.{self.decimals}f}") if is_exact else number(value))
         return translated(cell)
 
 
@@ -231,11 +232,14 @@ def as_text(table: Table, indent: str = "  ") -> str:
         indent + (line[0] if len(line) == 1 else _aligned([line[k] for k in part], part, widths))
         for part in _parts(widths, WIDEST - len(indent))
         for line in lines
+        if len(line) == 1 or any(line[k] for k in part)
     )
 
 
 def _wrapped(head: str, rows: Sequence[Sequence[str]], k: int) -> str:
-    """Head of the k-th column, broken to about the width of its cells."""
+    """Head of the k-th column, but the first, broken to about the width of its cells."""
+    if not k:
+        return head
     lines = (line for row in rows if len(row) > 1 for line in row[k].split("\n"))
     return "\n".join(textwrap.wrap(head, max([HEAD, *map(cell_len, lines)]))) or head
 

@@ -662,14 +662,11 @@ def test_the_command_writes_what_it_prints(place, capsys):
         assert written.attrs["seed"] == 7 and "source_shift" in written.attrs["case"]
     table = rockfall.ensemble_table(found)
     assert Path("table.csv").read_text() == table.to_csv(index=False, lineterminator="\n")
-    lines = [line.split() for line in printed.splitlines()]
-    share = table.loc[0]
-    labels = {"case as it is": "case_value", "Monte Carlo error, std": "monte_carlo_std"}
-    for label, name in labels.items():
-        (row,) = (words for words in lines if label in " ".join(words))
-        assert float(row[len(label.split()) + label.startswith("case")]) == pytest.approx(
-            100 * share[name], rel=0.01
-        )
+    first = next(line for line in printed.splitlines() if line.startswith("    fraction passing"))
+    value, *_, chance, epistemic = re.split(r"  +", first.strip())[1:]
+    for shown, name in ((value, "case_value"), (chance, "monte_carlo_std"),
+                        (epistemic, "epistemic_std")):  # fmt: skip
+        assert float(shown) == pytest.approx(100 * table.loc[0, name], rel=0.01)
     assert printed.splitlines()[0] == "Slope: 8 draws of 4 runs, 60 boulders each"
 
 

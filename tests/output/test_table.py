@@ -24,8 +24,8 @@ from rockfall.html_report.render import _environment  # noqa: E402
 ENERGY = Estimate(1234.5678, 1100.25, 1390.125)
 ROWS = [
     ("road <b>", 12345, 2.0 / 3.0, ENERGY),
-    ("=1+1", 7, math.nan, Estimate(12.5)),
-    ("net", 0, -1.5, Estimate(0.02, math.nan, 0.04, digits=2, up=True)),
+    ("=1+1", np.int64(7), math.nan, Estimate(12.5)),
+    ("net", 0, np.float32(-1.5), Estimate(0.02, math.nan, 0.04, digits=2, up=True)),
 ]
 HEADS = "line", Column("boulders"), Column("share", "m", 2), Column("energy", "kJ")
 #: What readers see of these cells, in English.

@@ -16,8 +16,7 @@ from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import number, percent
 from rockfall.result.crossings import line_names
-from rockfall.result.samples import has_rows, simulated
-from rockfall.studies.ensemble.study import is_ensemble
+from rockfall.result.samples import has_rows, is_ensemble, simulated
 from rockfall.studies.run_until import verdicts_of
 from rockfall.table import TOO_FEW, Table
 from rockfall.tables.ensemble import (

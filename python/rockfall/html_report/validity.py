@@ -14,9 +14,8 @@ from rockfall.grounds import BLOCK_TABLE, TABLES
 from rockfall.language import say, say_count
 from rockfall.quantities import percent
 from rockfall.result.grounds import rebounds_by_ground, sets_followed
-from rockfall.result.samples import simulated
+from rockfall.result.samples import is_ensemble, simulated
 from rockfall.result.trajectories import ended, gone
-from rockfall.studies.ensemble.study import is_ensemble
 
 if TYPE_CHECKING:
     import pandas as pd

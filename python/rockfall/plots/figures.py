@@ -48,11 +48,10 @@ from rockfall.result.grounds import sets_followed
 from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.maps.map_labels import map_label
 from rockfall.result.maps.passages import PASSED, passed_map, thin_cells
-from rockfall.result.samples import has_rows, simulated
+from rockfall.result.samples import has_rows, is_ensemble, simulated
 from rockfall.result.trajectories import left_terrain, lines, vertices_of
 from rockfall.scene.rebounds.coefficients import open_sets
 from rockfall.scene.rebounds.sets import read_sets
-from rockfall.studies.ensemble.study import is_ensemble
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -59,3 +59,8 @@ DIMS: dict[str, tuple[str, ...]] = {
 def sample_dims(name: str) -> tuple[str, ...]:
     """Dimensions of a variable of samples in a file."""
     return tuple(f"sample_{dim}" for dim in DIMS[name])
+
+
+def is_ensemble(result: Held) -> bool:
+    """Return True if a result is an ensemble, which includes the result of the unchanged case."""
+    return "ensemble_runs" in result.attrs

@@ -12,8 +12,9 @@ from rockfall.kernel_rules import Z
 from rockfall.language import Text, say, translated
 from rockfall.quantities import QUANTITIES, number
 from rockfall.result.crossings import line_index, line_names
+from rockfall.result.samples import is_ensemble
 from rockfall.studies.ensemble.sobol_indices import limits, runs_needed
-from rockfall.studies.ensemble.study import RESULTS, is_ensemble
+from rockfall.studies.ensemble.study import RESULTS
 from rockfall.table import Column, Estimate, Table, as_text, between, stacked
 from rockfall.tables.lines import HEADLINE, estimate, in_unit, rows_of
 from rockfall.text.summary import remark_lines

@@ -17,9 +17,8 @@ from rockfall.protection.dams import dams_of
 from rockfall.protection.stands import stands_of
 from rockfall.quantities import percent
 from rockfall.result.grounds import program_text, rebounds_by_ground, sets_followed
-from rockfall.result.samples import kept_note, simulated
+from rockfall.result.samples import is_ensemble, kept_note, simulated
 from rockfall.result.trajectories import ended
-from rockfall.studies.ensemble.study import is_ensemble
 from rockfall.table import Column, Table, stacked
 from rockfall.tables.lines import estimate
 

@@ -22,8 +22,7 @@ from rockfall.plots.style import save
 from rockfall.quantities import QUANTITIES, number
 from rockfall.result.crossings import line_names
 from rockfall.result.dataset import read_result
-from rockfall.result.samples import kept_note, simulated
-from rockfall.studies.ensemble.study import is_ensemble
+from rockfall.result.samples import is_ensemble, kept_note, simulated
 from rockfall.table import as_text
 from rockfall.tables.ensemble import ensemble_summary
 from rockfall.tables.lines import (

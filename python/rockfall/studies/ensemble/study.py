@@ -274,11 +274,6 @@ def _with_attributes(
     return run.assign_coords(own.coords).assign(own.data_vars).assign_attrs(attrs)
 
 
-def is_ensemble(result: xr.Dataset) -> bool:
-    """Return True if a result is an ensemble, which includes the result of the unchanged case."""
-    return "ensemble_runs" in result.attrs
-
-
 def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
     """One row for each line and result: its numbers, then the fractions of each input with 95 %
     intervals, NaN where they are undecided.
