@@ -50,6 +50,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "site": "studies.siting",
     "trajectories": "result.trajectories",
     "variants": "case.variants",
+    "yearly_variants": "studies.yearly_variants",
     "write_hazard": "files.hazard_files",
     "write_result": "result.dataset",
 }

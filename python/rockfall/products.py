@@ -42,6 +42,7 @@ from rockfall.studies.models import read_models
 from rockfall.tables.models import check_models
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
     from rockfall.result.trajectories import Terrain
@@ -150,6 +151,7 @@ def report_variants(
     *,
     dem: Place = None,
     yearly: float = 0.0,
+    frequencies: pd.DataFrame | None = None,
     costs: Mapping[str, float] = NO_COSTS,
     title: str = "",
     language: str = "en",
@@ -160,7 +162,8 @@ def report_variants(
     """Write variants of a protection, by name, as one offline HTML page or PDF with a column for
     each: `compare_variants` at all lines, with the measures, and maps of the differences.
 
-    `yearly` is the number of boulders that come loose from all sources in a year, for frequencies;
+    `frequencies` is the table of `rockfall.yearly_variants`, over the scenarios of a case; without
+    scenarios, `yearly` is the number of boulders that come loose from all sources in a year;
     `costs` are those of variants, in any unit; `title` is that of the page (default: of the first
     result); `dem` is the terrain under maps; the rest is as in `report`. Returns the path of the
     page.
@@ -178,7 +181,7 @@ def report_variants(
     terrain = terrain_of(next(iter(results.values())), dem)
     inputs = [file for result in results.values() for file in files_behind(result)]
     parties = Parties(project, client, author)
-    given = Given(yearly, costs, title)
+    given = Given(yearly, frequencies, costs, title)
     write_variants_page(results, path, terrain, given, language, parties, inputs)
     return path
 

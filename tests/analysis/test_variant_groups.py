@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """&variant groups: the cases that they make, their runs in both programs, what is refused."""
 
+import html
 import re
 
+import pandas as pd
 import pytest
 
 import rockfall
@@ -135,6 +137,54 @@ def test_one_command_makes_results_comparison_and_page(here, capsys, blank_figur
     same_results(rockfall.read_result(here / "case_net.nc"), found)
     capsys.readouterr()
     refuses(words, "out/today.nc: already exists; not overwritten .*", capsys)
+
+
+SCENARIOS = [
+    {"name": "often", "frequency": 2.0},
+    {"name": "large", "return_period": 50.0, "volume": "fixed", "volume_mean": 4.0},
+]
+
+
+def test_scenarios_give_the_frequencies_of_variants(here, capsys, blank_figures):
+    pytest.importorskip("jinja2", reason="the report extra is not installed")
+    case = site(here, GROUPS[:2], scenario=SCENARIOS)
+    words = ["variants", "case.nml", "-o", "out", "--report"]
+    refuses([*words, "--yearly", "0.2"], ".*has &scenario, .*: leave out yearly", capsys)
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    table = pd.read_csv("out/frequencies.csv")
+    expected = rockfall.yearly_variants(case).table
+    assert table["value"].to_numpy() == pytest.approx(expected["value"].to_numpy(), rel=1e-6)
+    page = (here / "out" / "variants.html").read_text(encoding="utf-8")
+    for text in (said, page):
+        assert "boulders a year that pass" in text and "energy once in 100 years" in text
+        assert "of the &scenario groups" in html.unescape(text)
+    assert not {*here.glob("*.checkpoint")}
+
+
+def test_scenarios_of_stopped_variants_go_on(here, capsys, monkeypatch):
+    site(here, GROUPS[:2], scenario=SCENARIOS)
+    calls = iter(range(4))
+
+    def four(*scene, **how):
+        if next(calls, None) is None:
+            raise KeyboardInterrupt
+        return run_scene(*scene, **how)
+
+    words = ["variants", "case.nml", "-o", "out", "--quiet"]
+    monkeypatch.setattr("rockfall.studies.study.run_scene", four)
+    assert main(words) == 130
+    runs = ["today", "net", "today.scenario1", "today.scenario2"]
+    assert {path.name for path in here.glob("*.checkpoint")} == {
+        f"out.{run}.checkpoint" for run in runs
+    }
+    monkeypatch.setattr("rockfall.studies.study.run_scene", run_scene)
+    assert main([*words, "--resume"]) == 0
+    assert not {*here.glob("*.checkpoint")}
+    assert main([*words[:2], "-o", "again", "--quiet"]) == 0
+    assert (here / "out/frequencies.csv").read_text() == (
+        here / "again/frequencies.csv"
+    ).read_text()
 
 
 @pytest.mark.skipif(not find_program(), reason="no rockfall-batch")

@@ -14,10 +14,11 @@ OF_VOLUMES = (  # keys of &boulder, without the list of volumes, which may be lo
 )  # fmt: skip
 
 
-def population_notes(case: Case) -> Iterator[Text]:
-    """Notes on the boulders that numbers of a case are of."""
+def population_notes(case: Case, yearly: bool = False) -> Iterator[Text]:
+    """Notes on the boulders that numbers of a case are of, of which some are `yearly` ones over
+    its scenarios."""
     given = {key: case.boulder[key] for key in keys_of("boulder") if key in case.boulder}
     volumes = [f"{key} = {literal(value)}" for key, value in given.items() if key in OF_VOLUMES]
     yield say("variants.population", boulders=", ".join(volumes))
     if case.scenario:
-        yield say("variants.other_population")
+        yield say("variants.of_scenarios" if yearly else "variants.other_population")

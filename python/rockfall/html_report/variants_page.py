@@ -36,6 +36,7 @@ class Given(NamedTuple):
     """Facts about the variants that results do not hold."""
 
     yearly: float = 0.0  # boulders that come loose from all sources [1/year]; 0: not known
+    frequencies: pd.DataFrame | None = None  # over scenarios, from `yearly_variants`
     costs: Mapping[str, float] = {}  # by variant, in any unit
     title: str = ""  # of the page; "": that of the first
 
@@ -55,8 +56,8 @@ def check_yearly(yearly: float, cases: Iterable[Case]) -> None:
         raise RockfallError(f"yearly = {yearly:g}: must be >= 0 boulders a year")
     if yearly and any(case.scenario for case in cases):
         raise RockfallError(
-            f"yearly = {yearly:g}: the case has &scenario, whose boulders are not those of "
-            "&boulder: `rockfall hazard` gives their frequencies"
+            f"yearly = {yearly:g}: the case has &scenario, whose frequencies `rockfall variants` "
+            "and `rockfall hazard` use: leave out yearly"
         )
 
 
@@ -102,14 +103,14 @@ def _page(
         ],
         warnings=list(_warnings(results)),
         lines=[
-            variant_table(part, given.yearly)
+            variant_table(part, given.yearly, given.frequencies)
             for _, of_line in table.groupby("line", sort=False)
             for part in _on_page(of_line, on_paper)
         ],
         notes=[
             say("variants.note"),
             say("variants.same_boulders", n=simulated(first)),
-            *comparison_notes(results),
+            *comparison_notes(results, given.frequencies is not None),
         ],
         measures=[_measures(results, given)],
         figures=[

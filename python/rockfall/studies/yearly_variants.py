@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
     from rockfall.simulation.parts.checkpoint import Checkpoint
 
-    Key = tuple[str, str]  # names of variant and scenario
-
 VALUES = "value", "value_low", "value_high"
 
 
@@ -55,7 +53,7 @@ def yearly_variants(
     *,
     progress: bool = False,
     threads: int | None = None,
-    checkpoints: Mapping[Key, Checkpoint] = NO_CHECKPOINTS,
+    checkpoints: Mapping[str, Checkpoint] = NO_CHECKPOINTS,
     **given: Any,
 ) -> Yearly:
     """Run the &scenario groups of each &variant of a case, with common random numbers.
@@ -64,16 +62,28 @@ def yearly_variants(
     [1/year] of boulders that pass (statistic all, above_E for each &hazard threshold E [kJ]), as
     the sum over scenarios, with the difference from the first variant; and `energy_by_period` [J]
     (statistic T [year]). Limits of sums are sums of limits, since scenarios share random numbers. A
-    boulder that a barrier stops at a line does not pass it. `given`: see `read_scene`.
+    boulder that a barrier stops at a line does not pass it. `checkpoints` are by `run_name`;
+    `given`: see `read_scene`.
+
+    >>> import rockfall
+    >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
+    >>> case = rockfall.read_case("case.nml").replace(
+    ...     barrier=[net | {"height": 3.0, "class": 4}],
+    ...     variant=[{"name": "bare", "without": ["barrier"]}, {"name": "with net"}],
+    ...     scenario=[{"name": "small", "return_period": 10.0}],
+    ... )
+    >>> table = rockfall.yearly_variants(case).table
+    >>> sorted(set(table["quantity"]))
+    ['energy_by_period', 'frequency']
     """
     import pandas as pd
 
     study = Study(progress=progress, threads=threads, checkpoints=checkpoints)
-    weights: dict[Key, float] = {}
+    of_runs: dict[str, tuple[str, float]] = {}
     by_variant: dict[str, list[_Run]] = {}
-    scenes = _scenes(case, weights, given)
-    for (name, _), run in study.run(scenes, lambda key, result: _run(result, weights[key])):
-        by_variant.setdefault(name, []).append(run)
+    scenes = _scenes(case, of_runs, given)
+    for name, run in study.run(scenes, lambda name, result: _run(result, of_runs[name][1])):
+        by_variant.setdefault(of_runs[name][0], []).append(run)
     first = next(iter(by_variant.values()))
     thresholds = case.hazard["thresholds"]
     rows = [
@@ -86,15 +96,21 @@ def yearly_variants(
     return Yearly(pd.DataFrame(rows, columns=COLUMNS), study.warnings)
 
 
+def run_name(variant: str, scenario: str) -> str:
+    """Name of the run of a scenario of a variant."""
+    return f"{variant}/{scenario}"
+
+
 def _scenes(
-    case: Case, weights: dict[Key, float], given: Mapping[str, Any]
-) -> Iterator[tuple[Key, Scene]]:
-    """Scenes by variant and scenario; their frequencies go to `weights`."""
-    for name, variant in variants(case).items():
-        scene = read_scene(base_case(variant, ROWS_ONLY), **given)
+    case: Case, of_runs: dict[str, tuple[str, float]], given: Mapping[str, Any]
+) -> Iterator[tuple[str, Scene]]:
+    """Scenes by the names of their runs; variants and frequencies [1/year] go to `of_runs`."""
+    for variant, own in variants(case).items():
+        scene = read_scene(base_case(own, ROWS_ONLY), **given)
         for scenario in scenarios_of(scene, scene.case.line):
-            weights[name, scenario.name] = scenario.frequency
-            yield (name, scenario.name), replace(scene, case=scenario.case)
+            name = run_name(variant, scenario.name)
+            of_runs[name] = variant, scenario.frequency
+            yield name, replace(scene, case=scenario.case)
 
 
 def _run(result: xr.Dataset, yearly: float) -> _Run:

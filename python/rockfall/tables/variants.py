@@ -15,7 +15,7 @@ from rockfall.quantities import QUANTITIES, number
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import kept_note
 from rockfall.studies.variants import UNDECIDED
-from rockfall.table import Table, as_text, stacked
+from rockfall.table import TOO_FEW, Table, as_text, between, stacked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,20 +30,23 @@ NAMES = {
 MEAN, Q95 = "variants.mean", "variants.q95"
 
 
-def variants_text(frame: pd.DataFrame, note: str = "") -> str:
-    """A table for each line, with a column for each variant; `note` is on the boulders."""
+def variants_text(
+    frame: pd.DataFrame, note: str = "", frequencies: pd.DataFrame | None = None
+) -> str:
+    """A table for each line, with a column for each variant; `note` is on the boulders. For
+    `frequencies` see `variant_table`."""
     parts = []
     for _, of_line in frame.groupby("line", sort=False):
-        table = variant_table(of_line)
+        table = variant_table(of_line, frequencies=frequencies)
         parts.append(f"{table.caption}\n{as_text(table)}")
     return "\n\n".join([*parts, say("variants.note"), *([note] if note else [])])
 
 
-def comparison_notes(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
-    """Notes on the boulders that numbers of variants are of, and on lines of one name in two
-    places."""
+def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) -> Iterator[str]:
+    """Notes on the boulders that numbers of variants are of (see `population_notes`), and on lines
+    of one name in two places."""
     first = next(iter(results.values()))
-    yield from population_notes(case_of(first))
+    yield from population_notes(case_of(first), yearly)
     if note := kept_note(first):
         yield note
     places: dict[str, tuple[str, np.ndarray]] = {}
@@ -56,10 +59,13 @@ def comparison_notes(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
                 yield say("variants.moved_line", line=line, name=name, before=before)
 
 
-def variant_table(of_line: pd.DataFrame, yearly: float = 0.0) -> Table:
-    """Numbers of a line, each with its difference from the first variant; by the year, too, where
-    so many boulders come loose in one."""
-    rows = []
+def variant_table(
+    of_line: pd.DataFrame, yearly: float = 0.0, frequencies: pd.DataFrame | None = None
+) -> Table:
+    """Numbers of a line, each with its difference from the first variant: first those of the
+    scenarios of the case, from `rockfall.studies.yearly_variants`; then those of its boulders, by
+    the year, too, where so many (`yearly`) come loose in one."""
+    rows = [*_yearly_rows(of_line, frequencies)] if frequencies is not None else []
     for (quantity, statistic), group in of_line.groupby(["quantity", "statistic"], sort=False):
         display = QUANTITIES["fraction" if quantity == "passing" else quantity]
         records = group.to_dict("records")
@@ -69,6 +75,30 @@ def variant_table(of_line: pd.DataFrame, yearly: float = 0.0) -> Table:
             rows.append((_yearly_label(str(statistic)), *(_cell(row, yearly) for row in records)))
     heads = ["", *of_line["variant"].unique()]
     return Table.of(say("variants.line_caption", line=of_line["line"].iloc[0]), heads, rows)
+
+
+def _yearly_rows(of_line: pd.DataFrame, frequencies: pd.DataFrame) -> Iterator[tuple[str, ...]]:
+    """Frequencies, and energies by return period, at the line and of the variants of a table."""
+    here = frequencies[
+        (frequencies["line"] == of_line["line"].iloc[0])
+        & frequencies["variant"].isin(of_line["variant"].unique())
+    ]
+    for (quantity, statistic), group in here.groupby(["quantity", "statistic"], sort=False):
+        records = group.to_dict("records")
+        if quantity == "frequency":
+            yield _yearly_label(str(statistic)), *(_cell(row, 1.0) for row in records)
+        else:
+            label = say("variants.energy_by_period", years=Number(str(statistic)))
+            yield label, *(_level(row) for row in records)
+
+
+def _level(row: Mapping[Any, Any]) -> str:
+    """Energy of a return period [kJ] and its interval."""
+    value, low, high = (1e-3 * row[f"value{end}"] for end in ("", "_low", "_high"))
+    if high == 0:
+        return "0"
+    limits = [between(number(low, 2), number(high, 2) if np.isfinite(high) else "-")] if low else []
+    return stacked(number(value, 2), *(limits or [TOO_FEW] * bool(np.isinf(high))))
 
 
 def _label(quantity: str, statistic: str, unit: str) -> Text:

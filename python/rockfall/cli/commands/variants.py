@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rockfall.case import Case, read_case
 from rockfall.case.files import input_files
@@ -19,12 +19,13 @@ from rockfall.cli.checkpoints import (
 )
 from rockfall.cli.commands.results import IMPRINT
 from rockfall.cli.given import memory_of, with_overrides
-from rockfall.cli.messages import DONE, say, warn, warn_each, warnings_told
+from rockfall.cli.messages import DONE, print_files, say, warn, warn_each, warnings_told
 from rockfall.errors import RockfallError
 from rockfall.html_report.page import check_page_needs
 from rockfall.html_report.variants_page import check_yearly
 from rockfall.interrupts import interrupts
 from rockfall.io.output_files import atomic_folder, overwriting
+from rockfall.io.tables import write_csv
 from rockfall.language import catalogue
 from rockfall.products import report_variants
 from rockfall.result.dataset import write_result
@@ -40,10 +41,14 @@ from rockfall.studies.difference_maps import (
     write_variants,
 )
 from rockfall.studies.variants import check_variant_scenes, compare_variants, run_each
+from rockfall.studies.yearly_variants import run_name, yearly_variants
 from rockfall.tables.variants import comparison_notes, variants_text
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
+
+YEARLY = "frequencies.csv"  # over the scenarios of the case
 
 
 def variants_command(arguments: argparse.Namespace) -> int:
@@ -51,7 +56,8 @@ def variants_command(arguments: argparse.Namespace) -> int:
     names, pages = list(variants(case)), _pages(arguments)
     folder = arguments.output or Path(f"{arguments.case.stem}_variants")
     inputs = list(input_files(case))
-    files = [*(f"{name}.nc" for name in names), "differences.csv", *pages]
+    yearly = [run_name(name, scenario["name"]) for name in names for scenario in case.scenario]
+    files = [*(f"{name}.nc" for name in names), "differences.csv", *[YEARLY] * bool(yearly), *pages]
     made = [folder / name for name in files]
     is_there = arguments.resume and any(path.exists() for path in made)
     with overwriting(arguments.overwrite or is_there):
@@ -63,7 +69,9 @@ def variants_command(arguments: argparse.Namespace) -> int:
     elif arguments.yearly:
         raise RockfallError("--yearly requires --report or --pdf")
     with locked(folder.resolve(), warn):
-        checkpoints = study_checkpoints(arguments, folder.resolve(), names, "a variant")
+        runs = [*names, *(f"{name}.scenario{k}" for name in names
+                          for k, _ in enumerate(case.scenario, start=1))]  # fmt: skip
+        checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a variant")
         memory = memory_of(arguments)
         remarks = check_variant_scenes(case, memory=memory)
         if is_done(arguments, made, checkpoints, lambda: _are_finished(folder, case, memory)):
@@ -71,26 +79,33 @@ def variants_command(arguments: argparse.Namespace) -> int:
         for remark in remarks:
             warn(remark)
         with interrupts():  # completed work is kept
-            by_name = dict(zip(names, checkpoints, strict=True))
+            by_name = dict(zip([*names, *yearly], checkpoints, strict=True))
+            how: dict[str, Any] = {
+                "memory": memory,
+                "progress": not arguments.quiet,
+                "checkpoints": by_name,
+            }
             try:
-                results, limits = run_each(
-                    case, memory=memory, progress=not arguments.quiet, checkpoints=by_name
-                )
+                results, limits = run_each(case, **how)
+                found = yearly_variants(case, **how) if yearly else None
             except Interrupted:
                 return study_interrupted(checkpoints)
-            paths = _write(case, results, folder, arguments, inputs)
+            frequencies = found.table if found else None
+            paths = _write(case, results, frequencies, folder, arguments, inputs)
         for checkpoint in checkpoints:
             checkpoint.remove()
-    warn_each(limits)
+    warn_each(found.warnings if found else limits)
     if not arguments.quiet:
-        print(variants_text(compare_variants(results), "\n".join(comparison_notes(results))))
-        print(*paths, sep="\n")
+        notes = "\n".join(comparison_notes(results, bool(yearly)))
+        print(variants_text(compare_variants(results), notes, frequencies))
+        print_files(paths)
     return DONE
 
 
 def _write(
     case: Case,
     results: Mapping[str, xr.Dataset],
+    frequencies: pd.DataFrame | None,
     folder: Path,
     arguments: argparse.Namespace,
     inputs: Iterable[Path],
@@ -111,12 +126,16 @@ def _write(
             made.append(part / f"{name}.nc")
             write_result(result, made[-1])
         made += write_variants(compare_variants(results), maps, part)
+        if frequencies is not None:
+            made.append(part / YEARLY)
+            write_csv(frequencies, made[-1])
         for name in _pages(arguments):
             made.append(part / name)
             with warnings_told():
                 report_variants(
-                    results, made[-1], yearly=arguments.yearly, costs=costs, title=title, **imprint
-                )
+                    results, made[-1], yearly=arguments.yearly, frequencies=frequencies,
+                    costs=costs, title=title, **imprint,
+                )  # fmt: skip
     return [folder / path.name for path in made]
 
 
