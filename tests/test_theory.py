@@ -101,8 +101,6 @@ def test_files_named_in_the_text_exist():
 
 def test_every_reference_is_cited():
     cited = {
-        anchor
-        for path in PAGES
-        for anchor in re.findall(r"15-references\.md#(\w+)", text_of(path))
+        anchor for path in PAGES for anchor in re.findall(r"15-references\.md#(\w+)", text_of(path))
     }
     assert cited == {*ANCHOR.findall(text_of(REFERENCES))}

@@ -655,16 +655,22 @@ CASES = [
 ]
 
 
+def tutorial_layers(folder):
+    maker = ROOT / "cases/tutorial/make_layers.py"
+    subprocess.run([sys.executable, maker, folder], check=True)
+
+
 @pytest.mark.parametrize("case", sorted(CASES), ids=lambda case: str(case.relative_to(ROOT)))
-def test_cases(case, tmp_path):
+def test_cases(case, gallery, tmp_path):
     """Those whose terrain is not stored make it; those of published data, which are downloaded, are
     left out."""
     folder = shutil.copytree(case.parent, tmp_path / "case")
     if not list(folder.glob("dem.*")):
         maker = folder / "make_terrain.py"
-        if not maker.exists():  # of layers that another case makes
-            maker = ROOT / "cases/tutorial/make_layers.py"
-        subprocess.run([sys.executable, maker, folder], check=True)
+        if maker.exists():
+            subprocess.run([sys.executable, maker, folder], check=True)
+        else:  # of layers that another case makes
+            gallery.copy("tutorial", tutorial_layers, folder)
     given = rockfall.read_case(folder / case.name)
     for one in rockfall.variants(given).values() if given.variant else [given]:
         assert implausible(read_scene(one)) == []

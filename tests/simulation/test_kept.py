@@ -252,13 +252,15 @@ def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_f
     openpyxl, docx = pytest.importorskip("openpyxl"), pytest.importorskip("docx")
     rockfall.write_result(result, file)
     for language in LANGUAGES:
-        folder, words = tmp_path / language, ["--tables", "xlsx", "docx", "--language", language]
-        assert main(["design", str(file), "-o", str(folder), *words]) == 0
-        assert main(["export", str(file), str(folder / "export"), *words]) == 0
         with speaking(language):
             said = kept_note(result)
             page = report(ReportInputs(result))
-        assert page.count(f"{said}</") == 2, language
+        assert page.count(f"{said}</") == 2 and (said == note) == (language == "en"), language
+        if language not in ("en", "de"):
+            continue  # documents take their texts as the page does
+        folder, words = tmp_path / language, ["--tables", "xlsx", "docx", "--language", language]
+        assert main(["design", str(file), "-o", str(folder), *words]) == 0
+        assert main(["export", str(file), str(folder / "export"), *words]) == 0
         for name in ("design", "export/tables"):
             document = docx.Document(folder / f"{name}.docx")
             assert any(said in each.text for each in document.paragraphs), (language, name)

@@ -29,7 +29,7 @@ def scene(tmp_path, monkeypatch):
     line = [{"name": f"{k}", "x": [0.0, 295.0], "y": [y, y]}
             for k, y in enumerate((360.0, 300.0, 120.0, 399.0))]  # fmt: skip
     where = {"x": [150.0], "y": [380.0]}
-    case = make_case(tmp_path, *sets(), line=line, case={"boulders": 400}, release=where)
+    case = make_case(tmp_path, *sets(), line=line, case={"boulders": 200}, release=where)
     case = case.replace(barrier=[NET], breakage={"at": "impact", "min_area_ratio": 0.3})
     z = rough()
     return read_scene(case, dem=z, transform=grid(z))
@@ -54,10 +54,10 @@ def test_slices_are_those_of_the_whole(scene, tmp_path):
 
 
 def test_a_killed_run_goes_on_with_what_was_spilled(scene, tmp_path, monkeypatch):
-    whole = simulate(scene, chunk=100)
+    whole = simulate(scene, chunk=50)
     with pytest.raises(Killed), monkeypatch.context() as patch:
         killed_after(patch, 2)
-        simulate(scene, chunk=100, spill=tmp_path, checkpoint=Checkpoint(tmp_path / "a.nc", 0.0))
+        simulate(scene, chunk=50, spill=tmp_path, checkpoint=Checkpoint(tmp_path / "a.nc", 0.0))
     again = Checkpoint(tmp_path / "a.nc", np.inf)
     assert again.found() >= 100
     same(simulate(scene, spill=tmp_path, checkpoint=again).dataset(), whole.dataset())
