@@ -1,7 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Rules of the kernel that files, statistics and products share."""
 
+import numpy as np
+
 from rockfall._core import rockfall_f2py as _core
+
+ROOM = 2**14  # more than any list of numbers has
+
+
+def kernel_numbers(name: str) -> np.ndarray:
+    """Constant numbers of the kernel, by the names of its procedure."""
+    values, n = _core.constants(name, ROOM)
+    return values[:n]
+
 
 Z = _core.constant("z_95")  # of a normal distribution, 95 % within
 PIECE = int(_core.constant("piece"))  # values of a part or a scene that share a checksum
@@ -9,7 +20,7 @@ limit_ranks = _core.limit_ranks  # of the interval of a quantile of n values (bi
 USUAL_DENSITY = _core.constant("usual_density")  # of boulders on tables of impacts [kg/m3]
 USUAL_WEIGHT = _core.constant("usual_weight")  # [N/m3]
 decimal = _core.decimal  # number that a text spells, as in all files; NaN if none
-EAD_ENERGY = tuple(_core.ead_energies().tolist())  # of barriers of classes 0 to 7 [J]
+EAD_ENERGY = tuple(kernel_numbers("ead_energy").tolist())  # of barriers of classes 0 to 7 [J]
 barrier_outcomes = _core.barrier_outcomes  # of a barrier with boulders that reach it
 line_quantities = _core.line_quantities  # at a line: of motion (6, n), volumes and masses
 points_along = _core.points_along  # a line, at distances
@@ -19,9 +30,9 @@ SAMPLE_COARSE = int(_core.constant("coarse_bins"))
 SAMPLE_BITS = int(_core.constant("base_bits"))  # per digit of sums
 SAMPLE_QUANTITIES = int(_core.constant("sample_quantities"))
 SAMPLE_TAILS = int(_core.constant("sample_tails"))
-SAMPLE_EDGES = _core.sample_edges(SAMPLE_BINS + 1)  # of bins, in units
+SAMPLE_EDGES = kernel_numbers("sample_edges")  # of bins, in units
 #: Units in one of the quantity: (at lines, at ends; quantities).
-SAMPLE_UNITS = _core.sample_units(SAMPLE_QUANTITIES).T
+SAMPLE_UNITS = kernel_numbers("sample_units").reshape(2, SAMPLE_QUANTITIES)
 
 
 def fraction_limits(fraction: float, n: float) -> tuple[float, float]:

@@ -12,9 +12,8 @@ module rockfall_f2py
    use rockfall_error, only: error_t, give_error
    use rockfall_sizes, only: max_message, max_list, max_array_row, n_boulder_fields, n_boulder_counts, &
                              n_vertex_fields, n_line_quantities, n_impact_sets, n_set_numbers, n_incidence_limits, &
-                             n_lateral_classes, n_lateral_quantiles, n_map_counts, n_map_sums, n_map_maxima, n_stacks, &
-                             n_histograms, n_ead_classes, n_block_shapes
-   use rockfall_text, only: joined, max_text
+                             n_lateral_classes, n_lateral_quantiles, n_map_counts, n_map_sums, n_map_maxima, n_stacks
+   use rockfall_text, only: integer_text, joined, max_text
    use rockfall_decimal, only: parse_real, decimal_ok
    use rockfall_grid, only: grid_t, is_outside
    use rockfall_terrain, only: terrain_t, is_known_at, max_elevation
@@ -84,13 +83,13 @@ module rockfall_f2py
    public :: largest_block
    public :: read_values, change_case, values_of, close_values
    public :: check_maps, key_limits, check_ground, refusal, table_row, read_sets, covariance_root, fields
-   public :: histogram_bins, team
+   public :: constants, team
    public :: team_fits, end_team, slope_threshold, steep_cells, area_ratios, known_at, points_outside, boulders
-   public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, weights_of_sizes, ratio_classes
-   public :: stand_counts, stand_numbers, shape_numbers, axes_of_shapes, shapes_of_axes
+   public :: boulders_of_source, recorded_numbers, sources_of_boulders, weights_of_sets, ratio_classes
+   public :: stand_counts, stand_numbers, shape_numbers, shapes_of_axes
    public :: admissible_rebounds, limit_rebounds, size_to_radius, constant, boulders_in_parts, fraction_limits
-   public :: sample_edges, sample_units, line_quantities, points_along, sort_crossings, forget_crossings
-   public :: check_numbers, ground_model, barriers, barrier_outcomes, ead_energies, split_blocks
+   public :: line_quantities, points_along, sort_crossings, forget_crossings
+   public :: check_numbers, barriers, barrier_outcomes, split_blocks
 
 contains
 
@@ -533,23 +532,6 @@ contains
       good = merge(1, 0, is_good)
    end subroutine restore_sources
 
-   !> Bin edges of samples, in units.
-   subroutine sample_edges(edges, n)
-      integer(c_int), intent(in) :: n
-      real(c_double), intent(out) :: edges(n)
-      integer :: k
-
-      edges = [(sample_edge(k), k=1, n)]
-   end subroutine sample_edges
-
-   !> Units of the quantities of samples, at lines and at ends, relative to their SI unit.
-   subroutine sample_units(units, n)
-      integer(c_int), intent(in) :: n
-      real(c_double), intent(out) :: units(n, 2)
-
-      units = units_of
-   end subroutine sample_units
-
    !> Quantities at a line, except the last, of boulders or fragments that crossed it.
    subroutine line_quantities(motion, volume, mass, quantities, n)
       integer(c_int), intent(in) :: n
@@ -777,13 +759,6 @@ contains
          inertia(k) = shape_inertia(shape(k), d(:, k))
       end do
    end subroutine shape_numbers
-
-   !> Axes of the blocks of each shape of the laboratory, over the longest [-].
-   subroutine axes_of_shapes(axes)
-      real(c_double), intent(out) :: axes(3, n_block_shapes)
-
-      axes = block_axes
-   end subroutine axes_of_shapes
 
    !> Nearest block shape of boulders with these axes, in any unit, each shorter than the one before or as long.
    subroutine shapes_of_axes(axes, shape, n)
@@ -1174,15 +1149,9 @@ contains
       outcome = int(barrier_outcome(height, capacity, passing_height, energy), c_int8_t)
    end subroutine barrier_outcomes
 
-   !> Maximum energies of the classes of EAD 340059, from class 0 [J].
-   subroutine ead_energies(energy)
-      real(c_double), intent(out) :: energy(n_ead_classes)
-
-      energy = ead_energy
-   end subroutine ead_energies
-
    !> Row k of the table of keys (group|key|kind|most|default|allowed|unit|meaning|file), of that of a ground's
-   !> parameters (the same, then |models), or of that of result variables (as variable_text has it); blank past the end.
+   !> parameters (the same, then |models), of that of its models (name|rocks, as in rockfall_grounds), or of that of
+   !> result variables (as variable_text has it); blank past the end.
    subroutine table_row(table, k, text)
       character(len=*), intent(in) :: table
       integer(c_int), intent(in) :: k
@@ -1191,21 +1160,10 @@ contains
       text = ""
       if (table == "keys" .and. k >= 1 .and. k <= n_keys) text = key_text(key_table(k))
       if (table == "ground_parameters") text = parameter_of_ground(k)
+      if (table == "ground_models" .and. k >= 1 .and. k <= size(model_names)) &
+         text = trim(model_names(k))//"|"//integer_text(rocks_of_model(k))
       if (table == "variables") text = variable_text(k)
    end subroutine table_row
-
-   !> Model k of grounds, and the rock data that it requires, as in rockfall_grounds; blank past the end.
-   subroutine ground_model(k, text, rocks)
-      integer(c_int), intent(in) :: k
-      character(len=max_list), intent(out) :: text
-      integer(c_int), intent(out) :: rocks
-
-      text = ""
-      rocks = 0
-      if (k < 1 .or. k > size(model_names)) return
-      text = model_names(k)
-      rocks = rocks_of_model(k)
-   end subroutine ground_model
 
    !> Root L of a covariance C = L L^T, by which all draws are made.
    subroutine covariance_root(name, covariance, root, code, message, n)
@@ -1291,13 +1249,6 @@ contains
       end do
    end subroutine limit_rebounds
 
-   !> Probabilities of the obstacle sizes of method A.
-   subroutine weights_of_sizes(weights)
-      real(c_double), intent(out) :: weights(3)
-
-      weights = size_weights
-   end subroutine weights_of_sizes
-
    !> Ratio of radius to Rg, by the word of a case.
    subroutine size_to_radius(reading, factor)
       character(len=*), intent(in) :: reading
@@ -1349,6 +1300,30 @@ contains
       end select
    end subroutine constant
 
+   !> Constant numbers of the kernel by name, at most `room`; n is 0 for unknown names.
+   subroutine constants(name, values, n, room)
+      integer(c_int), intent(in) :: room
+      character(len=*), intent(in) :: name
+      real(c_double), intent(out) :: values(room)
+      integer(c_int), intent(out) :: n
+      real(c_double), allocatable :: found(:)
+      integer :: k
+
+      allocate (found(0))
+      select case (name)
+      case ("block_axes"); found = [block_axes]  ! (3, shapes), over the longest [-]
+      case ("size_weights"); found = size_weights  ! of the obstacle sizes of method A
+      case ("ead_energy"); found = ead_energy    ! maximum of the classes of EAD 340059, from class 0 [J]
+      case ("sample_units"); found = [units_of]  ! (quantities, 2), at lines and at ends, over their SI unit
+      case ("sample_edges"); found = [(sample_edge(k), k=1, n_sample_bins + 1)]  ! in units
+      case ("histogram_bins"); found = n_bins    ! of each histogram, in the order of rockfall_histogram
+      case ("histogram_widths"); found = bin_width
+      end select
+      n = min(room, size(found))
+      values = 0
+      values(:n) = found(:n)
+   end subroutine constants
+
    !> Names of the columns of rows, of the distributions of volumes, of the quantities of samples, and of what cases
    !> list: groups of lines, groups that may repeat, strengths of barriers.
    subroutine fields(rows, text)
@@ -1396,13 +1371,4 @@ contains
    subroutine end_team()
       call release_team()
    end subroutine end_team
-
-   !> Number and width of the bins of each histogram, in the order of rockfall_histogram.
-   subroutine histogram_bins(bins, width)
-      integer(c_int), intent(out) :: bins(n_histograms)
-      real(c_double), intent(out) :: width(n_histograms)
-
-      bins = n_bins
-      width = bin_width
-   end subroutine histogram_bins
 end module rockfall_f2py

@@ -32,6 +32,7 @@ from rockfall.grounds.impact_tables import (
 from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
 from rockfall.io.zone_table import Zone
+from rockfall.kernel_rules import kernel_numbers
 from rockfall.limits import MAX_NAME
 
 IMPACT_SETS = "impact_sets"  # model of a ground outside the table of grounds
@@ -98,12 +99,11 @@ class Parameter(NamedTuple):
 @cache
 def models() -> dict[str, int]:
     """Models of grounds, with their required knowledge of rocks as in `GroundRule.rocks`."""
-    numbers: dict[str, int] = {}
-    while True:
-        name, rocks = _core.ground_model(len(numbers) + 1)
-        if not name.strip():
-            return numbers
-        numbers[name.decode().strip()] = rocks
+    rows: dict[str, int] = {}
+    while text := _core.table_row("ground_models", len(rows) + 1).decode().strip():
+        name, rocks = text.split("|")
+        rows[name] = int(rocks)
+    return rows
 
 
 @cache
@@ -428,7 +428,8 @@ def block_radius(table: ImpactTable) -> float:
 
 def block_axes() -> dict[str, tuple[float, ...]]:
     """Axes of the blocks of each shape, the longest 1."""
-    return dict(zip(BLOCK_SHAPES, map(tuple, _core.axes_of_shapes().T.tolist()), strict=True))
+    axes = kernel_numbers("block_axes").reshape(-1, 3).tolist()
+    return dict(zip(BLOCK_SHAPES, map(tuple, axes), strict=True))
 
 
 def grounds_by_shape(

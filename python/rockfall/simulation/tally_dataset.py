@@ -13,6 +13,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case, in_kernel
 from rockfall.errors import check_kernel
 from rockfall.io.rasters.grid import row_blocks
+from rockfall.kernel_rules import kernel_numbers
 from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import CONVENTIONS, centre_variables, feature_names, provenance
@@ -223,7 +224,7 @@ def _layers(name: str, tally: Tally) -> np.ndarray | None:
 def _bins() -> dict[str, Any]:
     """Bins of the histograms."""
     data: dict[str, Any] = {}
-    bins, widths = _core.histogram_bins()
+    bins, widths = map(kernel_numbers, ("histogram_bins", "histogram_widths"))
     for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):
         dim, n = f"{name}_bin", int(bins[k])
         edges = np.round(np.arange(n + 1) * widths[k], 10)

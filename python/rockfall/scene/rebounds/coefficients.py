@@ -14,6 +14,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case.text import kernel_text
 from rockfall.errors import check_kernel
 from rockfall.io.files import check_text_file
+from rockfall.kernel_rules import kernel_numbers
 
 ANY_SPEED = _core.constant("any_speed")  # [m/s] upper limit of a set without a stated range
 
@@ -82,4 +83,4 @@ def set_weights(ratio: float, between: bool) -> np.ndarray:
 
 def size_weights() -> np.ndarray:
     """Probabilities (3,) of the obstacle sizes in method A."""
-    return _core.weights_of_sizes()
+    return kernel_numbers("size_weights")
