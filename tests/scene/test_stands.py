@@ -10,6 +10,7 @@ from made import make_layer, refused
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.language import speaking, translated
+from rockfall.protection.stands import stands_of as stands_in
 from rockfall.scene.forest.attributes import NAMES, matching
 from rockfall.scene.read import read_scene
 from rockfall.studies.variants import compare_variants
@@ -200,13 +201,14 @@ def test_density_is_reported_over_the_polygon(tmp_path):
     scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL))
     (stand,) = scene.stands
     assert stand.area == pytest.approx(shape.area / 1e4) and stand.stems == scene.trees.x.size
-    line = f"stand Bannwald: {stand.stems:,} stems on {stand.area:.3g} ha, {stand.density:,.0f} a "
-    assert line + "hectare; its layer says 500" in preview(scene)
     result = rockfall.run(case, dem=z, transform=scenes.grid(z, CELL))
-    (table,) = stand_tables(result)
-    assert as_text(table) in summary(result)
+    (table,) = stand_tables(stands_in(result))
+    assert as_text(table) in summary(result) and as_text(table) in preview(scene)
     cells = ["Bannwald", f"{stand.area:.3g}", f"{stand.stems:,}", f"{stand.density:,.0f}", "500"]
     assert [*table.texts()] == [cells]
+    (several,) = stand_tables([stand] * 5, 2)
+    more = ["3 more", "", f"{3 * stand.stems:,}", "", ""]
+    assert [*several.texts()] == [cells, cells, more]
 
 
 # ---- thinnings

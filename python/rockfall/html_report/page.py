@@ -48,7 +48,9 @@ from rockfall.plots.figures import LABORATORY, drawn_lines, figures, section_ent
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.plots.history_figure import history_figure
 from rockfall.protection.barriers import barriers_of
+from rockfall.protection.dams import dams_of
 from rockfall.protection.design import design
+from rockfall.protection.stands import stands_of
 from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.samples import has_rows, simulated
 from rockfall.tables.comparison import comparison_tables, notes
@@ -211,8 +213,8 @@ def report(inputs: ReportInputs) -> str:
         inputs=[
             input_table(result, parties),
             *zone_table(result),
-            *dam_tables(result),
-            *stand_tables(result),
+            *dam_tables(dams_of(result)),
+            *stand_tables(stands_of(result)),
         ],
         ground_map=picture(grounds, say(GROUNDS), "", on_paper) if grounds else None,
         ends=[ends_table(result)],

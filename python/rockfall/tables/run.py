@@ -6,15 +6,13 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rockfall.case import FROM_ARRAY, case_of, given_text
 from rockfall.io.vectors.layers import REPROJECTED
 from rockfall.language import Number, Text, say, word
 from rockfall.protection.barriers import barrier_rows
-from rockfall.protection.dams import dams_of
-from rockfall.protection.stands import stands_of
 from rockfall.quantities import percent
 from rockfall.result.grounds import program_text, rebounds_by_ground, sets_followed
 from rockfall.result.samples import is_ensemble, kept_note, simulated
@@ -26,6 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from rockfall.result.contents import Held
+    from rockfall.scene.forest.trees import Stand
     from rockfall.terrain.dams import DamShape
 
 ENDED = {  # of the statuses
@@ -71,7 +70,7 @@ def barrier_table(result: Held) -> Table:
     return Table.of(caption, map(say, heads), rows)
 
 
-def dam_tables(result: Held) -> Iterator[Table]:
+def dam_tables(dams: Iterable[DamShape]) -> Iterator[Table]:
     """Dams as rasterised; no table without dams."""
     rows = [
         (f"{number}", dam.length,
@@ -80,7 +79,7 @@ def dam_tables(result: Held) -> Iterator[Table]:
          say("interval.range", low=Number(f"{dam.crest_min:,.1f}"),
              high=Number(f"{dam.crest_max:,.1f}")),
          stacked(Number(f"{dam.crest_width:.1f}"), _requested(dam, 1)))
-        for number, dam in enumerate(dams_of(result), start=1)
+        for number, dam in enumerate(dams, start=1)
     ]  # fmt: skip
     if rows:
         heads = (
@@ -96,12 +95,15 @@ def _requested(dam: DamShape, k: int) -> Text:
     return say("tables.requested", value=dam.requested[k])
 
 
-def stand_tables(result: Held) -> Iterator[Table]:
-    """Stands of trees with their stems; no table without stands."""
-    rows = [
+def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[Table]:
+    """Stands of trees with their stems, of more than `most` the sum of the others; no table without
+    stands."""
+    rows: list[tuple[object, ...]] = [
         (stand.name, Number(f"{stand.area:.3g}"), stand.stems, stand.density, stand.stated)
-        for stand in stands_of(result)
+        for stand in stands[:most]
     ]
+    if rest := stands[len(rows) :]:
+        rows.append((f"{len(rest):,} more", "", sum(stand.stems for stand in rest), "", ""))
     if rows:
         heads = (
             say("tables.stand"), say("tables.area_ha"), say("tables.stems"),

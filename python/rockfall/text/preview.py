@@ -25,9 +25,10 @@ from rockfall.scene.releases.sources import threshold
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.pilot import Pilot, cpu_seconds, memory, pilot_run
+from rockfall.table import as_text
+from rockfall.tables.run import dam_tables, stand_tables
 from rockfall.text.breakage import breakage_lines
-from rockfall.text.dams import dam_lines
-from rockfall.text.stands import stand_lines
+from rockfall.text.summary import MOST_STANDS
 
 MAX_LINES = 20  # names that `check` lists
 LARGE_RESULT = 2e9  # bytes of rows of boulders of which it is said that they go to the file, too
@@ -53,7 +54,6 @@ def preview(scene: Scene) -> str:
         ("rebounds", _rebounds(values)),
         *_forest(scene),
         *breakage_lines(case, values["volume"], pilot.density),
-        *dam_lines(scene.dams),
         ("boulders", _boulders(scene)),
         *_attributes(scene),
         ("speed", _speed(scene)),
@@ -63,7 +63,7 @@ def preview(scene: Scene) -> str:
         ("time", _time(scene, pilot)),
     ]
     title = f"{case.name}: {case.case['title']}".removesuffix(": ")
-    rows += [
+    warnings = [
         (
             "warning",
             f"in a pilot run {remark.text}" if remark.is_counted else remark.text,
@@ -71,7 +71,9 @@ def preview(scene: Scene) -> str:
         for remark in model_remarks(values, case)
         if remark.is_warning
     ]
-    return "\n".join([title, *(f"  {name:13}{text}" for name, text in rows)])
+    about, warned = ([f"  {name:13}{text}" for name, text in part] for part in (rows, warnings))
+    tables = (*dam_tables(scene.dams), *stand_tables(scene.stands, MOST_STANDS))
+    return "\n".join([title, *about, *map(as_text, tables), *warned])
 
 
 def _lines(case: Case) -> str:
@@ -221,7 +223,7 @@ def _forest(scene: Scene) -> list[tuple[str, str]]:
         f"{n:,} stems on {area:.3g} ha, {n / area:,.0f} a hectare, mean DBH {trees.dbh.mean():.1f} "
         f"cm, basal area {trees.basal_area() / area:.3g} m2/ha"
     )
-    return [("forest", text), *(("", line) for line in stand_lines(scene.stands))]
+    return [("forest", text)]
 
 
 def _rebounds(values: dict[str, np.ndarray]) -> str:

@@ -11,6 +11,8 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
 from rockfall.protection.barriers import barriers_of
+from rockfall.protection.dams import dams_of
+from rockfall.protection.stands import stands_of
 from rockfall.quantities import QUANTITIES
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import kept_note, simulated
@@ -28,6 +30,7 @@ from rockfall.tables.run import (
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
+MOST_STANDS = 12
 MOST_LINES = 20  # evaluation lines that a terminal shows
 AT_LINES = "speed", "passing_height"
 
@@ -46,7 +49,8 @@ def summary(result: Held) -> str:
         lines += [f"  {note}" for note in filter(None, [kept_note(result)])]
     elif barriers_of(result):
         lines.append("  barriers: outcomes need rows, and &output kept = 'none' keeps none")
-    lines += [as_text(table) for table in (*dam_tables(result), *stand_tables(result))]
+    shown = (*dam_tables(dams_of(result)), *stand_tables(stands_of(result), MOST_STANDS))
+    lines += map(as_text, shown)
     lines += [f"  until {verdict}" for verdict in verdicts_of(result)]
     lines += _rebounds(result)
     if "rebounds_by_ground" in result:
