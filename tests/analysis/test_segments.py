@@ -423,7 +423,7 @@ def test_the_command_writes_a_layer_and_a_table(site, monkeypatch, capsys):
     assert main([*site, "-o", "out"]) == 0
     said = capsys.readouterr().out
     assert "K 12, 0 to 25 m" in said
-    assert all(str(Path("out", name)) in said for name in ("segments.csv", "segments.png"))
+    assert "segments.csv" in said and Path("out", "segments.png").is_file()
     info = pyogrio.read_info("out/hazard.gpkg", layer="segments")
     head, *rows = Path("out/segments.csv").read_text().splitlines()
     assert [*info["fields"]] == head.split(",") and info["geometry_type"] == "LineString"

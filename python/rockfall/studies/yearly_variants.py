@@ -133,14 +133,16 @@ def _rows(
     n = sum(int(np.count_nonzero(~np.isnan(each))) for each in energies)
     for threshold in dict.fromkeys((0.0, *thresholds)):
         passing = [each >= 1000.0 * threshold for each in energies]
-        parts = (fraction_interval(of, run.source) for of, run in zip(passing, runs, strict=True))
+        parts = (
+            fraction_interval(mask, run.source) for mask, run in zip(passing, runs, strict=True)
+        )
         row = {"quantity": "frequency", "n": n, **_yearly(runs, parts)}
         row["statistic"] = f"above_{threshold:.10g}" if threshold else "all"
         if before:
             others = [each >= 1000.0 * threshold for each in before]
             apart = (
-                difference_of_fractions(of, other, run.source)
-                for of, other, run in zip(passing, others, runs, strict=True)
+                difference_of_fractions(mask, other, run.source)
+                for mask, other, run in zip(passing, others, runs, strict=True)
             )
             row |= verdict_on(*_yearly(runs, apart).values())
         yield row

@@ -55,15 +55,15 @@ def exceedance_numbers(
         counts = np.zeros((len(runs), len(places), EXCEEDED[name].size), "i4")
         for place in places:
             parts = [_of_run(run, name, place) for run in runs]
-            known = [part for part in parts if part is not None]
-            if len(known) < len(runs):
+            samples = [part for part in parts if part is not None]
+            if len(samples) < len(runs):
                 continue
-            levels[:, place] = levels_by_period(known, runs, factor)
+            levels[:, place] = levels_by_period(samples, runs, factor)
             counts[:, place] = [
-                part.size - np.searchsorted(np.sort(part), EXCEEDED[name], side="right")
-                for part in known
+                sample.size - np.searchsorted(np.sort(sample), EXCEEDED[name], side="right")
+                for sample in samples
             ]
-        values |= {f"{name}_by_period{end}": of for end, of in zip(ENDS, levels, strict=True)}
+        values |= {f"{name}_by_period{end}": row for end, row in zip(ENDS, levels, strict=True)}
         values[f"{name}_counts"] = counts
     return values
 
@@ -79,7 +79,7 @@ def levels_by_period(
     boulder showed may be that frequent.
     """
     sample = np.concatenate(values)
-    of_run = np.repeat(np.arange(len(runs)), [one.size for one in values])
+    of_run = np.repeat(np.arange(len(runs)), [part.size for part in values])
     order = np.argsort(-sample, kind="stable")
     counts = np.cumsum(of_run[order, None] == np.arange(len(runs)), axis=0, dtype="i4")
     counts = np.concatenate([np.zeros((1, len(runs)), "i4"), counts])  # from that of no boulder

@@ -125,8 +125,8 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
     counts = np.column_stack([hazard[f"{kind}_passages"].values[:, k], above])
     samples = (hazard[name].values for name in ("boulders", "boulders_per_cluster", "frequency"))
     parts = (
-        (of.astype("i4"), int(n), int(cluster), float(yearly))
-        for of, n, cluster, yearly in zip(counts, *samples, strict=True)
+        (row.astype("i4"), int(n), int(cluster), float(yearly))
+        for row, n, cluster, yearly in zip(counts, *samples, strict=True)
     )
     rates = frequencies(parts, case_in(hazard.attrs).hazard["frequency_factor"])
     return np.append(0.0, hazard[f"exceeded_{quantity}"].values), rates

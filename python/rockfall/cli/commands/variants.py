@@ -87,14 +87,14 @@ def variants_command(arguments: argparse.Namespace) -> int:
             }
             try:
                 results, limits = run_each(case, **how)
-                found = yearly_variants(case, **how) if yearly else None
+                yearly_numbers = yearly_variants(case, **how) if yearly else None
             except Interrupted:
                 return study_interrupted(checkpoints)
-            frequencies = found.table if found else None
+            frequencies = yearly_numbers.table if yearly_numbers else None
             paths = _write(case, results, frequencies, folder, arguments, inputs)
         for checkpoint in checkpoints:
             checkpoint.remove()
-    warn_each(found.warnings if found else limits)
+    warn_each(yearly_numbers.warnings if yearly_numbers else limits)
     if not arguments.quiet:
         notes = "\n".join(comparison_notes(results, bool(yearly)))
         print(variants_text(compare_variants(results), notes, frequencies))
