@@ -190,7 +190,7 @@ def figures_command(arguments: argparse.Namespace) -> int:
             _path(arguments), arguments.folder, format=arguments.format, **_beside(arguments)
         )
     warn_of_models(_path(arguments), told=told)
-    print_files(files)
+    print(*files, sep="\n")
     return DONE
 
 
