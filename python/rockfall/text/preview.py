@@ -71,9 +71,9 @@ def preview(scene: Scene) -> str:
         for remark in model_remarks(values, case)
         if remark.is_warning
     ]
-    about, warned = ([f"  {name:13}{text}" for name, text in part] for part in (rows, warnings))
+    facts, warned = ([f"  {name:13}{text}" for name, text in part] for part in (rows, warnings))
     tables = (*dam_tables(scene.dams), *stand_tables(scene.stands, MOST_STANDS))
-    return "\n".join([title, *about, *map(as_text, tables), *warned])
+    return "\n".join([title, *facts, *map(as_text, tables), *warned])
 
 
 def _lines(case: Case) -> str:
