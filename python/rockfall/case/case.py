@@ -189,7 +189,7 @@ class Case:
         changes = self._changes_in_place()
         for group, values in groups.items():
             if group not in REPEATABLE:
-                changes[group] = changes.get(group, {}) | values
+                changes[group] = {**changes.get(group, {}), **values}
             elif values is not None:
                 changes[group] = values
         if "impact" in groups:
