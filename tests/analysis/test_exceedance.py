@@ -241,3 +241,16 @@ def test_the_tables_show_lines_first_and_leave_out_what_is_not_known(tmp_path):
     level = float(found["line_energy_by_period"][0, 0]) / 1e3
     assert energies.rows[0][1].value == level and len(energies.rows[0]) == 1 + len(PERIODS)
     assert f"{energies.rows[0][1].number}" in hazard_summary(found)
+
+
+def test_page_1_has_the_energy_once_in_a_hundred_years(tmp_path):
+    pytest.importorskip("jinja2", reason="the report extra is not installed")
+    from rockfall.html_report.summary import yearly_answers
+
+    found = hazard(make_case(tmp_path))
+    level = next(period_tables(found)).rows[0][1 + PERIODS.index(100.0)]
+    text = f"road: once in 100 years a boulder arrives with {level.number} kJ or more"
+    assert [*yearly_answers(found)] == [f"{text} {level.interval}."]
+    rare = make_case(tmp_path, {"name": "never", "frequency": 1e-9})
+    assert [*yearly_answers(hazard(rare))] == ["road: boulders arrive less than once in 100 years."]
+    assert not [*yearly_answers(None)]

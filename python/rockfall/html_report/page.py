@@ -39,6 +39,7 @@ from rockfall.html_report.summary import (
     range_words,
     requested,
     technical,
+    yearly_answers,
 )
 from rockfall.html_report.validity import cautions, sets_of, warnings
 from rockfall.io.files import atomic_write
@@ -183,7 +184,10 @@ def report(inputs: ReportInputs) -> str:
         "title": str(result.attrs["title"]) or "rockfall",
         "question": question(rows, hazard is not None),
         "warnings": outside,
-        "answers": range_answers(result) if ranges else answers(result, rows),
+        "answers": [
+            *yearly_answers(hazard),
+            *(range_answers(result) if ranges else answers(result, rows)),
+        ],
         "certainty": [
             *certainty(result, rows, not outside),
             *range_words(result, ranges),

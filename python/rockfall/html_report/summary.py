@@ -18,7 +18,7 @@ from rockfall.quantities import number, percent
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, is_ensemble, simulated
 from rockfall.studies.run_until import verdicts_of
-from rockfall.table import TOO_FEW, Table
+from rockfall.table import ENDS, TOO_FEW, Estimate, Table
 from rockfall.tables.ensemble import (
     are_undecided,
     headline_numbers,
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
     from rockfall.tables.lines import Numbers, Rows
 
+YEARS = 100.0  # return period on page 1
+MOST_LINES = 3  # with a sentence on it
 ONE_SIDED = ("interval.from", "interval.up_to")  # messages
 
 
@@ -65,6 +67,23 @@ def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
         return say(f"summary.{kind}_fraction", line=line, fraction=fraction)
     values = {"fraction": fraction, "energy": energy, "height": height}
     return say(f"summary.{kind}_values", line=line, **values)
+
+
+def yearly_answers(hazard: xr.Dataset | None) -> Iterator[str]:
+    """Sentences on the energy by return period at the lines of a hazard."""
+    if hazard is None or "line_energy_by_period" not in hazard:
+        return
+    period = hazard["event_period"].values.tolist().index(YEARS)
+    for k, line in list(enumerate(hazard["line"].values))[:MOST_LINES]:
+        value, low, high = (
+            1e-3 * float(hazard[f"line_energy_by_period{end}"].values[k, period]) for end in ENDS
+        )
+        if not value:
+            yield say("summary.rarer", line=str(line), years=YEARS)
+            continue
+        energy = Estimate(value, low, high if np.isfinite(high) else np.nan, digits=2)
+        words = {"energy": energy.number, "limits": energy.interval}
+        yield say("summary.once_in", line=str(line), years=YEARS, **words)
 
 
 def range_answers(result: xr.Dataset) -> list[str]:
