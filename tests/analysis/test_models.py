@@ -293,7 +293,7 @@ def test_the_command_writes_a_table_and_a_figure(case, tmp_path, capsys, monkeyp
     refuses(command, "out.models.csv: already exists; not overwritten .*", capsys)
     assert main([*command, "--overwrite"]) == 0
     out = capsys.readouterr().out
-    assert "impact sets, method A" in out and "run-out in plan" in out and "(+" in out
+    assert "impact sets, method A" in out and "run-out in plan" in out and " +" in out
     with open("out/models.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [*rows[0]] == COLUMNS and {row["model"] for row in rows} >= {*CLASSICAL}
