@@ -2,11 +2,10 @@
 !> Keys of a case that would have no effect: refused with what they are only valid with. A key that has its default is
 !> no fault, because a program that writes a case may write all of them.
 module rockfall_case_effects
-   use rockfall_kinds, only: wp
    use rockfall_error, only: error_t
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
-   use rockfall_values, only: has_key, text_of, get_text, get_real, get_logical, refuse
-   use rockfall_case_keys, only: key_table, n_keys, text_length, map_names
+   use rockfall_values, only: has_key, text_of, get_text, refuse
+   use rockfall_case_keys, only: key_table, n_keys, map_names, plain
    implicit none
    private
    public :: check_effects, mark_defaults
@@ -45,9 +44,11 @@ contains
          associate (group => list%group(g))
             if (has_key(group, "file")) cycle
             do e = 1, size(group%entry)
-               group%entry(e)%given = is_changed(group, trim(group%entry(e)%key))
-               if (group%name == "impact" .and. group%entry(e)%key == "form") &
-                  group%entry(e)%given = group%entry(e)%given .or. is_changed(group, "table")
+               associate (key => group%entry(e)%key, given => group%entry(e)%given)
+                  if (given) given = is_changed(group, trim(key))
+                  if (group%name == "impact" .and. key == "form") &
+                     given = is_changed(group, "form") .or. is_changed(group, "table")
+               end associate
             end do
          end associate
       end do
@@ -161,6 +162,8 @@ contains
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
       character(len=:), allocatable :: default
+      type(namelist_t) :: usual
+      type(error_t), allocatable :: error
       integer :: e, k
 
       is_changed = .false.
@@ -175,38 +178,10 @@ contains
       ! as a rule a default is written as in the table; entries end before a closing quote
       if (group%entry(e)%text == default .or. group%entry(e)%text//"'" == default) return
       is_changed = default == "absent" .or. default == "required"
-      if (.not. is_changed) is_changed = .not. has_values(group, key, default)
+      if (is_changed) return
+      call parse_namelist("&"//trim(group%name)//" "//key//" = "//default//" /", "", usual, error)
+      is_changed = plain(group, key_table(k)) /= plain(usual%group(1), key_table(k))
    end function is_changed
-
-   !> Return whether a key has the values that a text spells.
-   pure logical function has_values(group, key, text)
-      type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: key, text
-      type(namelist_t) :: usual
-      character(len=text_length), allocatable :: words(:), usual_words(:)
-      real(wp), allocatable :: numbers(:), usual_numbers(:)
-      logical :: switch, usual_switch
-      type(error_t), allocatable :: error
-
-      has_values = .false.
-      call parse_namelist("&"//trim(group%name)//" "//key//" = "//text//" /", "", usual, error)
-      allocate (words(0), usual_words(0), numbers(0), usual_numbers(0))
-      call get_real(group, key, numbers, error)
-      if (.not. allocated(error)) then
-         call get_real(usual%group(1), key, usual_numbers, error)
-         if (size(numbers) == size(usual_numbers)) has_values = .not. any(abs(numbers - usual_numbers) > 0)
-         return
-      end if
-      call get_text(group, key, words, error)
-      if (.not. allocated(error)) then
-         call get_text(usual%group(1), key, usual_words, error)
-         if (size(words) == size(usual_words)) has_values = all(words == usual_words)
-         return
-      end if
-      call get_logical(group, key, switch, error)
-      call get_logical(usual%group(1), key, usual_switch, error)
-      has_values = switch .eqv. usual_switch
-   end function has_values
 
    !> Return whether a surface may have rebounds of its own in some place.
    pure logical function has_grounds(surface)

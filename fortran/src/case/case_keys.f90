@@ -13,7 +13,7 @@ module rockfall_case_keys
    implicit none
    private
    public :: key_t, key_table, n_keys, row_text, read_keys, complete_keys, default_keys, check_key, repeatable
-   public :: broken_rule, limits_of
+   public :: broken_rule, limits_of, plain
    public :: map_names, n_maps, many, text_length, max_name, max_real
 
    integer, parameter :: many = 100000                !! maximum number of values in a list
@@ -681,4 +681,42 @@ contains
          call parse_real(trim(allowed(index(allowed, " ") + 1:)), range(1), status)
       end if
    end function range_of
+
+   !> Canonical text of the values of a key; "" if absent.
+   pure function plain(group, key) result(text)
+      type(group_t), intent(in) :: group
+      type(key_t), intent(in) :: key
+      character(len=:), allocatable :: text
+      character(len=text_length), allocatable :: words(:)
+      real(wp), allocatable :: numbers(:)
+      integer(i8) :: whole
+      logical :: switch
+      type(error_t), allocatable :: error
+
+      text = ""
+      if (.not. has_key(group, trim(key%name))) return
+      select case (key%kind)
+      case ("text")
+         call get_text(group, trim(key%name), words, error)
+         text = joined(words, achar(10))
+      case ("integer")
+         call get_integer(group, trim(key%name), whole, error)
+         text = integer_text(whole)
+      case ("real")
+         call get_real(group, trim(key%name), numbers, error)
+         text = repeat(" ", 25*size(numbers))
+         write (text, "(*(es25.16e3))") numbers + 0.0_wp  ! avoids negative zero
+      case ("count")
+         call get_text(group, trim(key%name), words, error)
+         if (.not. allocated(error)) then
+            text = joined(words, achar(10))
+         else
+            call get_integer(group, trim(key%name), whole, error)
+            text = integer_text(whole)
+         end if
+      case default
+         call get_logical(group, trim(key%name), switch, error)
+         text = merge("yes", "no ", switch)
+      end select
+   end function plain
 end module rockfall_case_keys

@@ -9,7 +9,7 @@ module rockfall_grounds
    use rockfall_values, only: has_key, get_text, get_real, refuse, key_location, check_names
    use rockfall_math, only: degree, tangent
    use rockfall_random, only: normal_table_t
-   use rockfall_impact, only: impact_set_t, impact_set, impact_ratios, fitted
+   use rockfall_impact, only: impact_set, impact_ratios, fitted
    use rockfall_direction, only: lateral, by_lab
    use rockfall_classical_rebound, only: classical_t, scatter_t, scatter, by_sets, rockyfor3d, &
                                          pfeiffer_bowen, bourrier_hungr, constant, absorbing, by_table, by_ratio_table

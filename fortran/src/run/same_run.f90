@@ -1,13 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Comparison of runs: whether parts are of the same one, and whether their cases are the same in any notation.
 module rockfall_same_run
-   use rockfall_kinds, only: wp, i8
+   use rockfall_kinds, only: i8
    use rockfall_error, only: error_t
-   use rockfall_text, only: integer_text, joined
    use rockfall_grid, only: grid_t
    use rockfall_namelist, only: namelist_t, group_t
-   use rockfall_values, only: has_key, get_text, get_integer, get_real, get_logical
-   use rockfall_case_keys, only: read_keys, key_t, key_table, text_length
+   use rockfall_case_keys, only: read_keys, key_t, key_table, plain
    implicit none
    private
    public :: identity_t, difference, differing_key, keys_of
@@ -120,42 +118,4 @@ contains
          if (same) same = plain(ours(g), key) == plain(theirs(g), key)
       end do
    end function same_values
-
-   !> Canonical text of the values of a key; "" if absent.
-   pure function plain(group, key) result(text)
-      type(group_t), intent(in) :: group
-      type(key_t), intent(in) :: key
-      character(len=:), allocatable :: text
-      character(len=text_length), allocatable :: words(:)
-      real(wp), allocatable :: numbers(:)
-      integer(i8) :: whole
-      logical :: switch
-      type(error_t), allocatable :: error
-
-      text = ""
-      if (.not. has_key(group, trim(key%name))) return
-      select case (key%kind)
-      case ("text")
-         call get_text(group, trim(key%name), words, error)
-         text = joined(words, achar(10))
-      case ("integer")
-         call get_integer(group, trim(key%name), whole, error)
-         text = integer_text(whole)
-      case ("real")
-         call get_real(group, trim(key%name), numbers, error)
-         text = repeat(" ", 25*size(numbers))
-         write (text, "(*(es25.16e3))") numbers + 0.0_wp  ! avoids negative zero
-      case ("count")
-         call get_text(group, trim(key%name), words, error)
-         if (.not. allocated(error)) then
-            text = joined(words, achar(10))
-         else
-            call get_integer(group, trim(key%name), whole, error)
-            text = integer_text(whole)
-         end if
-      case default
-         call get_logical(group, trim(key%name), switch, error)
-         text = merge("yes", "no ", switch)
-      end select
-   end function plain
 end module rockfall_same_run
