@@ -150,7 +150,6 @@ def report_variants(
     path: str | Path,
     *,
     dem: Place = None,
-    yearly: float = 0.0,
     frequencies: pd.DataFrame | None = None,
     costs: Mapping[str, float] = NO_COSTS,
     title: str = "",
@@ -162,8 +161,7 @@ def report_variants(
     """Write variants of a protection, by name, as one offline HTML page or PDF with a column for
     each: `compare_variants` at all lines, with the measures, and maps of the differences.
 
-    `frequencies` is the table of `rockfall.yearly_variants`, over the scenarios of a case; without
-    scenarios, `yearly` is the number of boulders that come loose from all sources in a year;
+    `frequencies` is the table of `rockfall.yearly_variants`, over the scenarios of a case;
     `costs` are those of variants, in any unit; `title` is that of the page (default: of the first
     result); `dem` is the terrain under maps; the rest is as in `report`. Returns the path of the
     page.
@@ -173,7 +171,7 @@ def report_variants(
     >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
     >>> variant = case.replace(barrier=[net | {"height": 3.0, "class": 4}])
     >>> results = {"bare": rockfall.run(case), "net": rockfall.run(variant)}
-    >>> rockfall.report_variants(results, "variants.html", yearly=0.5, costs={"net": 9e4}).name
+    >>> rockfall.report_variants(results, "variants.html", costs={"net": 9e4}).name
     'variants.html'
     """
     path = Path(path)
@@ -181,7 +179,7 @@ def report_variants(
     terrain = terrain_of(next(iter(results.values())), dem)
     inputs = [file for result in results.values() for file in files_behind(result)]
     parties = Parties(project, client, author)
-    given = Given(yearly, frequencies, costs, title)
+    given = Given(frequencies, costs, title)
     write_variants_page(results, path, terrain, given, language, parties, inputs)
     return path
 

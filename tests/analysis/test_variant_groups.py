@@ -120,7 +120,7 @@ def test_runs_are_those_of_the_cases_by_hand(tmp_path):
 def test_one_command_makes_results_comparison_and_page(here, capsys, blank_figures):
     pytest.importorskip("jinja2", reason="the report extra is not installed")
     case = site(here, GROUPS)
-    words = ["variants", "case.nml", "-o", "out", "--report", "--yearly", "0.2"]
+    words = ["variants", "case.nml", "-o", "out", "--report"]
     assert main([*words, "--quiet"]) == 0
     made = {path.name for path in (here / "out").iterdir()}
     results = {"today.nc", "net.nc", "Räumung 1.nc"}
@@ -149,7 +149,6 @@ def test_scenarios_give_the_frequencies_of_variants(here, capsys, blank_figures)
     pytest.importorskip("jinja2", reason="the report extra is not installed")
     case = site(here, GROUPS[:2], scenario=SCENARIOS)
     words = ["variants", "case.nml", "-o", "out", "--report"]
-    refuses([*words, "--yearly", "0.2"], ".*has &scenario, .*: leave out yearly", capsys)
     assert main(words) == 0
     said = capsys.readouterr().out
     table = pd.read_csv("out/frequencies.csv")

@@ -5,6 +5,7 @@ languages."""
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import rockfall
@@ -13,6 +14,7 @@ from made import refused
 from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.quantities import number
+from rockfall.studies.variants import COLUMNS
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
 pytest.importorskip("jinja2", reason="the report extra is not installed")
@@ -46,7 +48,13 @@ def cells_of(page):
 @pytest.mark.filterwarnings("ignore:.*figures have no relief")
 def test_the_page_has_the_numbers_of_the_comparison(results, tmp_path):
     costs = {"with net": 120000.0}
-    path = rockfall.report_variants(results, tmp_path / "a.html", yearly=0.5, costs=costs)
+    numbers = dict.fromkeys(COLUMNS, np.nan) | {"line": "road", "statistic": "all"}
+    rates = [
+        numbers | {"variant": name, "quantity": "frequency", "value": rate, "value_high": 1.0}
+        for name, rate in {"bare": 0.4, "with net": 0.1}.items()
+    ]
+    given = {"frequencies": pd.DataFrame(rates), "costs": costs}
+    path = rockfall.report_variants(results, tmp_path / "a.html", **given)
     page = path.read_text()
     table = rockfall.compare_variants(results)
     at_road = table[(table["line"] == "road") & (table["statistic"] == "fraction")]
@@ -54,8 +62,7 @@ def test_the_page_has_the_numbers_of_the_comparison(results, tmp_path):
     rows = cells_of(page)
     passing = rows["of all boulders, pass [%]"]
     assert passing[0] == number(100 * bare) and passing[1].startswith(f"{number(100 * net)}\n-")
-    yearly = rows["boulders a year that pass"]
-    assert [one.split("\n")[0] for one in yearly] == [number(0.5 * bare), number(0.5 * net)]
+    assert rows["boulders a year that pass"] == ["0.400", "0.100"]
     assert rows["cost"] == ["-", "120,000"]
     assert rows["nets and walls"] == ["-", "net: 4 m, EAD 3"]
     assert page.count("<img ") == 1 and "With net: what passes" in page
@@ -67,7 +74,7 @@ def test_the_page_has_the_numbers_of_the_comparison(results, tmp_path):
 @pytest.mark.parametrize("language", ["de", "fr", "it"])
 def test_no_text_is_left_in_english(results, tmp_path, language):
     path = tmp_path / "a.html"
-    rockfall.report_variants(results, path, yearly=0.5, language=language)
+    rockfall.report_variants(results, path, language=language)
     hidden = re.compile(r"<style>.*?</style>|<script>.*?</script>|<[^>]*>", re.S)
     shown = hidden.sub(" ", path.read_text())
     assert not re.search(r"\b(boulders|those|pass|which|the)\b", shown)
@@ -85,19 +92,6 @@ def test_what_cannot_be_is_one_line(results, tmp_path):
     path = tmp_path / "a.html"
     with refused("cost of dam: the variants are bare, with net"):
         rockfall.report_variants(results, path, costs={"dam": 1.0})
-    with refused("yearly = -1: must be >= 0 boulders a year"):
-        rockfall.report_variants(results, path, yearly=-1.0)
-    scenario = [{"name": "one", "frequency": 0.5}]
-    for change in [{"bare": scenario}, {"with net": scenario}, dict.fromkeys(results, scenario)]:
-        others = {
-            name: one.assign_attrs(case=case_of(one).replace(scenario=change.get(name, [])).text())
-            for name, one in results.items()
-        }
-        with refused(
-            "yearly = 0.5: the case has &scenario, whose boulders are not those of &boulder: "
-            "`rockfall hazard` gives their frequencies"
-        ):
-            rockfall.report_variants(others, path, yearly=0.5)
     with refused("cost of bare = nan: must be >= 0"):
         rockfall.report_variants(results, path, costs={"bare": np.nan})
     assert not path.exists()
@@ -107,10 +101,10 @@ def test_the_command_writes_the_page(results, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for name, result in results.items():
         rockfall.write_result(result, name.replace("with ", "") + ".nc")
-    words = ["compare", "bare.nc", "net.nc", "--report", "page.html", "--yearly", "2"]
+    words = ["compare", "bare.nc", "net.nc", "--report", "page.html"]
     assert main([*words, "--costs", "net=5"]) == 0
     assert "<th" in (tmp_path / "page.html").read_text()
-    assert main([*words[:-2], "--costs", "net"]) == 2
+    assert main([*words, "--costs", "net"]) == 2
     assert "--costs net: must be NAME=AMOUNT" in capsys.readouterr().err
 
 
@@ -124,8 +118,8 @@ def test_a_page_with_scenarios_calls_frequencies_of_hazard_another_population(re
     assert "are of the boulders of its scenarios, another population: do not compare" in page
 
 
-@pytest.mark.parametrize("words", [["--yearly", "2"], ["--costs", "net=5"]])
-def test_what_only_a_page_shows_needs_one(results, tmp_path, monkeypatch, capsys, words):
+def test_what_only_a_page_shows_needs_one(results, tmp_path, monkeypatch, capsys):
+    words = ["--costs", "net=5"]
     monkeypatch.chdir(tmp_path)
     for name, result in results.items():
         rockfall.write_result(result, name.replace("with ", "") + ".nc")

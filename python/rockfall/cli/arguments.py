@@ -289,7 +289,6 @@ def _add_studies(commands: _Commands) -> None:
     _option(several, "-o --output DIR", Path, "default: CASE_variants")
     _switch(several, "--report", "one page, too, with a column for each variant: DIR/variants.html")
     _switch(several, "--pdf", "the page as DIR/variants.pdf")
-    _add_yearly(several, "")
     _add_imprint(several, "in the report")
     _add_memory(several)
     _add_resume(several, "DIR.NAME.checkpoint")
@@ -344,7 +343,6 @@ def _add_results(commands: _Commands) -> None:
     _option(compare, "--maps DIR", Path, "of variants: maps of the differences, as GeoTIFF")
     text = "of variants: one page (.html, .pdf) with a column for each"
     _option(compare, "--report FILE", Path, text)
-    _add_yearly(compare, "of variants: ")
     text = "of variants, for the report: NAME=AMOUNT"
     _option(compare, "--costs COST", str, text, nargs="+", default=[])
     _add_imprint(compare, "in the report")
@@ -383,11 +381,6 @@ def _add_results(commands: _Commands) -> None:
         _option(verb, "--observed CSV", Path, "drawn beside it", nargs="+")
         _option(verb, "--basemap FILE", Path, "a picture below the maps")
         _option(verb, "--limits UNIT=LIMITS", str, "of classes: kJ=30,300 m=1,5", nargs="+")
-
-
-def _add_yearly(command: argparse.ArgumentParser, unit: str) -> None:
-    text = f"{unit}boulders that come loose a year, for frequencies in the report"
-    _option(command, "--yearly N", float, text, default=0.0)
 
 
 def _add_section(commands: _Commands) -> None:

@@ -35,30 +35,17 @@ BESIDE_FIRST = 4  # variants in a table on paper
 class Given(NamedTuple):
     """Facts about the variants that results do not hold."""
 
-    yearly: float = 0.0  # boulders that come loose from all sources [1/year]; 0: not known
     frequencies: pd.DataFrame | None = None  # over scenarios, from `yearly_variants`
     costs: Mapping[str, float] = {}  # by variant, in any unit
     title: str = ""  # of the page; "": that of the first
 
     def check(self, results: Mapping[str, xr.Dataset]) -> None:
         """Refuse what cannot be."""
-        check_yearly(self.yearly, map(case_of, results.values()))
         for name, cost in self.costs.items():
             if name not in results:
                 raise RockfallError(f"cost of {name}: the variants are {', '.join(results)}")
             if not 0 <= cost < math.inf:
                 raise RockfallError(f"cost of {name} = {cost:g}: must be >= 0")
-
-
-def check_yearly(yearly: float, cases: Iterable[Case]) -> None:
-    """Refuse a number of boulders a year that cannot be, or is that of other boulders."""
-    if not 0 <= yearly < math.inf:
-        raise RockfallError(f"yearly = {yearly:g}: must be >= 0 boulders a year")
-    if yearly and any(case.scenario for case in cases):
-        raise RockfallError(
-            f"yearly = {yearly:g}: the case has &scenario, whose frequencies `rockfall variants` "
-            "and `rockfall hazard` use: leave out yearly"
-        )
 
 
 def write_variants_page(
@@ -103,7 +90,7 @@ def _page(
         ],
         warnings=list(_warnings(results)),
         lines=[
-            variant_table(part, given.yearly, given.frequencies)
+            variant_table(part, given.frequencies)
             for _, of_line in table.groupby("line", sort=False)
             for part in _on_page(of_line, on_paper)
         ],

@@ -37,7 +37,7 @@ def variants_text(
     `frequencies` see `variant_table`."""
     parts = []
     for _, of_line in frame.groupby("line", sort=False):
-        table = variant_table(of_line, frequencies=frequencies)
+        table = variant_table(of_line, frequencies)
         parts.append(f"{table.caption}\n{as_text(table)}")
     return "\n\n".join([*parts, say("variants.note"), *([note] if note else [])])
 
@@ -59,20 +59,15 @@ def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) ->
                 yield say("variants.moved_line", line=line, name=name, before=before)
 
 
-def variant_table(
-    of_line: pd.DataFrame, yearly: float = 0.0, frequencies: pd.DataFrame | None = None
-) -> Table:
+def variant_table(of_line: pd.DataFrame, frequencies: pd.DataFrame | None = None) -> Table:
     """Numbers of a line, each with its difference from the first variant: first those of the
-    scenarios of the case, from `rockfall.studies.yearly_variants`; then those of its boulders, by
-    the year, too, where so many (`yearly`) come loose in one."""
+    scenarios of the case, from `rockfall.studies.yearly_variants`, then those of its boulders."""
     rows = [*_yearly_rows(of_line, frequencies)] if frequencies is not None else []
     for (quantity, statistic), group in of_line.groupby(["quantity", "statistic"], sort=False):
         display = QUANTITIES["fraction" if quantity == "passing" else quantity]
         records = group.to_dict("records")
         label = _label(str(quantity), str(statistic), display.unit)
         rows.append((label, *(_cell(row, display.factor) for row in records)))
-        if quantity == "passing" and yearly:
-            rows.append((_yearly_label(str(statistic)), *(_cell(row, yearly) for row in records)))
     heads = ["", *of_line["variant"].unique()]
     return Table.of(say("variants.line_caption", line=of_line["line"].iloc[0]), heads, rows)
 

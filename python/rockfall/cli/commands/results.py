@@ -121,10 +121,8 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
     if len({*names}) < len(names):
         raise RockfallError("compare: variants need different file names")
     variants = dict(zip(names, results.values(), strict=True))
-    if not arguments.report:
-        for option in "yearly", "costs":
-            if getattr(arguments, option):
-                raise RockfallError(f"--{option} requires --report")
+    if arguments.costs and not arguments.report:
+        raise RockfallError("--costs requires --report")
     table = compare_variants(variants)
     inputs = [
         *arguments.files,
@@ -137,7 +135,7 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
         write_variants(table, difference_maps(variants), arguments.maps, inputs)
     if arguments.report:
         costs = dict(map(_cost, arguments.costs))
-        named = {name: getattr(arguments, name) for name in ("yearly", *IMPRINT)}
+        named = {name: getattr(arguments, name) for name in IMPRINT}
         check_output(arguments.report, inputs)
         with warnings_told():
             report_variants(variants, arguments.report, costs=costs, **named)

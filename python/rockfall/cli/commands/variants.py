@@ -20,9 +20,7 @@ from rockfall.cli.checkpoints import (
 from rockfall.cli.commands.results import IMPRINT
 from rockfall.cli.given import memory_of, with_overrides
 from rockfall.cli.messages import DONE, print_files, say, warn, warn_each, warnings_told
-from rockfall.errors import RockfallError
 from rockfall.html_report.page import check_page_needs
-from rockfall.html_report.variants_page import check_yearly
 from rockfall.interrupts import interrupts
 from rockfall.io.output_files import atomic_folder, overwriting
 from rockfall.io.tables import write_csv
@@ -65,9 +63,6 @@ def variants_command(arguments: argparse.Namespace) -> int:
     if pages:
         catalogue(arguments.language)  # refuses unknown languages before a file is read
         check_page_needs(pages[0])
-        check_yearly(arguments.yearly, [case])
-    elif arguments.yearly:
-        raise RockfallError("--yearly requires --report or --pdf")
     with locked(folder.resolve(), warn):
         runs = [*names, *(f"{name}.scenario{k}" for name in names
                           for k, _ in enumerate(case.scenario, start=1))]  # fmt: skip
@@ -133,7 +128,7 @@ def _write(
             made.append(part / name)
             with warnings_told():
                 report_variants(
-                    results, made[-1], yearly=arguments.yearly, frequencies=frequencies,
+                    results, made[-1], frequencies=frequencies,
                     costs=costs, title=title, **imprint,
                 )  # fmt: skip
     return [folder / path.name for path in made]
