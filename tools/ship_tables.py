@@ -19,7 +19,8 @@ import xarray as xr
 from rockfall.grounds.impact_tables import USUAL_WEIGHT, save_table
 from rockfall.io.files import atomic_write
 from rockfall.io.netcdf import load_dataset
-from rockfall_lab.blocks.case import CONSTANTS, DENSITY, BlockCase, restitution_of
+from rockfall.kernel_rules import USUAL_DENSITY
+from rockfall_lab.blocks.case import CONSTANTS, BlockCase, restitution_of
 from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.case import read_lab_case
 from rockfall_lab.spheres.sequences import run_sequences
@@ -64,10 +65,10 @@ def part_case(name: str, column: int, row: int) -> BlockCase:
     seed = plane.seed + SEEDS_OF_STRENGTH * column + row
     return BlockCase(
         lab={"ground": GROUNDS[model], "shape": shape, "throws": plane.throws, "seed": seed},
-        block={"radius": RADIUS, "density": DENSITY},
+        block={"radius": RADIUS, "density": USUAL_DENSITY},
         ground={
             **CONSTANTS[model], "yield_pressure": pressure, "relief": plane.reliefs[row],
-            "restitution": restitution_of(pressure, DENSITY), "fitted_radius": RADIUS,
+            "restitution": restitution_of(pressure, USUAL_DENSITY), "fitted_radius": RADIUS,
             "yield_exponent": 0.0, "rest_angle": 0.0,
         },
         throw={"speed": [*SPEED]},

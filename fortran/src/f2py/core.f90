@@ -1315,7 +1315,12 @@ contains
       case ("size_weights"); found = size_weights  ! of the obstacle sizes of method A
       case ("ead_energy"); found = ead_energy    ! maximum of the classes of EAD 340059, from class 0 [J]
       case ("sample_units"); found = [units_of]  ! (quantities, 2), at lines and at ends, over their SI unit
-      case ("sample_edges"); found = [(sample_edge(k), k=1, n_sample_bins + 1)]  ! in units
+      case ("sample_edges")  ! in units; too many for the stack
+         deallocate (found)
+         allocate (found(n_sample_bins + 1))
+         do k = 1, size(found)
+            found(k) = sample_edge(k)
+         end do
       case ("histogram_bins"); found = n_bins    ! of each histogram, in the order of rockfall_histogram
       case ("histogram_widths"); found = bin_width
       end select
