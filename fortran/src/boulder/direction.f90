@@ -37,8 +37,8 @@ module rockfall_direction
 
    integer, parameter :: lateral_classes = n_lateral_classes  !! maximum number of incidence classes
    !> Probabilities of the quantiles of a class: steps of a tenth, then the tail.
-   real(wp), parameter :: probability(n_lateral_quantiles) = [0.0_wp, 0.1_wp, 0.2_wp, 0.3_wp, 0.4_wp, 0.5_wp, 0.6_wp, 0.7_wp, &
-                                             0.8_wp, 0.9_wp, 0.95_wp, 0.99_wp, 1.0_wp]
+   real(wp), parameter :: probability(n_lateral_quantiles) = &
+      [0.0_wp, 0.1_wp, 0.2_wp, 0.3_wp, 0.4_wp, 0.5_wp, 0.6_wp, 0.7_wp, 0.8_wp, 0.9_wp, 0.95_wp, 0.99_wp, 1.0_wp]
    integer, parameter :: lateral_quantiles = n_lateral_quantiles
    real(wp), parameter :: per_probability(*) = 1/(probability(2:) - probability(:lateral_quantiles - 1))
 
