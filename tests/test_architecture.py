@@ -12,7 +12,7 @@ PACKAGE = ROOT / "python/rockfall"
 LAB = ROOT / "lab/rockfall_lab"
 #: Each imports from its own level and those before it.
 LEVELS = [
-    ["errors", "interrupts", "kernel_rules", "language", "limits", "system", "version"],
+    ["accessor", "errors", "interrupts", "kernel_rules", "language", "limits", "system", "version"],
     ["io"],
     ["field", "terrain"],
     [

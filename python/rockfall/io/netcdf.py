@@ -8,6 +8,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from rockfall.accessor import add_accessor
 from rockfall.errors import RockfallError
 from rockfall.io.files import CLASSIC, check_regular, start_of
 from rockfall.system import NETCDF_NAMES, has_locks
@@ -76,6 +77,7 @@ def open_dataset(path: str | Path, group: str | None = None, **decoding: Any) ->
     `xarray.open_dataset`."""
     import xarray as xr
 
+    add_accessor()
     store = xr.backends.NetCDF4DataStore(open_netcdf(path), group=group)
     return xr.open_dataset(store, **decoding)
 

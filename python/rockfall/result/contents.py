@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from rockfall.accessor import add_accessor
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -63,6 +65,7 @@ class Contents:
         installed, to check their type, which takes half a second."""
         import xarray as xr
 
+        add_accessor()
         data = {
             name: xr.Variable(variable.dims, variable.values, variable.attrs, fastpath=True)
             for name, variable in self.variables.items()
