@@ -25,10 +25,10 @@ def case(tmp_path_factory):
     groups = {
         "release": {"x": [120.0, 180.0], "y": [380.0, 385.0], "drop_height": 5.0},
         "case": {"boulders": 200},
-        "hazard": {"thresholds": [30.0, 300.0]},
     }
     made = scenes.make_case(tmp_path_factory.mktemp("case"), *scenes.sets(2.0), **groups)
     return made.replace(
+        hazard={"thresholds": [30.0, 300.0], "frequency_factor": [0.8, 1.5]},
         line=LINES,
         barrier=[NET],
         scenario=SCENARIOS,

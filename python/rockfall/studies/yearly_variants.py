@@ -85,13 +85,12 @@ def yearly_variants(
     for name, run in study.run(scenes, lambda name, result: _run(result, of_runs[name][1])):
         by_variant.setdefault(of_runs[name][0], []).append(run)
     first = next(iter(by_variant.values()))
-    thresholds = case.hazard["thresholds"]
     rows = [
         {"line": line, "variant": name, **row}
         for line in dict.fromkeys(line for runs in by_variant.values() for line in runs[0].energies)
         for name, runs in by_variant.items()
         if line in runs[0].energies
-        for row in _rows(line, runs, None if runs is first else first, thresholds)
+        for row in _rows(line, runs, None if runs is first else first, case.hazard)
     ]
     return Yearly(pd.DataFrame(rows, columns=COLUMNS), study.warnings)
 
@@ -125,18 +124,19 @@ def _run(result: xr.Dataset, yearly: float) -> _Run:
 
 
 def _rows(
-    line: str, runs: Sequence[_Run], first: Sequence[_Run] | None, thresholds: Sequence[float]
+    line: str, runs: Sequence[_Run], first: Sequence[_Run] | None, hazard: Mapping[str, Any]
 ) -> Iterator[dict[str, object]]:
     """Rows of a variant at a line; `first`: runs of the first variant, None if this is it."""
+    factor = hazard["frequency_factor"]
     energies = [run.energies[line] for run in runs]
     before = [run.energies[line] for run in first or () if line in run.energies]
     n = sum(int(np.count_nonzero(~np.isnan(each))) for each in energies)
-    for threshold in dict.fromkeys((0.0, *thresholds)):
+    for threshold in dict.fromkeys((0.0, *hazard["thresholds"])):
         passing = [each >= 1000.0 * threshold for each in energies]
         parts = (
             fraction_interval(mask, run.source) for mask, run in zip(passing, runs, strict=True)
         )
-        row = {"quantity": "frequency", "n": n, **_yearly(runs, parts)}
+        row = {"quantity": "frequency", "n": n, **_yearly(runs, parts, factor)}
         row["statistic"] = f"above_{threshold:.10g}" if threshold else "all"
         if before:
             others = [each >= 1000.0 * threshold for each in before]
@@ -144,19 +144,24 @@ def _rows(
                 difference_of_fractions(mask, other, run.source)
                 for mask, other, run in zip(passing, others, runs, strict=True)
             )
-            row |= verdict_on(*_yearly(runs, apart).values())
+            row |= verdict_on(*_yearly(runs, apart, factor).values())
         yield row
     passed = [
         Passed([], each.size, run.per_cluster, run.yearly)
         for each, run in zip(energies, runs, strict=True)
     ]
-    levels = levels_by_period([each[~np.isnan(each)] for each in energies], passed)
+    levels = levels_by_period([each[~np.isnan(each)] for each in energies], passed, factor)
     for period, three in zip(PERIODS, levels.T.tolist(), strict=True):
         values = dict(zip(VALUES, three, strict=True))
         yield {"quantity": "energy_by_period", "statistic": f"{period:g}", "n": n, **values}
 
 
-def _yearly(runs: Sequence[_Run], fractions: Iterable[Sequence[float]]) -> dict[str, float]:
-    """Fractions of the boulders of each scenario, with their limits, as a sum a year."""
+def _yearly(
+    runs: Sequence[_Run], fractions: Iterable[Sequence[float]], factor: Sequence[float]
+) -> dict[str, float]:
+    """Fractions of the boulders of each scenario, or their differences, with their limits, as a sum
+    a year. Limits include the lowest and highest `factor` on the frequencies."""
     each = [run.yearly * np.array(three) for run, three in zip(runs, fractions, strict=True)]
-    return dict(zip(VALUES, np.sum(each, axis=0).tolist(), strict=True))
+    value, low, high = np.sum(each, axis=0).tolist()
+    ends = min(by * low for by in factor), max(by * high for by in factor)
+    return dict(zip(VALUES, (value, *ends), strict=True))
