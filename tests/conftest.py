@@ -26,6 +26,10 @@ def pytest_addoption(parser):
 HARMLESS = (
     "ignore::UserWarning",
     "ignore::ResourceWarning",
+    *(  # what libraries say of each other, by versions that are not ours to choose
+        f"ignore::{kind}:(?!rockfall|test|lab|benchmarks)"
+        for kind in ("DeprecationWarning", "PendingDeprecationWarning", "FutureWarning")
+    ),
     "ignore:Use `@` matmul:PendingDeprecationWarning",
     "ignore:Normalized/laundered field name:RuntimeWarning",
     "ignore:The 'float_precision' argument",
