@@ -156,6 +156,8 @@ def test_a_point_without_a_width_has_no_levels(tmp_path):
     found = hazard(make_case(tmp_path, line=[]), objects=layer)
     assert np.isnan(found["object_energy_by_period"].values).all()
     assert "line" not in found.dims
+    with pytest.raises(rockfall.RockfallError, match="pole: is a point without a width"):
+        rockfall.return_period(found, "pole", energy=30e3)
 
 
 def test_levels_of_counts_are_thresholds_too():
@@ -253,4 +255,10 @@ def test_page_1_has_the_energy_once_in_a_hundred_years(tmp_path):
     assert [*yearly_answers(found)] == [f"{text} {level.interval}."]
     rare = make_case(tmp_path, {"name": "never", "frequency": 1e-9})
     assert [*yearly_answers(hazard(rare))] == ["road: boulders arrive less than once in 100 years."]
+    unsure = make_case(tmp_path, {"name": "seldom", "frequency": 0.008})
+    unsure = unsure.replace(hazard={"frequency_factor": [0.5, 2.0]})
+    assert [*yearly_answers(hazard(unsure))] == [
+        "road: boulders arrive less than once in 100 years in this simulation, but its interval "
+        "does not exclude it."
+    ]
     assert not [*yearly_answers(None)]

@@ -79,7 +79,8 @@ def yearly_answers(hazard: xr.Dataset | None) -> Iterator[str]:
             1e-3 * float(hazard[f"line_energy_by_period{end}"].values[k, period]) for end in ENDS
         )
         if not value:
-            yield say("summary.rarer", line=str(line), years=YEARS)
+            key = "summary.not_excluded" if high else "summary.rarer"
+            yield say(key, line=str(line), years=YEARS)
             continue
         energy = Estimate(value, low, high if np.isfinite(high) else np.nan, digits=2)
         words = {"energy": energy.number, "limits": energy.interval}

@@ -82,12 +82,12 @@ def period_tables(hazard: xr.Dataset) -> Iterator[Table]:
         rows = []
         for kind, k in places:
             levels = np.array([hazard[f"{kind}_{name}"].values[k] for name in names]) * factor
-            rows.append((str(hazard[kind].values[k]), *map(_level, *levels.tolist())))
+            rows.append((str(hazard[kind].values[k]), *map(level_cell, *levels.tolist())))
         yield Table.of(say(f"tables.{quantity}_by_period"), [say("hazard.place"), *years], rows)
 
 
-def _level(value: float, low: float, high: float) -> Estimate | str:
-    """Level of a return period; 0 if boulders come more rarely."""
+def level_cell(value: float, low: float, high: float) -> Estimate | str:
+    """Level of a return period with its interval; 0 if boulders come more rarely."""
     if high == 0:
         return "0"
     if np.isinf(high):

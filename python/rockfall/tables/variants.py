@@ -15,7 +15,8 @@ from rockfall.quantities import QUANTITIES, number
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import kept_note
 from rockfall.studies.variants import UNDECIDED
-from rockfall.table import TOO_FEW, Table, as_text, between, stacked
+from rockfall.table import ENDS, Table, as_text, stacked
+from rockfall.tables.hazard import level_cell
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,7 +63,9 @@ def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) ->
 def variant_table(of_line: pd.DataFrame, frequencies: pd.DataFrame | None = None) -> Table:
     """Numbers of a line, each with its difference from the first variant: first those of the
     scenarios of the case, from `rockfall.studies.yearly_variants`, then those of its boulders."""
-    rows = [*_yearly_rows(of_line, frequencies)] if frequencies is not None else []
+    rows: list[tuple[object, ...]] = []
+    if frequencies is not None:
+        rows += _yearly_rows(of_line, frequencies)
     for (quantity, statistic), group in of_line.groupby(["quantity", "statistic"], sort=False):
         display = QUANTITIES["fraction" if quantity == "passing" else quantity]
         records = group.to_dict("records")
@@ -72,7 +75,7 @@ def variant_table(of_line: pd.DataFrame, frequencies: pd.DataFrame | None = None
     return Table.of(say("variants.line_caption", line=of_line["line"].iloc[0]), heads, rows)
 
 
-def _yearly_rows(of_line: pd.DataFrame, frequencies: pd.DataFrame) -> Iterator[tuple[str, ...]]:
+def _yearly_rows(of_line: pd.DataFrame, frequencies: pd.DataFrame) -> Iterator[tuple[object, ...]]:
     """Frequencies, and energies by return period, at the line and of the variants of a table."""
     here = frequencies[
         (frequencies["line"] == of_line["line"].iloc[0])
@@ -84,16 +87,10 @@ def _yearly_rows(of_line: pd.DataFrame, frequencies: pd.DataFrame) -> Iterator[t
             yield _yearly_label(str(statistic)), *(_cell(row, 1.0) for row in records)
         else:
             label = say("variants.energy_by_period", years=Number(str(statistic)))
-            yield label, *(_level(row) for row in records)
-
-
-def _level(row: Mapping[Any, Any]) -> str:
-    """Energy of a return period [kJ] and its interval."""
-    value, low, high = (1e-3 * row[f"value{end}"] for end in ("", "_low", "_high"))
-    if high == 0:
-        return "0"
-    limits = [between(number(low, 2), number(high, 2) if np.isfinite(high) else "-")] if low else []
-    return stacked(number(value, 2), *(limits or [TOO_FEW] * bool(np.isinf(high))))
+            yield (
+                label,
+                *(level_cell(*(1e-3 * row[f"value{end}"] for end in ENDS)) for row in records),
+            )
 
 
 def _label(quantity: str, statistic: str, unit: str) -> Text:

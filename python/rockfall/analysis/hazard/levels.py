@@ -121,6 +121,11 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
     if quantity not in QUANTITIES:
         raise RockfallError(f"{quantity}: must be one of {', '.join(QUANTITIES)}")
     kind, k = _find(hazard, place)
+    if np.isnan(hazard[f"{kind}_{quantity}_by_period"].values[k]).any():
+        raise RockfallError(
+            f"{place}: is a point without a width, of which only counts above &hazard thresholds "
+            "are known: give it a width"
+        )
     above = hazard[f"{kind}_{quantity}_counts"].values[:, k]
     counts = np.column_stack([hazard[f"{kind}_passages"].values[:, k], above])
     samples = (hazard[name].values for name in ("boulders", "boulders_per_cluster", "frequency"))
