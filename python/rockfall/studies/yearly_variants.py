@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.hazard.exceedance import Passed, levels_by_period
+from rockfall.analysis.hazard.exceedance import levels_by_period
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
 from rockfall.analysis.hazard.variables import PERIODS
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
@@ -146,11 +146,10 @@ def _rows(
             )
             row |= verdict_on(*_yearly(runs, apart, factor).values())
         yield row
-    passed = [
-        Passed([], each.size, run.per_cluster, run.yearly)
-        for each, run in zip(energies, runs, strict=True)
+    samples = [
+        (each.size, run.per_cluster, run.yearly) for each, run in zip(energies, runs, strict=True)
     ]
-    levels = levels_by_period([each[~np.isnan(each)] for each in energies], passed, factor)
+    levels = levels_by_period([each[~np.isnan(each)] for each in energies], samples, factor)
     for period, three in zip(PERIODS, levels.T.tolist(), strict=True):
         values = dict(zip(VALUES, three, strict=True))
         yield {"quantity": "energy_by_period", "statistic": f"{period:g}", "n": n, **values}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.hazard.classes import Frequencies, Matrix, classify, frequencies, intensities
-from rockfall.analysis.hazard.exceedance import Passed, Passing, exceedance_numbers, passing_of
+from rockfall.analysis.hazard.exceedance import Passing, exceedance_numbers, passing_of
 from rockfall.analysis.hazard.finished import layers_checksum
 from rockfall.analysis.hazard.scenarios import Scenario
 from rockfall.analysis.hazard.variables import (
@@ -20,6 +20,7 @@ from rockfall.analysis.hazard.variables import (
     ENDS,
     EXCEEDED,
     EXTREMES,
+    LEVELS,
     PERIODS,
     TABLE,
 )
@@ -76,11 +77,15 @@ class ScenarioRun:
         self.extremes = {name: result[name].values for name in EXTREMES}
         self.segments = [*segment_hits(inputs.segments, result, len(inputs.objects.lines))]
         self.segment_counts = hit_counts(self.segments, result["threshold"].values)
-        self.objects = object_counts(inputs.objects, result, inputs.scene.grid, self.hits)
-        self.risk = self._risk(inputs.objects, result) if inputs.objects.exposed else None
         self.at_objects: list[Passing | None] = [None] * len(inputs.objects)
         for number, hits in object_hits(inputs.objects, result):
             self.at_objects[number] = Passing(*hits[:, np.isfinite(hits[0])])
+        energies = {k: at.energy for k, at in enumerate(self.at_objects) if at}
+        thresholds = result["threshold"].values
+        self.objects = object_counts(
+            inputs.objects, energies, thresholds, inputs.scene.grid, self.hits
+        )
+        self.risk = self._risk(inputs.objects, result) if inputs.objects.exposed else None
         first = len(inputs.objects.lines) + len(inputs.segments.lines)
         self.at_lines = [passing_of(result, first + k) for k in range(len(inputs.lines))]
         self.variable_attrs = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
@@ -252,8 +257,8 @@ def _by_period(
     places: Sequence[Sequence[Passing | None]],
 ) -> dict[str, np.ndarray]:
     """Energies and heights by return period at places, and counts above levels of both."""
-    passed = [Passed(at, *run.sample) for at, run in zip(places, runs, strict=True)]
-    numbers = exceedance_numbers(passed, inputs.case.hazard["frequency_factor"])
+    samples = [run.sample for run in runs]
+    numbers = exceedance_numbers(places, samples, inputs.case.hazard["frequency_factor"])
     return {f"{prefix}{name}": values for name, values in numbers.items()}
 
 
@@ -266,7 +271,7 @@ def _levels() -> dict[str, tuple]:
             EXCEEDED[name],
             {"units": units, "long_name": f"{name} above which boulders are counted"},
         )
-        for name, units in (("energy", "J"), ("height", "m"))
+        for name, (units, _) in LEVELS.items()
     }
 
 

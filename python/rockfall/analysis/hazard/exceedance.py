@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.classes import frequencies
-from rockfall.analysis.hazard.variables import ENDS, EXCEEDED, PERIODS
+from rockfall.analysis.hazard.variables import ENDS, EXCEEDED, LEVELS, PERIODS
 from rockfall.result.crossings import AtLine
 
 if TYPE_CHECKING:
     import xarray as xr
-
-QUANTITIES = "energy", "height"
 
 
 class Passing(NamedTuple):
@@ -32,30 +30,26 @@ def passing_of(result: xr.Dataset, line: int) -> Passing:
     return Passing(at.values("energy_total"), at.values("passing_height"))
 
 
-class Passed(NamedTuple):
-    """Boulders of the run of a scenario that pass each place; None at places of which only counts
-    are known."""
-
-    places: Sequence[Passing | None]
-    boulders: int  # of the run
-    per_cluster: int  # boulders that count as one
-    yearly: float  # frequency of the scenario [1/year]
+#: Boulders of a run, boulders that count as one, and frequency of its scenario [1/year].
+Sample = tuple[int, int, float]
 
 
 def exceedance_numbers(
-    runs: Sequence[Passed], factor: Sequence[float] = (1.0, 1.0)
+    passing: Sequence[Sequence[Passing | None]],
+    runs: Sequence[Sample],
+    factor: Sequence[float] = (1.0, 1.0),
 ) -> dict[str, np.ndarray]:
     """Values of the table of a hazard at places, by their names without the prefix: energies and
-    heights by return period with their limits, and counts above each of `EXCEEDED`. `factor`: as in
+    heights by return period with their limits, and counts above each of `EXCEEDED`, from the
+    boulders of each run that pass each place; None where only counts are known. `factor`: as in
     `rockfall.analysis.hazard.classes.frequencies`."""
-    places = range(len(runs[0].places))
+    places = [*zip(*passing, strict=True)]
     values: dict[str, np.ndarray] = {}
-    for name in QUANTITIES:
+    for name in LEVELS:
         levels = np.full((3, len(places), len(PERIODS)), np.nan)
         counts = np.zeros((len(runs), len(places), EXCEEDED[name].size), "i4")
-        for place in places:
-            parts = [_of_run(run, name, place) for run in runs]
-            samples = [part for part in parts if part is not None]
+        for place, at in enumerate(places):
+            samples = [getattr(each, name) for each in at if each is not None]
             if len(samples) < len(runs):
                 continue
             levels[:, place] = levels_by_period(samples, runs, factor)
@@ -69,7 +63,7 @@ def exceedance_numbers(
 
 
 def levels_by_period(
-    values: Sequence[np.ndarray], runs: Sequence[Passed], factor: Sequence[float] = (1.0, 1.0)
+    values: Sequence[np.ndarray], runs: Sequence[Sample], factor: Sequence[float] = (1.0, 1.0)
 ) -> np.ndarray:
     """Value that is reached once in each of `PERIODS`, and the limits of its 95 % interval,
     (3, periods), from the values of the boulders of each run that pass.
@@ -83,14 +77,6 @@ def levels_by_period(
     order = np.argsort(-sample, kind="stable")
     counts = np.cumsum(of_run[order, None] == np.arange(len(runs)), axis=0, dtype="i4")
     counts = np.concatenate([np.zeros((1, len(runs)), "i4"), counts])  # from that of no boulder
-    rates = frequencies(
-        ((counts[:, k], run.boulders, run.per_cluster, run.yearly) for k, run in enumerate(runs)),
-        factor,
-    )
+    rates = frequencies(((counts[:, k], *run) for k, run in enumerate(runs)), factor)
     steps = np.concatenate([[np.inf], sample[order], [0.0]])
     return np.array([steps[np.searchsorted(rate, [1 / T for T in PERIODS])] for rate in rates])
-
-
-def _of_run(run: Passed, name: str, place: int) -> np.ndarray | None:
-    passing = run.places[place]
-    return None if passing is None else getattr(passing, name)

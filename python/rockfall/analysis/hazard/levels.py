@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.classes import Frequencies, frequencies
-from rockfall.analysis.hazard.exceedance import QUANTITIES
-from rockfall.analysis.hazard.variables import ENDS
+from rockfall.analysis.hazard.variables import ENDS, LEVELS
 from rockfall.case import case_in
 from rockfall.errors import RockfallError
 
@@ -99,7 +98,7 @@ def period_table(hazard: xr.Dataset) -> pd.DataFrame:
             **{
                 f"{quantity}{end}": float(hazard[f"{kind}_{quantity}_by_period{end}"][k, j])
                 * factor
-                for quantity, factor in zip(QUANTITIES, (1e-3, 1.0), strict=True)
+                for quantity, factor in zip(LEVELS, (1e-3, 1.0), strict=True)
                 for end in ENDS
             },
         }
@@ -107,7 +106,7 @@ def period_table(hazard: xr.Dataset) -> pd.DataFrame:
         for k, name in enumerate(hazard[kind].values)
         for j, period in enumerate(hazard["event_period"].values.tolist())
     ]
-    names = [f"{quantity}{end}" for quantity in QUANTITIES for end in ENDS]
+    names = [f"{quantity}{end}" for quantity in LEVELS for end in ENDS]
     return pd.DataFrame(rows, columns=["place", "name", "return_period", *names])
 
 
@@ -118,8 +117,8 @@ def _kinds(hazard: xr.Dataset) -> Iterator[str]:
 
 def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, Frequencies]:
     """Levels from 0, and the frequencies above each."""
-    if quantity not in QUANTITIES:
-        raise RockfallError(f"{quantity}: must be one of {', '.join(QUANTITIES)}")
+    if quantity not in LEVELS:
+        raise RockfallError(f"{quantity}: must be one of {', '.join(LEVELS)}")
     kind, k = _find(hazard, place)
     if np.isnan(hazard[f"{kind}_{quantity}_by_period"].values[k]).any():
         raise RockfallError(

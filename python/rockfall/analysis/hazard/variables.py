@@ -28,6 +28,10 @@ EXTREMES = {  # maps whose extreme over the scenarios is kept
 }
 YEARLY, YEARS, PART = "year-1", "year", "1"
 PERIODS = (10.0, 30.0, 100.0, 300.0, 1000.0)  # of energies and heights [year]
+LEVELS = {  # units and meaning of what is listed by return period
+    "energy": ("J", "kinetic energy"),
+    "height": ("m", "vertical height of the centre above the ground"),
+}
 #: Energies [J] and heights [m] above which boulders are counted.
 EXCEEDED = {
     "energy": 1e3 * np.array([digit * 10.0**k for k in range(6) for digit in (1, 1.5, 2, 3, 5, 7)]),
@@ -100,10 +104,7 @@ def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable
 
 def _by_period(prefix: str, dims: tuple[str, ...], where: str) -> Iterator[tuple[str, Variable]]:
     """Energies and heights by return period, and the counts behind curves of exceedance."""
-    for name, units, quantity in (
-        ("energy", "J", "kinetic energy"),
-        ("height", "m", "vertical height of the centre above the ground"),
-    ):
+    for name, (units, quantity) in LEVELS.items():
         what = f"{quantity} of a boulder {where} that is reached once in the period"
         yield from _with_ends(f"{prefix}{name}_by_period", (*dims, "event_period"), what, units)
         what = f"simulated boulders {where} with more {quantity}"

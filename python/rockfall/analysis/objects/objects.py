@@ -258,15 +258,21 @@ def object_hits(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.
         yield int(number), hits
 
 
-def object_counts(objects: Objects, result: xr.Dataset, grid: Grid, maps: np.ndarray) -> np.ndarray:
-    """Boulders of a run that hit each object, and those with more energy than each threshold
-    (intensities, objects); `maps` are the corresponding counts by cell (intensities, y, x)."""
-    thresholds = result["threshold"].values
+def object_counts(
+    objects: Objects,
+    energies: Mapping[int, np.ndarray],
+    thresholds: np.ndarray,
+    grid: Grid,
+    maps: np.ndarray,
+) -> np.ndarray:
+    """Boulders of a run that hit each object, and those with more energy than each threshold [J]
+    (intensities, objects); `energies` are those that hit each object that is a line, by its number;
+    `maps` are the corresponding counts by cell (intensities, y, x)."""
     counts = np.zeros((1 + thresholds.size, len(objects)), "i4")
     rows, columns = grid.cells(*objects.places.T)
     counts[:, objects.point] = maps[:, rows, columns]
-    for number, (energy, _) in object_hits(objects, result):
-        counts[0, number] = np.isfinite(energy).sum()
+    for number, energy in energies.items():
+        counts[0, number] = energy.size
         counts[1:, number] = (energy > thresholds[:, None]).sum(axis=1)
     return counts
 
