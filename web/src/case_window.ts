@@ -7,9 +7,10 @@ import { DocumentStore, type Difference } from './document';
 import { Drawer, TOOLS, type Tool } from './draw';
 import { GroundDialog } from './ground_choice';
 import { Legend } from './legend';
-import { MapBar, mapButtons } from './map/furniture';
+import { mapButtons } from './map/furniture';
 import { MapView, type Shown } from './map/map_view';
 import { download, drawPicture } from './map/picture';
+import { propertiesOf } from './new_features';
 import { isLong, Output } from './output';
 import { DisplayPanel } from './panels/display';
 import { FeaturePanel } from './panels/features';
@@ -19,57 +20,29 @@ import { StatisticsPanel } from './panels/statistics';
 import { Tabs, type Tab } from './panels/tabs';
 import { VariantPanel } from './panels/variants';
 import {
-  hasStatistics,
-  isOf,
-  LAYERS,
   variantOf,
-  type BackgroundMessage,
   type BatchMessage,
   type Binary,
   type CaseDocument,
   type CaseError,
-  type Layer,
-  type LinesMessage,
   type State,
   type Text,
-  type Value,
   type Wanted,
   type Welcome,
 } from './protocol';
+import { Results } from './results';
 import { RunBar } from './run_bar';
 import { Sender } from './sender';
 import { listenToKeys } from './shortcuts';
 import { ScenePane } from './scene_pane';
 import { Shell, type Mode } from './shell';
-import { decimal, say, sayOr } from './texts';
+import { say } from './texts';
 import { Toolbar } from './toolbar';
 import { TopBar } from './top_bar';
-import { extended } from './trajectories';
 import { unrun, withResults, type Snapshot } from './variants';
-import type { Frame, Shade, Terrain, Trajectories } from './view3d/view3d';
+import type { Frame } from './view3d/view3d';
 
 const OPACITY = 0.85; // of results, at first
-
-/** Properties with which a drawn feature begins, where its layer has them. */
-const INITIAL: Readonly<Record<Layer, Readonly<Record<string, Value>>>> = {
-  sources: {},
-  lines: {},
-  zones: { mean_radius: 0.3 },
-  barriers: { height: 4, capacity: 1000 },
-  dams: { height: 5, crest_width: 2 }, // higher on coarse cells, see damHeight
-};
-const LETTERS: Readonly<Partial<Record<Layer, string>>> = {
-  lines: 'L',
-  barriers: 'N',
-  dams: 'D',
-  zones: 'Z',
-  sources: 'S',
-};
-
-/** Height of a new dam [m] whose faces are as wide as cells need, up to a slope of the terrain of about 30 degrees. */
-function damHeight(cell: number): number {
-  return Math.min(10, Math.max(5, Math.ceil(3 * cell)));
-}
 
 export class CaseWindow {
   private readonly store = new DocumentStore();
@@ -99,20 +72,14 @@ export class CaseWindow {
   );
   private readonly topBar: TopBar;
   private readonly scene: ScenePane;
+  private readonly results: Results;
   private readonly ended = new AbortController();
 
   private chooser: boolean; // may choose the map; in a case also edit
-  private terrain: Terrain | null = null;
-  private cell = 1; // of the terrain as it is simulated [m]
-  private shade: Shade | null = null;
-  private background: Binary<BackgroundMessage> | null = null;
   private state: State = { type: 'state', revision: 0, errors: [], warnings: [] };
-  private batch: Binary<BatchMessage> | null = null;
-  private trajectories: Trajectories | null = null;
   private variants: Snapshot[];
   private unfinished: readonly { name: string; boulders: number }[] = [];
   private mode: Mode = 'map';
-  private bySpeed = false;
   private wanted: Wanted;
 
   constructor(
@@ -135,7 +102,7 @@ export class CaseWindow {
     this.drawer = new Drawer(this.view, this.store, {
       onTool: (tool) => this.onTool(tool),
       onSelect: (id) => this.onSelect(id),
-      propertiesOf: (layer) => this.propertiesOf(layer),
+      propertiesOf: (layer) => propertiesOf(layer, forms, this.store, this.results.cell),
       onReplaced: (count) => this.shell.say(say('app.replaced', { n: count })),
     });
     this.toolbar = new Toolbar(this.tools, (tool) => {
@@ -163,7 +130,7 @@ export class CaseWindow {
         visible: (name, on) => this.setVisible(name, on),
         opacity: (value) => this.view.setOverlayOpacity(value),
         trajectories: (number) => this.want({ ...this.wanted, trajectories: number }),
-        bySpeed: (on) => this.colourBySpeed(on),
+        bySpeed: (on) => this.results.colourBySpeed(on),
       },
       welcome.view.trajectories,
       OPACITY,
@@ -195,12 +162,23 @@ export class CaseWindow {
       speak: (language) => connection.speak(language),
     });
     this.scene = new ScenePane(this.shell.scenePane, () => ({
-      terrain: this.terrain,
-      shade: this.shade,
-      trajectories: this.trajectories,
+      terrain: this.results.terrain,
+      shade: this.results.shade,
+      trajectories: this.results.trajectories,
       drape: this.view.drape,
       layers: this.store.document.layers,
     }));
+    const { shell, view, legend, statistics, scene, sender } = this;
+    this.results = new Results(
+      { shell, view, legend, display: this.display, statistics, scene, sender },
+      {
+        onBatch: () => {
+          this.refresh();
+          this.updateCompare();
+        },
+        onLines: (all) => all && this.updateCompare(),
+      },
+    );
     this.assemble();
     this.store.onChange((changed) => this.onDocument(changed));
     this.listen();
@@ -213,13 +191,13 @@ export class CaseWindow {
     return this.sender.revision;
   }
   get shownBatch(): BatchMessage | null {
-    return this.batch?.header ?? null;
+    return this.results.header;
   }
   get document(): CaseDocument {
     return this.store.document;
   }
   get shownTrajectories(): number {
-    return this.trajectories?.boulder.length ?? 0;
+    return this.results.trajectories?.boulder.length ?? 0;
   }
   get frames(): readonly Frame[] {
     return this.scene.frames;
@@ -287,96 +265,17 @@ export class CaseWindow {
   }
 
   receiveBinary(message: Binary): void {
-    if (isOf(message, 'terrain')) this.setTerrain(message);
-    else if (variantOf(message)) {
-      this.variants = withResults(this.variants, message);
-      this.refresh();
-      if (this.mode === 'compare') this.compare.update(this.states());
-    } else if (isOf(message, 'background')) {
-      const { zones, sources, trees } = message.header;
-      const cells = message.u1('zones');
-      this.background = message;
-      this.view.setBackground(message, this.shade?.cell ?? 1);
-      this.legend.setZones(cells ? zones : null);
-      this.display.offer('zones', cells !== null);
-      this.display.offer('background_sources', sources > 0);
-      this.display.offer('trees', trees > 0);
-    } else {
-      if ('revision' in message.header && message.header.revision < this.sender.revision) return; // of an older state
-      if (isOf(message, 'lines')) this.addLines(message.header);
-      else if (isOf(message, 'batch')) this.setBatch(message);
-      else if (isOf(message, 'trajectories')) this.setTrajectories(extended(this.trajectories, message));
-    }
+    if (!variantOf(message)) return this.results.receive(message);
+    this.variants = withResults(this.variants, message);
+    this.refresh();
+    this.updateCompare();
   }
 
   // What is shown
 
-  private setTerrain(message: Binary<Extract<Binary['header'], { type: 'terrain' }>>): void {
-    const { west, north, cell, nx, ny, crs, shade_cell, full_cell } = message.header;
-    this.cell = full_cell;
-    const heights = message.f4('heights');
-    const shade = message.u1('shade');
-    if (!heights) return;
-    const first = this.terrain === null;
-    this.terrain = { west, south: north - ny * cell, cell, nx, ny, heights: heights.values };
-    this.shade = shade && { cell: shade_cell, nx: shade.shape[1] ?? 0, ny: shade.shape[0] ?? 0, values: shade.values };
-    this.view.setTerrain(this.terrain, this.shade);
-    if (first) this.shell.mapPane.append(new MapBar(this.view, crs).root);
-    this.view.map.updateSize();
-    this.view.fitTerrain();
-    this.scene.update('terrain');
-    if (first) this.markDrawn('terrain');
-  }
-
-  private setBatch(message: Binary<BatchMessage>): void {
-    const { header } = message;
-    if (this.batch?.header.revision !== header.revision) {
-      this.setTrajectories(null);
-      this.markDrawn('first results', header.revision);
-    }
-    if (header.complete) this.markDrawn('all results', header.revision);
-    this.batch = message;
-    this.sender.answer();
-    const overlay = message.f4('overlay');
-    this.view.setResult(header.overlay, overlay?.values ?? null, overlay?.shape ?? []);
-    this.view.setStops(message.f4('stops')?.values ?? null);
-    this.legend.setResult(header.overlay);
-    this.statistics.update(header.lines);
-    this.showEnded(header);
-    this.scene.update('drape');
-    this.refresh();
-    if (this.mode === 'compare') this.compare.update(this.states());
-  }
-
-  /** Take over statistics of further lines of what is shown. */
-  private addLines({ revision, boulders, lines }: LinesMessage): void {
-    const shown = this.batch?.header;
-    if (!shown || shown.revision !== revision || shown.boulders !== boulders) return;
-    const added = new Map(lines.map((line) => [line.name, line]));
-    shown.lines = shown.lines.map((line) => added.get(line.name) ?? line);
-    this.statistics.update(shown.lines);
-    if (this.mode === 'compare' && shown.lines.every(hasStatistics)) this.compare.update(this.states());
-  }
-
-  /** Mark in the browser's timeline, for benchmarks, when what has just been handed to the map is on the screen. */
-  private markDrawn(what: string, revision = 0): void {
-    performance.clearMarks(what);
-    this.view.map.once('postrender', () =>
-      requestAnimationFrame(() => performance.mark(what, { detail: revision })),
-    );
-  }
-
-  private setTrajectories(trajectories: Trajectories | null): void {
-    this.trajectories = trajectories;
-    if (!this.terrain) return;
-    this.view.setTrajectories(trajectories);
-    this.legend.setSpeeds(this.bySpeed ? this.view.trajectories.maxSpeed : null);
-    this.scene.update('trajectories');
-  }
-
   /** True while what is shown does not belong to the document as it is. */
   get preliminary(): boolean {
-    const batch = this.batch?.header;
+    const batch = this.results.header;
     const otherMap = this.chooser && batch?.overlay ? batch.overlay.name !== this.wanted.map : false;
     return !batch || batch.revision !== this.sender.revision || this.sender.pending || otherMap;
   }
@@ -386,29 +285,25 @@ export class CaseWindow {
   private get errors(): readonly CaseError[] {
     return this.state.errors;
   }
-  private get batchHeader(): BatchMessage | null {
-    return this.batch?.header ?? null;
-  }
-
   private refresh(): void {
     const { preliminary, errors } = this;
     const failed = errors.length > 0 && !this.sender.pending && this.state.revision >= this.sender.revision;
-    const empty = failed && this.batch === null && this.store.layer('sources').length === 0;
+    const empty = failed && this.results.batch === null && this.store.layer('sources').length === 0;
     this.runBar.update(
-      this.batchHeader,
+      this.results.header,
       preliminary,
       failed ? say(empty ? 'app.run.no_sources' : 'app.run.failed') : '',
       this.writer,
       this.state.running === false,
     );
-    this.shell.mark(!this.batch ? '' : failed ? say('app.not_current') : preliminary ? say('app.preliminary') : '');
+    this.shell.mark(!this.results.batch ? '' : failed ? say('app.not_current') : preliminary ? say('app.preliminary') : '');
     this.shell.hint(
       this.drawer.tool !== 'select' ? say(`app.hint.${this.drawer.tool}`) : empty ? say('app.hint.begin') : '',
     );
     this.view.dim(preliminary || failed);
-    this.shell.fitDock(this.batchHeader?.lines.length || this.store.layer('lines').length);
+    this.shell.fitDock(this.results.header?.lines.length || this.store.layer('lines').length);
     // Without sources the hint says what to do; with errors the warnings are those of an older state.
-    this.messages.update(empty ? [] : errors, failed ? [] : (this.batchHeader?.warnings ?? []), this.state.warnings);
+    this.messages.update(empty ? [] : errors, failed ? [] : (this.results.header?.warnings ?? []), this.state.warnings);
     this.features.update(errors, this.writer);
     this.settings.update(errors, this.writer);
     this.tabs.mark(
@@ -421,30 +316,12 @@ export class CaseWindow {
     );
     this.topBar.allow(this.writer && this.store.canUndo, this.writer && this.store.canRedo);
     const based = this.welcome.base ? this.store.document.variant : null;
-    this.variantPanel.update(this.variants, this.batch !== null && !preliminary, this.writer, based);
-  }
-
-  private showEnded({ ended, boulders }: BatchMessage): void {
-    const parts = Object.entries(ended)
-      .filter(([, n]) => n > 0)
-      .sort(([, a], [, b]) => b - a);
-    const percent = (n: number): string =>
-      n < 0.0005 * boulders ? `< ${decimal(0.1, 1)}` : decimal((100 * n) / boulders, 1);
-    this.shell.dockNote.textContent = parts
-      .map(([status, n]) => `${sayOr(`app.status.${status}`, status)} ${percent(n)} %`)
-      .join(' · ');
-    this.shell.dockNote.title = this.shell.dockNote.textContent;
+    this.variantPanel.update(this.variants, this.results.batch !== null && !preliminary, this.writer, based);
   }
 
   private setVisible(name: Shown, on: boolean): void {
     this.view.setVisible(name, on);
     if (name === 'overlay') this.scene.update('drape');
-  }
-
-  private colourBySpeed(on: boolean): void {
-    this.bySpeed = on;
-    this.view.trajectories.colourBySpeed(on);
-    this.legend.setSpeeds(on ? this.view.trajectories.maxSpeed : null);
   }
 
   private want(wanted: Wanted): void {
@@ -488,23 +365,11 @@ export class CaseWindow {
     else this.statistics.select(name);
   }
 
-  /** Properties of a new feature: a name that no other has, and usual values. */
-  private propertiesOf(layer: Layer): Record<string, Value> {
-    const fields = new Set(this.welcome.forms.layers[layer]?.map(({ name }) => name));
-    const used = new Set(LAYERS.flatMap((one) => this.store.layer(one).map(({ properties }) => properties['name'])));
-    let n = 1;
-    while (used.has(`${LETTERS[layer]}${n}`)) n++;
-    const own = layer === 'dams' ? { height: damHeight(this.cell) } : {};
-    return Object.fromEntries(
-      Object.entries({ name: `${LETTERS[layer]}${n}`, ...INITIAL[layer], ...own }).filter(([name]) => fields.has(name)),
-    );
-  }
-
   private tenfold(): void {
     const { case: group = {} } = this.store.document.settings;
     const key = group['boulders_total'] === undefined ? 'boulders' : 'boulders_total';
     const known = this.welcome.forms.settings['case']?.find(({ name }) => name === key)?.default;
-    const now = Number(group[key] ?? known ?? this.batchHeader?.total ?? 1000);
+    const now = Number(group[key] ?? known ?? this.results.header?.total ?? 1000);
     this.store.setSetting('case', key, Math.min(now * 10, 2_000_000_000));
   }
 
@@ -523,15 +388,19 @@ export class CaseWindow {
     return now ? [now, ...this.variants] : this.variants;
   }
 
+  private updateCompare(): void {
+    if (this.mode === 'compare') this.compare.update(this.states());
+  }
+
   private snapshot(name: string): Snapshot | null {
-    if (!this.batch) return null;
+    if (!this.results.batch) return null;
     return {
       name,
       document: this.store.document,
-      batch: this.batch.header,
-      overlay: this.batch.f4('overlay'),
-      trajectories: this.trajectories,
-      background: this.background,
+      batch: this.results.batch.header,
+      overlay: this.results.batch.f4('overlay'),
+      trajectories: this.results.trajectories,
+      background: this.results.background,
     };
   }
 
@@ -565,9 +434,9 @@ export class CaseWindow {
   }
 
   private openCompare(index: number): void {
-    if (!this.terrain) return;
+    if (!this.results.terrain) return;
     this.show('compare');
-    this.compare.open(this.terrain, this.shade, this.states(), index, 0);
+    this.compare.open(this.results.terrain, this.results.shade, this.states(), index, 0);
   }
 
   // Three views of the same
@@ -605,7 +474,7 @@ export class CaseWindow {
         save: () => this.welcome.mode === 'case' && !this.connection.standalone && this.output.open('save'),
         fit: () => this.view.fitResults(),
         onMap: () => this.mode === 'map',
-        step: () => this.terrain?.cell ?? 1,
+        step: () => this.results.terrain?.cell ?? 1,
       },
       this.ended.signal,
     );
@@ -679,7 +548,7 @@ export class CaseWindow {
 
   private drawPicture(): HTMLCanvasElement {
     const { title, file } = this.welcome;
-    const batch = this.batchHeader;
+    const batch = this.results.header;
     const notes = [
       batch ? say('app.run.of_result', { n: batch.boulders }) : '',
       this.preliminary ? say('app.preliminary') : '',

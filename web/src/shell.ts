@@ -31,7 +31,7 @@ export class Shell {
   readonly dock = element('section', { class: 'dock', attributes: { 'aria-labelledby': 'dock-title' } });
   readonly side = element('aside', { class: 'side' });
   readonly tag = element('p', { class: 'tag', attributes: { role: 'status' }, hidden: true });
-  readonly dockNote = element('span', { class: 'dock-note' });
+  private readonly dockNote = element('span', { class: 'dock-note' });
   readonly dockTag = element('span', { class: 'tag', hidden: true });
   private readonly dockBody = element('div', { class: 'dock-body' });
   private readonly toast = element('div', { class: 'toast', attributes: { role: 'status' } });
@@ -75,6 +75,12 @@ export class Shell {
 
   fillDock(...content: HTMLElement[]): void {
     this.dockBody.replaceChildren(...content);
+  }
+
+  /** A line on the title of the dock. */
+  noteDock(text: string): void {
+    this.dockNote.textContent = text;
+    this.dockNote.title = text;
   }
 
   /** Give the table of statistics the height that its lines need; without lines the map has the room. */
