@@ -27,11 +27,11 @@ from rockfall.quantities import (
     statistic,
     with_unit,
 )
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import pandas as pd
 
-ENDS = "", "_low", "_high"  # of the names of a number and of the limits of its interval
 TOO_FEW = "(–)"  # in place of an interval, if there are too few boulders for a valid one
 BY_ROW = "unit"  # column with the units of the rows of a table of data
 HEAD = 16  # letters from which a head is broken on a terminal, if its cells are shorter

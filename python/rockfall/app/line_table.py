@@ -15,13 +15,13 @@ from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.quantities import QUANTITIES
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import line_names
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import xarray as xr
 
 SHOWN = ("speed", "energy_total", "passing_height")  # quantities at lines
 NUMBERS = ("mean", "q50", "q95")
-ENDS = ("", "_low", "_high")  # of a number and the limits of its interval
 BINS = 20
 
 

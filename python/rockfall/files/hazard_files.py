@@ -45,6 +45,7 @@ from rockfall.result.dataset import put_netcdf
 from rockfall.result.maps.classes import classes_of, shown_as
 from rockfall.result.maps.flat_maps import PLAN, flat_maps, shown
 from rockfall.result.trajectories import flags_of
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -242,14 +243,13 @@ def object_table(hazard: xr.Dataset) -> pd.DataFrame:
     if "object_layer" in hazard:  # not in older files
         columns["layer"] = hazard["object_layer"].values.astype(object)
     columns["geometry"] = np.array(geometry, dtype=object)
-    ends = ("", "_low", "_high")
-    columns |= {f"frequency{end}": hazard[f"object_frequency{end}"].values for end in ends}
+    columns |= {f"frequency{end}": hazard[f"object_frequency{end}"].values for end in ENDS}
     for threshold in hazard["threshold"].values.tolist():
-        for end in ends:
+        for end in ENDS:
             values = hazard[f"object_exceedance_frequency{end}"].sel(threshold=threshold).values
             columns[f"frequency_above_{shown('threshold', threshold)}{end}"] = values
-    for end in ("", "_lower", "_upper"):
+    for end in CLASS_ENDS:
         columns[f"hazard{end}"] = words[hazard[f"object_hazard_class{end}"].values]
     if "object_risk" in hazard:
-        columns |= {f"risk{end}": hazard[f"object_risk{end}"].values for end in ends}
+        columns |= {f"risk{end}": hazard[f"object_risk{end}"].values for end in ENDS}
     return pd.DataFrame(columns | dict(risk_columns(hazard)))

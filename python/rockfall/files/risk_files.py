@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.hazard.variables import CLASS_ENDS, ENDS
+from rockfall.analysis.hazard.variables import CLASS_ENDS
 from rockfall.analysis.objects.exposure import QUANTITIES
 from rockfall.analysis.objects.risk import CLASSES, SUMMED
 from rockfall.files.vector_style import Style, fill, marker, plain_type, thick
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
-from rockfall.analysis.hazard.variables import CLASS_ENDS, ENDS
+from rockfall.analysis.hazard.variables import CLASS_ENDS
 from rockfall.quantities import SHOWN
 from rockfall.result.maps.flat_maps import shown
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,8 +17,9 @@ from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import number, percent
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, is_ensemble, simulated
+from rockfall.result.variables import ENDS
 from rockfall.studies.run_until import verdicts_of
-from rockfall.table import ENDS, TOO_FEW, Estimate, Table
+from rockfall.table import TOO_FEW, Estimate, Table
 from rockfall.tables.ensemble import (
     are_undecided,
     headline_numbers,

@@ -11,8 +11,9 @@ import numpy as np
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.language import say
 from rockfall.plots.style import BLUE, GREY, WIDE, new_figure, plain, styled
-from rockfall.protection.demand import ENDS, usable
+from rockfall.protection.demand import usable
 from rockfall.quantities import DESIGN, QUANTITIES, with_unit
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,6 +12,7 @@ from rockfall.analysis.precision.intervals import sources
 from rockfall.language import say
 from rockfall.plots.style import BLUE, INK, VERMILION, WIDE, capital, new_figure, styled
 from rockfall.quantities import QUANTITIES, statistic
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,8 +60,7 @@ def _curve(
     """Plot a number with its 95 % band; returns the upper limit for the axis: at least twice the
     highest number, since bands of few boulders are unbounded, and the end of the last band."""
     value, low, high = (
-        np.array([scale * row.get(f"{name}{end}", np.nan) for row in rows])
-        for end in ("", "_low", "_high")
+        np.array([scale * row.get(f"{name}{end}", np.nan) for row in rows]) for end in ENDS
     )
     colour, dashes = LOOKS[name]
     label = None if name == "fraction" else statistic(name)

@@ -9,9 +9,9 @@ import numpy as np
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.protection.crossings import Crossings, quantile
 from rockfall.protection.factors import Factors
+from rockfall.result.variables import ENDS
 from rockfall.scene.rebounds.rebound import sphere_radius
 
-ENDS = "", "_low", "_high"
 ABOVE = len(EAD_ENERGY)  # class of barriers whose manufacturer declares a higher energy
 
 ROUNDING = 1e-9  # of a density from an energy

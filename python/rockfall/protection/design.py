@@ -24,13 +24,14 @@ from rockfall.errors import RockfallError
 from rockfall.language import say, word
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.crossings import Crossings, crossings
-from rockfall.protection.demand import ENDS, demand, usable
+from rockfall.protection.demand import demand, usable
 from rockfall.protection.factors import BACK_ANALYSED, Conditions, Factors, read_factors
 from rockfall.protection.selection import choices, cost_remarks, read_costs, residual_of
 from rockfall.result.crossings import line_names, stored_at
 from rockfall.result.grounds import classical_grounds
 from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import flags_of
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,11 +21,12 @@ from rockfall.errors import RockfallError
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.protection.alignments import Alignment, Shift, drawn_scene, shifted_scene
 from rockfall.protection.crossings import crossings, passes, quantile
-from rockfall.protection.demand import ENDS, demand
+from rockfall.protection.demand import demand
 from rockfall.protection.design import conditions_of, unconfirmed_of
 from rockfall.protection.factors import Conditions, Factors, read_factors
 from rockfall.protection.selection import MAX_HEIGHT, Costs, cost_of, read_costs, residual_of
 from rockfall.result.crossings import has_crossed, line_names, line_values
+from rockfall.result.variables import ENDS
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import warn_of
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.language import Number, Text, localised, say, word
-from rockfall.protection.demand import ABOVE, ENDS
+from rockfall.protection.demand import ABOVE
 from rockfall.protection.design import Design, verdict_of
 from rockfall.protection.factors import Factors
 from rockfall.quantities import DESIGN, number
+from rockfall.result.variables import ENDS
 from rockfall.table import Column, Estimate, Table, as_text, between, stacked
 
 if TYPE_CHECKING:

@@ -19,6 +19,7 @@ from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Number, Text, say, word
 from rockfall.quantities import QUANTITIES, number, percent, small
 from rockfall.result.maps.flat_maps import shown
+from rockfall.result.variables import ENDS
 from rockfall.table import TOO_FEW, Column, Estimate, Table, between, stacked
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ def period_tables(hazard: xr.Dataset) -> Iterator[Table]:
         return
     years = [say("hazard.in_years", years=T) for T in hazard["event_period"].values.tolist()]
     for quantity, factor in ("energy", 1e-3), ("height", 1.0):
-        names = [f"{quantity}_by_period{end}" for end in ("", "_low", "_high")]
+        names = [f"{quantity}_by_period{end}" for end in ENDS]
         rows = []
         for kind, k in places:
             levels = np.array([hazard[f"{kind}_{name}"].values[k] for name in names]) * factor
@@ -200,5 +201,5 @@ def _estimate(row: Mapping[Any, Any], name: str, digits: int = 2) -> Estimate:
 
 def _risk(row: Mapping[Any, Any], name: str) -> str:
     """Risk and its interval, by powers of ten."""
-    value, low, high = (small(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
+    value, low, high = (small(row[f"{name}{end}"]) for end in ENDS)
     return value if value == "-" else stacked(Number(value), between(Number(low), Number(high)))

@@ -14,8 +14,9 @@ from rockfall.language import Number, Text, say
 from rockfall.quantities import QUANTITIES, number
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import kept_note
+from rockfall.result.variables import ENDS
 from rockfall.studies.variants import UNDECIDED
-from rockfall.table import ENDS, Table, as_text, stacked
+from rockfall.table import Table, as_text, stacked
 from rockfall.tables.hazard import level_cell
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ def _cell(row: Mapping[Any, Any], factor: float) -> str:
     value = value_text(row, factor)
     if not isinstance(row["verdict"], str):
         return stacked(value)
-    apart, low, high = (_signed(factor * row[f"difference{end}"]) for end in ("", "_low", "_high"))
+    apart, low, high = (_signed(factor * row[f"difference{end}"]) for end in ENDS)
     doubt = " ?" if row["verdict"] == UNDECIDED else ""
     ends = say("interval.range", low=low, high=high)
     limits = [f"({ends})"] if np.isfinite(row["difference_low"]) else []

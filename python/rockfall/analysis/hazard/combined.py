@@ -17,7 +17,6 @@ from rockfall.analysis.hazard.scenarios import Scenario
 from rockfall.analysis.hazard.variables import (
     CLASS_ENDS,
     COORDINATES,
-    ENDS,
     EXCEEDED,
     EXTREMES,
     LEVELS,
@@ -40,6 +39,7 @@ from rockfall.language import packed
 from rockfall.result.contents import Contents
 from rockfall.result.grounds import rebounds_by_ground, source_text
 from rockfall.result.samples import simulated
+from rockfall.result.variables import ENDS
 from rockfall.scene.scene import Scene
 from rockfall.simulation.maps import boulders_per_cluster
 

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.classes import frequencies
-from rockfall.analysis.hazard.variables import ENDS, EXCEEDED, LEVELS, PERIODS
+from rockfall.analysis.hazard.variables import EXCEEDED, LEVELS, PERIODS
 from rockfall.result.crossings import AtLine
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.classes import Frequencies, frequencies
-from rockfall.analysis.hazard.variables import ENDS, LEVELS
+from rockfall.analysis.hazard.variables import LEVELS
 from rockfall.case import case_in
 from rockfall.errors import RockfallError
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import pandas as pd

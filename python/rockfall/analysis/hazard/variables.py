@@ -13,13 +13,9 @@ from rockfall.analysis.hazard.classes import CLASSES, intensity_words
 from rockfall.analysis.objects.risk import CLASSES as RISK_CLASSES
 from rockfall.case import Case
 from rockfall.result.maps.flat_maps import BEYOND, PLAN, shown
-from rockfall.result.variables import MAP
+from rockfall.result.variables import ENDS, MAP
 
-ENDS = {  # of names: their meanings
-    "": "",
-    "_low": "lower limit of the 95 % interval of ",
-    "_high": "upper limit of the 95 % interval of ",
-}
+MEANINGS = ("", "lower limit of the 95 % interval of ", "upper limit of the 95 % interval of ")
 CLASS_ENDS = {"": "", "_lower": "lowest ", "_upper": "highest "}
 EXTREMES = {  # maps whose extreme over the scenarios is kept
     "energy_line_angle_max": np.fmax,
@@ -88,7 +84,7 @@ def words_of(kind: str, case: Case) -> Sequence[str]:
 def _with_ends(
     name: str, dims: tuple[str, ...], what: str, units: str = YEARLY
 ) -> Iterator[tuple[str, Variable]]:
-    for end, suffix in ENDS.items():
+    for end, suffix in zip(ENDS, MEANINGS, strict=True):
         yield f"{name}{end}", Variable(dims, units, suffix + what)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from rockfall.analysis.hazard.classes import Frequencies
 from rockfall.analysis.objects.exposure import QUANTITIES, Exposure, Harm
+from rockfall.result.variables import ENDS
 from rockfall.simulation.maps import count_limits
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def annual(
     values = {
         f"{name}{end}": value * times
         for name, three in risks.items()
-        for end, value, times in zip(("", "_low", "_high"), three, (1.0, *factor), strict=True)
+        for end, value, times in zip(ENDS, three, (1.0, *factor), strict=True)
     }
     for end, suffix in (("", ""), ("_lower", "_low"), ("_upper", "_high")):
         values[f"object_risk_class{end}"] = risk_classes(values[f"object_individual_risk{suffix}"])

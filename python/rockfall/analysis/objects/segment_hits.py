@@ -14,11 +14,11 @@ from rockfall.analysis.objects.segments import Segments
 from rockfall.analysis.precision.weighted import quantile_interval
 from rockfall.result.crossings import line_values
 from rockfall.result.samples import check_all_rows
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import xarray as xr
 
-ENDS = ("", "_low", "_high")
 LEVEL = 0.95
 
 

@@ -49,6 +49,7 @@ from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 from rockfall.result.crossings import line_names, line_values
 from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import ends, left_terrain
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,7 +60,7 @@ STATISTICS = ("mean", "std", "max")
 MIN_OBSERVED = {"mean": MIN_FOR_MEAN, "std": MIN_FOR_STD}  # boulders, for a verdict
 STOPPING = "stopping_distance"
 _VERDICTS = {"within_interval": "boolean", "consistent": "boolean"}  # columns and their types
-_BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in ("", "_low", "_high")]
+_BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in ENDS]
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ def _errors(
             beside = [
                 numbers.get(f"{name}{end}", np.nan)
                 for numbers in (reference, simulated(reference["line"], reference["quantity"]))
-                for end in ("", "_low", "_high")
+                for end in ENDS
             ]
             theirs = np.nan
             if (

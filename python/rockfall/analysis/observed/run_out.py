@@ -24,6 +24,7 @@ from rockfall.language import say
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 from rockfall.quantities import first_of
 from rockfall.result.trajectories import stop_distances
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,7 +39,6 @@ STATIONS = 300  # distances of a curve of passing
 FARTHEST = 1e9  # [m]; beyond it squares and sums overflow
 MIN_BOULDERS = 2  # per source, for its statistics
 UNDECIDED, DIFFERS = "undecided", "differs"
-ENDS = ("", "_low", "_high")
 COLUMNS = ["source", "statistic", "n_observed", "n_simulated"] + [
     f"{whose}{end}" for whose in ("observed", "simulated", "difference") for end in ENDS
 ]  # fmt: skip

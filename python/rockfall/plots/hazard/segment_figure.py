@@ -14,6 +14,7 @@ from rockfall.language import Number, say, word
 from rockfall.plots.style import BLUE, GREEN, INK, VERMILION, WIDE, new_figure, plain, styled
 from rockfall.quantities import QUANTITIES
 from rockfall.result.maps.flat_maps import shown
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,7 +103,7 @@ def _draw_steps(
     top = rows[[name, f"{name}_high"]].max().max()
     for k, (_, row) in enumerate(rows.iterrows()):
         ends = [row["chainage_from"], row["chainage_to"]]
-        value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
+        value, low, high = (row[f"{name}{end}"] for end in ENDS)
         axes.plot(ends, [value] * 2, color=colour, lw=1.2, label=label if not k else None)
         if np.isfinite(high):
             lower = low if np.isfinite(low) else 0.0

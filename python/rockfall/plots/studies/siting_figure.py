@@ -10,6 +10,7 @@ import numpy as np
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.plots.style import BLUE, GREY, INK, VERMILION, WIDE, new_figure, plain, styled
 from rockfall.protection.demand import usable
+from rockfall.result.variables import ENDS
 from rockfall.studies.siting import BEST, NOT_TOLD_APART
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def _draw(
 ) -> None:
     """Draw a number of each alignment with its interval; a triangle where too few
     boulders give an upper limit."""
-    value, low, high = (factor * table[name + end].to_numpy() for end in ("", "_low", "_high"))
+    value, low, high = (factor * table[name + end].to_numpy() for end in ENDS)
     ends = np.nan_to_num(np.stack([value - low, high - value])).clip(min=0)
     style: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 0.8, "color": colour, "label": label}
     axes.errorbar(table["distance"], value, yerr=ends, **style)

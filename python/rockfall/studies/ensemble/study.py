@@ -25,6 +25,7 @@ from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES
 from rockfall.result.crossings import AtLine, line_names
 from rockfall.result.dataset import write_result
+from rockfall.result.variables import ENDS
 from rockfall.scene.lines import with_lines_of
 from rockfall.scene.read import read_scene
 from rockfall.scene.releases.sources import refuse_by_area
@@ -299,7 +300,7 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
                 for kind in KINDS:
                     at_input = at.sel(input=name)
                     bounds = limits(at_input[kind].item(), at_input[f"{kind}_error"].item())
-                    ends = (f"{name}_{kind}{end}" for end in ("", "_low", "_high"))
+                    ends = (f"{name}_{kind}{end}" for end in ENDS)
                     row |= dict(zip(ends, bounds, strict=True))
             rows.append(row)
     return pd.DataFrame(rows)
