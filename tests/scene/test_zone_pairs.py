@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones whose ground has a strength and a relief of its own: the run is that of the same numbers in
-a table of grounds."""
+"""Zones, and whole cases, whose ground has a strength and a relief of its own: the run is that of
+the same numbers in a table of grounds."""
 
 import csv
 
@@ -16,7 +16,7 @@ from rockfall.html_report.inputs import zone_table
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.parts.merge import join
-from rockfall.studies.model_scenes import variants
+from rockfall.studies.model_scenes import by_tables, variants
 
 HEAD = "zone,mean_radius,ground,ground_strength,ground_relief\n"
 PAIRS = {"talus": {"strength": 3e5, "relief": 12.5}, "meadow": {"relief": 15.0}}
@@ -157,3 +157,87 @@ def test_models_keep_the_ground_of_a_zone_with_numbers_of_its_own(case):
         scenes = dict(variants(zoned.replace(surface={"ground": "talus"}), ["road"], []))
         names = {rule.name for rule in scenes["road"].grounds}
         assert names == {"road", *kept}
+
+
+# ---- of a whole case
+
+
+OWN = {"ground_strength": 3e5, "ground_relief": 12.5}
+NO_ZONES = {"zones": None, "table": None}
+
+
+@pytest.mark.parametrize("groups", [
+    {"surface": {"ground": "talus"}}, {"impact": {"form": "table", "table": "talus", "sets": None}},
+], ids=["ground", "table"])  # fmt: skip
+def test_a_case_has_the_numbers_of_a_row_everywhere(case, groups):
+    usual = case.replace(**groups)
+    one = rockfall.run(usual.replace(surface=NO_ZONES | OWN))
+    rows = by_table(case, {"talus": PAIRS["talus"]})
+    named = rows.replace(surface=NO_ZONES | {"ground": "talus"})
+    assert one["ground"].values.tolist() == NAMES[:1]
+    same_runs(one, rockfall.run(named))
+    relief = usual.replace(surface=NO_ZONES | {"ground_relief": 12.5})
+    assert rockfall.run(relief)["ground"].values.tolist() == ["talus (12.5 degrees)"]
+
+
+def test_zones_that_name_no_ground_have_them(case):
+    """And replace one of them; zones that name a ground keep its own numbers."""
+    write_pairs(case, "4,0.3,,,14\n-2,0.3,talus,,\n")
+    scene = read_scene(case.replace(surface={"ground": "talus"} | OWN))
+    assert [rule.name for rule in scene.grounds] == ["talus (300000 Pa, 14 degrees)", "talus"]
+    assert [rule.plane.ground.strength for rule in scene.grounds] == [3e5, 0.15e6]
+    write_pairs(case, "4,0.3,,,\n-2,0.3,meadow,,\n")
+    scene = read_scene(case.replace(surface={"ground": "talus"} | OWN))
+    assert [rule.name for rule in scene.grounds] == [NAMES[0], "meadow"]
+
+
+@pytest.mark.skipif(not find_program(), reason="no rockfall-batch")
+def test_the_standalone_program_has_them_too(case):
+    whole = case.replace(surface=NO_ZONES | {"ground": "talus"} | OWN)
+    prepare(whole, "ready")
+    done = run_program("ready/case.nml", "--quiet", "-o", "a.part1of1", cwd=case.folder)
+    assert done.returncode == 0, done.stderr
+    same_results(join(["a.part1of1"]).dataset(), rockfall.run(whole))
+
+
+@pytest.mark.parametrize("surface, said", [
+    ({"uniform_mean_radius": 0.2, "ground_strength": 3e5},
+     "&surface ground_strength = 300000.0: is only valid with ground, or &impact table"),
+    ({"ground": "talus", "ground_relief": 46.0},
+     "&surface ground_relief = 46.0: must be 0 to 45 [degree]"),
+    ({"ground": "talus", "ground_strength": 999.0},
+     "&surface ground_strength = 999.0: must be 1000 to 1e9 [Pa]"),
+])  # fmt: skip
+def test_what_a_case_cannot_mean_is_refused(case, surface, said):
+    with pytest.raises(RockfallError) as caught:
+        case.replace(surface=NO_ZONES | surface)
+    assert str(caught.value) == f"{case.name}: {said}"
+
+
+@pytest.mark.parametrize("ground", ["road", "rocky-slope"])
+def test_a_ground_without_strength_is_refused(case, ground):
+    surface = NO_ZONES | {"ground": ground, "uniform_mean_radius": 0.3} | OWN
+    with pytest.raises(RockfallError) as caught:
+        read_scene(case.replace(surface=surface))
+    assert str(caught.value) == (
+        f"{case.name}: &surface ground_strength = 300000: not valid on ground '{ground}': only on "
+        "rock, compact, talus, meadow, vegetated-soil, soft-soil"
+    )
+
+
+def test_models_vary_it_whole(case):
+    """Other models have other grounds, without its numbers."""
+    whole = case.replace(surface=NO_ZONES | {"ground": "talus", "uniform_mean_radius": 0.3} | OWN)
+    scenes = dict(variants(whole, ["road"], []))
+    grounds = {name: [rule.name for rule in scene.grounds] for name, scene in scenes.items()}
+    assert grounds[NAMES[0]] == NAMES[:1]
+    assert grounds["impact sets, method B"] == [] and grounds["road"] == ["road"]
+    tables = dict(by_tables(whole, scenes[NAMES[0]], ["talus"], []))
+    assert [rule.name for rule in tables["table talus"].grounds] == ["talus"]
+
+
+def test_draws_of_a_shipped_ground_do_not_stand_in_for_it(case):
+    """Its numbers are known."""
+    whole = case.replace(surface=NO_ZONES | {"ground": "talus"} | OWN)
+    with pytest.raises(RockfallError, match="talus-ensemble'"):
+        rockfall.ensemble(whole.replace(ensemble={"runs": 8, "sets": ["talus-ensemble"]}))

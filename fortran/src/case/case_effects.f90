@@ -22,7 +22,7 @@ contains
 
       do g = 1, size(list%group)
          select case (list%group(g)%name)
-         case ("surface"); call check_surface(list%group(g), error)
+         case ("surface"); call check_surface(list, list%group(g), error)
          case ("impact"); call check_impact(list, list%group(g), error)
          case ("boulder"); call check_boulder(list, list%group(g), error)
          case ("breakage"); call check_breakage(list%group(g), error)
@@ -55,7 +55,8 @@ contains
    end subroutine mark_defaults
 
    !> Sizes of rocks are valid for either method, because `rockfall models` compares both.
-   pure subroutine check_surface(group, error)
+   pure subroutine check_surface(list, group, error)
+      type(namelist_t), intent(in) :: list
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
       logical :: sizes
@@ -64,6 +65,8 @@ contains
       call only_with(group, ["zone_field"], has_key(group, "zones"), "zones", error)
       call only_with(group, ["rg_reading"], sizes .or. has_grounds(group), "method = 'A', or a ground", error)
       call only_with(group, ["ground_table"], has_grounds(group), "ground, ground_map or zones", error)
+      call only_with(group, [character(len=key_length) :: "ground_strength", "ground_relief"], &
+                     has_key(group, "ground") .or. by_table(list), "ground, or &impact table", error)
    end subroutine check_surface
 
    pure subroutine check_impact(list, group, error)
@@ -80,15 +83,9 @@ contains
       type(namelist_t), intent(in) :: list
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
-      integer :: g
-      logical :: by_table
 
-      by_table = any_grounds(list)
-      do g = 1, size(list%group)
-         if (list%group(g)%name == "impact") by_table = by_table .or. text_of(list%group(g), "form") == "table"
-      end do
       call only_with(group, [character(len=key_length) :: "block_shape", "block_shape_share", "block_axes", &
-                            "ground_strength_sigma"], by_table, &
+                            "ground_strength_sigma"], by_table(list) .or. any_grounds(list), &
                      "a table of impacts: &impact form = 'table', or a ground", error)
       if (has_key(group, "rock_density") .and. is_changed(group, "density") .and. .not. allocated(error)) &
          call refuse(group, "density", "is not valid together with rock_density, which gives it", error)
@@ -199,6 +196,17 @@ contains
          if (list%group(g)%name == "surface") any_grounds = any_grounds .or. has_grounds(list%group(g))
       end do
    end function any_grounds
+
+   !> Return whether boulders rebound by a table of impacts where nothing else is said.
+   pure logical function by_table(list)
+      type(namelist_t), intent(in) :: list
+      integer :: g
+
+      by_table = .false.
+      do g = 1, size(list%group)
+         if (list%group(g)%name == "impact") by_table = by_table .or. text_of(list%group(g), "form") == "table"
+      end do
+   end function by_table
 
    !> Return whether a map whose name contains a word is requested.
    pure logical function has_maps(list, word)

@@ -14,7 +14,7 @@ module rockfall_case_keys
    private
    public :: key_t, key_table, n_keys, row_text, read_keys, complete_keys, default_keys, check_key, repeatable
    public :: broken_rule, limits_of, plain
-   public :: map_names, n_maps, many, text_length, max_name, max_real
+   public :: map_names, n_maps, many, text_length, max_name, max_real, strength_range, relief_range
 
    integer, parameter :: many = 100000                !! maximum number of values in a list
    integer, parameter :: text_length = 4096           !! maximum length of a text
@@ -46,6 +46,8 @@ module rockfall_case_keys
    character(len=*), parameter :: hazard_classes = "residual, low, moderate, high"  !! increasing
    !> Below 30 kJ, 30 to 300 kJ, above 300 kJ, each up to 30, 100 and 300 years (source: docs/hazard.md).
    character(len=*), parameter :: swiss_matrix = "'moderate', 2*'low', 'high', 2*'moderate', 3*'high'"
+
+   character(len=*), parameter :: strength_range = "1000 to 1e9", relief_range = "0 to 45"  !! of grounds that yield
 
    !> Groups that may occur several times in a case.
    character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line", "barrier", "dam", "scenario", "variant"]
@@ -89,6 +91,10 @@ module rockfall_case_keys
       key_t("surface", "ground", "text", 1, "absent", "", "", &
             "what rebounds follow where nothing else is said: a row of its table, a table of impacts, or sets", &
             in_scene), &
+      key_t("surface", "ground_strength", "real", 1, "absent", strength_range, "Pa", &
+            "in place of the strength of that ground, if it has one", in_scene), &
+      key_t("surface", "ground_relief", "real", 1, "absent", relief_range, "degree", &
+            "in place of its relief", in_scene), &
       key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ids of grounds", in_scene, "raster"), &
       key_t("surface", "ground_table", "text", 1, "absent", "", "", &
             "CSV of grounds in place of those shipped", in_scene, "table"), &
@@ -126,8 +132,7 @@ module rockfall_case_keys
       key_t("boulder", "block_shape_share", "real", many, "absent", "0 to 1", "", &
             "of each shape in block_shape, together 1; absent: equal shares", in_scene), &
       key_t("boulder", "ground_strength_sigma", "real", 1, "absent", "0 to 1.5", "", &
-            "standard deviation, from boulder to boulder, of the logarithm of the strength of grounds with tables; " &
-            //"absent: that of each"), &
+            "standard deviation of the logarithm of strength between boulders; absent: that of each ground"), &
       key_t("boulder", "d1", "text", 1, "absent", "", "", &
             "source: raster of one of the three sides of boulders [m]", in_scene, "raster"), &
       key_t("boulder", "d2", "text", 1, "absent", "", "", "of the second [m]", in_scene, "raster"), &

@@ -16,7 +16,7 @@ module rockfall_grounds
    use rockfall_ground, only: ground_t, rest_slope_of
    use rockfall_impact_table, only: yielding_ground_t, has_ratios
    use rockfall_table_arrays, only: table_arrays_t, take_table
-   use rockfall_case_keys, only: key_t, check_key, row_text
+   use rockfall_case_keys, only: key_t, check_key, row_text, strength_range, relief_range
    use rockfall_impact_sets, only: coefficients_t, read_sets
    implicit none
    private
@@ -77,13 +77,13 @@ module rockfall_grounds
                         "the ground is tilted against the way by up to this angle, at random"), classical), &
       parameter_t(key_t("ground", "min_hop", "real", 1, "0.0", "0 to 10", "radii", &
                         "a boulder that rolls is thrown so far, while it has the energy"), classical), &
-      parameter_t(key_t("ground", "strength", "real", 1, "required", "1000 to 1e9", "Pa", &
+      parameter_t(key_t("ground", "strength", "real", 1, "required", strength_range, "Pa", &
                         "pressure at which the ground yields, the median"), yields), &
       parameter_t(key_t("ground", "strength_sigma", "real", 1, "0.0", "0 to 1.5", "", &
                         "standard deviation, from boulder to boulder, of the logarithm of strength"), yields), &
       parameter_t(key_t("ground", "strength_radius", "real", 1, "0.0", "0 to 100", "m", &
                         "R_b of that strength, if it is in proportion to R_b; 0: it is the same for all"), yields), &
-      parameter_t(key_t("ground", "relief", "real", 1, "required", "0 to 45", "degree", &
+      parameter_t(key_t("ground", "relief", "real", 1, "required", relief_range, "degree", &
                         "slope of the relief at the scale of the boulder, standard deviation"), yields), &
       parameter_t(key_t("ground", "relief_radius", "real", 1, "1.0", "0.01 to 100", "m", &
                         "R_b of that relief, if hurst is not 1"), yields), &

@@ -31,7 +31,7 @@ from rockfall.grounds.impact_tables import (
 )
 from rockfall.io.files import check_text_file
 from rockfall.io.tables import Row, check_columns, read_table
-from rockfall.io.zone_table import Zone
+from rockfall.io.zone_table import PAIR, NamedGround, Zone
 from rockfall.kernel_rules import kernel_numbers
 from rockfall.limits import MAX_NAME
 
@@ -45,7 +45,8 @@ ANY_RADIUS = 0.02, 20.0  # of boulders whose volumes the case does not know [m]
 ABSORBS = "absorbs"  # model of a ground without rebound
 MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum number per scene
 WORDS = ("name", "id", "model", "meaning", "source")  # text columns
-NO_PAIR: Mapping[str, float] = MappingProxyType({})
+#: What a case without a ground of its own lacks.
+NO_GROUND: Mapping[str, None] = MappingProxyType(dict.fromkeys(("ground", *PAIR)))
 
 
 class Plane(NamedTuple):
@@ -179,15 +180,15 @@ class GroundTable:
                 row.refuse("id", "must be unique among grounds")
             self.names[int(number)] = name
 
-    def ground(self, name: str, case: Case, pair: Mapping[str, float] = NO_PAIR) -> GroundRule:
+    def ground(self, name: str, case: Case, pair: Mapping[str, float] | None = None) -> GroundRule:
         """A row of the table, for the boulders of a case; `pair`: strength [Pa] and relief [degree]
         in place of its own. The kernel checks its numbers."""
-        row = self.rows[name]
+        row, pair = self.rows[name], pair or {}
         model = row.choice("model", _columns()[0].allowed.split(", "))
         numbers = _numbers(row)
         cells = {key: row.cells[key] for key in numbers}
         text = _row_text(model, {**cells, **pair})
-        numbers |= pair
+        numbers.update(pair)
         if model in YIELDING:
             return _plane_rule(name, model, text, numbers, row.where, case)
         return GroundRule(name, model, text.encode(), row.where, numbers.get("rest_angle"))
@@ -348,24 +349,40 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
 
 def zone_ground(case: Case, table: GroundTable, zone: Zone) -> GroundRule:
     """Ground of a zone that names one, or gives its ground a strength or relief of its own."""
-    usual = usual_name(case)
-    name, pair = zone.ground or usual, zone.pair
-    rule = find_ground(case, table, name, f"{zone.where}: ground")
-    if not pair:
+    named = zone.ground_in(named_ground(case))
+    rule = find_ground(case, table, named.name, f"{zone.where}: ground")
+    return _with_pair(rule, case, table, named, f"{zone.where}: ")
+
+
+def case_ground(case: Case, table: GroundTable) -> GroundRule:
+    """Ground where no zone and no cell names one."""
+    where, named = f"{case.name}: &surface ", named_ground(case)
+    if "ground" in case.surface:
+        rule = find_ground(case, table, named.name, f"{where}ground")
+    else:
+        rule = usual_ground(case)
+    return _with_pair(rule, case, table, named, where)
+
+
+def _with_pair(
+    rule: GroundRule, case: Case, table: GroundTable, named: NamedGround, where: str
+) -> GroundRule:
+    """The ground with its strength and relief replaced; `where` begins messages."""
+    if not named.pair:
         return rule
     limits = {parameter.name: parameter.limits for parameter in parameters()}
-    for key, value in pair.items():
-        where, (low, high) = f"{zone.where}: ground_{key} = {value:g}", limits[key]
+    for key, value in named.pair.items():
+        given, (low, high) = f"{where}ground_{key} = {value:g}", limits[key]
         if rule.plane is None:
             names = ", ".join(dict.fromkeys([*table.yielding, *shipped_rows().yielding]))
-            raise RockfallError(f"{where}: not valid on ground '{name}': only on {names}")
+            raise RockfallError(f"{given}: not valid on ground '{named.name}': only on {names}")
         if not low <= value <= high:
-            raise RockfallError(f"{where}: must be {low:g} to {high:g}")
-    own = zone.ground_name(usual)
+            raise RockfallError(f"{given}: must be {low:g} to {high:g}")
+    own = str(named)
     if len(own) > MAX_NAME:
-        raise RockfallError(f"{zone.where}: ground '{own}': must be at most {MAX_NAME} characters")
-    rows = table if name in table.rows else shipped_rows()
-    return rows.ground(name, case, pair)._replace(name=own)
+        raise RockfallError(f"{where}ground '{own}': must be at most {MAX_NAME} characters")
+    rows = table if named.name in table.rows else shipped_rows()
+    return rows.ground(named.name, case, named.pair)._replace(name=own)
 
 
 def usual_key(case: Case) -> str:
@@ -373,9 +390,17 @@ def usual_key(case: Case) -> str:
     return "sets" if case.impact["form"] == "matrix" else "table"
 
 
+def named_ground(case: Case) -> NamedGround:
+    """Return what rebounds follow where no zone and no cell says it: a ground, sets or a
+    table."""
+    surface = case.surface
+    pair = {key.removeprefix("ground_"): surface[key] for key in PAIR if key in surface}
+    return NamedGround(surface.get("ground", case.impact[usual_key(case)]), pair)
+
+
 def usual_name(case: Case) -> str:
-    """Name of what rebounds follow where no zone and no cell says it: a ground, sets or a table."""
-    return str(case.surface.get("ground", case.impact[usual_key(case)]))
+    """Name of that ground in results."""
+    return str(named_ground(case))
 
 
 def usual_ground(case: Case) -> GroundRule:

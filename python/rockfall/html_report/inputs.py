@@ -15,7 +15,7 @@ from rockfall.analysis.validity.rebounds import followed_text
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
-from rockfall.grounds import usual_name
+from rockfall.grounds import named_ground, usual_name
 from rockfall.html_report.validity import has
 from rockfall.io.input_warnings import InputWarning
 from rockfall.io.rasters.arrays import corner_of
@@ -159,8 +159,8 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
         sizes = np.ravel(surface.get("uniform_mean_radius", surface.get("uniform_rg", [])))
         heads = list(RADII.values())[slice(0, 1) if sizes.size == 1 else slice(1, 4)]
         cells = dict(zip(heads, map(number, sizes), strict=True))
-        if ground := surface.get("ground"):  # whose rocks have no size where none is given
-            cells = {word("ground"): ground} | (cells if sizes.any() else {})
+        if "ground" in surface:  # whose rocks have no size where none is given
+            cells = {word("ground"): usual_name(case)} | (cells if sizes.any() else {})
         row = say("inputs.everywhere"), *cells.values()
         yield Table.of(say("inputs.grounds_and_radii_of_their_rocks"), ("", *cells), [row])
 
@@ -214,10 +214,10 @@ def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
 def _zone_labels(case: Case, sizes: np.ndarray) -> list[str]:
     """Labels of the rows of the zone table: name or number, ground, and radii of rocks but those of
     a named ground without any."""
-    usual = usual_name(case)
+    usual = named_ground(case)
     return [
         f"{zone.name or say('inputs.zone', number=number)}"
-        f"{f' ({zone.ground_name(usual)})' if zone.names_ground else ''}"
+        f"{f' ({zone.ground_in(usual)})' if zone.names_ground else ''}"
         f"{'' if zone.names_ground and not radii.any() else f'; {_radius(radii)}'}"
         for (number, zone), radii in zip(case_zones(case).items(), sizes, strict=True)
     ]

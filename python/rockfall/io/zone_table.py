@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +27,18 @@ MATERIAL = (*RADII, "ground", *PAIR)  # columns of which a zone has at least one
 NAMES = ("name", "description")  # columns of free text that name a zone
 
 _INTEGER = re.compile(r"[+-]?[0-9]+")
+
+
+class NamedGround(NamedTuple):
+    """A ground by its name, and a strength [Pa] and relief [degree] in place of its own."""
+
+    name: str
+    pair: Mapping[str, float] = MappingProxyType({})  # by their names in a table of grounds
+
+    def __str__(self) -> str:
+        units = {"strength": "Pa", "relief": "degrees"}
+        own = [f"{repr(value).removesuffix('.0')} {units[key]}" for key, value in self.pair.items()]
+        return self.name + (f" ({', '.join(own)})" if own else "")
 
 
 class Zone(NamedTuple):
@@ -49,15 +62,16 @@ class Zone(NamedTuple):
         """Return True if its ground is not simply that of the case."""
         return bool(self.ground or self.pair)
 
-    def ground_name(self, usual: str) -> str:
-        """Name of its ground, with its own strength and relief; `usual` is the ground of the case.
+    def ground_in(self, usual: NamedGround) -> NamedGround:
+        """Its ground; `usual` is the ground of the case.
 
-        >>> Zone((), "talus", 3e5, 12.5).ground_name("")
+        >>> usual = NamedGround("talus", {"strength": 2e5, "relief": 12.5})
+        >>> str(Zone((), "", 3e5).ground_in(usual))
         'talus (300000 Pa, 12.5 degrees)'
         """
-        units = {"strength": "Pa", "relief": "degrees"}
-        own = [f"{repr(value).removesuffix('.0')} {units[key]}" for key, value in self.pair.items()]
-        return (self.ground or usual) + (f" ({', '.join(own)})" if own else "")
+        if self.ground:
+            return NamedGround(self.ground, self.pair)
+        return NamedGround(usual.name, {**usual.pair, **self.pair})
 
 
 def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[int, Zone]:

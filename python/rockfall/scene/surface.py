@@ -14,8 +14,9 @@ from rockfall.errors import RockfallError
 from rockfall.grounds import (
     GroundRule,
     GroundTable,
+    case_ground,
     check_number,
-    find_ground,
+    named_ground,
     table_path,
     usual_ground,
     zone_ground,
@@ -82,18 +83,16 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
         )
     table = GroundTable(table_path(case))
     inputs.checksums.setdefault("ground_table", file_checksum(table.path))
-    if "ground" in surface:
-        usual = find_ground(case, table, surface["ground"], f"{case.name}: &surface ground")
-    else:
-        usual = usual_ground(case)
+    usual, base = case_ground(case, table), named_ground(case)
+    if "ground" not in surface:
         of_cells = table.names.values() if "ground_map" in surface else ()
-        others = {*of_cells, *(zone.ground or usual.name for zone in named)}
-        if usual.name in table.rows and usual.name in others and _differs(usual, table, case):
+        others = {*of_cells, *(zone.ground or base.name for zone in named)}
+        if base.name in table.rows and base.name in others and _differs(base.name, table, case):
             raise RockfallError(
-                f"{case.name}: &impact: '{usual.name}' is also a row of {table.path}: rename that"
+                f"{case.name}: &impact: '{base.name}' is also a row of {table.path}: rename that"
             )
     by_name = {usual.name: usual}
-    of_zones = [zone.ground_name(usual.name) for zone in zones.values()]
+    of_zones = [str(zone.ground_in(base)) for zone in zones.values()]
     for zone, name in zip(zones.values(), of_zones, strict=True):
         if name not in by_name:
             by_name[name] = zone_ground(case, table, zone)
@@ -130,9 +129,9 @@ def _outside_plane(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
         yield remark(rule.file, "input.strength_not_thrown", name=rule.name, **numbers)
 
 
-def _differs(ground: GroundRule, table: GroundTable, case: Case) -> bool:
-    """Return True if a ground is another one than the row of its name."""
-    return ground.text != table.ground(ground.name, case).text
+def _differs(name: str, table: GroundTable, case: Case) -> bool:
+    """Return True if the table of impacts of a case is another one than the row of its name."""
+    return usual_ground(case).text != table.ground(name, case).text
 
 
 def _read_cell_grounds(inputs: Inputs, rasters: Rasters, box: Box, ids: dict[int, str]) -> None:

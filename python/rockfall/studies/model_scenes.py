@@ -14,16 +14,19 @@ from rockfall.errors import RockfallError
 from rockfall.grounds import (
     ABSORBS,
     IMPACT_SETS,
+    NO_GROUND,
     TABLES,
     GroundRule,
     GroundTable,
     find_ground,
+    named_ground,
     shipped_grounds,
     table_names,
     table_path,
     usual_ground,
     usual_name,
 )
+from rockfall.io.zone_table import NamedGround
 from rockfall.language import say
 from rockfall.quantities import percent
 from rockfall.scene.read import read_scene
@@ -104,7 +107,7 @@ def by_tables(
     for name in table_names() if names is None else names:
         by_table = {"form": "table", "table": name}
         if is_named or not follows_table or name != usual_name(case):
-            law = case.replace(impact=unused | by_table, surface={"ground": None})
+            law = case.replace(impact=unused | by_table, surface=NO_GROUND)
             laws[name] = law, usual_ground(law)
     needing = [rule.name for _, rule in laws.values() if rule.rocks]
     if names is None and unsized == 1 and needing:
@@ -164,11 +167,11 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     elif case.impact["form"] == "table":
         yield f"table {usual_name(case)}", own
     method = case.surface["method"]
-    named = {zone.ground_name("") for zone in case_zones(case).values()}
+    named = {str(zone.ground_in(NamedGround(""))) for zone in case_zones(case).values()}
     tables = {ground.name for ground in own.grounds if ground.model in TABLES}
     shapes = {} if named & tables else NO_SHAPES  # which are refused where no ground has a table
     for way in (method, "AB".replace(method, "")):
-        surface = {"method": way, "ground": None}
+        surface = {**NO_GROUND, "method": way}
         try:
             scene = read_scene(
                 case.replace(impact={"form": "matrix"}, surface=surface, boulder=shapes)
@@ -200,9 +203,9 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
 def _with_named_apart(scene: Scene) -> Scene:
     """Scene in which zones that name the case's own ground have a copy of it under another name:
     they keep it where models vary the case's own."""
-    own = usual_name(scene.case)
-    zones = case_zones(scene.case).values()
-    named = np.array([zone.ground == own and not zone.pair for zone in zones], bool)
+    usual = named_ground(scene.case)
+    own, zones = str(usual), case_zones(scene.case).values()
+    named = np.array([zone.ground and str(zone.ground_in(usual)) == own for zone in zones], bool)
     of_zones = scene.rasters.material_ground
     if of_zones is None or not named.any():
         return scene

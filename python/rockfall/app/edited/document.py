@@ -16,7 +16,7 @@ from rockfall.app.edited.forms import REST, Form, check_value
 from rockfall.app.messages import Refused
 from rockfall.case import FROM_ARRAY, Case
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.zone_table import RADII
+from rockfall.io.zone_table import PAIR, RADII
 from rockfall.language import say
 from rockfall.scene.frames import GROUPS
 
@@ -213,7 +213,7 @@ def _rest(
     names = RADII[:1] if radii[0] is not None else RADII[1:]
     properties: dict[str, Any] = dict(zip(names, map(float, values), strict=False))
     if not properties and "ground" in surface:
-        properties = {"ground": surface["ground"]}
+        properties = {key: surface[key] for key in ("ground", *PAIR) if key in surface}
     shapes = [zone.shape() for zone in zones]
     if not properties or not shapely.is_valid(shapes).all():
         return []
