@@ -2,14 +2,16 @@
 """The boulders observed at Vaujany beside the program, on slopes that nothing was fitted on.
 
     python -m benchmarks.physics.observed [--slopes 32] [--boulders 2000] [--first 1000]
-        [--sets NAME ...] [--law NAME=TABLE ...] [--ground ROW ...] [--write]
+        [--sets NAME ...] [--law NAME=TABLE ...] [--ground ROW ...]
+        [--radius-sigma S ...] [--write]
 
 Table 2 of the paper prints mean, deviation and maximum of 100 boulders at two lines.
 `vaujany-observed` is fitted to them on other slopes, `bourrier2009` to what the paper *simulated*.
 Prints the relative errors, of maxima those of their mean over hundreds of boulders, by these sets,
 others that are named, and tables of impacts or classical grounds (benchmarks.physics.laws), over
 slopes of the recipe of cases/vaujany with their standard errors, and those of the paper's own
-simulation. --write puts them into the table of evidence.
+simulation. --radius-sigma adds `vaujany-observed` with rocks of each boulder's own size, and the
+change of the mean error of its six deviations. --write puts them into the table of evidence.
 """
 
 import argparse
@@ -30,6 +32,7 @@ from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
 
 CASES = ROOT / "cases" / "vaujany"
 FIRST = 1000  # seed of the relief: none that a calibration has seen
+DEFAULT = "vaujany-observed"
 METHODS = {"A": "case_A.nml", "B": "case.nml"}
 LINES = "EL1", "EL2"
 QUANTITIES = "speed", "passing_height", "energy_translational"
@@ -57,20 +60,37 @@ def maximum(values: np.ndarray) -> float:
     return float(hundreds.max(axis=1).mean()) if len(hundreds) else nan
 
 
+def spread(sigma: float) -> str:
+    """Name of the default set with rocks of each boulder's own size."""
+    return f"{DEFAULT}, mean_radius_sigma {sigma:g}"
+
+
+def deviation_error(run: pd.DataFrame, printed: pd.DataFrame) -> float:
+    """Mean error, without sign, of the deviations of a run at both lines [%]."""
+    errors = [
+        run.loc[(line, quantity), "std"] / printed.loc[(line, "observed", quantity), "std"] - 1
+        for line, quantity in product(LINES, QUANTITIES)
+    ]
+    return 100 * float(np.mean(np.abs(errors)))
+
+
 def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--slopes", type=int, default=32)
     parser.add_argument("--boulders", type=int, default=2000)
     parser.add_argument("--first", type=int, default=FIRST)
     parser.add_argument("--sets", action="append", default=[], metavar="NAME")
+    parser.add_argument("--radius-sigma", type=float, nargs="+", default=[], metavar="S")
     parser.add_argument("--write", action="store_true")
     add_laws(parser)
     given = parser.parse_args(words)
     printed = pd.read_csv(CASES / "paper.csv").set_index(["line", "method", "quantity"])
     paper = {name: rockfall.read_case(CASES / file) for name, file in METHODS.items()}
     cases = {f"bourrier2009, {name}": case for name, case in paper.items()}
-    observed = {"sets": "vaujany-observed", "ratio": "between"}
-    cases["vaujany-observed"] = paper["B"].replace(impact=observed)
+    observed = {"sets": DEFAULT, "ratio": "between"}
+    cases[DEFAULT] = paper["B"].replace(impact=observed)
+    own = {spread(sigma): {"mean_radius_sigma": sigma} for sigma in given.radius_sigma}
+    cases |= {name: cases[DEFAULT].replace(boulder=keys) for name, keys in own.items()}
     cases |= {name: paper["B"].replace(impact={"sets": name}) for name in given.sets}
     cases |= {law.name: paper["B"].replace(**law.of("compact")) for law in given.law}
     print(machine())
@@ -91,6 +111,13 @@ def main(words: Sequence[str] | None = None) -> None:
             rows.append(row(key, seen["unit"], seen[number], of_slopes))
             error, spread = rows[-1].error, rows[-1].standard_error
             print(f"{line} {quantity} {number}, {name}: {error:+.1f} ± {spread:.1f} %")
+    for name in own:
+        changes = [
+            deviation_error(with_own, printed) - deviation_error(without, printed)
+            for with_own, without in zip(runs[name], runs[DEFAULT], strict=True)
+        ]
+        error = np.std(changes, ddof=1) / len(changes) ** 0.5
+        print(f"{name}: deviations nearer by {-np.mean(changes):+.2f} ± {error:.2f} %")
     if given.write:
         record(rows)
 

@@ -43,6 +43,7 @@ module rockfall_boulder
    type :: soil_draw_t
       real(wp) :: deviate = 0.0_wp  !! standard normal: strength of the ground [-]
       real(wp) :: column = 0.5_wp, row = 0.5_wp  !! uniform in (0, 1): choice between parts of a table of impacts [-]
+      real(wp) :: ratio_factor = 1.0_wp          !! on R_b/R_m [-]
    end type soil_draw_t
 
    !> Boulder specified by a source.

@@ -61,6 +61,7 @@ module rockfall_case
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
       real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! of each of block_shapes; all 0: given by sources [-]
+      real(wp) :: radius_sigma = 0.0_wp          !! of ln R_m, from boulder to boulder [-]
       real(wp) :: strength_sigma = -1.0_wp       !! of all grounds with tables, as in impact_table_t; < 0: of each [-]
       logical :: by_source = .false.             !! sources specify their boulders; volumes are factors
       logical :: by_feature = .false.            !! the layer of the sources gives all volumes
@@ -191,6 +192,7 @@ contains
       if (has_key(group, "rest_angle")) this%rest_angle = real_of(group, "rest_angle")
       this%impact_limit = int(integer_of(group, "impact_limit"))
       group = group_of(list, "boulder")
+      this%radius_sigma = real_of(group, "mean_radius_sigma")
       if (has_key(group, "ground_strength_sigma")) this%strength_sigma = real_of(group, "ground_strength_sigma")
    end subroutine read_run
 

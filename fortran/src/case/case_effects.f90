@@ -87,6 +87,7 @@ contains
       call only_with(group, [character(len=key_length) :: "block_shape", "block_shape_share", "block_axes", &
                             "ground_strength_sigma"], by_table(list) .or. any_grounds(list), &
                      "a table of impacts: &impact form = 'table', or a ground", error)
+      call only_with(group, ["mean_radius_sigma"], any_rocks(list), "sizes of rocks in &surface", error)
       if (has_key(group, "rock_density") .and. is_changed(group, "density") .and. .not. allocated(error)) &
          call refuse(group, "density", "is not valid together with rock_density, which gives it", error)
    end subroutine check_boulder
@@ -207,6 +208,20 @@ contains
          if (list%group(g)%name == "impact") by_table = by_table .or. text_of(list%group(g), "form") == "table"
       end do
    end function by_table
+
+   !> Return whether rocks may have sizes in some place.
+   pure logical function any_rocks(list)
+      type(namelist_t), intent(in) :: list
+      character(len=*), parameter :: sizes(*) = [character(len=key_length) :: "zones", "mean_radius", "rg70", &
+                                                 "uniform_mean_radius", "uniform_rg"]
+      integer :: g, k
+
+      any_rocks = .false.
+      do g = 1, size(list%group)
+         if (list%group(g)%name == "surface") &
+            any_rocks = any_rocks .or. any([(has_key(list%group(g), trim(sizes(k))), k=1, size(sizes))])
+      end do
+   end function any_rocks
 
    !> Return whether a map whose name contains a word is requested.
    pure logical function has_maps(list, word)

@@ -133,6 +133,8 @@ module rockfall_case_keys
             "of each shape in block_shape, together 1; absent: equal shares", in_scene), &
       key_t("boulder", "ground_strength_sigma", "real", 1, "absent", "0 to 1.5", "", &
             "standard deviation of the logarithm of strength between boulders; absent: that of each ground"), &
+      key_t("boulder", "mean_radius_sigma", "real", 1, "0.0", "0 to 1.5", "", &
+            "likewise of the radius R_m of rocks, for impact sets: smaller where ground is stronger"), &
       key_t("boulder", "d1", "text", 1, "absent", "", "", &
             "source: raster of one of the three sides of boulders [m]", in_scene, "raster"), &
       key_t("boulder", "d2", "text", 1, "absent", "", "", "of the second [m]", in_scene, "raster"), &

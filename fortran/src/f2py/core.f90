@@ -1024,7 +1024,7 @@ contains
 
       table = normal_table()
       do k = 1, n
-         soil = drawn_soil(random_key(seed), table, number(k))
+         soil = drawn_soil(random_key(seed), table, 0.0_c_double, number(k))
          deviate(k) = soil%deviate
       end do
    end subroutine strength_deviates

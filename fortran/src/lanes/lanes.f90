@@ -478,7 +478,7 @@ contains
                              radius, obstacle, u_ground, result%status)
             c%ground(k) = max(1, c%ground(k))
             if (result%status == absorbed) cycle
-            c%ratio(k) = result%boulder%radius/radius
+            c%ratio(k) = result%boulder%radius/radius*result%soil%ratio_factor
             if (sets%offset(c%ground(k)) < 0) then
                if (allocated(scene%grounds(c%ground(k))%table)) &
                   call add_contact(by_table, k, scene%grounds(c%ground(k))%table, c%ground(k), result%boulder, &

@@ -97,6 +97,7 @@ contains
       scene%stop_speed = case%stop_speed
       scene%rest_slope = rest_slope_of(merge(case%rest_angle, rest_angle_of_rocks(), case%rest_angle >= 0))
       scene%between_ratios = case%between_ratios
+      scene%radius_sigma = case%radius_sigma
       scene%ground_drawn = case%method == method_a .or. case%between_ratios
       scene%max_impacts = case%impact_limit
       scene%histograms_requested = case%rebounds

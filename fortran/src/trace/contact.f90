@@ -58,6 +58,7 @@ contains
                        u_ground, result%status)
       if (result%status == absorbed) return
       ratio = result%boulder%radius/radius
+      if (level >= with_all) ratio = ratio*result%soil%ratio_factor
       if (level >= with_all .and. ground > 0) then
          if (allocated(scene%grounds(ground)%table)) then
             call handle_table_contact(scene, scene%grounds(ground), number, ground, landing, v, ratio, uniform(word), &

@@ -2,6 +2,7 @@
 !> Random numbers of a boulder in its scene: block shape, rebounds, and ground properties.
 module rockfall_draws
    use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: exponential
    use rockfall_random, only: random_key_t, normal_table_t, random_words, uniform, normal, for_release, for_impact, &
                               for_ground, for_strength, words_per_block, volume_word, shape_word, deviate_word, &
                               column_word, row_word
@@ -34,15 +35,18 @@ contains
       shape = drawn_shape(scene%shapes, uniform(word(shape_word)))
    end function block_shape_of
 
-   !> Ground under a boulder, on its whole way.
-   pure type(soil_draw_t) function drawn_soil(key, table, number) result(soil)
+   !> Ground under a boulder, on its whole way: of two boulders, one has the stronger ground and the smaller rocks
+   !> everywhere.
+   pure type(soil_draw_t) function drawn_soil(key, table, radius_sigma, number) result(soil)
       type(random_key_t), intent(in) :: key
       type(normal_table_t), intent(in) :: table
+      real(wp), intent(in) :: radius_sigma  !! standard deviation of ln R_m [-]
       integer(i8), intent(in) :: number
       integer(i8) :: word(words_per_block)
 
       word = random_words(key, for_strength, number, 0_i8, 0_i8)
       soil = soil_draw_t(normal(table, word(deviate_word)), uniform(word(column_word)), uniform(word(row_word)))
+      soil%ratio_factor = exponential(radius_sigma*soil%deviate)
    end function drawn_soil
 
    !> Random words of a rebound.

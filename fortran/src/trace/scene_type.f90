@@ -33,6 +33,7 @@ module rockfall_scene_type
       type(impact_set_t) :: sets(impact_ratios)
       logical :: between_ratios = .false.  !! a ratio between two sets selects either at random
       logical :: has_tables = .false.      !! a ground has a table of impacts
+      real(wp) :: radius_sigma = 0.0_wp    !! standard deviation of ln R_m from boulder to boulder [-]
       logical :: ground_drawn = .false.    !! ground properties are random: additional words per impact
       integer :: turning = past_aspect     !! rule, as in turning_t
       type(lateral_t), allocatable :: lateral(:)  !! per ratio; only for by_lab

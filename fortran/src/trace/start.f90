@@ -38,7 +38,8 @@ contains
       end if
       if (level >= with_all .and. allocated(scene%of_source)) &
          result%boulder = boulder_of(scene%of_source(result%source), result%boulder%volume)
-      if (level >= with_all .and. scene%has_tables) result%soil = drawn_soil(scene%key, scene%table, number)
+      if (level >= with_all .and. (scene%has_tables .or. scene%radius_sigma > 0)) &
+         result%soil = drawn_soil(scene%key, scene%table, scene%radius_sigma, number)
       call set_first_flight(scene, result%source, flight)
       result%start = [flight%x, flight%y, flight%z]
       result%speed_max = squared_length(flight%v)  ! the square root is taken at the end

@@ -79,7 +79,7 @@ contains
       if (cells_requested) trace => trace_maps
       if (has_obstacles(scene) .or. scene%energies_requested .or. allocated(scene%grounds) &
           .or. allocated(scene%of_source) .or. allocated(scene%features) &
-          .or. allocated(scene%shapes)) trace => trace_full
+          .or. allocated(scene%shapes) .or. scene%radius_sigma > 0) trace => trace_full
    end subroutine choose_tracer
 
    !> Common body of the trace_* procedures. `level` is a compile-time constant at each call, so the compiler

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 def ground_strength(result: xr.Dataset) -> xr.DataArray:
     """Strength of the ground under each boulder, (boulder,), as a standard normal number z: a
     ground by tables of impacts yields at its median times exp(strength_sigma z) (theory, eq.
-    5.25a). It follows from the seed and the number of the boulder.
+    5.25a), and rocks have the radius R_m exp(-mean_radius_sigma z) (eq. 7.3a). It follows from the
+    seed and the number of the boulder.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml").replace(case={"boulders": 5})

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from rockfall.text.summary import MOST_STANDS
 MAX_LINES = 20  # names that `check` lists
 LARGE_RESULT = 2e9  # bytes of rows of boulders of which it is said that they go to the file, too
 MAX_ZONES = 12  # listed individually
+DRAWS = 101  # of the sizes of rocks by boulder, for their quantiles
 
 
 def preview(scene: Scene) -> str:
@@ -238,9 +240,15 @@ def _rebounds(values: dict[str, np.ndarray]) -> str:
 
 def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
     """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks:
-    for the mean volume, and in brackets for the 5 and 95 % quantiles if they use other sets."""
+    for the mean volume, and in brackets for the 5 and 95 % quantiles if they use other sets.
+    Boulders that meet smaller rocks count as larger ones."""
     grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
-    mean, *ends = sphere_radius(np.array([volumes.mean(), *np.quantile(volumes, [0.05, 0.95])]))
+    if sigma := scene.case.boulder["mean_radius_sigma"]:
+        deviates = [NormalDist(sigma=sigma).inv_cdf((k + 0.5) / DRAWS) for k in range(DRAWS)]
+        spread = np.outer(volumes, np.exp(3 * np.array(deviates)))
+    else:
+        spread = volumes
+    mean, *ends = sphere_radius(np.array([volumes.mean(), *np.quantile(spread, [0.05, 0.95])]))
     lines = [_ground(ground, neutral, mean, ends) for ground in grounds[:MAX_ZONES]]
     more = len(grounds) - len(lines)
     return [*lines, f"and {more} more zones"] if more else lines

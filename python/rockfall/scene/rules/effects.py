@@ -7,7 +7,7 @@ from __future__ import annotations
 from rockfall.case import given_groups
 from rockfall.case.text import literal
 from rockfall.errors import RockfallError
-from rockfall.grounds import IMPACT_SETS, TABLES
+from rockfall.grounds import IMPACT_SETS, RATIO_TABLE, TABLES
 from rockfall.scene.rules.boulders import largest_volumes
 from rockfall.scene.scene import Scene
 
@@ -22,6 +22,7 @@ def check_effects(scene: Scene) -> None:
         ("impact", "ratio", IMPACT_SETS in models, "impact sets"),
         ("impact", "turning", not models <= {*TABLES}, "impact sets or classical models"),
         ("boulder", "block_shape", not models.isdisjoint(TABLES), "a table of impacts"),
+        ("boulder", "mean_radius_sigma", bool(models & {IMPACT_SETS, RATIO_TABLE}), "impact sets"),
         ("boulder", "block_shape_share", not models.isdisjoint(TABLES), "a table of impacts"),
     ):
         value = given.get(group, {}).get(key)
