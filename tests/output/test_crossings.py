@@ -112,3 +112,22 @@ def test_the_file_is_one_that_other_programs_read(result, tmp_path):
         assert max(file["crossing_omega"].chunking()) <= 32_768
     again = rockfall.read_result(tmp_path / "out.nc")
     assert again.equals(result) and {*again.attrs} <= {*result.attrs}
+
+
+@pytest.mark.parametrize("size", [1.0, 1e9])
+def test_analyses_that_share_lines_have_the_same_numbers(result, size, monkeypatch):
+    """Whether the lines fit or not; a selection of the boulders is another result."""
+    monkeypatch.setattr(module, "MAX_SHARED", size)
+    half = result.isel(boulder=slice(0, 150))
+    alone = [rockfall.line_statistics(result), rockfall.return_levels(result, [10])]
+    part = rockfall.line_statistics(half)
+    with module.sharing(result):
+        first = module.at_line(result, 0)
+        assert module.at_line(result, 0) is first
+        assert module.at_line(result, 1).boulders.size
+        assert (module.at_line(result, 0) is first) == (size > 1)
+        for _ in range(2):
+            assert rockfall.line_statistics(result).equals(alone[0])
+            assert rockfall.return_levels(result, [10]).equals(alone[1])
+        assert rockfall.line_statistics(half).equals(part)
+    assert module.at_line(result, 0) is not module.at_line(result, 0)

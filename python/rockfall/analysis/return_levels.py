@@ -103,8 +103,7 @@ def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.Data
     rows = []
     for k, line in enumerate(line_names(result)):
         for quantity in QUANTITIES:
-            sample = samples.sample(k, quantity)
-            row = _row(sample, tail_of(sample, levels))
+            row = _row(*tail_at(samples, k, quantity, levels))
             rows.append({"line": line, "quantity": quantity, **row})
     limits = [name for N in levels for name in with_limits(f"level_{N}")]
     return pd.DataFrame(rows, columns=["line", "quantity", "n", "max", *limits, *_FIT, "refused"])
@@ -137,6 +136,18 @@ def tail(values: np.ndarray, source: Sources | None = None, levels: Sequence[int
     """Upper tail of the values (>= 0) of boulders; `source` is that of each, as from
     `rockfall.analysis.precision.intervals.sources`, None = one source."""
     return tail_of(Values(values, Sources.alone(values.size) if source is None else source), levels)
+
+
+def tail_at(
+    samples: LineSamples, line: int, quantity: str, levels: Sequence[int] = LEVELS
+) -> tuple[Sample, Tail]:
+    """Sample of a quantity at the line of this index, and its upper tail, which is fitted once."""
+    sample = samples.sample(line, quantity)
+    kept = samples.kept(line)
+    key = quantity, tuple(levels)
+    if key not in kept:
+        kept[key] = tail_of(sample, levels)
+    return sample, kept[key]
 
 
 def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:

@@ -52,6 +52,7 @@ from rockfall.protection.barriers import barriers_of
 from rockfall.protection.dams import dams_of
 from rockfall.protection.design import design
 from rockfall.protection.stands import stands_of
+from rockfall.result.crossings import sharing
 from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.samples import has_rows, simulated
 from rockfall.tables.comparison import comparison_tables, notes
@@ -162,9 +163,14 @@ def check_page_needs(path: str | Path) -> None:
 
 def report(inputs: ReportInputs) -> str:
     """Page of a result as text, in the language in force. The same inputs give the same text."""
+    result = flat_maps(inputs.result)
+    with sharing(result):
+        return _report(inputs, result)
+
+
+def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     terrain, hazard, models = inputs.terrain, inputs.hazard, inputs.models
     observed, parties, on_paper = inputs.observed, inputs.parties, inputs.on_paper
-    result = flat_maps(inputs.result)
     rows, levels = rows_of(result), return_levels(result)
     sheet = design(result, factors=inputs.factors) if rows and has_rows(result) else None
     ranges = range_tables(result, rows)

@@ -9,7 +9,7 @@ import numpy as np
 
 from rockfall.analysis.precision.intervals import Sources, between_ranks, sources
 from rockfall.kernel_rules import barrier_outcomes
-from rockfall.result.crossings import AtLine
+from rockfall.result.crossings import at_line
 from rockfall.result.samples import check_rows
 from rockfall.result.variables import OUTCOME
 
@@ -44,7 +44,7 @@ class Crossings(NamedTuple):
 def crossings(result: xr.Dataset, line: int) -> Crossings:
     """Crossings at the line of this index."""
     check_rows(result, "a quantity of each boulder at a line")
-    at = AtLine(result, line)
+    at = at_line(result, line)
     numbers = (at.values(name) for name in Crossings._fields[2:])
     return Crossings(sources(result)[at.boulders], at.volumes, *numbers)
 

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import sample_numbers, with_limits
+from rockfall.analysis.line_statistics import numbers_of, with_limits
 from rockfall.analysis.lines.profile import line_number, windows
+from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.population import population_notes
 from rockfall.analysis.precision.intervals import passing_percent
-from rockfall.analysis.return_levels import LEVELS, tail
+from rockfall.analysis.return_levels import LEVELS, tail_at
 from rockfall.analysis.validity.rebounds import has_own_grounds
 from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import Case, case_of
@@ -131,7 +132,8 @@ def design(
     if along is not None:
         rows = _along(result, along, came[along], width, min_boulders, *how)
         parts = _table([row | doubts for row in rows], _ALONG)
-    loads = [row for name, crossings in came.items() for row in _loads(name, crossings)]
+    samples = LineSamples(result)
+    loads = [row for k, name in enumerate(came) for row in _loads(name, samples, k)]
     return Design(
         standard,
         residual,
@@ -207,14 +209,14 @@ def _check(
         raise RockfallError(f"volume = {volume}: must be > 0 m3")
 
 
-def _loads(line: str, came: Crossings) -> Iterator[dict[str, Any]]:
-    """Quantiles and return levels of the boulders that reach a line."""
+def _loads(line: str, samples: LineSamples, k: int) -> Iterator[dict[str, Any]]:
+    """Quantiles and return levels of the boulders that reach the line of this index."""
     for quantity in LOADS:
-        row: dict[str, Any] = {"line": line, "n": came.n, "quantity": quantity}
-        values = getattr(came, quantity)
-        if came.n:
-            row |= sample_numbers(values, came.source)
-            for N, level in tail(values, came.source).levels.items():
+        sample, tail = tail_at(samples, k, quantity)
+        row: dict[str, Any] = {"line": line, "n": sample.n, "quantity": quantity}
+        if sample.n:
+            row |= numbers_of(sample)
+            for N, level in tail.levels.items():
                 row |= zip(with_limits(f"level_{N}"), level[:3], strict=True)
         yield row
 

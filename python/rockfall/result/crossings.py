@@ -5,7 +5,9 @@ follow by its rules."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +34,7 @@ DERIVED = {name: k for k, name in enumerate(QUANTITIES[:-1])}
 MOTION = ("velocity_x", "velocity_y", "velocity_z", "omega", "jump_height", "passing_height")
 POSITION = "position"  # the distance along a line, among quantities
 MAX_DENSE = 2e9  # bytes of a dense view
+MAX_SHARED = 5e8  # bytes of what is derived of lines and kept within `sharing`
 
 
 def line_names(result: Known) -> list[str]:
@@ -64,6 +67,7 @@ class AtLine:
         """Crossings of a result, or of arrays by name, which have no energies: they lack a case."""
         self._result: Any = result
         self._line = line
+        self.kept: dict[Any, Any] = {}  # small numbers of analyses, for others
         self._rows, self.boulders = self._rows_and_boulders()
 
     def _rows_and_boulders(self) -> tuple[slice | np.ndarray, np.ndarray]:
@@ -139,9 +143,50 @@ def _density(text: str, file: str) -> float:
     return float(case_in({"case": text, "case_file": file}).boulder["density"])
 
 
+class _Shared:
+    """Crossings of the lines of a result, the last used last, as far as they fit."""
+
+    def __init__(self, result: Known) -> None:
+        self.result = result
+        self._lines: dict[int, AtLine] = {}
+
+    def at(self, line: int) -> AtLine:
+        at = self._lines.pop(line) if line in self._lines else AtLine(self.result, line)
+        self._lines[line] = at
+        while len(self._lines) > 1 and self._size() > MAX_SHARED:
+            del self._lines[next(iter(self._lines))]
+        return at
+
+    def _size(self) -> int:
+        """Bytes of what may be derived."""
+        return 8 * len(DERIVED) * sum(at.boulders.size for at in self._lines.values())
+
+
+_shared: ContextVar[_Shared | None] = ContextVar("shared", default=None)
+
+
+@contextmanager
+def sharing(result: Known) -> Iterator[None]:
+    """Within the block, in which this result does not change, what is read and derived of a line is
+    kept for all its analyses."""
+    token = _shared.set(_Shared(result))
+    try:
+        yield
+    finally:
+        _shared.reset(token)
+
+
+def at_line(result: Known, line: int) -> AtLine:
+    """Crossings of a line, shared within `sharing`."""
+    shared = _shared.get()
+    if shared is None or shared.result is not result:
+        return AtLine(result, line)
+    return shared.at(line)
+
+
 def boulders_at(result: Known, line: int) -> np.ndarray:
     """Index along `boulder` of each boulder that crosses a line, in the order of their numbers."""
-    return AtLine(result, line).boulders
+    return at_line(result, line).boulders
 
 
 def has_crossed(result: Known, line: int) -> np.ndarray:
@@ -153,31 +198,31 @@ def has_crossed(result: Known, line: int) -> np.ndarray:
 
 def stored_at(result: Known, name: str, line: int) -> np.ndarray:
     """Values of a stored variable, crossing_NAME, of the crossings of a line."""
-    return AtLine(result, line).stored(name)
+    return at_line(result, line).stored(name)
 
 
 def values_at(result: Held, quantity: str, line: int) -> np.ndarray:
     """Values of a quantity of the boulders that cross a line, in the order of `boulders_at`."""
     check_rows(result, "a quantity of each boulder at a line")
-    return AtLine(result, line).values(quantity)
+    return at_line(result, line).values(quantity)
 
 
 def places_at(result: Held, line: int) -> np.ndarray:
     """Map coordinates (2, n) [m] of the crossings of a line."""
-    return AtLine(result, line).places()
+    return at_line(result, line).places()
 
 
 def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
     """Values (boulder,) of a quantity at a line; NaN where a boulder does not cross."""
     check_rows(result, "a quantity of each boulder at a line")
-    values, at = np.full(result.sizes["boulder"], np.nan), AtLine(result, line)
+    values, at = np.full(result.sizes["boulder"], np.nan), at_line(result, line)
     values[at.boulders] = at.values(quantity)
     return values
 
 
 def outcomes_at(result: Held, line: int) -> np.ndarray:
     """Outcome (boulder,) at the barrier on a line; 0 where a boulder does not reach it."""
-    outcome, at = np.zeros(result.sizes["boulder"], "i1"), AtLine(result, line)
+    outcome, at = np.zeros(result.sizes["boulder"], "i1"), at_line(result, line)
     outcome[at.boulders] = at.stored("outcome")
     return outcome
 
@@ -221,7 +266,7 @@ def crossings(result: xr.Dataset, line: str | int | None = None) -> pd.DataFrame
 
 def columns_at(result: Held, line: int) -> dict[str, np.ndarray]:
     """Columns of `crossings` at the line of this index, without its name."""
-    at = AtLine(result, line)
+    at = at_line(result, line)
     x, y = at.places()
     columns = {"boulder": at.stored("boulder"), "x": x, "y": y}
     columns |= {name: at.values(name) for name in ("time", "distance", *[*LINE][3:], *HEIGHTS)}

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,9 +21,7 @@ from rockfall.kernel_rules import (
     SAMPLE_TAILS,
     SAMPLE_UNITS,
 )
-from rockfall.result.crossings import (
-    AtLine,
-)
+from rockfall.result.crossings import AtLine, at_line
 from rockfall.result.samples import check_all_rows, simulated
 from rockfall.result.variables import fields
 
@@ -37,7 +35,8 @@ class LineSamples:
     def __init__(self, result: Held, source: Sources | None = None) -> None:
         """`source` is that of each boulder, if different from the result's."""
         self.result, self._counted = result, result.sizes["boulder"] < simulated(result)
-        if source is None and not self._counted:
+        self._has_kept = source is None and not self._counted
+        if self._has_kept:
             source = sources(result)
         self._source = source
         self._last: tuple[int, AtLine, Passing] | None = None  # of the last line
@@ -92,11 +91,15 @@ class LineSamples:
         which = places[at.boulders[among]]
         return Values(values[among], Passing(self._source[chosen], which))
 
+    def kept(self, line: int) -> dict[Any, Any]:
+        """Numbers of all boulders at a line, which analyses keep for one another."""
+        return self._at(line)[0].kept if self._has_kept else {}
+
     def _at(self, line: int) -> tuple[AtLine, Passing]:
         """Crossings of a line, and who passes it: all quantities of a line need them."""
         assert self._source is not None
         if self._last is None or self._last[0] != line:
-            at = AtLine(self.result, line)
+            at = at_line(self.result, line)
             self._last = line, at, Passing(self._source, at.boulders)
         return self._last[1:]
 

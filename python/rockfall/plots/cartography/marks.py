@@ -32,7 +32,9 @@ CASING = 1.6  # of white about a line [points]
 
 def starts(result: xr.Dataset) -> np.ndarray:
     """Start points (n, 2) [m], each once."""
-    return np.unique(np.column_stack([result["start_x"], result["start_y"]]), axis=0)
+    places = np.column_stack([result["start_x"], result["start_y"]]).astype("f8")
+    once = np.unique(places.view("c16").ravel())  # a tenth of the time of rows
+    return once[:, np.newaxis].view("f8")
 
 
 def key_of(result: xr.Dataset) -> list[Any]:
