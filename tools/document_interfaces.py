@@ -20,7 +20,7 @@ from rockfall.cli.arguments import make_parser
 CLI = """# The command line
 
 This page lists all commands and options, as `rockfall COMMAND --help` does; it is made from the
-program's parsers. Exit status: 0 done; 1 a fault of the program; 2 wrong input, with one line on
+program's parsers. Exit status: 0 done; 1 a fault of the program; 2 wrong input, with its faults on
 the standard error; 130 and 143 stopped by Ctrl-C or SIGTERM.
 
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Malformed inputs through both programs: each must be done or be refused in one line.
+"""Malformed inputs through both programs: each must be done or be refused, a line for each fault.
 
 Small valid inputs of every kind are made, one file of each is altered (mutators.py), and a command
 reads it: `rockfall` in a fork of a process that has everything imported, `rockfall-batch` as it is
@@ -330,7 +330,7 @@ def verdict(ran: Ran, work: Path, before: dict[str, tuple], batch: bool) -> str:
     about = f"rockfall{'-batch' if batch else ''}: "
     plain = [line for line in lines if not line.startswith(f"{about}warning: ")]
     if ran.status == 2:
-        if len(plain) != 1 or not plain[0].startswith(about):
+        if not plain or not all(line.startswith(about) for line in plain):  # one for each fault
             return f"LINES: {plain[:4]}"
         if changed - {inside}:
             return f"LEFT: {sorted(changed)[:3]}"

@@ -20,7 +20,7 @@ end module warnings
 program rockfall_batch
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use rockfall_kinds, only: wp, i8
-   use rockfall_error, only: error_t, fail
+   use rockfall_error, only: error_t, fail, fault_mark
    use rockfall_text, only: integer_text
    use rockfall_version, only: version
    use rockfall_case, only: case_t, case_line_t
@@ -72,8 +72,21 @@ contains
       end if
       if (.not. allocated(error)) return
       code = error%code
-      write (error_unit, "(2a)") "rockfall-batch: ", one_line(error%message)
+      call print_faults(error%message)
    end subroutine main
+
+   !> Print each fault of an error in one line.
+   subroutine print_faults(message)
+      character(len=*), intent(in) :: message
+      integer :: first, length
+
+      first = 1
+      do while (first <= len(message))
+         length = index(message(first:)//fault_mark, fault_mark) - 1
+         write (error_unit, "(2a)") "rockfall-batch: ", one_line(message(first:first + length - 1))
+         first = first + length + 1
+      end do
+   end subroutine print_faults
 
    !> Run a case. Input is read only after checking that the result can be written.
    subroutine run(arguments, error)

@@ -23,7 +23,8 @@
 extern "C" {
 #endif
 
-enum { ROCKFALL_MESSAGE = 1024, ROCKFALL_TEXT = 256 }; /* lengths of texts, with their final zero */
+/* Lengths of texts, with their final zero; a message has a line for each fault. */
+enum { ROCKFALL_MESSAGE = 1024, ROCKFALL_TEXT = 256 };
 
 typedef struct rockfall_scene rockfall_scene;
 typedef struct rockfall_run rockfall_run;

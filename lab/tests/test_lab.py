@@ -430,8 +430,8 @@ def test_the_kernel_gets_what_the_case_says():
 
 
 MALFORMED = {
-    "unknown group": ("&lob seed = 2 /", "line 1: &lob: unknown group; known: &lab, .*"),
-    "unknown key": ("&lab sead = 2 /", "line 1: &lab sead: unknown key; known: title, seed, .*"),
+    "unknown group": ("&lob seed = 2 /", "line 1: &lob: unknown group; nearest: &lab, .*"),
+    "unknown key": ("&lab sead = 2 /", "line 1: &lab sead: unknown key; nearest: seed, .*"),
     "group given twice": ("&lab seed = 2 / &lab points = 4 /", "line 1: &lab: stands more than.*"),
     "key given twice": ("&lab seed = 2, seed = 3 /", "line 1: &lab seed: given twice .*"),
     "group left open": ("&lab seed = 2", "line 1: &lab is not closed by /"),

@@ -7,8 +7,12 @@ BAD_INPUT = 2  # exit status of errors that the user can correct, as in the kern
 OUR_FAULT = 1  # of internal errors
 
 
+FAULT_MARK = "\x1e"  # the kernel's, between the messages of several faults
+
+
 class RockfallError(ValueError):
-    """One line that names the problem, its place, and what is allowed.
+    """One line that names the problem, its place, and what is allowed; a line for each, if a case
+    has several: `faults`.
 
     `code` is the exit status, `BAD_INPUT` or `OUR_FAULT`: 2 or 1.
 
@@ -21,8 +25,12 @@ class RockfallError(ValueError):
     """
 
     def __init__(self, message: str, code: int = BAD_INPUT) -> None:
-        super().__init__(" ".join(str(message).splitlines()))
+        super().__init__(message)
+        self.faults = [" ".join(fault.splitlines()) for fault in str(message).split(FAULT_MARK)]
         self.code = code
+
+    def __str__(self) -> str:
+        return "\n".join(self.faults)
 
 
 def check_kernel(code: int, message: bytes, name: str = "") -> None:

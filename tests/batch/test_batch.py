@@ -138,6 +138,21 @@ def test_bad_arguments_are_one_line(ready, batch, subtests):
     assert everything(ready) == before
 
 
+def test_all_faults_of_a_case_are_told_at_once(ready, batch):
+    text = (ready / CASE).read_text(encoding="utf-8")
+    spoiled = text.replace("boulders =", "bolders =").replace("&output", "&outputs")
+    (ready / CASE).write_text(spoiled, encoding="utf-8")
+    with pytest.raises(rockfall.RockfallError) as error:
+        rockfall.read_case(ready / CASE)
+    assert [line.split(": ")[2:4] for line in error.value.faults] == [
+        ["&case bolders", "unknown key; nearest"], ["&outputs", "unknown group; nearest"],
+    ]  # fmt: skip
+    named = [line.replace(str(ready / CASE), CASE) for line in error.value.faults]
+    assert batch(CASE, cwd=ready).stderr.splitlines() == [
+        f"rockfall-batch: {line}" for line in named
+    ]
+
+
 def test_help_and_version(batch, tmp_path):
     assert "usage: rockfall-batch CASE" in batch("--help", cwd=tmp_path).stdout
     assert batch("--version", cwd=tmp_path).stdout.startswith("rockfall-batch ")

@@ -100,7 +100,7 @@ HOSTILE = {
     "removed key": (change("seed", "sampling"),
         "case.nml: &case sampling = .*: was removed: leave it out, boulders are drawn at random"),
     "unknown key": (change("density", "densty"),
-        r"case.nml: line 5: &boulder densty: unknown key; known: volume, .*"),
+        r"case.nml: line 5: &boulder densty: unknown key; nearest: density, .*"),
     "unknown word": (change("'energy_mean'", "'energy_mean', 'passage'"),
         r"case.nml: &output maps \(value 3\) = 'passage': must be a map, as passages(, \w+){4}; "
         r"all: docs/result.md, Maps"),
@@ -164,6 +164,27 @@ def test_bad_input_is_one_line_and_nothing_is_written(name, place, capfd):
     refuses(["run", "case.nml", "-o", "out.nc"], message, capfd)
     if "memory" not in name:  # another machine may have more
         refuses(["prepare", "case.nml", "prepared"], message, capfd)
+
+
+FAULTS = (
+    (change("seed", "sed"), "line 1: &case sed: unknown key; nearest: seed, .*"),
+    (change("&impact", "&impakt"), "line .*: &impakt: unknown group; nearest: &impact, .*"),
+    (change("2800.0", "-3.0"), r"&boulder density = -3.0: must be > 0 \[kg/m3\]"),
+)
+
+
+def test_all_faults_of_a_case_are_told_at_once(place, capfd):
+    for harm, _ in FAULTS:
+        harm()
+    lines = "\n".join(f"rockfall: case.nml: {said}" for _, said in FAULTS)
+    refuses(["run", "case.nml", "-o", "out.nc"], lines.removeprefix("rockfall: "), capfd)
+
+
+def test_all_missing_files_are_told_at_once(place, capfd):
+    Path("dem.tif").unlink()
+    Path("zones.csv").unlink()
+    line = "case.nml: &terrain dem = 'dem.tif': no such file\nrockfall: case.nml: &surface table .*"
+    refuses(["run", "case.nml", "-o", "out.nc"], line, capfd)
 
 
 ARGUMENTS = {

@@ -3,7 +3,7 @@
 module rockfall_c
    use, intrinsic :: iso_c_binding, only: c_char, c_double, c_float, c_int, c_int32_t, c_int64_t, c_null_char, &
                                           c_null_ptr, c_ptr, c_loc, c_associated
-   use rockfall_error, only: error_t
+   use rockfall_error, only: error_t, fault_mark
    use rockfall_sizes, only: max_message, max_array_row
    use rockfall_grid, only: grid_t
    use rockfall_case, only: case_t, read_case
@@ -181,12 +181,18 @@ contains
    pure subroutine return_error(error, code, message)
       type(error_t), allocatable, intent(in) :: error
       integer(c_int), intent(out) :: code
-      character(kind=c_char), intent(out) :: message(:)
+      character(kind=c_char), intent(out) :: message(:)  !! a line for each fault
+      character(len=:), allocatable :: text
+      integer :: k
 
       code = 0
       message = c_null_char
       if (.not. allocated(error)) return
       code = error%code
-      call put(error%message, message)
+      text = error%message
+      do k = 1, len(text)
+         if (text(k:k) == fault_mark) text(k:k) = achar(10)
+      end do
+      call put(text, message)
    end subroutine return_error
 end module rockfall_c

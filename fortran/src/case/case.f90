@@ -3,7 +3,7 @@
 !> that no run uses are checked against their table only; case/rules.py has the rules between them.
 module rockfall_case
    use rockfall_kinds, only: wp, i8
-   use rockfall_error, only: error_t, fail
+   use rockfall_error, only: error_t, fail, gather
    use rockfall_text, only: integer_text, real_text, first_repeated
    use rockfall_namelist, only: namelist_t, group_t
    use rockfall_values, only: has_key, value_count, text_of, get_text, get_integer, get_real, get_logical, refuse, &
@@ -100,25 +100,35 @@ contains
       if (.not. allocated(error)) call case_of_keys(list, file, this, error)
    end subroutine read_case
 
-   !> Make a case from its checked keys.
+   !> Make a case from its checked keys: an error has the first fault of each group.
    pure subroutine case_of_keys(list, file, this, error)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: file
       type(case_t), intent(out) :: this
       type(error_t), allocatable, intent(out) :: error
 
+      type(error_t), allocatable :: fault
+
       this%file = file
       call read_run(list, this, error)
-      if (.not. allocated(error)) call read_surface(group_of(list, "surface"), this, error)
-      if (.not. allocated(error)) call read_boulder(group_of(list, "boulder"), group_of(list, "release"), this, error)
-      if (.not. allocated(error)) call read_shapes(group_of(list, "boulder"), group_of(list, "release"), this, error)
-      if (.not. allocated(error)) call read_release(group_of(list, "release"), this, error)
-      if (.not. allocated(error)) call read_forest(group_of(list, "forest"), this, error)
-      if (.not. allocated(error)) call read_lines(list, this, error)
-      if (.not. allocated(error)) call read_output(group_of(list, "output"), group_of(list, "release"), &
-                                                      this, error)
-      if (.not. allocated(error)) call read_breakage(group_of(list, "breakage"), group_of(list, "output"), this, error)
-      if (.not. allocated(error)) call read_hazard(group_of(list, "hazard"), this, error)
+      call read_surface(group_of(list, "surface"), this, fault)
+      call gather(fault, error)
+      call read_boulder(group_of(list, "boulder"), group_of(list, "release"), this, fault)
+      if (.not. allocated(fault)) &
+         call read_shapes(group_of(list, "boulder"), group_of(list, "release"), this, fault)
+      call gather(fault, error)
+      call read_release(group_of(list, "release"), this, fault)
+      call gather(fault, error)
+      call read_forest(group_of(list, "forest"), this, fault)
+      call gather(fault, error)
+      call read_lines(list, this, fault)
+      call gather(fault, error)
+      call read_output(group_of(list, "output"), group_of(list, "release"), this, fault)
+      call gather(fault, error)
+      call read_breakage(group_of(list, "breakage"), group_of(list, "output"), this, fault)
+      call gather(fault, error)
+      call read_hazard(group_of(list, "hazard"), this, fault)
+      call gather(fault, error)
       if (.not. allocated(error)) call check_effects(list, error)
       this%variants = variant_names(list)
    end subroutine case_of_keys

@@ -2,7 +2,7 @@
 !> Keys of a case that would have no effect: refused with what they are only valid with. A key that has its default is
 !> no fault, because a program that writes a case may write all of them.
 module rockfall_case_effects
-   use rockfall_error, only: error_t
+   use rockfall_error, only: error_t, gather
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, text_of, get_text, refuse
    use rockfall_case_keys, only: key_table, n_keys, map_names, plain
@@ -18,19 +18,20 @@ contains
    pure subroutine check_effects(list, error)
       type(namelist_t), intent(in) :: list
       type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: fault
       integer :: g
 
       do g = 1, size(list%group)
          select case (list%group(g)%name)
-         case ("surface"); call check_surface(list, list%group(g), error)
-         case ("impact"); call check_impact(list, list%group(g), error)
-         case ("boulder"); call check_boulder(list, list%group(g), error)
-         case ("breakage"); call check_breakage(list%group(g), error)
-         case ("forest"); call check_forest(list%group(g), error)
-         case ("output"); call check_output(list%group(g), error)
-         case ("hazard"); call check_hazard(list, list%group(g), error)
+         case ("surface"); call check_surface(list, list%group(g), fault)
+         case ("impact"); call check_impact(list, list%group(g), fault)
+         case ("boulder"); call check_boulder(list, list%group(g), fault)
+         case ("breakage"); call check_breakage(list%group(g), fault)
+         case ("forest"); call check_forest(list%group(g), fault)
+         case ("output"); call check_output(list%group(g), fault)
+         case ("hazard"); call check_hazard(list, list%group(g), fault)
          end select
-         if (allocated(error)) return
+         call gather(fault, error)
       end do
    end subroutine check_effects
 

@@ -3,7 +3,7 @@
 module rockfall_case_keys
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i8
-   use rockfall_error, only: error_t, fail
+   use rockfall_error, only: error_t, fail, gather
    use rockfall_text, only: integer_text, joined, nearest_names
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
    use rockfall_values, only: has_key, value_count, get_text, get_integer, get_real, get_logical, refuse, &
@@ -371,19 +371,25 @@ contains
       if (.not. allocated(error)) call complete_keys(list, file, error)
    end subroutine read_keys
 
-   !> Add defaults for absent groups and keys, and check all against the table.
+   !> Add defaults for absent groups and keys, and check all against the table: an error has all faults of names and
+   !> values. A key is not called missing beside an unknown one, which may be that key misspelled.
    pure subroutine complete_keys(list, file, error)
       type(namelist_t), intent(inout) :: list
       character(len=*), intent(in) :: file  !! file name, for messages
       type(error_t), allocatable, intent(out) :: error
 
+      type(error_t), allocatable :: fault
+      logical :: all_known
+
       call check_removed(list, error)
-      if (.not. allocated(error)) call check_names(list, key_table%group, key_table%name, repeatable, &
-                                                   "a case has one such group; only &" &
-                                                   //joined(repeatable, ", &")//" may repeat", error)
-      if (.not. allocated(error)) call check_operator(list, error)
-      if (.not. allocated(error)) call complete(list, file)
-      if (.not. allocated(error)) call check_keys(list, error)
+      if (allocated(error)) return
+      call check_names(list, key_table%group, key_table%name, repeatable, "a case has one such group; only &" &
+                       //joined(repeatable, ", &")//" may repeat", error)
+      all_known = .not. allocated(error)
+      call check_operator(list, fault)
+      call gather(fault, error)
+      call complete(list, file)
+      call check_keys(list, all_known, error)
    end subroutine complete_keys
 
    !> Refuse keys of earlier versions, with what to do instead.
@@ -492,16 +498,19 @@ contains
    end function default_case
 
    !> Check the kind, number and range of every value against the table.
-   pure subroutine check_keys(list, error)
+   pure subroutine check_keys(list, all_known, error)
       type(namelist_t), intent(in) :: list
-      type(error_t), allocatable, intent(out) :: error
+      logical, intent(in) :: all_known  !! keys
+      type(error_t), allocatable, intent(inout) :: error
+      type(error_t), allocatable :: fault
       integer :: g, k
 
       do g = 1, size(list%group)
          do k = 1, n_keys
             if (key_table(k)%group /= list%group(g)%name) cycle
-            call check_key(list%group(g), key_table(k), error)
-            if (allocated(error)) return
+            if (.not. (all_known .or. has_key(list%group(g), trim(key_table(k)%name)))) cycle
+            call check_key(list%group(g), key_table(k), fault)
+            call gather(fault, error)
          end do
       end do
    end subroutine check_keys

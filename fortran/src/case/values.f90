@@ -2,11 +2,11 @@
 !> Typed values of the keys of a namelist group, with error messages.
 module rockfall_values
    use rockfall_kinds, only: wp, i8
-   use rockfall_error, only: error_t, fail
+   use rockfall_error, only: error_t, fail, gather
    use rockfall_decimal, only: parse_real, parse_integer, decimal_ok, decimal_malformed
    use rockfall_namelist, only: namelist_t, group_t, entry_t, raw_value
    use rockfall_decimal_commas, only: comma_number, misread_number, point_rule
-   use rockfall_text, only: lower, integer_text, excerpt
+   use rockfall_text, only: lower, integer_text, excerpt, joined, nearest_names
    implicit none
    private
    public :: has_key, value_count, text_of, get_text, get_integer, get_real, get_logical, refuse, refuse_list, &
@@ -25,27 +25,35 @@ module rockfall_values
 
 contains
 
-   !> Check that all groups and keys are in a table, and that only repeatable groups occur more than once.
+   !> Check that all groups and keys are in a table, and that only repeatable groups occur more than once: an error has
+   !> all faults.
    pure subroutine check_names(list, groups, keys, repeatable, rule, error)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: groups(:), keys(:)  !! one row per key; rows of a group are consecutive
       character(len=*), intent(in) :: repeatable(:), rule !! repeatable groups, and the message for others
       type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: fault
       integer :: g, e
 
       do g = 1, size(list%group)
          associate (group => list%group(g))
             if (.not. any(groups == group%name)) then
-               call fail(error, location(group%line)//": unknown group; known: "//name_list(groups, "&"))
-            else if (group%repeated .and. .not. any(repeatable == group%name)) then
-               call fail(error, location(group%line)//": "//rule)
+               call fail(fault, location(group%line)//": unknown group; nearest: &" &
+                         //joined(nearest(group%name, pack(groups, is_first(groups))), ", &"))
+            else if (group%repeated .and. .not. (any(repeatable == group%name) .or. &
+                                                 any(list%group(:g - 1)%name == group%name))) then
+               call fail(fault, location(group%line)//": "//rule)
             end if
-            if (allocated(error)) return
+            if (allocated(fault)) then
+               call gather(fault, error)
+               cycle
+            end if
             do e = 1, size(group%entry)
                if (any(groups == group%name .and. keys == group%entry(e)%key)) cycle
-               call fail(error, location(group%entry(e)%line)//" "//trim(group%entry(e)%key)//": unknown key; known: " &
-                         //name_list(pack(keys, groups == group%name), ""))
-               return
+               call fail(fault, location(group%entry(e)%line)//" "//trim(group%entry(e)%key) &
+                         //": unknown key; nearest: " &
+                         //joined(nearest(group%entry(e)%key, pack(keys, groups == group%name)), ", "))
+               call gather(fault, error)
             end do
          end associate
       end do
@@ -60,17 +68,22 @@ contains
       end function location
    end subroutine check_names
 
-   !> List names once each, with a prefix and separated by commas.
-   pure function name_list(names, sign) result(text)
-      character(len=*), intent(in) :: names(:), sign
-      character(len=:), allocatable :: text
+   !> Return the few names that are nearest to a word.
+   pure function nearest(word, names)
+      character(len=*), intent(in) :: word, names(:)
+      character(len=len(names)) :: nearest(min(3, size(names)))
+
+      nearest = nearest_names(word, names, size(nearest))
+   end function nearest
+
+   !> Mask of the first of equal names in succession.
+   pure function is_first(names)
+      character(len=*), intent(in) :: names(:)
+      logical :: is_first(size(names))
       integer :: k
 
-      text = sign//trim(names(1))
-      do k = 2, size(names)
-         if (names(k) /= names(k - 1)) text = text//", "//sign//trim(names(k))
-      end do
-   end function name_list
+      is_first = [.true., (names(k) /= names(k - 1), k=2, size(names))]
+   end function is_first
 
    pure logical function has_key(group, key)
       type(group_t), intent(in) :: group

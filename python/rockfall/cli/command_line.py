@@ -23,7 +23,8 @@ _NO_MEMORY = "not enough memory for this case; `rockfall check` says what it nee
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return the exit status. All errors are reported in one line on stderr."""
+    """Run a command and return the exit status. Errors are printed to stderr, each in one
+    line."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # from libraries, for their developers
     _open_closed_streams()
@@ -41,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as done:  # --help, --version
         return int(done.code or DONE)
     except RockfallError as error:
-        return say(str(error), error.code)
+        return [say(fault, error.code) for fault in error.faults][-1]
     except KeyboardInterrupt:
         return say("interrupted; no file is half-written", exit_status())
     except ImportError as error:

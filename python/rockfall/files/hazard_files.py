@@ -11,6 +11,7 @@ import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import period_table
+from rockfall.analysis.hazard.variables import CLASS_ENDS
 from rockfall.analysis.hazard.zones import (
     certain_fractions,
     highest_classes,

@@ -13,7 +13,7 @@ import numpy as np
 
 from rockfall.case import FROM_ARRAY, Case, file_keys
 from rockfall.case.variants import check_single
-from rockfall.errors import RockfallError
+from rockfall.errors import FAULT_MARK, RockfallError
 from rockfall.grounds import other_tables
 from rockfall.grounds.impact_sets import set_path
 from rockfall.io.rasters.arrays import check_known, from_array
@@ -207,7 +207,9 @@ def _with_arrays(case: Case, keys: set[str]) -> Case:
 
 
 def _check_files(case: Case, arrays: dict[str, Any]) -> None:
-    """Check that every file exists that the case names and that is to be read."""
+    """Check that every file exists that the case names and that is to be read; the error names all
+    that do not."""
+    missing = []
     unread = {*RADII} - {*size_columns(case)}
     for key, file in case.files():
         if (
@@ -218,4 +220,6 @@ def _check_files(case: Case, arrays: dict[str, Any]) -> None:
         ):
             continue
         if file != FROM_ARRAY and not os.path.exists(raster_file(str(case.path(file)))):
-            raise RockfallError(f"{case.name}: &{key.group} {key.name} = '{file}': no such file")
+            missing.append(f"{case.name}: &{key.group} {key.name} = '{file}': no such file")
+    if missing:
+        raise RockfallError(FAULT_MARK.join(missing))
