@@ -2,11 +2,11 @@
 !> Elementary functions built only from + - * / and sqrt, for bitwise identical results on all machines
 !> (libm picks implementations with different last bits by processor type).
 module rockfall_math
-   use rockfall_kinds, only: wp, i8
+   use rockfall_kinds, only: wp, sp, i8
    implicit none
    private
    public :: pi, degree, real_of, squared_length, logarithm, exponential, cube_root, power, sine_cosine, squared_sine
-   public :: tangent, arcsine, fraction_bits, exponent_bias, bits_of_one
+   public :: tangent, arcsine, rounded_up, fraction_bits, exponent_bias, bits_of_one
 
    real(wp), parameter :: pi = 3.14159265358979323846_wp
    real(wp), parameter :: degree = pi/180.0_wp  !! [rad]
@@ -28,6 +28,14 @@ contains
 
       real_of = transfer(ior(n, bits_of_whole), real_of) - first_whole
    end function real_of
+
+   !> The least number of single precision that is no less than another.
+   elemental real(sp) function rounded_up(x)
+      real(wp), intent(in) :: x
+
+      rounded_up = real(x, sp)
+      if (real(rounded_up, wp) < x) rounded_up = nearest(rounded_up, 1.0_sp)
+   end function rounded_up
 
    !> |v|**2.
    pure real(wp) function squared_length(v)

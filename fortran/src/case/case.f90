@@ -70,7 +70,7 @@ module rockfall_case
       logical :: forest = .false.                !! the scene has trees
       type(tree_model_t) :: tree_model
       type(breakage_t), allocatable :: breakage  !! if boulders may break
-      logical :: steep_cells = .false., by_area = .false.
+      logical :: steep_cells = .false., by_area = .false., sampled = .false.  !! sampled: sources are a sample
       real(wp), allocatable :: slope_threshold   !! [degree]
       type(case_line_t), allocatable :: lines(:)  !! given inline: evaluation lines, then barriers
       character(len=:), allocatable :: unread    !! a layer with more lines, barriers or dams, for messages; "": none
@@ -754,8 +754,9 @@ contains
       this%trajectories = int(integer_of(group, "trajectories"))
       if (text_of(group, "kept") /= "all") this%kept = integer_of(group, "kept")  ! 0 for 'none'
       this%map = [(any(maps == map_names(k)), k=1, n_maps)]
+      this%sampled = text_of(release, "sources") == "sample"
       if (allocated(error) .or. this%kept == keeps_all .or. .not. any(this%map)) return
-      if (text_of(release, "sources") == "sample") &
+      if (this%sampled) &
          call refuse(group, "kept", "must be 'all' for maps where &release sources = 'sample': limits of cells need " &
                      //"the boulders of each place", error)
    end subroutine read_output

@@ -353,7 +353,7 @@ contains
       length%rows = rows_of(run)
       length%cells = length_of(file, "tally")
       length%shared = length_of(file, "tally_shared")
-      length%bins = length_of(file, "sample_entry")
+      length%blocks = length_of(file, "sample_entry")
       length%group_bins = length_of(file, "sample_group_entry")
       length%crossings = length_of(file, "crossing")
    end function lengths_of

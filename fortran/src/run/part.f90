@@ -11,7 +11,7 @@ module rockfall_part
    use rockfall_boulder, only: release_t, source_of
    use rockfall_crossing_rows, only: make_rows => make_room, first_unsorted
    use rockfall_variables, only: row_integers, name_in_files
-   use rockfall_samples, only: base_bits, filled_bins_t, filled_bins, fill_bins, restore_tails
+   use rockfall_samples, only: samples_t, base_bits, filled_bins_t, filled_bins, fill_bins, list_blocks, find_blocks
    use rockfall_map_tallies, only: tells_sources
    use rockfall_reached_cells, only: reached_cells_t, find_reached_cells, allocate_reached_cells, pack_cells, &
                                      unpack_cells
@@ -28,20 +28,21 @@ module rockfall_part
    type :: part_t
       integer(i8), allocatable :: number(:)            !! of the boulder of each row, if not all are kept
       type(layout_t) :: layout                         !! of samples
-      type(filled_bins_t) :: bins, groups              !! of samples
+      integer(i8), allocatable :: block(:)             !! of bins of samples
+      type(filled_bins_t) :: groups                    !! of samples
       type(reached_cells_t) :: maps
    end type part_t
 
    !> Lengths of these arrays in a file; -1: not present.
    type :: part_lengths_t
-      integer(i8) :: rows = -1, cells = -1, shared = -1, bins = -1, group_bins = -1, crossings = -1
+      integer(i8) :: rows = -1, cells = -1, shared = -1, blocks = -1, group_bins = -1, crossings = -1
    end type part_lengths_t
 
 contains
 
    !> Pack a run, whose partial sources are settled.
    subroutine pack_part(run, part, error)
-      type(run_t), intent(in) :: run
+      type(run_t), intent(inout) :: run
       type(part_t), intent(inout) :: part
       type(error_t), allocatable, intent(out) :: error
       logical :: fit
@@ -53,15 +54,15 @@ contains
       if (.not. fit) call fail(error, "the maps of a part do not fit in memory")
    end subroutine pack_part
 
-   !> Pack the samples of a run.
+   !> Pack the samples of a run, whose counts are put in order.
    subroutine pack_samples(run, part)
-      type(run_t), intent(in) :: run
+      type(run_t), intent(inout) :: run
       type(part_t), intent(out) :: part
 
       if (.not. allocated(run%number)) return
       part%number = run%number
       part%layout = run%layout
-      part%bins = filled_bins(size(run%samples%bins, kind=i8), run%samples%bins)
+      call list_blocks(run%samples, part%block)
       part%groups = filled_bins(size(run%samples%groups, kind=i8), run%samples%groups)
    end subroutine pack_samples
 
@@ -84,8 +85,9 @@ contains
          call table%add("kept", "boulder", ["boulder"], part%number)
          call table%add("sample", "part_last", ["sample_part"], part%layout%part_last)
          call table%add("sample", "group_part", ["sample_group"], part%layout%group_part)
-         call table%add("sample", "bin", ["sample_entry"], part%bins%bin)
-         call table%add("sample", "count", ["sample_entry"], part%bins%count)
+         call table%add("sample", "block", ["sample_entry"], part%block)
+         call table%add("sample", "count", [character(len=12) :: "sample_fine", "sample_entry"], &
+                        run%samples%counts(:, :run%samples%blocks))
          call table%add("sample", "group_bin", ["sample_group_entry"], part%groups%bin)
          call table%add("sample", "group_count", ["sample_group_entry"], part%groups%count)
       end if
@@ -122,7 +124,7 @@ contains
       if (tells_sources(run%maps) .and. .not. is_between(length%shared, 2*cells)) fault = "tally_shared_cell"
       if (allocated(run%number)) then
          if (.not. is_between(length%rows, size(run%number, kind=i8))) fault = "boulder"
-         if (.not. is_between(length%bins, size(run%samples%bins, kind=i8))) fault = "sample_bin"
+         if (.not. is_between(length%blocks, size(run%samples%counts, 2, i8))) fault = "sample_block"
          if (.not. is_between(length%group_bins, size(run%samples%groups, kind=i8))) fault = "sample_group_bin"
       end if
       if (run%lines > 0 .and. .not. is_between(length%crossings, run%lines*size(run%status, kind=i8))) &
@@ -141,7 +143,8 @@ contains
       end if
       if (fit .and. allocated(run%number)) then
          part%layout = run%layout
-         allocate (part%number(length%rows), part%bins%bin(length%bins), part%bins%count(length%bins), &
+         run%samples%blocks = int(length%blocks)
+         allocate (part%number(length%rows), part%block(length%blocks), &
                    part%groups%bin(length%group_bins), part%groups%count(length%group_bins), stat=status)
       end if
       if (fit .and. status == 0 .and. tells_sources(run%maps)) then
@@ -201,9 +204,9 @@ contains
       if (.not. allocated(run%number)) return
       fault = sample_fault(run, part)
       if (fault == "") then
-         call restore_tails(run%samples)
-         call fill_bins(size(run%samples%bins, kind=i8), part%bins, run%samples%bins)
+         call find_blocks(run%samples, part%block)
          call fill_bins(size(run%samples%groups, kind=i8), part%groups, run%samples%groups)
+         if (.not. are_heaps(run%samples)) fault = "sample_largest"
       end if
       if (fault == "" .and. size(part%number) > 0) then
          associate (number => run%number(:size(part%number)))
@@ -237,10 +240,11 @@ contains
          if (any(sums(2:, :, :, :) < 0) .or. any(shiftr(sums(2:4:2, :, :, :), base_bits) /= 0)) fault = "sample_sums"
          if (any(ended < 0) .or. sum(ended) /= run%done) fault = "sample_ended"
       end associate
-      if (.not. are_heaps(run%samples%largest)) fault = "sample_largest"
-      if (.not. are_rising(part%bins%bin, size(run%samples%bins, kind=i8))) fault = "sample_bin"
+      if (.not. are_rising(part%block, size(run%samples%at, kind=i8))) fault = "sample_block"
       if (.not. are_rising(part%groups%bin, size(run%samples%groups, kind=i8))) fault = "sample_group_bin"
-      if (any(part%bins%count < 1 .or. part%bins%count > run%done)) fault = "sample_count"
+      associate (counts => run%samples%counts(:, :run%samples%blocks))
+         if (any(counts < 0 .or. counts > run%done)) fault = "sample_count"
+      end associate
       if (any(part%groups%count < 1 .or. part%groups%count > run%done)) fault = "sample_group_count"
       last = [0, part%layout%part_last]
       if (any(last(2:) <= last(:size(last) - 1)) .or. any(part%layout%part_last /= run%layout%part_last)) &
@@ -249,14 +253,19 @@ contains
           .or. any(part%layout%group_part /= run%layout%group_part)) fault = "sample_group_part"
    end function sample_fault
 
-   !> Return whether each column is a heap of numbers, with -1 for none; sorted columns are heaps.
-   pure logical function are_heaps(largest)
-      real(wp), intent(in) :: largest(:, :, :)
-      integer :: k
+   !> Return whether the known numbers of each column are a heap; sorted ones are.
+   pure logical function are_heaps(samples)
+      type(samples_t), intent(in) :: samples
+      integer :: k, line
 
-      are_heaps = all(ieee_is_finite(largest)) .and. all(largest >= 0 .or. largest <= -1)
-      do k = 2, size(largest, 1)
-         are_heaps = are_heaps .and. all(largest(k, :, :) >= largest(k/2, :, :))
+      are_heaps = .true.
+      do line = 1, size(samples%known)
+         associate (heaps => samples%largest(:samples%known(line), :, line))
+            are_heaps = are_heaps .and. all(ieee_is_finite(heaps)) .and. all(heaps >= 0)
+            do k = 2, size(heaps, 1)
+               are_heaps = are_heaps .and. all(heaps(k, :) >= heaps(k/2, :))
+            end do
+         end associate
       end do
    end function are_heaps
 

@@ -144,7 +144,7 @@ contains
          run%wall = run%wall + real(clock_end - clock_start, wp)/rate
          run%cpu = run%cpu + cpu - cpu_start
          chunk = max(1_i8, int(done*min(4.0_wp, chunk_seconds*rate/max(1_i8, clock_end - clock_start)), i8))
-         chunk = min(chunk, max(1_i8, chunk_crossings*run%done/max(1_i8, run%crossings%n)))
+         chunk = min(chunk, max(1_i8, chunk_crossings*done/max(1_i8, run%crossed(1))))
       end do
    end subroutine run_all
 

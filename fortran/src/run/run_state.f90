@@ -4,6 +4,7 @@
 module rockfall_run_state
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
+   use rockfall_math, only: rounded_up
    use rockfall_text, only: integer_text
    use rockfall_scene_type, only: scene_t, n_grounds
    use rockfall_outcome, only: boulder_result_t, left_window
@@ -26,7 +27,7 @@ module rockfall_run_state
    use rockfall_case, only: case_t, keeps_all
    use rockfall_samples, only: samples_t, allocate_samples, continue_samples, merge_samples, free_samples, &
                                forget_samples
-   use rockfall_line_samples, only: layout_t, layout_of, add_end, add_crossing, n_quantities, tails
+   use rockfall_line_samples, only: layout_t, layout_of, add_end, add_crossings, n_quantities, tails
    use rockfall_state_table, only: table_t
    use rockfall_bounds, only: boulder_count
    implicit none
@@ -37,7 +38,7 @@ module rockfall_run_state
 
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
    integer, parameter :: passing_height = findloc(crossing_fields, "passing_height", dim=1)
-   integer(i8), parameter :: at_once = 64                  !! boulders whose crossings are added to samples together
+   integer, parameter :: at_once = 256                     !! boulders whose crossings a thread stores together
    integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
 
    !> Run, or a range of its boulders. Arrays that the case does not need have size zero.
@@ -54,6 +55,7 @@ module rockfall_run_state
       integer(i1), allocatable :: status(:)
       integer(i4), allocatable :: integers(:, :)
       integer :: lines = 0
+      integer(i8) :: crossed(1) = 0                       !! crossings in the last chunk, whether kept or in samples
       type(crossing_rows_t) :: crossings                  !! of lines, by the boulders of these rows
       ! Sums over the boulders done:
       integer(i8) :: count(n_totals) = 0                  !! the last of boulder_counts
@@ -64,6 +66,7 @@ module rockfall_run_state
       type(samples_t) :: samples
       real(wp), allocatable :: vertex(:, :)               !! (vertices, vertex_fields) of recorded boulders,
       integer(i8), allocatable :: vertex_boulder(:)       !! where the run loop records them
+      logical :: sampled = .false.                        !! sources are a sample of others
       logical :: map(n_maps) = .false.                    !! requested, in the order of map_names
       type(map_tallies_t) :: maps                         !! of the cells of a window
       integer :: min_passages = 1                         !! for a mean or a quantile in a cell
@@ -116,6 +119,7 @@ contains
       type(run_t), intent(inout) :: run
 
       run%per_source = merge(0_i8, case%boulders, case%by_area)
+      run%sampled = case%sampled
       run%map = case%map
       run%maps%plan = plan_of(case)
       run%maps%thresholds = case%thresholds
@@ -184,7 +188,7 @@ contains
       run%threads = other%threads
       call move_tallies(other%maps, run%maps)
       if (.not. allocated(run%number)) return
-      call continue_samples(other%samples, run%samples, run%total, fit)
+      call continue_samples(other%samples, run%samples, run%total, run%sampled, fit)
       if (.not. fit) call report_memory(run, error)
    end subroutine continue_run
 
@@ -309,7 +313,7 @@ contains
       call allocate_maps(run%maps, fit)
       if (fit .and. allocated(run%number)) &
          call allocate_samples(run%samples, n_quantities, size(run%layout%part_last), size(run%layout%group_part), &
-                               run%lines + 1, size(statuses), tails, run%total, fit)
+                               run%lines + 1, size(statuses), tails, run%total, run%sampled, fit)
       if (.not. fit) call report_memory(run, error)
    end subroutine allocate_tallies
 
@@ -336,7 +340,7 @@ contains
       type(crossings_t), allocatable :: crossings(:)
       type(maps_t), allocatable :: maps(:)
       integer(i8), allocatable :: row(:)  !! of each boulder; 0: none
-      integer(i8) :: k, last
+      integer(i8) :: k
       integer :: status, thread, threads
       logical :: fit
 
@@ -355,6 +359,7 @@ contains
                    //" cells; the counts of quantile maps in more do not fit in memory")
          return
       end if
+      run%crossed = sum(int(crossings(:n)%n, i8))
       row = 0
       do k = 1, n
          if (results(k)%status == left_window) cycle
@@ -375,12 +380,9 @@ contains
          threads = min(team_size(run%threads), size(scene%lines))
          ! with the whole team, since threads that a smaller one leaves out end, and start again for the next chunk
          !$omp parallel do default(none) num_threads(team_size(run%threads)) &
-         !$omp& shared(run, scene, results, crossings, n, threads) private(k, last)
+         !$omp& shared(run, scene, results, crossings, n, threads)
          do thread = 1, threads
-            do k = 1, n, at_once
-               last = min(n, k + at_once - 1)
-               call sample_crossings(run, scene, results(k:last), crossings(k:last), thread, threads)
-            end do
+            call sample_crossings(run, scene, results(:n), crossings(:n), thread, threads)
          end do
          !$omp end parallel do
       end if
@@ -470,9 +472,7 @@ contains
                rows%real(k)%of(row) = real(values(k), sp)
             end do
             ! rounded up: a barrier as high as the highest crossing of a result stops that boulder
-            associate (height => rows%real(passing_height)%of(row))
-               if (real(height, wp) < values(passing_height)) height = nearest(height, 1.0_sp)
-            end associate
+            rows%real(passing_height)%of(row) = rounded_up(values(passing_height))
             if (rows%may_break) then
                rows%volume(row) = real(at%fragment%volume, sp)
                rows%fragments(row) = at%fragments
@@ -482,27 +482,36 @@ contains
       end do
    end subroutine store_boulder
 
-   !> Add boulders at the lines of one thread to the samples: line by line, because the samples of one lie together in
-   !> memory, and those of thousands do not.
+   !> Add the boulders of a chunk at the lines of one thread to the samples: line by line, because the samples of one
+   !> lie together in memory, and those of thousands do not.
    subroutine sample_crossings(run, scene, results, crossings, thread, threads)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: results(:)
       type(crossings_t), intent(in) :: crossings(:)
       integer, intent(in) :: thread, threads   !! number of this one, and of all
-      integer :: first(size(scene%lines) + 1), boulder(sum(crossings%n)), place(sum(crossings%n)), line, k, m
+      integer, allocatable :: first(:), boulder(:), place(:)
+      real(wp) :: volume(at_once), row(size(line_fields), at_once)  !! of crossings added together
+      integer :: source(at_once), line, k, m, n
 
+      allocate (first(size(scene%lines) + 1), boulder(sum(crossings%n)), place(sum(crossings%n)))
       call sort_by_line(crossings, first, boulder, place)
       do line = thread, size(scene%lines), threads
+         n = 0
          do m = first(line), first(line + 1) - 1
             k = boulder(m)
-            if (results(k)%status == left_window) cycle
-            associate (at => crossings(k)%at(place(m)), origin => [scene%dem%x0, scene%dem%y0])
-               if (at%crossed) &
-                  call add_crossing(run%samples, run%layout, line, scene%lines(line), origin, &
-                                    results(k)%boulder%volume, int(results(k)%source), &
-                                    line_row(scene%dem, results(k), at))
+            associate (at => crossings(k)%at(place(m)))
+               if (at%crossed .and. results(k)%status /= left_window) then
+                  n = n + 1
+                  volume(n) = results(k)%boulder%volume
+                  source(n) = int(results(k)%source)
+                  row(:, n) = line_row(scene%dem, results(k), at)
+               end if
             end associate
+            if (n < at_once .and. m < first(line + 1) - 1) cycle
+            call add_crossings(run%samples, run%layout, line, scene%lines(line), [scene%dem%x0, scene%dem%y0], &
+                               volume(:n), source(:n), row(:, :n))
+            n = 0
          end do
       end do
    end subroutine sample_crossings
@@ -618,6 +627,7 @@ contains
             call table%add("vertex", vertex_fields(k), ["trajectory_vertex"], run%vertex(:, k))
          end do
       end if
+      call table%add("work", "crossed", ["one"], run%crossed, "i8")
       if (.not. allocated(run%left)) return
       call table%add("work", "left", ["left"], run%left, "i8")
       call table%add("work", "left_at", [character(len=4) :: "left", "axis"], run%left_at, "f8")
@@ -646,15 +656,16 @@ contains
       type(run_t), intent(in), target :: run
       type(table_t), intent(inout) :: table
       character(len=*), parameter :: by(*) = [character(len=15) :: "sample_quantity", "sample_part", "sample_place"]
-      character(len=*), parameter :: bins(*) = [character(len=15) :: "sample_fine", by], &
+      character(len=*), parameter :: blocks(*) = [character(len=15) :: "sample_fine", "sample_entry"], &
                                      coarse(*) = [character(len=15) :: "sample_coarse", by(1), "sample_group", by(3)], &
                                      sums(*) = [character(len=15) :: "sample_word", by], &
                                      largest(*) = [character(len=15) :: "sample_rank", "sample_tail", "sample_line"]
 
-      call table%add("work", "bins", bins, run%samples%bins, "i4")
+      call table%add("work", "blocks", blocks, run%samples%counts(:, :run%samples%blocks), "i4")
       call table%add("work", "groups", coarse, run%samples%groups, "i4")
       call table%add("sample", "sums", sums, run%samples%sums)
       call table%add("sample", "largest", largest, run%samples%largest)
+      call table%add("work", "known", ["sample_line"], run%samples%known, "i4")
       call table%add("sample", "ended", ["sample_status"], run%samples%ended)
       call table%add("sample", "part_last", ["sample_part"], run%layout%part_last)
       call table%add("sample", "group_part", ["sample_group"], run%layout%group_part)

@@ -2,14 +2,15 @@
 !> Samples of boulders whose rows are not kept: quantities at each line and at their ends, over all boulders, by part
 !> (features or sources named in statistics), and coarsely by group of sources, for confidence intervals.
 module rockfall_line_samples
-   use rockfall_kinds, only: wp, i4, i8
+   use rockfall_kinds, only: wp, sp, i4, i8
+   use rockfall_math, only: rounded_up
    use rockfall_line, only: line_t
    use rockfall_boulder, only: release_t, feature_of, sphere_radius
-   use rockfall_samples, only: samples_t, add_number, add_tail, largest_unit
+   use rockfall_samples, only: samples_t, add_numbers, add_tails, largest_unit
    use rockfall_variables, only: boulder_fields, boulder_counts, line_fields
    implicit none
    private
-   public :: layout_t, layout_of, add_end, add_crossing, line_quantities, place_along, point_along
+   public :: layout_t, layout_of, add_end, add_crossings, line_quantities, place_along, point_along
    public :: line_quantity, end_quantity, units_of, n_quantities, tails
 
    !> Quantities at a line, of which the first may have a tail; quantities at the end of a boulder.
@@ -90,7 +91,7 @@ contains
    end function layout_of
 
    !> Add the end of a boulder.
-   pure subroutine add_end(samples, layout, boulder, counts)
+   subroutine add_end(samples, layout, boulder, counts)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout
       real(wp), intent(in) :: boulder(:)  !! boulder_fields
@@ -104,43 +105,46 @@ contains
                 boulder(findloc(boulder_fields, "speed_max", dim=1)), &
                 boulder(findloc(boulder_fields, "jump_height_max", dim=1)), &
                 boulder(volume), real(counts(impacts), wp)]
-      call add_quantities(samples, layout, counts(source), values, 2, 1)
+      call add_quantities(samples, layout, [counts(source)], reshape(values, [1, size(values)]), 2, 1)
    end subroutine add_end
 
-   !> Add the crossing of a line by a boulder.
-   pure subroutine add_crossing(samples, layout, index, line, origin, boulder_volume, source_number, crossing)
+   !> Add crossings of a line by boulders.
+   subroutine add_crossings(samples, layout, index, line, origin, volumes, sources, crossings)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout
-      integer, intent(in) :: index           !! of the line
+      integer, intent(in) :: index              !! of the line
       type(line_t), intent(in) :: line
-      real(wp), intent(in) :: origin(2)      !! of local coordinates [m]
-      real(wp), intent(in) :: boulder_volume !! [m3]
-      integer, intent(in) :: source_number
-      real(wp), intent(in) :: crossing(:)    !! line_fields
-      real(wp) :: values(n_quantities)
-      integer :: q
+      real(wp), intent(in) :: origin(2)         !! of local coordinates [m]
+      real(wp), intent(in) :: volumes(:)        !! of the boulders [m3]
+      integer, intent(in) :: sources(:)         !! numbers
+      real(wp), intent(in) :: crossings(:, :)   !! (line_fields, boulders)
+      real(wp) :: values(size(volumes), n_quantities)
+      integer :: k
 
-      values(:n_quantities - 1) = line_quantities(crossing, boulder_volume)
-      values(n_quantities) = place_along(line, crossing(:2) - origin)
-      call add_quantities(samples, layout, source_number, values, 1, index + 1)
-      do q = 1, tails
-         call add_tail(samples%largest(:, q, index), samples%vacant(q, index), values(q))
+      do k = 1, size(volumes)
+         values(k, :n_quantities - 1) = line_quantities(crossings(:, k), volumes(k))
+         values(k, n_quantities) = place_along(line, crossings(:2, k) - origin)
       end do
-   end subroutine add_crossing
+      call add_quantities(samples, layout, sources, values, 1, index + 1)
+      call add_tails(samples, index, rounded_up(values(:, :tails)))
+   end subroutine add_crossings
 
-   !> Add the quantities of a boulder at a place.
-   pure subroutine add_quantities(samples, layout, source_number, values, kind, place)
+   !> Add the quantities of boulders at a place.
+   subroutine add_quantities(samples, layout, sources, values, kind, place)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout
-      integer, intent(in) :: source_number  !! source
-      real(wp), intent(in) :: values(:)
-      integer, intent(in) :: kind, place  !! 1 for lines, 2 for ends
+      integer, intent(in) :: sources(:)      !! of the boulders
+      real(wp), intent(in) :: values(:, :)   !! (boulders, quantities)
+      integer, intent(in) :: kind, place     !! 1 for lines, 2 for ends
       real(wp), parameter :: limit = real(largest_unit, wp)
+      integer(i4), dimension(size(sources)) :: part, group
       integer :: q
 
-      do q = 1, size(values)
-         call add_number(samples, nint(max(-limit, min(limit, values(q)*units_of(q, kind))), i8), q, &
-                         layout%part(source_number), layout%group(source_number), place)
+      part = layout%part(sources)
+      group = layout%group(sources)
+      do q = 1, size(values, 2)
+         call add_numbers(samples, nint(max(-limit, min(limit, values(:, q)*units_of(q, kind))), i8), q, part, group, &
+                          place)
       end do
    end subroutine add_quantities
 

@@ -3,12 +3,13 @@
 !> are integers or a set, so neither the order nor the partition of the numbers changes a bit.
 module rockfall_samples
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
-   use rockfall_kinds, only: wp, i4, i8, i16
+   use rockfall_kinds, only: wp, sp, i4, i8, i16
    use rockfall_memory, only: zeroed_block, free_block
    implicit none
    private
-   public :: samples_t, add_number, add_tail, restore_tails, merge_samples, sample_bin, sample_edge
+   public :: samples_t, add_numbers, add_tails, add_tail, merge_samples, sample_bin, sample_edge, bins_per_coarse
    public :: sample_size, sample_sum, allocate_samples, continue_samples, free_samples, forget_samples
+   public :: list_blocks, find_blocks
    public :: filled_bins_t, fill_bins, filled_bins
    public :: n_sample_bins, n_coarse_bins, n_words, base_bits, largest_unit
 
@@ -21,17 +22,25 @@ module rockfall_samples
    integer(i8), parameter :: largest_unit = 2_i8**45  !! larger numbers are clamped
    !> Words of a sum and of a sum of squares, two digits each to the base 2**62; then the maximum.
    integer, parameter :: n_words = 5, base_bits = 62
-   integer, parameter :: n_largest = 100000  !! number of largest values stored individually
+   !> Largest values stored individually at a line: up to `most_largest`, of `all_largest` over all lines, but no fewer
+   !> than a return level takes of independent boulders (MAX_ABOVE of return_levels.py, and two neighbours).
+   integer, parameter :: most_largest = 100000, all_largest = 2000000, fewest_largest = 2002
 
-   !> Samples of `quantities` at each of `places` (the ends of boulders, then each line).
+   integer, parameter :: batch = 256  !! numbers added together
+
+   !> Samples of `quantities` at each of `places` (the ends of boulders, then each line). Counts are in blocks of the
+   !> bins of a coarse one, which exist once they have a boulder; pages of memory that no block has used cost nothing.
    type :: samples_t
-      integer(i4), pointer, contiguous :: bins(:, :, :, :) => null()    !! (bins, quantities, parts, places)
+      integer(i4) :: blocks = 0                                         !! in use
+      integer(i4), pointer, contiguous :: at(:, :, :, :) => null()      !! block, 0 = none (coarse bins, quantities,
+      !!                                                                   parts, places)
+      integer(i4), pointer, contiguous :: counts(:, :) => null()        !! (bins of a block, blocks)
       integer(i8), pointer, contiguous :: sums(:, :, :, :) => null()    !! (words, quantities, parts, places)
       integer(i4), pointer, contiguous :: groups(:, :, :, :) => null()  !! (coarse bins, quantities, groups, places)
-      real(wp), pointer, contiguous :: largest(:, :, :) => null()       !! heaps, -1 = none (numbers, tails, lines)
-      integer, allocatable :: vacant(:, :)                              !! nodes without a number (tails, lines)
+      real(sp), pointer, contiguous :: largest(:, :, :) => null()       !! heaps of `known` (numbers, tails, lines)
+      integer(i4), allocatable :: known(:)                              !! numbers in each heap of a line
       integer(i8), pointer, contiguous :: ended(:) => null()            !! boulders by status
-      type(c_ptr), private :: block(5) = c_null_ptr                     !! of memory: bins, groups, sums, ended, largest
+      type(c_ptr), private :: block(6) = c_null_ptr  !! of memory: at, groups, counts, sums, ended, largest
    end type samples_t
 
    !> Bins that are not empty, 0-based over all dimensions, in order, and their counts.
@@ -43,59 +52,70 @@ module rockfall_samples
 contains
 
    !> Allocate empty samples, if they fit in memory: of quantities by part and coarsely by group, at all places; of the
-   !> boulders by status; and `numbers` of each tail at lines.
-   subroutine allocate_samples(samples, quantities, parts, groups, places, statuses, tails, numbers, fit)
+   !> boulders by status; and the largest numbers of each tail at lines. Of `boulders`, each has one number at a place.
+   subroutine allocate_samples(samples, quantities, parts, groups, places, statuses, tails, boulders, sampled, fit)
       type(samples_t), intent(inout) :: samples
       integer, intent(in) :: quantities, parts, groups, places, statuses, tails
-      integer(i8), intent(in) :: numbers
+      integer(i8), intent(in) :: boulders
+      logical, intent(in) :: sampled  !! sources are
       logical, intent(out) :: fit
-      integer(i8) :: n
+      integer(i8) :: n, blocks
       integer :: k
 
       n = int(quantities, i8)*places
+      blocks = n*min(int(n_coarse_bins, i8)*parts, boulders)
+      fit = blocks < huge(1_i4)
+      if (.not. fit) return
       associate (block => samples%block)
-         block(1) = zeroed_block(n_sample_bins*parts*n, 4)
+         block(1) = zeroed_block(n_coarse_bins*parts*n, 4)
          block(2) = zeroed_block(n_coarse_bins*groups*n, 4)
-         block(3) = zeroed_block(n_words*parts*n, 8)
-         block(4) = zeroed_block(int(statuses, i8), 8)
-         fit = all([(c_associated(block(k)), k=1, 4)])
+         block(3) = zeroed_block(bins_per_coarse*blocks, 4)
+         block(4) = zeroed_block(n_words*parts*n, 8)
+         block(5) = zeroed_block(int(statuses, i8), 8)
+         fit = all([(c_associated(block(k)), k=1, 5)])
          if (.not. fit) return
-         call c_f_pointer(block(1), samples%bins, [n_sample_bins, quantities, parts, places])
+         call c_f_pointer(block(1), samples%at, [n_coarse_bins, quantities, parts, places])
          call c_f_pointer(block(2), samples%groups, [n_coarse_bins, quantities, groups, places])
-         call c_f_pointer(block(3), samples%sums, [n_words, quantities, parts, places])
-         call c_f_pointer(block(4), samples%ended, [statuses])
+         call c_f_pointer(block(3), samples%counts, [bins_per_coarse, int(blocks)])
+         call c_f_pointer(block(4), samples%sums, [n_words, quantities, parts, places])
+         call c_f_pointer(block(5), samples%ended, [statuses])
       end associate
-      call allocate_tails(samples, tails, places - 1, numbers, fit)
+      call allocate_tails(samples, tails, places - 1, boulders, sampled, fit)
    end subroutine allocate_samples
 
    !> Allocate tails without a number.
-   subroutine allocate_tails(samples, tails, lines, numbers, fit)
+   subroutine allocate_tails(samples, tails, lines, boulders, sampled, fit)
       type(samples_t), intent(inout) :: samples
       integer, intent(in) :: tails, lines
-      integer(i8), intent(in) :: numbers
+      integer(i8), intent(in) :: boulders
+      logical, intent(in) :: sampled
       logical, intent(out) :: fit
       integer :: shape(3)
 
-      shape = [int(min(numbers, int(n_largest, i8))), tails, lines]
-      samples%block(5) = zeroed_block(product(int(shape, i8)), 8)
-      fit = c_associated(samples%block(5))
+      shape = [most_largest, tails, lines]
+      if (.not. sampled) shape(1) = min(most_largest, max(fewest_largest, all_largest/max(1, lines)))
+      shape(1) = int(min(int(shape(1), i8), boulders))
+      samples%block(6) = zeroed_block(product(int(shape, i8)), 4)
+      fit = c_associated(samples%block(6))
       if (.not. fit) return
-      call c_f_pointer(samples%block(5), samples%largest, shape)
-      samples%largest = -1
-      samples%vacant = spread(spread(shape(1), 1, tails), 2, lines)
+      call c_f_pointer(samples%block(6), samples%largest, shape)
+      samples%known = spread(0, 1, lines)
    end subroutine allocate_tails
 
-   !> Continue samples with longer tails of up to `numbers`, if they fit in memory; the rest is moved.
-   subroutine continue_samples(from, to, numbers, fit)
+   !> Continue samples with longer tails, of `boulders`, if they fit in memory; the rest is moved, to room for as many
+   !> blocks as they can have.
+   subroutine continue_samples(from, to, boulders, sampled, fit)
       type(samples_t), intent(inout) :: from
       type(samples_t), intent(inout) :: to
-      integer(i8), intent(in) :: numbers
+      integer(i8), intent(in) :: boulders
+      logical, intent(in) :: sampled
       logical, intent(out) :: fit
 
-      to = from
-      from%block(:4) = c_null_ptr
-      call allocate_tails(to, size(from%largest, 2), size(from%largest, 3), numbers, fit)
-      if (fit) call merge_tails(to, from%largest)
+      call allocate_samples(to, size(from%at, 2), size(from%at, 3), size(from%groups, 3), size(from%at, 4), &
+                            size(from%ended), size(from%largest, 2), boulders, sampled, fit)
+      if (.not. fit) return
+      call merge_samples(to, from)
+      call free_samples(from)
    end subroutine continue_samples
 
    !> Free the memory.
@@ -105,14 +125,81 @@ contains
       call free_block(samples%block)
    end subroutine free_samples
 
-   !> Forget the bins once all results are computed.
+   !> Forget what only counting needs, once all results are computed; counts remain, since results are views of them.
    subroutine forget_samples(samples)
       type(samples_t), intent(inout) :: samples
 
       call free_block(samples%block(:2))
-      call c_f_pointer(c_null_ptr, samples%bins, [0, 0, 0, 0])
+      call c_f_pointer(c_null_ptr, samples%at, [0, 0, 0, 0])
       call c_f_pointer(c_null_ptr, samples%groups, [0, 0, 0, 0])
    end subroutine forget_samples
+
+   ! ---- blocks -------------------------------------------------------------------------------
+
+   !> Put blocks in the order of bins, quantities, parts and places, whichever thread first used them; and list their
+   !> places in it, 0-based.
+   subroutine list_blocks(samples, places)
+      type(samples_t), intent(inout), target :: samples
+      integer(i8), allocatable, intent(out) :: places(:)
+      integer(i4), pointer, contiguous :: at(:)
+      integer(i4) :: moved(bins_per_coarse)
+      integer(i4), allocatable :: from(:)  !! block that is to come to a place
+      integer(i8) :: k
+      integer :: n, place, next
+
+      allocate (places(samples%blocks), from(samples%blocks))
+      call c_f_pointer(samples%block(1), at, [size(samples%at, kind=i8)])
+      n = 0
+      do k = 1, size(at, kind=i8)
+         if (at(k) == 0) cycle
+         n = n + 1
+         places(n) = k - 1
+         from(n) = at(k)
+         at(k) = n
+      end do
+      do n = 1, samples%blocks
+         if (from(n) == n) cycle
+         moved = samples%counts(:, n)  ! begin of a cycle of blocks, each of which takes the place of another
+         place = n
+         do
+            next = from(place)
+            from(place) = place
+            if (next == n) exit
+            samples%counts(:, place) = samples%counts(:, next)
+            place = next
+         end do
+         samples%counts(:, place) = moved
+      end do
+   end subroutine list_blocks
+
+   !> Restore where blocks are, and how many numbers tails have.
+   subroutine find_blocks(samples, places)
+      type(samples_t), intent(inout), target :: samples
+      integer(i8), intent(in) :: places(:)  !! of blocks, as listed
+      integer(i4), pointer, contiguous :: at(:)
+      integer :: k
+
+      call c_f_pointer(samples%block(1), at, [size(samples%at, kind=i8)])
+      at(places + 1) = [(k, k=1, size(places))]
+      do k = 1, size(samples%known)
+         samples%known(k) = int(min(sample_size(samples, 1, k + 1), size(samples%largest, 1, i8)))
+      end do
+   end subroutine find_blocks
+
+   !> Block of a coarse bin, new if it has none. Threads add at different places, and take blocks from one stock.
+   subroutine find_block(samples, at, block)
+      type(samples_t), intent(inout) :: samples
+      integer(i4), intent(inout) :: at
+      integer(i4), intent(out) :: block
+
+      block = at
+      if (block > 0) return
+      !$omp atomic capture
+      samples%blocks = samples%blocks + 1
+      block = samples%blocks
+      !$omp end atomic
+      at = block
+   end subroutine find_block
 
    !> Bins of n that are not empty.
    pure type(filled_bins_t) function filled_bins(n, counts) result(filled)
@@ -163,36 +250,80 @@ contains
       if (bin <= below_zero) edge = -edge
    end function sample_edge
 
-   !> Add a number to a sample.
-   pure subroutine add_number(samples, number, quantity, part, group, place)
+   !> Add numbers to the samples of a quantity at a place. Few loops for each step wait for memory together.
+   subroutine add_numbers(samples, numbers, quantity, part, group, place)
       type(samples_t), intent(inout) :: samples
-      integer(i8), intent(in) :: number  !! of units
-      integer, intent(in) :: quantity, part, group, place
-      integer :: bin, coarse
+      integer(i8), intent(in) :: numbers(:)               !! of units
+      integer, intent(in) :: quantity, part(:), group(:)  !! part and group of each number
+      integer, intent(in) :: place
+      integer(i4) :: block(batch)
+      integer :: bin(batch), coarse(batch), first, k, n
 
-      bin = sample_bin(number)
-      coarse = (bin - 1)/bins_per_coarse + 1
-      samples%bins(bin, quantity, part, place) = samples%bins(bin, quantity, part, place) + 1
-      samples%groups(coarse, quantity, group, place) = samples%groups(coarse, quantity, group, place) + 1
-      associate (words => samples%sums(:, quantity, part, place))
-         call add_digits(words(1:2), int(number, i16))
-         call add_digits(words(3:4), int(number, i16)*number)
-         words(5) = max(words(5), number)
-      end associate
-   end subroutine add_number
+      do first = 0, size(numbers) - 1, batch
+         n = min(batch, size(numbers) - first)
+         do k = 1, n
+            bin(k) = sample_bin(numbers(first + k))
+            coarse(k) = (bin(k) - 1)/bins_per_coarse + 1
+            bin(k) = bin(k) - (coarse(k) - 1)*bins_per_coarse
+         end do
+         do k = 1, n
+            call find_block(samples, samples%at(coarse(k), quantity, part(first + k), place), block(k))
+         end do
+         do k = 1, n
+            associate (counts => samples%counts(bin(k), block(k)))
+               counts = counts + 1
+            end associate
+         end do
+         do k = 1, n
+            associate (counts => samples%groups(coarse(k), quantity, group(first + k), place))
+               counts = counts + 1
+            end associate
+         end do
+      end do
+      call add_to_sums(samples%sums(:, quantity, :, place), numbers, part)
+   end subroutine add_numbers
 
-   !> Add the samples of other numbers; memory of bins without any remains untouched.
-   pure subroutine merge_samples(samples, other)
+   !> Add numbers to the sums of their parts; those of a part mostly follow one another.
+   pure subroutine add_to_sums(words, numbers, part)
+      integer(i8), intent(inout) :: words(:, :)  !! (words, parts)
+      integer(i8), intent(in) :: numbers(:)
+      integer, intent(in) :: part(:)             !! of each number
+      integer(i16) :: total, squares
+      integer :: first, last, k
+
+      last = 0
+      do while (last < size(numbers))
+         first = last + 1
+         total = 0
+         squares = 0
+         do k = first, size(numbers)
+            if (part(k) /= part(first)) exit
+            total = total + numbers(k)
+            squares = squares + int(numbers(k), i16)*numbers(k)
+         end do
+         last = k - 1
+         call add_digits(words(1:2, part(first)), total)
+         call add_digits(words(3:4, part(first)), squares)
+         words(5, part(first)) = max(words(5, part(first)), maxval(numbers(first:last)))
+      end do
+   end subroutine add_to_sums
+
+   !> Add the samples of other numbers.
+   subroutine merge_samples(samples, other)
       type(samples_t), intent(inout) :: samples
       type(samples_t), intent(in) :: other
-      integer :: i, j, k
+      integer(i4) :: block
+      integer :: i, j, k, coarse
 
-      do k = 1, size(samples%bins, 4)
-         do i = 1, size(samples%bins, 2)
-            do j = 1, size(samples%bins, 3)
-               associate (counts => samples%bins(:, i, j, k), words => samples%sums(:, i, j, k), &
-                          more_counts => other%bins(:, i, j, k), more_words => other%sums(:, i, j, k))
-                  where (more_counts /= 0) counts = counts + more_counts
+      do k = 1, size(samples%at, 4)
+         do i = 1, size(samples%at, 2)
+            do j = 1, size(samples%at, 3)
+               do coarse = 1, n_coarse_bins
+                  if (other%at(coarse, i, j, k) == 0) cycle
+                  call find_block(samples, samples%at(coarse, i, j, k), block)
+                  samples%counts(:, block) = samples%counts(:, block) + other%counts(:, other%at(coarse, i, j, k))
+               end do
+               associate (words => samples%sums(:, i, j, k), more_words => other%sums(:, i, j, k))
                   call add_digits(words(1:2), combined_digits(more_words(1:2)))
                   call add_digits(words(3:4), combined_digits(more_words(3:4)))
                   words(5) = max(words(5), more_words(5))
@@ -206,23 +337,10 @@ contains
          end do
       end do
       samples%ended = samples%ended + other%ended
-      call merge_tails(samples, other%largest)
-   end subroutine merge_samples
-
-   !> Insert heaps into those of the same lines and tails.
-   pure subroutine merge_tails(samples, other)
-      type(samples_t), intent(inout) :: samples
-      real(wp), intent(in) :: other(:, :, :)
-      integer :: i, j, k
-
-      do k = 1, size(other, 3)
-         do j = 1, size(other, 2)
-            do i = 1, size(other, 1)
-               call add_tail(samples%largest(:, j, k), samples%vacant(j, k), other(i, j, k))
-            end do
-         end do
+      do k = 1, size(other%known)
+         call add_tails(samples, k, other%largest(:other%known(k), :, k))
       end do
-   end subroutine merge_tails
+   end subroutine merge_samples
 
    pure subroutine add_digits(digits, number)
       integer(i8), intent(inout) :: digits(2)
@@ -244,8 +362,16 @@ contains
    pure integer(i8) function sample_size(samples, quantity, place)
       type(samples_t), intent(in) :: samples
       integer, intent(in) :: quantity, place
+      integer :: coarse, part
 
-      sample_size = sum(int(samples%bins(:, quantity, :, place), i8))
+      sample_size = 0
+      do part = 1, size(samples%at, 3)
+         do coarse = 1, n_coarse_bins
+            associate (block => samples%at(coarse, quantity, part, place))
+               if (block > 0) sample_size = sample_size + sum(int(samples%counts(:, block), i8))
+            end associate
+         end do
+      end do
    end function sample_size
 
    !> Sum of a sample, in units.
@@ -258,48 +384,56 @@ contains
       end associate
    end function sample_sum
 
-   !> Insert a number into a heap of the largest, whose root is the smallest. A heap is filled from its last node, where
-   !> most numbers stay, in few steps a number (Floyd 1964, doi:10.1145/355588.365103).
-   pure subroutine add_tail(heap, vacant, number)
-      real(wp), intent(inout) :: heap(:)
-      integer, intent(inout) :: vacant  !! nodes without a number: the first ones
-      real(wp), intent(in) :: number    !! >= 0
+   !> Add numbers of boulders to the tails of a line.
+   pure subroutine add_tails(samples, line, numbers)
+      type(samples_t), intent(inout) :: samples
+      integer, intent(in) :: line
+      real(sp), intent(in) :: numbers(:, :)  !! >= 0 (boulders, tails)
+      integer :: j, k, most
+
+      most = size(samples%largest, 1)
+      associate (known => samples%known(line))
+         do k = 1, size(numbers, 2)
+            do j = 1, size(numbers, 1)
+               call add_tail(samples%largest(:, k, line), min(known + j - 1, most), numbers(j, k))
+            end do
+         end do
+         known = min(known + size(numbers, 1), most)
+      end associate
+   end subroutine add_tails
+
+   !> Insert a number into a heap of the largest, whose root is the smallest and whose first nodes are known. In a full
+   !> one, the way from the root by the smaller of two nodes moves up by one, and the number rises from its end: that is
+   !> without a branch that a processor cannot predict (Wegener 1993, doi:10.1016/0304-3975(93)90364-Y).
+   pure subroutine add_tail(heap, known, number)
+      real(sp), intent(inout) :: heap(:)
+      integer, intent(in) :: known
+      real(sp), intent(in) :: number
       integer :: node, next
 
-      if (size(heap) == 0) return
-      if (number <= heap(1)) return
-      node = max(1, vacant)
-      vacant = max(0, vacant - 1)
-      do
-         next = 2*node
-         if (next > size(heap)) exit
-         if (next < size(heap)) next = next + merge(1, 0, heap(min(next + 1, size(heap))) < heap(next))
-         if (heap(next) >= number) exit
+      node = known + 1
+      if (known == size(heap)) then
+         if (known == 0) return
+         if (number <= heap(1)) return
+         node = 1
+         do
+            next = 2*node
+            if (next >= known) exit
+            next = next + merge(1, 0, heap(next + 1) < heap(next))
+            heap(node) = heap(next)
+            node = next
+         end do
+         if (next == known) then
+            heap(node) = heap(next)
+            node = next
+         end if
+      end if
+      do while (node > 1)
+         next = node/2
+         if (heap(next) <= number) exit
          heap(node) = heap(next)
          node = next
       end do
       heap(node) = number
    end subroutine add_tail
-
-   !> Restore heaps read from a file: version 1.0.0 left nodes without a number anywhere; they are to be the first ones.
-   pure subroutine restore_tails(samples)
-      type(samples_t), intent(inout) :: samples
-      real(wp), allocatable :: stored(:)
-      integer :: i, j, k
-
-      samples%vacant = count(samples%largest < 0, dim=1)
-      do k = 1, size(samples%vacant, 2)
-         do j = 1, size(samples%vacant, 1)
-            associate (heap => samples%largest(:, j, k), vacant => samples%vacant(j, k))
-               if (all(heap(vacant + 1:) >= 0)) cycle
-               stored = heap
-               heap = -1
-               vacant = size(heap)
-               do i = 1, size(heap)
-                  call add_tail(heap, vacant, stored(i))
-               end do
-            end associate
-         end do
-      end do
-   end subroutine restore_tails
 end module rockfall_samples

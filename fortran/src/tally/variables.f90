@@ -254,12 +254,12 @@ module rockfall_variables
       variable_t("tally", "shared_source", "integer", "1", "number of that source", stored="i4"), &
       variable_t("tally", "shared_boulders", "integer", "1", "its boulders in the part", stored="i4"), &
       variable_t("kept", "boulder", "integer", "1", "number of the boulder"), &
-      variable_t("sample", "bin", "integer", "1", "bin of place, part, quantity that is not empty"), &
-      variable_t("sample", "count", "integer", "1", "boulders in the bin", stored="i4"), &
+      variable_t("sample", "block", "integer", "1", "block of bins of place, part, quantity that is not empty"), &
+      variable_t("sample", "count", "integer", "1", "boulders in the bins of a block", stored="i4"), &
       variable_t("sample", "group_bin", "integer", "1", "coarse bin of place, group, quantity that is not empty"), &
       variable_t("sample", "group_count", "integer", "1", "boulders in the coarse bin", stored="i4"), &
       variable_t("sample", "sums", "integer", "1", "sums, sums of squares, maxima, in units"), &
-      variable_t("sample", "largest", "real", "1", "largest numbers at lines", "-1: none"), &
+      variable_t("sample", "largest", "real", "1", "largest numbers at lines, rising, then 0", stored="f4"), &
       variable_t("sample", "ended", "integer", "1", "boulders by status"), &
       variable_t("sample", "part_last", "integer", "1", "last feature or source of each part", stored="i4"), &
       variable_t("sample", "group_part", "integer", "1", "part of each group of sources", stored="i4"), &

@@ -1,9 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Samples: every number lies in its bin, sums are exact beyond 64 bits, and the largest are the largest, in any order.
+!> Samples: every number lies in its bin, sums are exact beyond 64 bits, the largest are the largest, and files have the
+!> same blocks, in any order.
 program test_samples
-   use rockfall_kinds, only: wp, i4, i8
-   use rockfall_samples, only: samples_t, add_number, add_tail, restore_tails, sample_bin, sample_edge, sample_size, &
-                               sample_sum, n_sample_bins, n_coarse_bins, n_words, largest_unit
+   use rockfall_kinds, only: wp, sp, i8
+   use rockfall_samples, only: samples_t, add_numbers, add_tail, add_tails, allocate_samples, free_samples, &
+                               merge_samples, list_blocks, find_blocks, sample_bin, sample_edge, sample_size, &
+                               sample_sum, n_sample_bins, largest_unit
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -11,7 +13,8 @@ program test_samples
    call test_bins()
    call test_sums()
    call test_tail()
-   call test_stored_tails()
+   call test_length_of_tails()
+   call test_blocks()
    call finish()
 
 contains
@@ -47,11 +50,11 @@ contains
       type(samples_t) :: samples
       integer(i8), parameter :: numbers(3) = [largest_unit, -largest_unit + 7, 12_i8]
       integer :: k
+      logical :: fit
 
-      allocate (samples%bins(n_sample_bins, 1, 1, 1), samples%groups(n_coarse_bins, 1, 1, 1), source=0_i4)
-      allocate (samples%sums(n_words, 1, 1, 1), source=0_i8)
+      call allocate_samples(samples, 1, 1, 1, 1, 1, 0, 3000_i8, .false., fit)
       do k = 1, 3000
-         call add_number(samples, numbers(mod(k, 3) + 1), 1, 1, 1, 1)
+         call add_numbers(samples, [numbers(mod(k, 3) + 1)], 1, [1], [1], 1)
       end do
       associate (words => samples%sums(:, 1, 1, 1))
          call check("a sum of both signs is exact", words(1) == 0 .and. words(2) == 19000)
@@ -62,49 +65,129 @@ contains
       end associate
       call check("so many numbers", sample_size(samples, 1, 1) == 3000 .and. sum(samples%groups) == 3000)
       call check_close("their sum", sample_sum(samples, 1, 1), 19000.0_wp, 0.0_wp)
+      call check("a block for each coarse bin that has any", samples%blocks == 3)
+      call free_samples(samples)
    end subroutine test_sums
 
    subroutine test_tail()
-      real(wp) :: numbers(1000), heap(100), low
-      logical :: first, ordered
-      integer :: k, vacant
+      real(sp) :: numbers(1000), heap(100), low
+      logical :: ordered
+      integer :: k
 
       call random_number(numbers)
       numbers(:3) = numbers(3)  ! equal ones
-      heap = -1
-      vacant = size(heap)
-      first = .true.
+      heap = 0
       ordered = .true.
       do k = 1, 1000
-         call add_tail(heap, vacant, numbers(k))
-         first = first .and. vacant == max(0, 100 - k) .and. all(heap(:vacant) < 0) .and. all(heap(vacant + 1:) >= 0)
-         ordered = ordered .and. all(heap(2::2) >= heap(:50)) .and. all(heap(3::2) >= heap(:49))
+         call add_tail(heap, min(k - 1, 100), numbers(k))
+         associate (known => heap(:min(k, 100)))
+            ordered = ordered .and. all(known(2::2) >= known(:size(known)/2)) &
+                      .and. all(known(3::2) >= known(:(size(known) - 1)/2)) .and. all(heap(k + 1:) <= 0)
+         end associate
       end do
-      call check("nodes without a number come first", first)
-      call check("no number is smaller than the one above it", ordered)
+      call check("no number is smaller than the one above it, and none is beyond those known", ordered)
       low = minval(heap)
       call check("the least of the largest is the first", low >= heap(1) .and. low <= heap(1))
       call check("nothing larger was left out", count(numbers > low) < 100 .and. count(numbers >= low) >= 100)
       call check("all that are larger are there", abs(sum(pack(numbers, numbers > low)) - sum(pack(heap, heap > low))) &
-                 < 1.0e-12_wp)
-      heap = -1
-      vacant = size(heap)
-      call add_tail(heap, vacant, 0.0_wp)
-      call check("a single one leaves room", count(heap < 0) == 99 .and. count(heap >= 0) == 1)
+                 < 1.0e-4_sp)
    end subroutine test_tail
 
-   !> Heaps of version 1.0.0, whose nodes without a number are not the first ones.
-   subroutine test_stored_tails()
-      type(samples_t) :: samples
-      real(wp), target :: largest(7, 1, 2)
+   !> A line keeps all numbers of few boulders; of many, 100,000 at few lines, and at many what a return level takes.
+   subroutine test_length_of_tails()
+      call check("all of few boulders", length(1, 500_i8, .false.) == 500)
+      call check("100,000 at one line", length(1, 10_i8**7, .false.) == 100000)
+      call check("2,002 at thousands", length(4000, 10_i8**7, .false.) == 2002)
+      call check("100,000 where sources are a sample, and boulders depend on one another", &
+                 length(4000, 10_i8**7, .true.) == 100000)
 
-      largest(:, 1, 1) = [-1.0_wp, -1.0_wp, 5.0_wp, -1.0_wp, -1.0_wp, 7.0_wp, 6.0_wp]
-      largest(:, 1, 2) = [-1.0_wp, -1.0_wp, 3.0_wp, 4.0_wp, 5.0_wp, 8.0_wp, 7.0_wp]
-      samples%largest => largest
-      call restore_tails(samples)
-      call check("number of nodes without a number", all(samples%vacant(1, :) == [4, 2]))
-      call check("they are the first ones", all(largest(:4, 1, 1) < 0) .and. all(largest(5:, 1, 1) > 0))
-      call check_close("the same numbers", sum(largest(5:, 1, 1)), 18.0_wp, 0.0_wp)
-      call check("heaps that have them first stay", all(nint(largest(3:, 1, 2)) == [3, 4, 5, 8, 7]))
-   end subroutine test_stored_tails
+   end subroutine test_length_of_tails
+
+   integer function length(lines, boulders, sampled)
+      integer, intent(in) :: lines
+      integer(i8), intent(in) :: boulders
+      logical, intent(in) :: sampled
+      type(samples_t) :: samples
+      logical :: fit
+
+      call allocate_samples(samples, 1, 1, 1, lines + 1, 1, 1, boulders, sampled, fit)
+      length = size(samples%largest, 1)
+      call free_samples(samples)
+   end function length
+
+   !> Blocks are those of the numbers, whatever their order; read again and merged, samples are those of all numbers.
+   subroutine test_blocks()
+      type(samples_t) :: samples(3), read
+      integer(i8), allocatable :: places(:), others(:)
+      integer(i8) :: numbers(2000)
+      real(wp) :: draw
+      integer :: k
+      logical :: fit
+
+      do k = 1, size(numbers)
+         call random_number(draw)
+         numbers(k) = int(2.0_wp**(draw*30), i8) - 5
+      end do
+      do k = 1, 3
+         call allocate_samples(samples(k), 2, 2, 1, 3, 1, 1, 2000_i8, .false., fit)
+      end do
+      call allocate_samples(read, 2, 2, 1, 3, 1, 1, 2000_i8, .false., fit)
+      do k = 1, size(numbers)
+         call add(samples(1), numbers(k), k)
+         call add(samples(2), numbers(size(numbers) + 1 - k), size(numbers) + 1 - k)
+         if (mod(k, 2) == 1) call add(samples(3), numbers(k), k)
+      end do
+      call list_blocks(samples(1), places)
+      call list_blocks(samples(2), others)
+      call check("the same blocks", size(places) == samples(1)%blocks .and. size(others) == size(places))
+      call check("in the same order", all(places == others) .and. all(places(2:) > places(:size(places) - 1)))
+      call check("with the same counts", is_same(samples(1), samples(2)))
+      call list_blocks(samples(3), places)
+      read%blocks = samples(3)%blocks
+      read%counts(:, :read%blocks) = samples(3)%counts(:, :read%blocks)
+      read%groups = samples(3)%groups
+      read%sums = samples(3)%sums
+      read%largest = samples(3)%largest
+      call find_blocks(read, places)
+      call check("as many numbers of tails", all(read%known == samples(3)%known) .and. sum(read%known) > 0)
+      do k = 2, size(numbers), 2
+         call add(read, numbers(k), k)
+      end do
+      call list_blocks(read, places)
+      call check("read again, they go on", size(places) == size(others) .and. is_same(read, samples(1)))
+      call merge_samples(samples(3), samples(1))
+      call check("merged, they are more", sample_size(samples(3), 1, 2) + sample_size(samples(3), 2, 3) > 0 .and. &
+                 total(samples(3)) == 3000)
+      do k = 1, 3
+         call free_samples(samples(k))
+      end do
+      call free_samples(read)
+   end subroutine test_blocks
+
+   subroutine add(samples, number, k)
+      type(samples_t), intent(inout) :: samples
+      integer(i8), intent(in) :: number
+      integer, intent(in) :: k
+
+      associate (place => mod(k, 3) + 1)
+         call add_numbers(samples, [number], mod(k/3, 2) + 1, [mod(k/7, 2) + 1], [1], place)
+         if (place > 1 .and. mod(k/3, 2) == 0) &
+            call add_tails(samples, place - 1, reshape([real(number + 5, sp)], [1, 1]))
+      end associate
+   end subroutine add
+
+   logical function is_same(one, other)
+      type(samples_t), intent(in) :: one, other
+
+      is_same = one%blocks == other%blocks
+      if (is_same) is_same = all(one%counts(:, :one%blocks) == other%counts(:, :one%blocks)) &
+                             .and. all(one%sums == other%sums) .and. all(one%known == other%known)
+   end function is_same
+
+   integer(i8) function total(samples)
+      type(samples_t), intent(in) :: samples
+      integer :: i, j
+
+      total = sum([((sample_size(samples, i, j), i=1, 2), j=1, 3)])
+   end function total
 end program test_samples

@@ -35,6 +35,7 @@ DAMAGED = (
 )  # fmt: skip
 CHUNK = 32_768  # crossings compressed together
 CACHE = 2**20  # bytes of a variable of crossings; by default all of it stays in memory
+SAMPLES = {"sample_entry": 2048, "sample_line": 1}  # rows of samples compressed together
 TILE = 256  # cells of a compressed tile along each side
 
 
@@ -181,6 +182,10 @@ def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
         how = {"chunksizes": [min(variable.shape[0], CHUNK)], "chunk_cache": CACHE}
         if variable.dtype.kind == "i":
             how |= {"zlib": True, "complevel": 1, "shuffle": True}
+    if not checksums and variable.ndim and (rows := SAMPLES.get(str(variable.dims[0]))):
+        sizes = [min(rows, variable.shape[0]), *variable.shape[1:]]
+        how = {"chunksizes": [max(1, size) for size in sizes], "chunk_cache": CACHE}
+        how |= {"zlib": True, "complevel": 1, "shuffle": True}
     if not checksums or not variable.ndim:
         return how
     room, pieces = PIECE, []

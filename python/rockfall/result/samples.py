@@ -49,7 +49,7 @@ def check_all_rows(result: Held, what: str) -> None:
 
 #: Dimensions of arrays in files, after "sample_".
 DIMS: dict[str, tuple[str, ...]] = {
-    "bin": ("entry",), "count": ("entry",),
+    "block": ("entry",), "count": ("entry", "fine"),
     "group_bin": ("group_entry",), "group_count": ("group_entry",),
     "sums": ("place", "part", "quantity", "word"), "largest": ("line", "tail", "rank"),
     "ended": ("status",), "part_last": ("part",), "group_part": ("group",),

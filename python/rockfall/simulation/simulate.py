@@ -169,13 +169,14 @@ def run_chunks(
         size = min(size, total - tally.done)
         wall, cpu = time.perf_counter(), time.process_time()
         size = _run_range(tally, tally.before + tally.done + 1, size)
-        tally.done += size
+        tally.done += (done := size)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         tally.wall, tally.cpu = tally.wall + wall, tally.cpu + cpu
         advance(size)
         if chunk is None:
             size = max(1, int(size * min(4.0, CHUNK_SECONDS / max(wall, 1e-9))))
-            size = min(size, max(1, int(CHUNK_CROSSINGS * tally.done / max(1, tally.crossed()))))
+            most = CHUNK_CROSSINGS * done / max(1, int(tally.array("crossed")[0]))
+            size = min(size, max(1, int(most)))
 
 
 def _run_range(tally: Tally, first: int, size: int) -> int:

@@ -98,7 +98,9 @@ def sample_variables(tally: Tally) -> dict[str, Any]:
     order = [*variables.SAMPLE]
     samples = (array for array in tally.part_arrays() if array.group == "sample")
     data = described(sorted(samples, key=lambda array: order.index(array.name)))
-    data["sample_largest"][1].sort()  # in place: they may take most of the memory; a heap still
+    numbers = tally.array("known")  # in the tails of each line
+    for tails, n in zip(data["sample_largest"][1], numbers, strict=True):
+        tails[:, :n].sort()  # in place: still heaps
     return data
 
 

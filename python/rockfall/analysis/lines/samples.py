@@ -120,14 +120,15 @@ class LineSamples:
         where = line + 1, number
         tail = np.zeros(0)
         if not kind and number < SAMPLE_TAILS and part_numbers.size == all_parts.size:
-            tail = result["sample_largest"].values[line, number]
+            tail = np.asarray(result["sample_largest"][line, number]).astype("f8")
+        bins = self._bins(*where, part_numbers)
         return Counts(
-            self._dense("", *where, part_numbers).sum(axis=0),
+            bins,
             result["sample_sums"].values[line + 1, part_numbers, number],
-            self._dense("group_", *where, np.flatnonzero(chosen)),
+            self._in_groups(*where, np.flatnonzero(chosen)),
             self._released(parts),
             SAMPLE_UNITS[kind, number],
-            tail[tail >= 0],
+            tail[: bins.sum()],
             self.sampled,
         )
 
@@ -135,17 +136,29 @@ class LineSamples:
         """Number of boulders of each group of sources in these parts: all of them have an end."""
         part_of_group = self.result["sample_group_part"].values - 1
         chosen = np.full(part_of_group.size, True) if parts is None else parts[part_of_group]
-        return self._dense("group_", 0, 0, np.flatnonzero(chosen)).sum(axis=1)
+        return self._in_groups(0, 0, np.flatnonzero(chosen)).sum(axis=1)
 
-    def _dense(self, kind: str, place: int, quantity: int, columns: np.ndarray) -> np.ndarray:
-        """Counts (of, bins) of these parts, or groups, including empty bins."""
-        bins = self.result[f"sample_{kind}bin"].values
-        counts = self.result[f"sample_{kind}count"].values
-        n = self.result.sizes["sample_group" if kind else "sample_part"]
-        size = SAMPLE_COARSE if kind else SAMPLE_BINS
-        dense = np.zeros((columns.size, size), "i8")
-        for row, column in enumerate(columns):
-            first = ((place * n + column) * SAMPLE_QUANTITIES + quantity) * size
-            ends = slice(*np.searchsorted(bins, [first, first + size]))
+    def _bins(self, place: int, quantity: int, parts: np.ndarray) -> np.ndarray:
+        """Counts (bins,) of these parts, including empty bins."""
+        bins = np.zeros((SAMPLE_COARSE, SAMPLE_BINS // SAMPLE_COARSE), "i8")
+        for part in parts:
+            first = self._first(place, part, self.result.sizes["sample_part"], quantity)
+            blocks = self.result["sample_block"].values
+            ends = slice(*np.searchsorted(blocks, [first, first + SAMPLE_COARSE]))
+            bins[blocks[ends] - first] += np.asarray(self.result["sample_count"][ends])
+        return bins.ravel()
+
+    def _in_groups(self, place: int, quantity: int, groups: np.ndarray) -> np.ndarray:
+        """Counts (groups, coarse bins) of these groups."""
+        bins, counts = (self.result[f"sample_group_{name}"].values for name in ("bin", "count"))
+        dense = np.zeros((groups.size, SAMPLE_COARSE), "i8")
+        for row, group in enumerate(groups):
+            first = self._first(place, group, self.result.sizes["sample_group"], quantity)
+            ends = slice(*np.searchsorted(bins, [first, first + SAMPLE_COARSE]))
             dense[row, bins[ends] - first] = counts[ends]
         return dense
+
+    @staticmethod
+    def _first(place: int, column: int, columns: int, quantity: int) -> int:
+        """Index of the first coarse bin of a place, of one of its parts or groups, and quantity."""
+        return ((place * columns + int(column)) * SAMPLE_QUANTITIES + quantity) * SAMPLE_COARSE

@@ -44,7 +44,7 @@ BEFORE = "tally_"  # prefix of the names of tallies
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_requested", "boulder_first", "boulder_last", "threads")
 LAYOUT_OF = {"part": "sample_part_last", "group": "sample_group_part"}  # of samples
-LENGTHS = ("status", "tally_cell", "tally_shared_cell", "sample_bin", "sample_group_bin",
+LENGTHS = ("status", "tally_cell", "tally_shared_cell", "sample_block", "sample_group_bin",
            "crossing_boulder")  # fmt: skip
 OWN = (  # dimensions whose lengths depend on the part
     "boulder", "tally", "tally_shared", "sample_part", "sample_group", "sample_entry",
