@@ -90,9 +90,13 @@ def line_statistics(
     for k, line in enumerate(line_names(result)):
         for name, chosen in parts:
             for quantity in chosen_quantities:
-                sample = samples.sample(k, quantity, chosen)
-                attrs = {"line": line} | ({by: name, "boulders": sample.released} if by else {})
-                row = numbers(sample, quantity)
+                attrs: dict[str, object] = {"line": line}
+                if by is None:
+                    row = numbers_at(samples, k, quantity)
+                else:
+                    sample = samples.sample(k, quantity, chosen)
+                    row = numbers(sample, quantity)
+                    attrs |= {by: name, "boulders": sample.released}
                 attrs |= {"quantity": quantity, "withheld": ", ".join(withheld(row))}
                 rows.append({**attrs, **row})
     split = [by, "boulders"] if by else []
@@ -105,6 +109,14 @@ def line_numbers(
     """A row of `line_statistics` for a quantity at the line of this index; `source` is that of each
     boulder, if different from the result's."""
     return numbers(LineSamples(result, source).sample(line, quantity), quantity)
+
+
+def numbers_at(samples: LineSamples, line: int, quantity: str) -> dict[str, float]:
+    """Statistics of a quantity of all boulders at the line of this index, computed once."""
+    kept = samples.kept(line)
+    if quantity not in kept:
+        kept[quantity] = numbers(samples.sample(line, quantity), quantity)
+    return kept[quantity]
 
 
 def numbers(sample: Sample, quantity: str) -> dict[str, float]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import numbers_of, with_limits
+from rockfall.analysis.line_statistics import numbers_at, with_limits
 from rockfall.analysis.lines.profile import line_number, windows
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.population import population_notes
@@ -215,7 +215,7 @@ def _loads(line: str, samples: LineSamples, k: int) -> Iterator[dict[str, Any]]:
         sample, tail = tail_at(samples, k, quantity)
         row: dict[str, Any] = {"line": line, "n": sample.n, "quantity": quantity}
         if sample.n:
-            row |= numbers_of(sample)
+            row |= numbers_at(samples, k, quantity)
             for N, level in tail.levels.items():
                 row |= zip(with_limits(f"level_{N}"), level[:3], strict=True)
         yield row

@@ -110,7 +110,7 @@ class AtLine:
         if "crossing_volume" in self._result:
             mass = mass * (self.volumes / np.asarray(self._result["volume"])[self.boulders])
         motion = np.array([self.stored(name) for name in MOTION], "f8", order="F")
-        return line_quantities(motion, self.volumes, mass)
+        return np.ascontiguousarray(line_quantities(motion, self.volumes, mass))
 
     def values(self, quantity: str) -> np.ndarray:
         """Values of a quantity, in the order of `boulders`; the result must keep rows."""
