@@ -24,6 +24,7 @@ from rockfall.plots import map_figures as mapfigures
 from rockfall.plots import rebound_figures as reboundfigures
 from rockfall.plots.cartography import rasters
 from rockfall.plots.figures import drawn_lines, figures, write_figures
+from rockfall.plots.history_figure import history_figure
 from rockfall.plots.terrain import terrain_of
 from rockfall.result import trajectories
 from rockfall.result.crossings import at_lines, line_values
@@ -518,3 +519,24 @@ def test_a_small_fraction_is_not_rounded_to_nothing(full):
     )  # fmt: skip
     (speeds,) = (one for one in figures(rare, TERRAIN) if one.name == "line_speed")
     assert "6 at L (0.0300 %, 95 % confidence interval 0.01" in speeds.caption
+
+
+@pytest.mark.parametrize("name", ["line_speed", "stops", "restitution", "profile"])
+def test_kept_ticks_are_those_that_matplotlib_makes(full, name, monkeypatch, tmp_path):
+    """To the byte, of panels with a common axis, too."""
+    style.save(draw(full, name), tmp_path / "kept.svg")
+    monkeypatch.setattr(style, "_keep_ticks", lambda figure: None)
+    style.save(draw(full, name), tmp_path / "made.svg")
+    assert (tmp_path / "kept.svg").read_bytes() == (tmp_path / "made.svg").read_bytes()
+
+
+def test_ticks_of_logarithms_are_made_once_for_a_view(full, monkeypatch):
+    drawn = history_figure(full, 0)
+    axis, made = drawn.axes[0].xaxis, []
+    make = axis._update_ticks
+    monkeypatch.setattr(axis, "_update_ticks", lambda: made.append(1) or make())
+    style._keep_ticks(drawn)
+    first = axis._update_ticks()
+    assert axis._update_ticks() is first and len(made) == 1 and first
+    drawn.axes[0].set_xlim(1, 1e6)
+    assert len(axis._update_ticks()) > len(first) and len(made) == 2

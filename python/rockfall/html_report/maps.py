@@ -275,7 +275,7 @@ def _packed(values: np.ndarray) -> str:
     bits = np.ascontiguousarray(values, "<f4").view("<u4")
     is_known = np.isfinite(values)
     bits = np.where(is_known, (bits + 0x40) & ~np.uint32(0x7F), np.uint32(0x7FC00000))
-    return base64.b64encode(zlib.compress(bits.astype("<u4").tobytes(), 9)).decode()
+    return base64.b64encode(zlib.compress(bits.astype("<u4").tobytes())).decode()
 
 
 def _relief(terrain: Terrain | None, window: Window) -> Image | None:
@@ -309,7 +309,7 @@ def _png(index: np.ndarray, table: np.ndarray | None = None) -> str:
         image.putpalette(table.tobytes())
         options = {"transparency": 0}
     buffer = io.BytesIO()
-    image.save(buffer, "PNG", optimize=True, **options)
+    image.save(buffer, "PNG", **options)
     return data_uri(buffer.getvalue(), "image/png")
 
 

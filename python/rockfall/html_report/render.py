@@ -13,6 +13,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from rockfall.html_report.maps import data_uri
 from rockfall.language import say, spoken, translated
 from rockfall.plots.style import capital, save
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_SVG = 400_000  # bytes; a denser figure is rasterised
+MAX_VERTICES = 200_000  # with more it is certainly denser, and not drawn as SVG first
 DOTS_PER_INCH = 200
 UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # kept on the line of its number
 COLOURS = 128  # of a rasterised figure
@@ -59,11 +62,20 @@ def picture(figure: Figure, title: str, caption: str, on_paper: bool = False) ->
     import matplotlib
 
     wide, high = (round(96 * inch) for inch in figure.get_size_inches())
-    with matplotlib.rc_context({"svg.fonttype": "none" if on_paper else "path"}):
-        content, kind = _saved(figure, "svg"), "image/svg+xml"
-    if len(content) > MAX_SVG:
+    content, kind = b"", "image/svg+xml"
+    if _vertices(figure) <= MAX_VERTICES:
+        with matplotlib.rc_context({"svg.fonttype": "none" if on_paper else "path"}):
+            content = _saved(figure, "svg")
+    if not 0 < len(content) <= MAX_SVG:
         content, kind = _saved(figure, "png"), "image/png"
     return Picture(capital(title), caption, data_uri(content, kind), wide, high)
+
+
+def _vertices(figure: Figure) -> int:
+    """Number of vertices of collections, such as trajectories."""
+    collections = [collection for axes in figure.axes for collection in axes.collections]
+    paths = [path for collection in collections for path in collection.get_paths()]
+    return sum(np.shape(path.vertices)[0] for path in paths)
 
 
 def _saved(figure: Figure, ending: str) -> bytes:
@@ -73,7 +85,7 @@ def _saved(figure: Figure, ending: str) -> bytes:
         if ending == "png":  # a third of the bytes
             from PIL import Image
 
-            Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+            Image.open(path).convert("RGB").quantize(COLOURS).save(path)
         return path.read_bytes()
 
 
