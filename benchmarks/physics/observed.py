@@ -60,7 +60,7 @@ def maximum(values: np.ndarray) -> float:
     return float(hundreds.max(axis=1).mean()) if len(hundreds) else nan
 
 
-def spread(sigma: float) -> str:
+def spread_name(sigma: float) -> str:
     """Name of the default set with rocks of each boulder's own size."""
     return f"{DEFAULT}, mean_radius_sigma {sigma:g}"
 
@@ -89,7 +89,7 @@ def main(words: Sequence[str] | None = None) -> None:
     cases = {f"bourrier2009, {name}": case for name, case in paper.items()}
     observed = {"sets": DEFAULT, "ratio": "between"}
     cases[DEFAULT] = paper["B"].replace(impact=observed)
-    own = {spread(sigma): {"mean_radius_sigma": sigma} for sigma in given.radius_sigma}
+    own = {spread_name(sigma): {"mean_radius_sigma": sigma} for sigma in given.radius_sigma}
     cases |= {name: cases[DEFAULT].replace(boulder=keys) for name, keys in own.items()}
     cases |= {name: paper["B"].replace(impact={"sets": name}) for name in given.sets}
     cases |= {law.name: paper["B"].replace(**law.of("compact")) for law in given.law}
