@@ -39,7 +39,7 @@ def with_origin(
     head = ["git", "rev-parse", "--short=8", "HEAD"]
     commit = subprocess.run(head, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     script = Path(sys.argv[0]).resolve().relative_to(ROOT)
-    if script.parts[0] == "benchmarks":
+    if script.parts[0] in ("benchmarks", "lab"):
         script = f"-m {'.'.join(script.with_suffix('').parts)}"
     words = shlex.join(word for word in sys.argv[1:] if word != "--write")
     today = datetime.datetime.now(datetime.UTC).date().isoformat()

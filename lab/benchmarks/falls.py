@@ -3,9 +3,11 @@
 the laboratory, of boulders by the shipped table, and by a table of faster, steeper throws:
 
     python -m lab.benchmarks.falls [talus] [--slope 28] [--radius 0.6] [--blocks 200]
-        [--throws 2000]
+        [--drops 2 5 10 20 50 100] [--throws 2000] [--write]
 
 In brackets: rebounds of a boulder that were beyond the fastest record at their incidence and spin.
+--throws 0 leaves out the faster table; --write puts fractions by the shipped one beside those of
+the blocks into the table of evidence.
 """
 
 import argparse
@@ -16,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import rockfall
+from benchmarks.evidence import record, with_origin
 from benchmarks.machine import machine
 from lab.benchmarks.plane import plane
 from rockfall.grounds.impact_tables import save_table
@@ -69,25 +72,41 @@ def main() -> None:
     parser.add_argument("--slope", type=float, default=28.0)
     parser.add_argument("--radius", type=float, default=0.6)
     parser.add_argument("--blocks", type=int, default=200)
+    parser.add_argument("--drops", type=float, nargs="+", default=DROPS, help="[m]")
     parser.add_argument("--throws", type=int, default=2000)
+    parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
     warnings.simplefilter("ignore", UserWarning)  # drops of 100 m
     case = BlockCase(lab={"ground": given.ground, "seed": 77}).at_radius(given.radius)
     print(machine())
     print(f"{given.ground}, {given.slope:g} degrees, R_b = {given.radius:g} m")
-    print("| by | " + " | ".join(f"{drop:g} m" for drop in DROPS) + " |")
-    print("|---" * (1 + len(DROPS)) + "|")
+    print("| by | " + " | ".join(f"{drop:g} m" for drop in given.drops) + " |")
+    print("|---" * (1 + len(given.drops)) + "|")
     blocks = case.replace(lab={"throws": given.blocks, "contacts": CONTACTS})
-    cells = [f"{fallen(blocks, given.slope, drop):.2f}" for drop in DROPS]
-    print("| blocks | " + " | ".join(cells) + " |", flush=True)
+    seen = [fallen(blocks, given.slope, drop) for drop in given.drops]
+    print("| blocks | " + " | ".join(f"{passed:.2f}" for passed in seen) + " |", flush=True)
+    rows = []
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        faster = case.replace(lab={"throws": given.throws, "seed": 78}, throw=FASTER)
-        save_table(table_of([run_throws(faster)]), folder / "faster.nc")
-        for table in given.ground, "faster.nc":
-            found = [drawn(table, folder, given.radius, given.slope, drop) for drop in DROPS]
+        folder, tables = Path(name), [given.ground]
+        if given.throws:
+            faster = case.replace(lab={"throws": given.throws, "seed": 78}, throw=FASTER)
+            save_table(table_of([run_throws(faster)]), folder / "faster.nc")
+            tables.append("faster.nc")
+        for table in tables:
+            found = [drawn(table, folder, given.radius, given.slope, drop) for drop in given.drops]
             row = " | ".join(f"{passed:.2f} ({beyond:.1f})" for passed, beyond in found)
             print(f"| {table} | {row} |", flush=True)
+            for drop, of_blocks, (passed, _) in zip(given.drops, seen, found, strict=True):
+                place = f"{drop:g} m onto {given.slope:g} degrees, R_b {given.radius:g} m"
+                for model, part, number in (
+                    (table, passed, BOULDERS), (f"blocks on {table}", of_blocks, given.blocks)
+                ):  # fmt: skip
+                    error = np.sqrt(part * (1 - part) / number)
+                    rows.append(
+                        with_origin(("fall", place, "passing_60_m", model), "", np.nan, part, error)
+                    )
+    if given.write:
+        record(row for row in rows if "faster.nc" not in row.model)
 
 
 if __name__ == "__main__":

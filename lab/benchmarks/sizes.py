@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A plane of tables for boulders of all sizes, compared with tables thrown at their size:
+"""A plane of tables for boulders of all sizes and reliefs, compared with tables thrown at them:
 
     python -m lab.benchmarks.sizes talus [--radii 0.35 0.6 1 1.8 3] [--slopes 30 34 38]
+        [--reliefs 12.75 17.75]
 
-A table of a size is thrown with blocks of that R_b, on the ground as they meet it, all of one
-strength; the plane of tables chooses between parts (theory, eq. 5.25). Prints for compact boulders
-on planes the fraction that passes 200 m, with a standard error, and the mean speed there, by both.
+A table of a size is thrown with blocks of that R_b, on the ground as they meet it or with another
+relief [degree], all of one strength; the plane of tables chooses between parts (theory, eq. 5.25).
+Prints for compact boulders on planes the fraction that passes 200 m, with a standard error, and the
+mean speed there, by both.
 """
 
 import argparse
 import tempfile
 import warnings
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,8 +33,8 @@ LENGTH, LINE, SPEED = 400.0, 200.0, 5.0  # [m], down the plane; [m/s]
 CELL, COLUMNS, ABOVE = 2.5, 120, 8
 
 
-def on_plane(table: str, radius: float, slope: float, folder: Path) -> str:
-    """What boulders by a table do on a plane."""
+def on_plane(keys: dict[str, dict[str, Any]], radius: float, slope: float, folder: Path) -> str:
+    """What boulders by a table do on a plane; `keys` of the case name it."""
     angle = np.radians(slope)
     rows = int((LENGTH * np.cos(angle) + 80) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
@@ -38,8 +42,8 @@ def on_plane(table: str, radius: float, slope: float, folder: Path) -> str:
     case = rockfall.Case(
         folder=folder,
         case={"boulders": BOULDERS, "seed": 7},
-        impact={"form": "table", "table": table},
-        surface={"uniform_mean_radius": 0.1},
+        impact={"form": "table"} | keys["impact"],
+        surface={"uniform_mean_radius": 0.1} | keys.get("surface", {}),
         boulder={
             "volume": "fixed", "volume_mean": 4 / 3 * np.pi * radius**3, "density": DENSITY,
             "ground_strength_sigma": 0.0,
@@ -63,7 +67,9 @@ def main() -> None:
     parser.add_argument("ground", choices=list(grounds()))
     parser.add_argument("--radii", type=float, nargs="+", default=[0.35, 0.6, 1, 1.8, 3])
     parser.add_argument("--slopes", type=float, nargs="+", default=[30, 34, 38])
+    parser.add_argument("--reliefs", type=float, nargs="+", default=[None], help="[degree]")
     parser.add_argument("--throws", type=int, default=1500)
+    parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     warnings.simplefilter("ignore")  # a table asks for no rocks
     print(machine())
@@ -71,15 +77,21 @@ def main() -> None:
         "| R_b [m] | relief [degree] | slope | by the plane of tables | by a table of this size |"
     )
     print("|---|---|---|---|---|")
-    lab = {"ground": given.ground, "shape": SHAPE, "throws": given.throws}
-    for radius in given.radii:
+    lab = {
+        "ground": given.ground, "shape": SHAPE, "throws": given.throws, "seed": given.seed,
+    }  # fmt: skip
+    for radius, relief in product(given.radii, given.reliefs):
         case = BlockCase(lab=lab).at_radius(radius)
+        shipped = {"impact": {"table": given.ground}}
+        if relief is not None:
+            case = case.replace(ground={"relief": relief})
+            shipped["surface"] = {"ground_relief": relief}
         with tempfile.TemporaryDirectory() as folder:
             save_table(table_of([run_throws(case)]), Path(folder) / "own.nc")
             for slope in given.slopes:
                 found = [
-                    on_plane(table, radius, slope, Path(folder))
-                    for table in (given.ground, "own.nc")
+                    on_plane(keys, radius, slope, Path(folder))
+                    for keys in (shipped, {"impact": {"table": "own.nc"}})
                 ]
                 cells = [f"{radius:g}", f"{case.ground['relief']:.1f}", f"{slope:g}", *found]
                 print(f"| {' | '.join(cells)} |", flush=True)
