@@ -3,11 +3,13 @@
 
     python cases/vaujany/infer.py bourrier2009 [--iterations 8] [--members 24] [-o FOLDER]
     python cases/vaujany/infer.py vaujany-observed ...
+    python cases/vaujany/infer.py bourrier2009 --judge laboratory-spheres bourrier2009
 
 `bourrier2009` is fitted to what Bourrier et al. (2009) simulated by methods A and B (`ratio =
 'nearest'`, Rg read as a radius), `vaujany-observed` to the 100 boulders that they observed (method
 B, `ratio = 'between'`). Neither has the authors' coefficients, which are unpublished. Writes
-NAME.nml and NAME-ensemble.nml, with score, tolerances and judgement in the header.
+NAME.nml and NAME-ensemble.nml, with score, tolerances and judgement in the header. `--judge` fits
+nothing: it prints the numbers of NAME by shipped sets, as point 3 judges, and how many are met.
 
 The protocol, chosen before any run:
 1. Form: 26 numbers (`Form`). Means are linear in R_b/R_m, the scatter is geometric in it.
@@ -49,7 +51,7 @@ import pandas as pd
 from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.result.crossings import at_lines
 from rockfall.result.motion import motion_of
-from rockfall.scene.rebounds.sets import Sets, restitution
+from rockfall.scene.rebounds.sets import Sets, read_sets, restitution
 from rockfall_lab.scorecard.site import QUANTITIES, TANGENTIAL, Site, tangential_above
 from rockfall_lab.scorecard.talus import Talus
 from rockfall_lab.sets.fit import ImpactSet
@@ -324,9 +326,11 @@ def residuals_at(point: np.ndarray, name: str, wanted: list[Item], on: list[Talu
     return np.array([item.residual(found.get(item.name, np.nan)) for item in wanted])
 
 
-def judged(point: np.ndarray, name: str, pool: ProcessPoolExecutor) -> pd.DataFrame:
+def judged(
+    sets: Sets, name: str, pool: ProcessPoolExecutor, boulders: int = JUDGED_BOULDERS
+) -> pd.DataFrame:
     """Numbers on each of the slopes that no fit used."""
-    function = partial(numbers, Form(point).sets(name), name, boulders=JUDGED_BOULDERS)
+    function = partial(numbers, sets, name, boulders=boulders)
     return pd.DataFrame(
         list(pool.map(function, [[one] for one in slopes(JUDGED_SEED, JUDGED_SLOPES)]))
     )
@@ -364,9 +368,10 @@ def infer(name: str, iterations: int, members: int, pool: ProcessPoolExecutor) -
     if close:
         drawn = np.concatenate((drawn, second.members(members // 4)))
     drawn[:, 0] += SHIFT * first.generator.standard_normal(members)
+    sets = Form(first.best).sets(name)
     return Inference(
-        name, first.best, first.score, second.score, drawn, judged(first.best, name, pool),
-        ranges(Form(first.best).sets(name), name),
+        name, first.best, first.score, second.score, drawn, judged(sets, name, pool),
+        ranges(sets, name),
     )  # fmt: skip
 
 
@@ -418,14 +423,50 @@ def as_file(point: np.ndarray, found: Inference) -> dict[int, ImpactSet]:
     }
 
 
+def judgement(name: str, means: dict[str, pd.Series]) -> str:
+    """Markdown table of the numbers of `name` by sets, those beyond their tolerance in bold."""
+    wanted, sign = items(name), {0: "", 1: ">= ", -1: "<= "}
+    off = {
+        item.name: [abs(item.residual(mean[item.name])) > 1 for mean in means.values()]
+        for item in wanted
+    }
+    met = [
+        f"{len(wanted) - sum(beyond)} of {len(wanted)}"
+        for beyond in zip(*off.values(), strict=True)
+    ]
+    rows = [["", "printed", *means], ["---"] * (2 + len(means)), ["met", "", *met]]
+    for item in wanted:
+        values = [f"{mean[item.name]:.4g}" for mean in means.values()]
+        marked = [
+            f"**{value}**" if beyond else value
+            for value, beyond in zip(values, off[item.name], strict=True)
+        ]
+        rows.append(
+            [item.name, f"{sign[item.side]}{item.value:.4g} ± {item.tolerance:.2g}", *marked]
+        )
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("name", choices=START)
     parser.add_argument("--iterations", type=int, default=8)
     parser.add_argument("--members", type=int, default=24)
+    parser.add_argument(
+        "--judge", nargs="+", metavar="SET", help="shipped sets: judge, fit nothing"
+    )
+    parser.add_argument("--boulders", type=int, default=JUDGED_BOULDERS, help="on a judged slope")
     parser.add_argument("-o", "--output", type=Path, default=Path())
     given = parser.parse_args()
     with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+        if given.judge:
+            of_sets = {one: read_sets(one)[0] for one in given.judge}
+            means = {
+                one: judged(sets, given.name, pool, given.boulders).mean()
+                for one, sets in of_sets.items()
+            }
+            print(judgement(given.name, means))
+            return
         found = infer(given.name, given.iterations, given.members, pool)
     header = found.header()
     write_sets(given.output / f"{given.name}.nml", as_file(found.best, found), header)

@@ -4,6 +4,7 @@
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from cases.vaujany import infer
@@ -32,6 +33,17 @@ def test_the_header_has_every_printed_number(name, header):
     assert list(header) == [item.name for item in infer.items(name)]
     met = sum(abs(item.residual(header[item.name][0])) <= 1 for item in infer.items(name))
     assert f"{met} of {len(header)} numbers" in shipped_sets()[name].read_text()
+
+
+def test_a_judgement_marks_what_is_beyond_its_tolerance(name, header):
+    means = {"header": pd.Series({item: stated for item, (stated, _) in header.items()})}
+    head, _, met, *rows = infer.judgement(name, means).splitlines()
+    assert head == "|  | printed | header |" and len(rows) == len(header)
+    assert f"| {met.split('|')[3].strip()} numbers" in shipped_sets()[name].read_text().replace(
+        "slopes that no fit used, ", "| "
+    )
+    missed = sum("NOT MET" in line for line in shipped_sets()[name].read_text().splitlines())
+    assert sum("**" in row for row in rows) == missed
 
 
 def test_a_short_rerun_has_the_numbers_of_the_header(name, header):
