@@ -34,7 +34,7 @@ LEVELS = [
     ["__init__"],
     ["plots", "tables", "text"],
     ["html_report", "office", "qgis_project"],
-    ["products"],
+    ["dossiers", "products"],
     ["app"],
     ["cli", "__main__"],
     ["rockfall_lab"],

@@ -19,6 +19,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "crossings": "result.crossings",
     "design": "protection.design",
     "design_block": "analysis.design_block",
+    "dossier": "dossiers",
     "ensemble": "studies.ensemble.study:run_ensemble",
     "ensemble_table": "studies.ensemble.study",
     "exceedance": "analysis.hazard.levels",
@@ -51,6 +52,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "trajectories": "result.trajectories",
     "variants": "case.variants",
     "yearly_variants": "studies.yearly_variants",
+    "yearly_design": "protection.yearly",
     "write_hazard": "files.hazard_files",
     "write_result": "result.dataset",
 }

@@ -89,7 +89,8 @@ class Estimate(NamedTuple):
         for."""
         if not self.has_interval:
             return "" if self.digits or math.isnan(self.value) else TOO_FEW
-        return between(self.shown(self.low), self.shown(self.high, up=self.up))
+        low, high = self.shown(self.low), self.shown(self.high, up=self.up)
+        return TOO_FEW if low == high == "-" else between(low, high)
 
     def __str__(self) -> str:
         return stacked(self.number, *filter(None, [self.interval]))

@@ -356,7 +356,7 @@ def test_a_design_says_which_boulders_its_numbers_are_of(result, tmp_path):
     case = case.replace(case={"boulders": 20}, scenario=scenario)
     other = design(rockfall.run(case, dem=rough(), transform=grid(rough())))
     assert other.population[0].startswith(own)
-    assert "another population: do not compare" in other.population[1]
+    assert "not of the scenarios" in other.population[1]
     assert other.population[1] in design_text(other)
 
 

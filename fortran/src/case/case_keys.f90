@@ -58,6 +58,7 @@ module rockfall_case_keys
 
    type(key_t), parameter :: site_keys(*) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
+      key_t("case", "question", "text", 1, "''", "", "", "what the client asks, on page 1 of a dossier"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
       key_t("case", "boulders", "integer", 1, "absent", "1 to 1e15", "", "released from each source"), &
       key_t("case", "boulders_total", "integer", 1, "absent", "1 to 2147483647", "", &
@@ -561,7 +562,7 @@ contains
          return
       end if
       do k = 1, size(values)
-         if (len_trim(values(k)) == 0 .and. key%name /= "title") then
+         if (len_trim(values(k)) == 0 .and. key%name /= "title" .and. key%name /= "question") then
             call refuse(group, trim(key%name), "must not be empty", error, k)
          else if (words /= "" .and. index(", "//words//",", ", "//trim(values(k))//",") == 0) then
             must = "must be one of: "//words

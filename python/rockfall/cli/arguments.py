@@ -15,6 +15,7 @@ from rockfall.errors import RockfallError
 
 _Commands = argparse._SubParsersAction  # no public name in argparse
 FACTORS = "numbers of the standard: standard, factor, condition, value, source (docs/design.md)"
+COSTS = "class, height, cost of a metre; default: class energy times height"
 _RULES = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
 
 
@@ -73,7 +74,7 @@ def _add(
     parser = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
     if what:
         parser.add_argument(what.lower(), metavar=what, type=Path)
-    if what == "CASE" and name != "variants":
+    if what == "CASE" and name not in ("variants", "dossier"):
         text = "of a case with &variant groups, the one of this name; base: without them"
         _option(parser, "--variant NAME", str, text)
     if writes:
@@ -263,20 +264,7 @@ def _add_studies(commands: _Commands) -> None:
     zone = _add(commands, "hazard", "hazard", text, "CASE")
     _option(zone, "-o --output DIR", Path, "default: CASE_hazard")
     _add_imprint(zone, "on the sheet")
-    text = "points, lines, polygons, with name, vulnerability, value, persons, aadt, ...; several: "
-    text += "--objects A --objects B"
-    zone.add_argument(
-        "--objects", metavar="LAYER", type=Path, action="append", default=[], help=text
-    )
-    text = "of a file with several layers; again for another of them, or one for each file"
-    _option(zone, "--objects-layer NAME", str, text, action="append", default=[])
-    text = "lines of roads, with name, width, chainage: frequencies of each segment"
-    _option(zone, "--segments LAYER", Path, text)
-    _option(zone, "--segments-layer NAME", str, "of a file with several layers")
-    text = "of the segments [m]; default: each line is one"
-    _option(zone, "--segment-length LENGTH", float, text)
-    text = "curves for the objects: name, energy [kJ], vulnerability, source"
-    _option(zone, "--vulnerability CURVES.csv", Path, text)
+    _add_objects(zone)
     text = "write each scenario as a case, CASE_scenarioN.nml, and run nothing"
     _switch(zone, "--write-cases", text)
     text = "of these cases, one for each scenario, in place of running them"
@@ -284,6 +272,7 @@ def _add_studies(commands: _Commands) -> None:
     _add_memory(zone)
     _add_resume(zone, "DIR.scenarioN.checkpoint")
     _add_overrides(zone)
+    _add_dossier(commands)
     text = "run the variants of a case, with common random numbers, and compare them"
     several = _add(commands, "variants", "variants", text, "CASE")
     _option(several, "-o --output DIR", Path, "default: CASE_variants")
@@ -316,6 +305,38 @@ def _add_studies(commands: _Commands) -> None:
     _option(converge, "--boulders N", int, "from each source", nargs="+")
     text = "boulders from each source to measure errors; default: 1000000 over all"
     _option(converge, "--reference N", int, text)
+
+
+def _add_dossier(commands: _Commands) -> None:
+    text = "run the scenarios of each variant, and write the dossier that is signed"
+    dossier = _add(commands, "dossier", "dossier", text, "CASE")
+    _option(dossier, "-o --output DIR", Path, "default: CASE_dossier")
+    _add_imprint(dossier, "on page 1")
+    _add_objects(dossier)
+    text = "of the answers, and of a boulder that the barrier may let pass: 10, 30, 100 (default), "
+    _option(dossier, "--return-period YEARS", float, f"{text}300 or 1000", default=100.0)
+    _option(dossier, "--costs CSV", Path, COSTS)
+    _add_memory(dossier)
+    _add_resume(dossier, "DIR.runN.checkpoint")
+    _add_overrides(dossier)
+
+
+def _add_objects(command: argparse.ArgumentParser) -> None:
+    """Add the layers of what is endangered."""
+    text = "points, lines, polygons, with name, vulnerability, value, persons, aadt, ...; several: "
+    text += "--objects A --objects B"
+    command.add_argument(
+        "--objects", metavar="LAYER", type=Path, action="append", default=[], help=text
+    )
+    text = "of a file with several layers; again for another of them, or one for each file"
+    _option(command, "--objects-layer NAME", str, text, action="append", default=[])
+    text = "lines of roads, with name, width, chainage: frequencies of each segment"
+    _option(command, "--segments LAYER", Path, text)
+    _option(command, "--segments-layer NAME", str, "of a file with several layers")
+    text = "of the segments [m]; default: each line is one"
+    _option(command, "--segment-length LENGTH", float, text)
+    text = "curves for the objects: name, energy [kJ], vulnerability, source"
+    _option(command, "--vulnerability CURVES.csv", Path, text)
 
 
 def _add_results(commands: _Commands) -> None:
@@ -477,8 +498,7 @@ def _add_conditions(command: argparse.ArgumentParser) -> None:
     text = "of the design block; default: a quantile of those that come"
     _option(command, "--volume M3", float, text)
     _option(command, "--factors CSV", Path, FACTORS)
-    text = "class, height, cost of a metre; default: class energy times height"
-    _option(command, "--costs CSV", Path, text)
+    _option(command, "--costs CSV", Path, COSTS)
 
 
 def _add_ground(commands: _Commands) -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.observed.compare import compare
+from rockfall.analysis.population import scenario_note
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
@@ -186,6 +187,7 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     endangered = [] if hazard is None else list(hazard_tables(hazard))
     doubts = doubtful_inputs(result, hazard)
     outside = [*doubts_note(doubts), *warnings(result), *missing_spread(result, models)]
+    outside += scenario_note(result)
     texts: dict[str, Any] = {
         "title": str(result.attrs["title"]) or "rockfall",
         "question": question(rows, hazard is not None),

@@ -20,6 +20,7 @@ from rockfall.result.samples import has_rows, is_ensemble, simulated
 from rockfall.result.variables import ENDS
 from rockfall.studies.run_until import verdicts_of
 from rockfall.table import TOO_FEW, Estimate, Table
+from rockfall.tables.dossier import places_of
 from rockfall.tables.ensemble import (
     are_undecided,
     headline_numbers,
@@ -70,22 +71,23 @@ def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
     return say(f"summary.{kind}_values", line=line, **values)
 
 
-def yearly_answers(hazard: xr.Dataset | None) -> Iterator[str]:
-    """Sentences on the energy by return period at the lines of a hazard."""
+def yearly_answers(hazard: xr.Dataset | None, years: float = YEARS) -> Iterator[str]:
+    """Sentences on the energy once in a return period at the lines of a hazard."""
     if hazard is None or "line_energy_by_period" not in hazard:
         return
-    period = hazard["event_period"].values.tolist().index(YEARS)
-    for k, line in list(enumerate(hazard["line"].values))[:MOST_LINES]:
+    period = hazard["event_period"].values.tolist().index(years)
+    lines = [place for place in places_of(hazard) if place.kind == "line"]
+    for _, k, line in lines[:MOST_LINES]:
         value, low, high = (
             1e-3 * float(hazard[f"line_energy_by_period{end}"].values[k, period]) for end in ENDS
         )
         if not value:
             key = "summary.not_excluded" if high else "summary.rarer"
-            yield say(key, line=str(line), years=YEARS)
+            yield say(key, line=line, years=years)
             continue
         energy = Estimate(value, low, high if np.isfinite(high) else np.nan, digits=2)
         words = {"energy": energy.number, "limits": energy.interval}
-        yield say("summary.once_in", line=str(line), years=YEARS, **words)
+        yield say("summary.once_in", line=line, years=years, **words)
 
 
 def range_answers(result: xr.Dataset) -> list[str]:

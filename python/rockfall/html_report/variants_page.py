@@ -9,19 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from rockfall.analysis.validity.warnings import joint_warnings
-from rockfall.case import FROM_ARRAY, Case, case_of
+from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import check_page, is_pdf, write_page
 from rockfall.html_report.render import picture, rendered
 from rockfall.html_report.validity import missing
-from rockfall.language import localised, say, speaking
+from rockfall.language import say, speaking
 from rockfall.plots.studies.difference_figures import difference_figure
 from rockfall.result.samples import simulated
 from rockfall.studies.difference_maps import difference_maps, have_passages, on_same_cells
 from rockfall.studies.variants import compare_variants
-from rockfall.table import Table
-from rockfall.tables.variants import comparison_notes, variant_table
+from rockfall.tables.variants import comparison_notes, measures_table, variant_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,7 +98,9 @@ def _page(
             say("variants.same_boulders", n=simulated(first)),
             *comparison_notes(results, given.frequencies is not None),
         ],
-        measures=[_measures(results, given)],
+        measures=[
+            measures_table({name: case_of(result) for name, result in results.items()}, given.costs)
+        ],
         figures=[
             picture(
                 difference_figure(drawn, name, terrain),
@@ -133,58 +134,3 @@ def _on_page(of_line: pd.DataFrame, on_paper: bool) -> Iterator[pd.DataFrame]:
     step = BESIDE_FIRST if on_paper else max(1, len(others))
     for k in range(0, max(1, len(others)), step):
         yield of_line[of_line["variant"].isin([first, *others[k : k + step]])]
-
-
-def _measures(results: Mapping[str, xr.Dataset], given: Given) -> Table:
-    """Measures of each variant, from its case."""
-    cases = {name: case_of(result) for name, result in results.items()}
-    rows = [[say("variants.terrain"), *(_dem(case) for case in cases.values())]]
-    rows.append([say("variants.barriers"), *(_barriers(case) for case in cases.values())])
-    rows.append([say("variants.dams"), *(_dams(case) for case in cases.values())])
-    rows.append([say("variants.forest"), *(_forest(case) for case in cases.values())])
-    if given.costs:
-        costs = (given.costs.get(name) for name in results)
-        shown = ("-" if cost is None else localised(f"{cost:,.10g}") for cost in costs)
-        rows.append([say("variants.cost"), *shown])
-    return Table.of(say("variants.measures"), ["", *results], rows, "facts")
-
-
-def _dem(case: Case) -> str:
-    name = case.terrain["dem"]
-    return say("variants.array") if name == FROM_ARRAY else Path(name).name
-
-
-def _barriers(case: Case) -> str:
-    return "\n".join(map(_barrier, case.barrier)) or "-"
-
-
-def _barrier(given: Mapping[str, object]) -> str:
-    if "diameter" in given:
-        return f"{given.get('name') or given.get('file')}: ⌀ {_digits(given['diameter'])} cm"
-    strength = f"EAD {given['class']}" if "class" in given else f"{given.get('capacity', 0.0):g} kJ"
-    height = localised(f"{given.get('height', 0.0):g}")
-    return f"{given.get('name') or given.get('file')}: {height} m, {strength}"
-
-
-def _dams(case: Case) -> str:
-    heights = (localised(f"{dam.get('height', 0.0):g}") for dam in case.dam)
-    return "\n".join(f"{height} m" for height in heights) or "-"
-
-
-def _digits(value: object) -> str:
-    return localised(f"{value:g}")
-
-
-def _forest(case: Case) -> str:
-    """Origin of the trees, the fraction of them that remains, and the layer of clearings."""
-    if not case.has_forest:
-        return "-"
-    forest = case.forest
-    sources = (forest[key] for key in ("trees", "polygons", "stems") if key in forest)
-    parts = [say("variants.yes") if name == FROM_ARRAY else Path(name).name for name in sources]
-    if "uniform_stems" in forest:
-        parts.append(f"{_digits(forest['uniform_stems'])}/ha")
-    if forest["density_factor"] < 1:
-        parts.append(f"× {_digits(forest['density_factor'])}")
-    parts += [f"- {Path(forest['clearings']).name}"] if "clearings" in forest else []
-    return "\n".join(map(str, parts))

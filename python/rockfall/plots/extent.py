@@ -24,8 +24,10 @@ CELL = 5.0  # default for margins [m]
 def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) -> Extent:
     """Extent of a map: everything that boulders reached and further places (n, 2), with a margin,
     not too narrow; within the terrain if given."""
-    x = [result["start_x"].values, result["stop_x"].values]
-    y = [result["start_y"].values, result["stop_y"].values]
+    x, y = (
+        [result[f"{end}_{axis}"].values for end in ("start", "stop") if f"{end}_{axis}" in result]
+        for axis in "xy"
+    )  # a hazard has none
     if "trajectory_x" in result:
         x, y = [*x, result["trajectory_x"].values], [*y, result["trajectory_y"].values]
     maps = [str(name) for name in result.data_vars if result[name].dims == ("y", "x")]

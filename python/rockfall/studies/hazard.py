@@ -14,6 +14,7 @@ import numpy as np
 
 from rockfall.analysis.hazard.combined import HazardInputs, ScenarioRun, combined
 from rockfall.analysis.hazard.finished import is_same_case
+from rockfall.analysis.hazard.messages import messages_of
 from rockfall.analysis.hazard.scenarios import (
     Scenario,
     base_case,
@@ -36,7 +37,6 @@ from rockfall.analysis.objects.vulnerability import KILOJOULE, read_curves
 from rockfall.analysis.validity.warnings import joined_warnings, warn_each
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
-from rockfall.language import Text, unpacked
 from rockfall.result.dataset import read_result
 from rockfall.scene.frames import frame_files, of_frames
 from rockfall.scene.read import read_scene
@@ -84,18 +84,8 @@ def hazard(
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
     combined = run_study(study, results=results, progress=progress, threads=threads)
-    warn_each(joined_warnings(_model_warnings(combined)))
+    warn_each(joined_warnings(messages_of(combined)))
     return combined
-
-
-def _model_warnings(hazard: xr.Dataset) -> dict[str, list[Text]]:
-    """Warnings on the model of each scenario."""
-    names, messages = (hazard[f"scenario{end}"].values for end in ("", "_messages"))
-    by_name: dict[str, list[Text]] = {}
-    for name, packed_texts in zip(names, messages, strict=True):
-        texts = (unpacked(data, "") for data in json.loads(packed_texts))
-        by_name[str(name)] = [text for text in texts if isinstance(text, Text)]
-    return by_name
 
 
 def read_study(

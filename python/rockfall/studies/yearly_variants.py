@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
     from rockfall.simulation.parts.checkpoint import Checkpoint
 
+NO_OBJECTS: Mapping[str, np.ndarray] = {}
 VALUES = "value", "value_low", "value_high"
 
 
@@ -39,8 +40,8 @@ class Yearly(NamedTuple):
     warnings: tuple[str, ...]
 
 
-class _Run(NamedTuple):
-    """Energies [J] of all boulders of a scenario at each line, NaN for those that do not pass."""
+class YearlyRun(NamedTuple):
+    """Energies [J] of all boulders of a scenario at each place, NaN for those that do not pass."""
 
     energies: dict[str, np.ndarray]
     source: Sources
@@ -76,23 +77,30 @@ def yearly_variants(
     >>> sorted(set(table["quantity"]))
     ['energy_by_period', 'frequency']
     """
-    import pandas as pd
-
     study = Study(progress=progress, threads=threads, checkpoints=checkpoints)
     of_runs: dict[str, tuple[str, float]] = {}
-    by_variant: dict[str, list[_Run]] = {}
+    by_variant: dict[str, list[YearlyRun]] = {}
     scenes = _scenes(case, of_runs, given)
-    for name, run in study.run(scenes, lambda name, result: _run(result, of_runs[name][1])):
+    for name, run in study.run(scenes, lambda name, result: yearly_run(result, of_runs[name][1])):
         by_variant.setdefault(of_runs[name][0], []).append(run)
-    first = next(iter(by_variant.values()))
+    return Yearly(yearly_table(by_variant, case.hazard), study.warnings)
+
+
+def yearly_table(
+    by_variant: Mapping[str, Sequence[YearlyRun]], hazard: Mapping[str, Any]
+) -> pd.DataFrame:
+    """Table of `yearly_variants` from the runs of each variant; `hazard` is &hazard of the case."""
+    import pandas as pd
+
+    first = next(iter(by_variant.values()), ())
     rows = [
         {"line": line, "variant": name, **row}
         for line in dict.fromkeys(line for runs in by_variant.values() for line in runs[0].energies)
         for name, runs in by_variant.items()
         if line in runs[0].energies
-        for row in _rows(line, runs, None if runs is first else first, case.hazard)
+        for row in _rows(line, runs, None if runs is first else first, hazard)
     ]
-    return Yearly(pd.DataFrame(rows, columns=COLUMNS), study.warnings)
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def run_name(variant: str, scenario: str) -> str:
@@ -112,19 +120,30 @@ def _scenes(
             yield name, replace(scene, case=scenario.case)
 
 
-def _run(result: xr.Dataset, yearly: float) -> _Run:
+def yearly_run(
+    result: xr.Dataset,
+    yearly: float,
+    lines: Sequence[str] | None = None,
+    objects: Mapping[str, np.ndarray] = NO_OBJECTS,
+) -> YearlyRun:
+    """Numbers of a result with its frequency [1/year], at all lines or these, and at objects with
+    the energies [J] of all boulders there."""
     energies = {}
-    for line in line_names(result):
+    for line in line_names(result) if lines is None else lines:
         at = at_line(result, line)
         assert at is not None
         energies[line] = at["energy_total"]
+    energies |= objects
     starts = (result[f"start_{axis}"].values for axis in "xy")
     per_cluster = boulders_per_cluster(case_of(result), *starts)
-    return _Run(energies, sources(result), per_cluster, yearly)
+    return YearlyRun(energies, sources(result), per_cluster, yearly)
 
 
 def _rows(
-    line: str, runs: Sequence[_Run], first: Sequence[_Run] | None, hazard: Mapping[str, Any]
+    line: str,
+    runs: Sequence[YearlyRun],
+    first: Sequence[YearlyRun] | None,
+    hazard: Mapping[str, Any],
 ) -> Iterator[dict[str, object]]:
     """Rows of a variant at a line; `first`: runs of the first variant, None if this is it."""
     factor = hazard["frequency_factor"]
@@ -156,7 +175,7 @@ def _rows(
 
 
 def _yearly(
-    runs: Sequence[_Run], fractions: Iterable[Sequence[float]], factor: Sequence[float]
+    runs: Sequence[YearlyRun], fractions: Iterable[Sequence[float]], factor: Sequence[float]
 ) -> dict[str, float]:
     """Fractions of the boulders of each scenario, or their differences, with their limits, as a sum
     a year. Limits include the lowest and highest `factor` on the frequencies."""

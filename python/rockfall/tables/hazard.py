@@ -17,10 +17,10 @@ from rockfall.files.segment_files import has_segments
 from rockfall.files.segment_files import segment_table as segments_of
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Number, Text, say, word
-from rockfall.quantities import QUANTITIES, number, percent, small
+from rockfall.quantities import QUANTITIES, percent, small
 from rockfall.result.maps.flat_maps import shown
 from rockfall.result.variables import ENDS
-from rockfall.table import TOO_FEW, Column, Estimate, Table, between, stacked
+from rockfall.table import Column, Estimate, Table, between, stacked
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -87,13 +87,12 @@ def period_tables(hazard: xr.Dataset) -> Iterator[Table]:
         yield Table.of(say(f"tables.{quantity}_by_period"), [say("hazard.place"), *years], rows)
 
 
-def level_cell(value: float, low: float, high: float) -> Estimate | str:
+def level_cell(value: float, low: float, high: float) -> Estimate | float:
     """Level of a return period with its interval; 0 if boulders come more rarely."""
     if high == 0:
-        return "0"
-    if np.isinf(high):
-        return stacked(number(value, 2), TOO_FEW) if not low else Estimate(value, low, digits=2)
-    return Estimate(value, low, high, digits=2)
+        return 0.0
+    is_open = np.isinf(high) and not low
+    return Estimate(value, np.nan if is_open else low, high, digits=2)
 
 
 def object_table(hazard: xr.Dataset) -> Table:

@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from rockfall.analysis.validity.rebounds import followed_text
 from rockfall.case import FROM_ARRAY, case_of, given_text
 from rockfall.io.vectors.layers import REPROJECTED
 from rockfall.language import Number, Text, say, word
@@ -136,10 +137,7 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
         (say("label.boulders"), Number(f"{first} – {last} / {requested}")),
         (released, Number(f"{number:,}")),
         *_impact_set(result),
-        *(
-            (say("tables.checksum_sha"), f"{key}: {_noted(noted)}")
-            for key, noted in json.loads(attrs["input_checksums"]).items()
-        ),
+        *_checksums(attrs),
         (say("tables.threads"), attrs["threads"]),
         (say("tables.time"), say("tables.seconds", **clocks)),
     ]
@@ -155,6 +153,25 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
         "is_complete": is_complete,
         "case": given_text(case),
     }
+
+
+def hazard_inputs(hazard: xr.Dataset) -> Table:
+    """Program, case, seed, rebounds and files of a hazard."""
+    attrs = {key: str(value) for key, value in hazard.attrs.items()}
+    rows = [
+        (say("label.program"), program_text(hazard)),
+        (say("tables.case_file"), attrs["case_file"]),
+        (say("tables.seed"), attrs["seed"]),
+        (say("label.rebounds"), followed_text(hazard, attrs["impact_set"])),
+        *_checksums(attrs),
+    ]
+    return Table.of(say("tables.what_was_run"), ("", say("label.value")), rows, "facts")
+
+
+def _checksums(attrs: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Checksum of each input file."""
+    for key, noted in json.loads(attrs["input_checksums"]).items():
+        yield say("tables.checksum_sha"), f"{key}: {_noted(noted)}"
 
 
 def _impact_set(result: xr.Dataset) -> Iterator[tuple[str, str]]:

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rockfall.analysis.population import population_notes
-from rockfall.case import case_of
-from rockfall.language import Number, Text, say
+from rockfall.case import FROM_ARRAY, Case, case_of
+from rockfall.language import Number, Text, localised, say
 from rockfall.quantities import QUANTITIES, number
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import kept_note
@@ -94,6 +95,18 @@ def _yearly_rows(of_line: pd.DataFrame, frequencies: pd.DataFrame) -> Iterator[t
             )
 
 
+def difference_table(frequencies: pd.DataFrame) -> Table:
+    """Boulders a year at each place and variant, each with its difference from the first variant;
+    `frequencies` as from `rockfall.yearly_variants`."""
+    chosen = (frequencies["quantity"] == "frequency") & (frequencies["statistic"] == "all")
+    names = list(frequencies["variant"].unique())
+    rows = []
+    for line, here in frequencies[chosen].groupby("line", sort=False):
+        own = {row["variant"]: row for row in here.to_dict("records")}
+        rows.append((line, *(_cell(own[name], 1.0) if name in own else "-" for name in names)))
+    return Table.of(say("variants.differences"), [say("hazard.place"), *names], rows)
+
+
 def _label(quantity: str, statistic: str, unit: str) -> Text:
     threshold = statistic.removeprefix("above_")
     if threshold != statistic:
@@ -133,3 +146,57 @@ def value_text(row: Mapping[Any, Any], factor: float) -> str:
 
 def _signed(value: float) -> Number:
     return Number(("+" if value > 0 else "") + number(value))
+
+
+def measures_table(cases: Mapping[str, Case], costs: Mapping[str, float]) -> Table:
+    """Measures of each variant, from its case, and its cost."""
+    rows = [[say("variants.terrain"), *(_dem(case) for case in cases.values())]]
+    rows.append([say("variants.barriers"), *(_barriers(case) for case in cases.values())])
+    rows.append([say("variants.dams"), *(_dams(case) for case in cases.values())])
+    rows.append([say("variants.forest"), *(_forest(case) for case in cases.values())])
+    if costs:
+        each = (costs.get(name) for name in cases)
+        shown = ("-" if cost is None else localised(f"{cost:,.10g}") for cost in each)
+        rows.append([say("variants.cost"), *shown])
+    return Table.of(say("variants.measures"), ["", *cases], rows, "facts")
+
+
+def _dem(case: Case) -> str:
+    name = case.terrain["dem"]
+    return say("variants.array") if name == FROM_ARRAY else Path(name).name
+
+
+def _barriers(case: Case) -> str:
+    return "\n".join(map(_barrier, case.barrier)) or "-"
+
+
+def _barrier(given: Mapping[str, object]) -> str:
+    if "diameter" in given:
+        return f"{given.get('name') or given.get('file')}: ⌀ {_digits(given['diameter'])} cm"
+    strength = f"EAD {given['class']}" if "class" in given else f"{given.get('capacity', 0.0):g} kJ"
+    height = localised(f"{given.get('height', 0.0):g}")
+    return f"{given.get('name') or given.get('file')}: {height} m, {strength}"
+
+
+def _dams(case: Case) -> str:
+    heights = (localised(f"{dam.get('height', 0.0):g}") for dam in case.dam)
+    return "\n".join(f"{height} m" for height in heights) or "-"
+
+
+def _digits(value: object) -> str:
+    return localised(f"{value:g}")
+
+
+def _forest(case: Case) -> str:
+    """Origin of the trees, the fraction of them that remains, and the layer of clearings."""
+    if not case.has_forest:
+        return "-"
+    forest = case.forest
+    sources = (forest[key] for key in ("trees", "polygons", "stems") if key in forest)
+    parts = [say("variants.yes") if name == FROM_ARRAY else Path(name).name for name in sources]
+    if "uniform_stems" in forest:
+        parts.append(f"{_digits(forest['uniform_stems'])}/ha")
+    if forest["density_factor"] < 1:
+        parts.append(f"× {_digits(forest['density_factor'])}")
+    parts += [f"- {Path(forest['clearings']).name}"] if "clearings" in forest else []
+    return "\n".join(map(str, parts))

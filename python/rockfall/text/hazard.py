@@ -12,7 +12,7 @@ from rockfall.analysis.hazard.zones import lowered_area, zones_of
 from rockfall.case import case_in
 from rockfall.files.risk_files import has_risk
 from rockfall.files.segment_files import has_segments
-from rockfall.language import say, unpacked, word
+from rockfall.language import Text, say, unpacked, word
 from rockfall.quantities import count, number
 from rockfall.table import as_text
 from rockfall.tables.hazard import (
@@ -82,11 +82,11 @@ def warning_groups(hazard: xr.Dataset) -> list[WarningGroup]:
     groups: dict[str, list[str]] = {"": []}
     for names, text in _of_model(hazard):
         groups.setdefault(names, []).append(text)
-    groups[""] += _of_hazard(hazard)
+    groups[""] += limits_of_hazard(hazard)
     return [WarningGroup(names, texts) for names, texts in groups.items() if texts]
 
 
-def _of_hazard(hazard: xr.Dataset) -> Iterator[str]:
+def limits_of_hazard(hazard: xr.Dataset) -> Iterator[Text]:
     """Warnings of all scenarios together."""
     yearly, longest = float(hazard["frequency"].sum()), float(hazard["return_period"].max())
     clusters = (hazard["boulders"] / hazard["boulders_per_cluster"]).values.tolist()

@@ -10,21 +10,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.analysis.hazard.levels import period_table
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.lines.profile import line_profile
+from rockfall.analysis.population import scenario_note
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError
+from rockfall.files.hazard_files import read_hazard
 from rockfall.io.output_files import atomic_folder, check_output
 from rockfall.io.tables import write_csv
+from rockfall.language import say
 from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.style import save
+from rockfall.protection.yearly import YEARS
 from rockfall.quantities import QUANTITIES, number
 from rockfall.result.crossings import line_names
 from rockfall.result.dataset import read_result
 from rockfall.result.samples import is_ensemble, kept_note, simulated
 from rockfall.table import as_text
+from rockfall.tables.dossier import answer_table, places_of
 from rockfall.tables.ensemble import ensemble_summary
+from rockfall.tables.hazard import period_tables
 from rockfall.tables.lines import (
     estimate,
     group_tables,
@@ -56,10 +63,26 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
     return_levels next to it as NAME_levels.csv, in the units of the result."""
     result, places = open_lines(path, table, "", "_levels.csv")
     statistics, levels = line_statistics(result), return_levels(result)
-    print("\n".join(_text(statistics, levels, simulated(result))))
+    print("\n".join([*scenario_note(result), *_text(statistics, levels, simulated(result))]))
     if is_ensemble(result):
         print("", ensemble_summary(result), sep="\n")
     write_tables(path, result, dict(zip(places, [statistics, levels], strict=False)))
+
+
+def print_hazard(path: str | Path, table: str | Path | None = None) -> None:
+    """Print frequencies, energies and heights by return period at the lines, objects and segments
+    of a hazard; with `table`, a CSV file, write them to it."""
+    place, hazard = table and _csv(Path(table)), read_hazard(path)
+    if not places_of(hazard):
+        raise RockfallError(f"{path}: has no lines, objects or segments")
+    if place:
+        check_output(place, [Path(path), *files_behind(hazard)])
+    print(say("hazard.population"))
+    for shown in (answer_table(hazard, YEARS), *period_tables(hazard)):
+        print("", shown.caption, as_text(shown), sep="\n")
+    if place:
+        write_csv(period_table(hazard), place)
+        print(place)
 
 
 def print_groups(
@@ -72,7 +95,7 @@ def print_groups(
     shape; with `table`, a CSV file, write line_statistics of these groups to it."""
     result, places = open_lines(path, table, "")
     statistics = line_statistics(result, by, classes)
-    print(BY_GROUP)
+    print(*scenario_note(result), BY_GROUP, sep="\n")
     for group in group_tables(statistics, by):
         print("", group.caption, as_text(group), sep="\n")
     write_tables(path, result, dict(zip(places, [statistics], strict=False)))
@@ -85,7 +108,7 @@ def print_profile(
     write them to it, and a figure next to it as NAME.png."""
     result, places = open_lines(path, table, "", ".png")
     profile = line_profile(result, line, width)
-    head = [ALONG, *filter(None, [kept_note(result)])]
+    head = [*scenario_note(result), ALONG, *filter(None, [kept_note(result)])]
     print("\n".join([*head, "", line, as_text(profile_table(profile))]))
     made = [profile, lambda part: save(line_profile_figure(profile), part)]
     write_tables(path, result, dict(zip(places, made, strict=False)))

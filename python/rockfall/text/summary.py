@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from rockfall.analysis.line_statistics import numbers as line_row
 from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.population import scenario_note
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
 from rockfall.protection.barriers import barriers_of
@@ -41,6 +42,7 @@ def summary(result: Held) -> str:
     lines = [f"{result.attrs['title'] or 'rockfall'}: {boulders:,} boulders"]
     if rows < boulders:
         lines[0] += f", rows of {rows:,} kept"
+    lines += [f"  {note}" for note in scenario_note(result)]
     lines.append(as_text(ends_table(result)))
     if "line" in result:
         lines += [as_text(_passages(result)), *more_lines(result.sizes["line"])]

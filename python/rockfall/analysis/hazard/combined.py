@@ -11,11 +11,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.hazard.classes import Frequencies, Matrix, classify, frequencies, intensities
-from rockfall.analysis.hazard.exceedance import Passing, exceedance_numbers, passing_of
+from rockfall.analysis.hazard.exceedance import (
+    Passing,
+    behind,
+    class_behind,
+    exceedance_numbers,
+    passing_of,
+)
 from rockfall.analysis.hazard.finished import layers_checksum
 from rockfall.analysis.hazard.scenarios import Scenario
 from rockfall.analysis.hazard.variables import (
     CLASS_ENDS,
+    CLASS_ENERGY,
     COORDINATES,
     EXCEEDED,
     EXTREMES,
@@ -37,6 +44,7 @@ from rockfall.case import Case, case_of
 from rockfall.io.input_warnings import InputWarning, stored_warnings
 from rockfall.language import packed
 from rockfall.result.contents import Contents
+from rockfall.result.crossings import line_names
 from rockfall.result.grounds import rebounds_by_ground, source_text
 from rockfall.result.samples import simulated
 from rockfall.result.variables import ENDS
@@ -86,14 +94,28 @@ class ScenarioRun:
             inputs.objects, energies, thresholds, inputs.scene.grid, self.hits
         )
         self.risk = self._risk(inputs.objects, result) if inputs.objects.exposed else None
-        first = len(inputs.objects.lines) + len(inputs.segments.lines)
-        self.at_lines = [passing_of(result, first + k) for k in range(len(inputs.lines))]
+        self._read_lines(inputs, result)
         self.variable_attrs = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
         self.grounds = rebounds_by_ground(result)
         without_objects = result.drop_vars("row_size", errors="ignore")  # zones end at any edge
         self.warnings = model_warnings(without_objects, case_of(result))
+
+    def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> None:
+        """Boulders at the evaluation lines and at the barriers, without lying logs."""
+        names, first = line_names(result), len(inputs.objects.lines) + len(inputs.segments.lines)
+        logs = {barrier["name"] for barrier in inputs.case.barrier if "diameter" in barrier}
+        has_rows = inputs.case.output["kept"] == "all"
+        lines = [k for k in range(first, len(names)) if has_rows and names[k] not in logs]
+        self.lines = [names[k] for k in lines]
+        self.at_lines = [passing_of(result, k) for k in lines]
+        self.behind = [behind(result, k) for k in lines]
+        unknown = np.full(len(names), np.nan)
+        self.barriers = {
+            name: np.asarray(result.get(f"barrier_{name}", unknown))[lines]
+            for name in ("height", "capacity")
+        }
 
     def _risk(self, objects: Objects, result: xr.Dataset) -> RunRisk:
         points = Points(objects.point, self.objects, result["threshold"].values)
@@ -129,11 +151,13 @@ def combined(inputs: HazardInputs, runs: Runs) -> xr.Dataset:
         values |= _segments(inputs, runs, matrix)
         labels = np.array(inputs.segments.labels, dtype=object)
         data["segment"] = ("segment", labels, {"long_name": "road, and chainage of the segment"})
-    if inputs.lines:
+    if runs[0].lines:
         values |= _lines(inputs, runs)
-        names = np.array([line["name"] for line in inputs.lines], dtype=object)
-        data["line"] = ("line", names, {"long_name": "name of the evaluation line"})
-    if inputs.lines or len(inputs.objects) or len(inputs.segments):
+        names = np.array(runs[0].lines, dtype=object)
+        data["line"] = ("line", names, {"long_name": "name of the evaluation line or barrier"})
+        attrs = {"long_name": "class of barriers of EAD 340059"}
+        data["ead_class"] = ("ead_class", np.arange(CLASS_ENERGY.size), attrs)
+    if runs[0].lines or len(inputs.objects) or len(inputs.segments):
         data |= _levels()
     values |= _grounds(runs)
     if "ground" in values:
@@ -241,12 +265,18 @@ def _objects(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.n
 
 
 def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Frequencies at the evaluation lines, and energies and heights by return period."""
+    """Frequencies at lines and barriers, energies and heights by return period, and what barriers
+    let pass."""
     counts = [np.array([[at.energy.size for at in run.at_lines]]) for run in runs]
     samples = ((count, *run.sample) for count, run in zip(counts, runs, strict=True))
     rates = frequencies(samples, inputs.case.hazard["frequency_factor"])
     values = {f"line_frequency{end}": rate[0] for end, rate in zip(ENDS, rates, strict=True)}
     values["line_passages"] = np.concatenate(counts)
+    values["line_behind"] = np.array([run.behind for run in runs], "i4")
+    values["line_class_behind"] = np.stack(
+        [np.stack([class_behind(at) for at in run.at_lines]) for run in runs]
+    )
+    values |= {f"line_barrier_{name}": each for name, each in runs[0].barriers.items()}
     return values | _by_period("line_", inputs, runs, [run.at_lines for run in runs])
 
 

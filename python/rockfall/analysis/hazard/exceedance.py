@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.classes import frequencies
-from rockfall.analysis.hazard.variables import EXCEEDED, LEVELS, PERIODS
+from rockfall.analysis.hazard.variables import CLASS_ENERGY, EXCEEDED, LEVELS, PERIODS
 from rockfall.result.crossings import AtLine
-from rockfall.result.variables import ENDS
+from rockfall.result.variables import ENDS, OUTCOME
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,6 +29,25 @@ def passing_of(result: xr.Dataset, line: int) -> Passing:
     """Boulders of a result that cross the line of this index."""
     at = AtLine(result, line)
     return Passing(at.values("energy_total"), at.values("passing_height"))
+
+
+def behind(result: xr.Dataset, line: int) -> int:
+    """Number of boulders of a result that come to the line of this index and that no barrier there
+    stops."""
+    at = AtLine(result, line)
+    if "crossing_outcome" not in result:
+        return at.boulders.size
+    return int(np.count_nonzero(at.stored("outcome") != OUTCOME["stopped"]))
+
+
+def class_behind(at: Passing) -> np.ndarray:
+    """Number of boulders that barriers of each class of EAD 340059, of each height of `EXCEEDED`,
+    would let pass (classes, heights): through them or over them, by the rule of the kernel."""
+    counts = np.empty((CLASS_ENERGY.size, EXCEEDED["height"].size), "i4")
+    for row, capacity in zip(counts, CLASS_ENERGY, strict=True):
+        held = np.sort(at.height[at.energy <= capacity])
+        row[:] = at.height.size - np.searchsorted(held, EXCEEDED["height"], side="right")
+    return counts
 
 
 #: Boulders of a run, boulders that count as one, and frequency of its scenario [1/year].

@@ -111,6 +111,16 @@ def period_table(hazard: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["place", "name", "return_period", *names])
 
 
+def yearly(hazard: xr.Dataset, counts: np.ndarray) -> Frequencies:
+    """Frequencies [1/year] of counts of boulders by scenario (scenario, ...)."""
+    samples = (hazard[name].values for name in ("boulders", "boulders_per_cluster", "frequency"))
+    parts = (
+        (row.astype("i4"), int(n), int(cluster), float(rate))
+        for row, n, cluster, rate in zip(counts, *samples, strict=True)
+    )
+    return frequencies(parts, case_in(hazard.attrs).hazard["frequency_factor"])
+
+
 def _kinds(hazard: xr.Dataset) -> Iterator[str]:
     """Kinds of places with energies by return period."""
     return (kind for kind in PLACES if f"{kind}_energy_by_period" in hazard)
@@ -128,13 +138,7 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
         )
     above = hazard[f"{kind}_{quantity}_counts"].values[:, k]
     counts = np.column_stack([hazard[f"{kind}_passages"].values[:, k], above])
-    samples = (hazard[name].values for name in ("boulders", "boulders_per_cluster", "frequency"))
-    parts = (
-        (row.astype("i4"), int(n), int(cluster), float(yearly))
-        for row, n, cluster, yearly in zip(counts, *samples, strict=True)
-    )
-    rates = frequencies(parts, case_in(hazard.attrs).hazard["frequency_factor"])
-    return np.append(0.0, hazard[f"exceeded_{quantity}"].values), rates
+    return np.append(0.0, hazard[f"exceeded_{quantity}"].values), yearly(hazard, counts)
 
 
 def _find(hazard: xr.Dataset, place: str) -> tuple[str, int]:

@@ -12,6 +12,7 @@ import numpy as np
 from rockfall.analysis.hazard.classes import CLASSES, intensity_words
 from rockfall.analysis.objects.risk import CLASSES as RISK_CLASSES
 from rockfall.case import Case
+from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.result.maps.flat_maps import BEYOND, PLAN, shown
 from rockfall.result.variables import ENDS, MAP
 
@@ -41,6 +42,7 @@ COORDINATES = (
     "event_period",
     "exceeded_energy",
     "exceeded_height",
+    "ead_class",
     "scenario",
     "line",
     "object",
@@ -166,11 +168,19 @@ def _table() -> Iterator[tuple[str, Variable]]:
 
 
 def _lines() -> Iterator[tuple[str, Variable]]:
-    """Evaluation lines of the case."""
-    what = "annual frequency of boulders that cross the line"
+    """Evaluation lines and barriers of the case."""
+    dims = ("scenario", "line")
+    what = "annual frequency of boulders that come to the line or barrier"
     yield from _with_ends("line_frequency", ("line",), what)
-    yield "line_passages", Variable(("scenario", "line"), PART, "simulated boulders that cross it")
-    yield from _by_period("line_", ("line",), "that crosses the line")
+    what = "simulated boulders that come to the line or barrier"
+    yield "line_passages", Variable(dims, PART, what)
+    yield from _by_period("line_", ("line",), "that comes to the line or barrier")
+    yield "line_behind", Variable(dims, PART, "those of them that its barrier, if any, lets pass")
+    what = "those of them that a barrier of this class and height there would let pass"
+    yield "line_class_behind", Variable((*dims, "ead_class", "exceeded_height"), PART, what)
+    yield "line_barrier_height", Variable(("line",), "m", "height of the barrier; NaN of a line")
+    what = "energy capacity of the barrier; NaN of a line"
+    yield "line_barrier_capacity", Variable(("line",), "J", what)
 
 
 def _segments() -> Iterator[tuple[str, Variable]]:
@@ -224,6 +234,7 @@ def _exposed() -> Iterator[tuple[str, Variable]]:
 
 
 TABLE = dict(_table())
+CLASS_ENERGY = np.array(EAD_ENERGY)  # of barriers of each class [J]
 
 
 def map_names(case: Case) -> Iterator[tuple[str, Variable]]:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, TypeVar
 
 from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import case_of
+from rockfall.language import Text, say
 from rockfall.quantities import first_of
 from rockfall.result.dataset import MODEL_WARNINGS
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from rockfall.language import Text
     from rockfall.result.contents import Held
 
     Result = TypeVar("Result", bound=xr.Dataset)
@@ -25,14 +25,14 @@ TELLING = "line", "names"  # values that tell warnings of one message apart
 MAX_NAMED = 3  # results that a warning names
 
 
-def joint_warnings(results: Mapping[str, Held]) -> list[str]:
+def joint_warnings(results: Mapping[str, Held]) -> list[Text]:
     """Warnings on the models of results by name, as in `joined_warnings`."""
     return joined_warnings(
         {name: model_warnings(result, case_of(result)) for name, result in results.items()}
     )
 
 
-def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[str]:
+def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
     """Warnings of several results by name, each once: with the numbers of the first that it
     concerns, and the names of those if it does not concern all."""
     texts: dict[tuple[str, ...], Text] = {}
@@ -45,7 +45,7 @@ def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[str]:
     return [
         text
         if len(names[what]) == len(by_name)
-        else f"{', '.join(first_of(names[what], MAX_NAMED))}: {text}"
+        else say("join.colon", before=", ".join(first_of(names[what], MAX_NAMED)), after=text)
         for what, text in texts.items()
     ]
 

@@ -19,7 +19,7 @@ OPTIONS = ("years", "events", "threshold", "volume_max")  # of this mode only
 def design_block_command(arguments: argparse.Namespace) -> int:
     if arguments.results:
         raise RockfallError(
-            "--return-period takes no result: it makes the block for --volume of a design sheet"
+            "--return-period: takes hazards HAZARD.nc, or none and the survey --blocks, no results"
         )
     if arguments.blocks is None:
         raise RockfallError("--return-period requires --blocks, the table of surveyed blocks")

@@ -19,14 +19,17 @@ from rockfall.cli.given import given_options, overridden, stem_of, warn_of_input
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError, need
 from rockfall.files.export import crs_wkt, write_geopackage
+from rockfall.files.hazard_files import is_hazard, read_hazard
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv
+from rockfall.language import speaking
 from rockfall.office.tables import check_tables, put_design
 from rockfall.plots.along_figures import along_figure
 from rockfall.plots.studies.siting_figure import siting_figure
 from rockfall.plots.style import save
 from rockfall.protection.design import Design, design
 from rockfall.protection.factors import COLUMNS, Conditions
+from rockfall.protection.yearly import YEARS, YearlyDesign, yearly_design
 from rockfall.result.dataset import read_result, write_result
 from rockfall.result.same_case import check_same_site
 from rockfall.scene.layers import file_checksum
@@ -34,11 +37,13 @@ from rockfall.simulation.memory import read_memory
 from rockfall.studies.siting import CONDITIONS, Siting, site
 from rockfall.tables.design import design_text
 from rockfall.tables.siting import siting_text
+from rockfall.tables.yearly_design import yearly_design_text
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+YEARLY_TABLES = ("loads", "choices", "checks")  # of hazards
 TABLES = ("loads", "demand", "checks", "choices", "along")
 OPTIONS = ("along", "width", "min_boulders", "residual", "volume", "factors", "costs")
 SITING = ("every", "to", "direction", "candidates", "candidates_layer", "max_height", "max_class",
@@ -48,6 +53,8 @@ SITING_FILES = "siting.csv", "siting.png", "siting.gpkg", "siting.nc"
 
 def design_command(arguments: argparse.Namespace) -> int:
     keys = [*OPTIONS, *(field.name for field in fields(Conditions))]
+    if arguments.results and all(map(is_hazard, arguments.results)):
+        return _design_hazards(arguments, [*keys, *design_block.OPTIONS])
     _check_mode(arguments, keys)
     if arguments.return_period is not None:
         return design_block.design_block_command(arguments)
@@ -77,6 +84,28 @@ def design_command(arguments: argparse.Namespace) -> int:
     if folder:
         formats, language = arguments.tables, arguments.language
         print(*write_design(sheets, folder, results, formats, language), sep="\n")
+    return DONE
+
+
+def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
+    """Design by the return period of what passes, over the scenarios of hazards."""
+    for key in keys:
+        if key != "costs" and getattr(arguments, key) is not None:
+            reason = "is for results OUT.nc: a hazard takes --return-period and --costs"
+            raise RockfallError(f"--{key.replace('_', '-')} {reason}")
+    if arguments.tables:
+        raise RockfallError("--tables is for results OUT.nc: see rockfall dossier for a hazard")
+    folder, paths = arguments.output, arguments.results
+    years = YEARS if arguments.return_period is None else arguments.return_period
+    sheets = {str(path): yearly_design(read_hazard(path), years, arguments.costs) for path in paths}
+    with speaking(arguments.language):
+        for path, sheet in sheets.items():
+            print(*([f"{path}\n"] if len(sheets) > 1 else []), yearly_design_text(sheet), sep="\n")
+    if folder:
+        with atomic_folder(folder, paths) as part:
+            for name in YEARLY_TABLES:
+                write_csv(_joined(sheets, name), part / f"design_{name}.csv")
+        print(*(folder / f"design_{name}.csv" for name in YEARLY_TABLES), sep="\n")
     return DONE
 
 
@@ -178,7 +207,7 @@ def write_design(
     return [folder / name for name in files]
 
 
-def _joined(sheets: Mapping[str, Design], name: str) -> pd.DataFrame:
+def _joined(sheets: Mapping[str, Design | YearlyDesign], name: str) -> pd.DataFrame:
     """Joined table of all results, with the result's name in the first column."""
     import pandas as pd
 

@@ -17,6 +17,7 @@ from rockfall.case.files import files_behind
 from rockfall.cli.commands.section import drawn
 from rockfall.cli.given import given_options, warn_of_models
 from rockfall.cli.messages import DONE, print_files, warnings_told
+from rockfall.dossiers import report_hazard
 from rockfall.errors import RockfallError
 from rockfall.files.export import Chosen, export
 from rockfall.files.hazard_files import DRAWINGS, export_hazard, is_hazard
@@ -29,7 +30,7 @@ from rockfall.studies.difference_maps import difference_maps, write_variants
 from rockfall.studies.variants import compare_variants
 from rockfall.tables.comparison import comparison_text, ranks_text
 from rockfall.tables.variants import comparison_notes, variants_text
-from rockfall.text.lines import print_groups, print_lines, print_profile
+from rockfall.text.lines import print_groups, print_hazard, print_lines, print_profile
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -161,6 +162,12 @@ def lines_command(arguments: argparse.Namespace) -> int:
     ):
         if value is not None and needed is not True:
             raise RockfallError(f"{option}: needs {needed}")
+    if is_hazard(path):
+        for option, value in (("--by", by), ("--along", along)):
+            if value is not None:
+                raise RockfallError(f"{option}: is for results OUT.nc, a hazard has no boulders")
+        print_hazard(path, table)
+        return DONE
     if by is not None:
         print_groups(path, by, _edges(arguments.classes), table)
     elif along is not None:
@@ -194,6 +201,8 @@ def figures_command(arguments: argparse.Namespace) -> int:
 
 def report_command(arguments: argparse.Namespace) -> int:
     given = _path(arguments)
+    if is_hazard(given):
+        return _report_hazard(arguments, given)
     ending = ".pdf" if arguments.pdf else ".html"
     path = arguments.output or given.with_name(f"{given.name.removesuffix('.nc')}{ending}")
     if arguments.pdf and path.suffix.lower() != ending:
@@ -207,6 +216,22 @@ def report_command(arguments: argparse.Namespace) -> int:
         if arguments.view:
             view = import_module("rockfall.app.show").show(given, arguments.language)
         print(report(given, path, view=view, **named, **_beside(arguments)))
+    return DONE
+
+
+def _report_hazard(arguments: argparse.Namespace, given: Path) -> int:
+    """Write the dossier page of a hazard."""
+    ending = ".pdf" if arguments.pdf else ".html"
+    path = arguments.output or given.with_suffix(ending)
+    if arguments.pdf and path.suffix.lower() != ending:
+        raise RockfallError(f"{path}: output name must end in .pdf")
+    for key in ("observed", "basemap", "limits", "section", "view", "models", "factors", "hazard"):
+        if getattr(arguments, key):
+            option = "3d" if key == "view" else key
+            raise RockfallError(f"--{option} is for results OUT.nc: a hazard has no boulders")
+    named = {key: getattr(arguments, key) for key in IMPRINT}
+    with warnings_told():
+        print(report_hazard(given, path, dem=arguments.dem, **named))
     return DONE
 
 

@@ -107,10 +107,9 @@ def new_sheet(
     from matplotlib.figure import Figure
 
     west, east, south, north = extent
-    width, columns = room.wide, max(1, int(room.wide / KEY_COLUMN))
-    rows = -(-len(key) // columns)
-    bottom = TICKS + STRIP + below + ROW * rows
-    inner, tallest = width - LEFT - RIGHT, room.high - bottom - TOP
+    width, columns = room.wide, _columns(room)
+    bottom = TICKS + STRIP + below + ROW * -(-len(key) // columns)
+    inner, tallest = inner_size(room, key, below)
     scale = INCH * round_scale(max((east - west) / inner, (north - south) / tallest) / INCH)
     wide, high = (east - west) / scale, (north - south) / scale
     figure = Figure(figsize=(width, bottom + high + TOP))
@@ -128,6 +127,18 @@ def new_sheet(
         style: dict[str, Any] = {"fontsize": SMALL, "handletextpad": 0.5, "borderaxespad": 0.2}
         figure.legend(handles=key, loc="lower center", ncols=columns, labelspacing=0.35, **style)
     return sheet
+
+
+def inner_size(room: Room, key: Sequence[Any] = (), below: float = 0.0) -> tuple[float, float]:
+    """Width and height of the frame of a map [inch] in a space, with a legend of these handles and
+    the given space above it [inch]."""
+    bottom = TICKS + STRIP + below + ROW * -(-len(key) // _columns(room))
+    return room.wide - LEFT - RIGHT, room.high - bottom - TOP
+
+
+def _columns(room: Room) -> int:
+    """Columns of a legend."""
+    return max(1, int(room.wide / KEY_COLUMN))
 
 
 def round_scale(rough: float) -> float:

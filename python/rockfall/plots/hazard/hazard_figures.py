@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -16,14 +17,14 @@ from rockfall.files.segment_files import has_segments
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Number, say, word
 from rockfall.plots.cartography.labels import beside
-from rockfall.plots.cartography.marks import OBJECT, draw_line
+from rockfall.plots.cartography.marks import NET, OBJECT, SMALL, draw_line, inside
 from rockfall.plots.cartography.rasters import draw_image
 from rockfall.plots.cartography.sheet import PAGE, Room, Sheet, finish, new_sheet
 from rockfall.plots.extent import around
 from rockfall.plots.figures import Figure
 from rockfall.plots.hazard.risk_figure import draw_risk, risk_key
 from rockfall.plots.hazard.segment_figure import roads_of_segments, segment_figure
-from rockfall.plots.style import INK, capital, styled
+from rockfall.plots.style import INK, LINE, capital, styled
 from rockfall.result.maps.flat_maps import layers
 from rockfall.result.maps.map_labels import map_label
 from rockfall.result.trajectories import flags_of
@@ -33,10 +34,12 @@ if TYPE_CHECKING:
     from matplotlib import figure
     from matplotlib.axes import Axes
 
+    from rockfall.plots.extent import Extent
     from rockfall.result.trajectories import Terrain
 
 OPAQUE = 0.7  # so that the relief remains visible under classes
 HATCH = "/////"
+LOOKS = {False: LINE, True: NET}  # of lines; of barriers
 
 
 def hazard_figures(hazard: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
@@ -80,22 +83,28 @@ def zones_figure(
 
 
 def draw_zones(sheet: Sheet, hazard: xr.Dataset) -> None:
-    """Draw the zones of a hazard, hatched where their class is uncertain, and the objects."""
+    """Draw the zones of a hazard, hatched where their class is uncertain, the lines and barriers of
+    its case, and the objects."""
     zones, colours = zones_of(hazard), colours_of(hazard["hazard_class"])
     for number, colour in colours.items():
         style = {"facecolor": colour, "edgecolor": INK, "linewidth": 0.4, "alpha": OPAQUE}
         _draw_polygons(sheet.axes, zones.shapes[zones.number == number], **style)
     hatched = {"facecolor": "none", "edgecolor": INK, "linewidth": 0.0, "hatch": HATCH}
     _draw_polygons(sheet.axes, uncertain_of(hazard).shapes, **hatched)
+    _draw_lines(sheet, hazard)
     _draw_objects(sheet, hazard)
 
 
 def zone_key(hazard: xr.Dataset) -> list[Any]:
-    """Legend of the zones, from the highest class."""
+    """Legend of the zones, from the highest class, and of lines and barriers."""
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     doubtful = Patch(facecolor="none", edgecolor=INK, hatch=HATCH, label=say("hazard.not_certain"))
-    return [*_key(hazard["hazard_class"]), doubtful]
+    words = {False: "axis.evaluation_line", True: "tables.barrier"}
+    kinds = {is_barrier for is_barrier, *_ in _lines(hazard)}
+    lines = [Line2D([], [], label=say(words[k]), **LOOKS[k]) for k in words if k in kinds]
+    return [*_key(hazard["hazard_class"]), doubtful, *lines]
 
 
 def _draw_polygons(axes: Axes, shapes: np.ndarray, **options: Any) -> None:
@@ -130,6 +139,11 @@ def _risk_figure(hazard: xr.Dataset, terrain: Terrain | None) -> figure.Figure:
 
 def begun(hazard: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Room = PAGE) -> Sheet:
     """New map of everything that boulders reached, and of the objects."""
+    return new_sheet(extent_of(hazard, terrain), terrain, key, room=room)
+
+
+def extent_of(hazard: xr.Dataset, terrain: Terrain | None) -> Extent:
+    """Extent of everything that boulders reached, and of the objects."""
     import shapely
 
     passed = hazard["hit_frequency"].values > 0
@@ -138,8 +152,7 @@ def begun(hazard: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Roo
         shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
         west, south, east, north = shapely.total_bounds(shapes)
         x, y = np.append(x, [west, east]), np.append(y, [south, north])
-    extent = around(x, y, grid_of(hazard["hazard_class"])[0].cell, terrain)
-    return new_sheet(extent, terrain, key, room=room)
+    return around(x, y, grid_of(hazard["hazard_class"])[0].cell, terrain)
 
 
 def _listed(colours: list[str]) -> Any:
@@ -165,6 +178,25 @@ def _key(data: xr.DataArray) -> list[Any]:
         Patch(color=colour, label=words[number], alpha=OPAQUE)
         for number, colour in reversed(colours_of(data).items())
     ]
+
+
+def _lines(hazard: xr.Dataset) -> Iterator[tuple[bool, str, np.ndarray, np.ndarray]]:
+    """Mark of barriers, name and vertices of each line and barrier of the case of a hazard, without
+    lying logs."""
+    case = case_in(hazard.attrs)
+    for is_barrier, groups in ((False, case.line), (True, case.barrier)):
+        for group in groups:
+            if "x" in group and "diameter" not in group:
+                vertices = np.array(group["x"], float), np.array(group["y"], float)
+                yield is_barrier, str(group.get("name", "")), *vertices
+
+
+def _draw_lines(sheet: Sheet, hazard: xr.Dataset) -> None:
+    """Draw lines and barriers with their names."""
+    for is_barrier, name, x, y in _lines(hazard):
+        draw_line(sheet, x, y, LOOKS[is_barrier])
+        if (here := inside(x, y, sheet.extent))[0].size:
+            sheet.labels.put(name, beside(*here), weight="bold", fontsize=SMALL)
 
 
 def _draw_objects(sheet: Sheet, hazard: xr.Dataset) -> None:

@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Warnings on the models of the scenarios of a hazard, as it holds them."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from rockfall.language import Text, unpacked
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def messages_of(hazard: xr.Dataset) -> dict[str, list[Text]]:
+    """Warnings on the model of each scenario, in the language in force."""
+    names, messages = (hazard[f"scenario{end}"].values for end in ("", "_messages"))
+    by_name: dict[str, list[Text]] = {}
+    for name, packed_texts in zip(names, messages, strict=True):
+        texts = (unpacked(data, "") for data in json.loads(packed_texts))
+        by_name[str(name)] = [text for text in texts if isinstance(text, Text)]
+    return by_name

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Dossier of a case: the scenarios of each variant, and what is signed."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rockfall.analysis.objects.segments import Roads
+from rockfall.case import read_case
+from rockfall.case.files import input_files
+from rockfall.case.variants import variants
+from rockfall.cli.checkpoints import (
+    check_study_folder,
+    study_checkpoints,
+    study_interrupted,
+)
+from rockfall.cli.given import memory_of, with_overrides
+from rockfall.cli.messages import DONE, print_files, warn, warn_each, warnings_told
+from rockfall.dossiers import (
+    check_needs,
+    designs_of,
+    dossier_files,
+    put_dossier,
+    terrain_of_inputs,
+)
+from rockfall.errors import need
+from rockfall.html_report.dossier_page import answers
+from rockfall.html_report.inputs import Parties
+from rockfall.interrupts import interrupts
+from rockfall.io.output_files import atomic_folder
+from rockfall.protection.yearly import check_period
+from rockfall.simulation.parts.lock import locked
+from rockfall.simulation.simulate import Interrupted
+from rockfall.studies.dossier import read_dossier, run_dossier
+
+
+def dossier_command(arguments: argparse.Namespace) -> int:
+    need("a dossier needs", "vector", "pyogrio", "shapely")
+    check_needs(arguments.language)
+    check_period(arguments.return_period)
+    case = with_overrides(read_case(arguments.case), arguments)
+    folder = arguments.output or Path(f"{arguments.case.stem}_dossier")
+    inputs = [*input_files(case), *arguments.objects]
+    layers = arguments.vulnerability, arguments.segments, arguments.costs
+    inputs += [path for path in layers if path]
+    check_study_folder(folder, dossier_files([*variants(case)] or [""]), inputs)
+    with locked(folder.resolve(), warn):
+        roads = Roads(arguments.segments, arguments.segments_layer, arguments.segment_length)
+        given = arguments.objects, memory_of(arguments), arguments.objects_layer
+        read = read_dossier(case, *given, arguments.vulnerability, roads)
+        runs = [f"run{k}" for k, _ in enumerate(read.runs, start=1)]
+        checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a dossier")
+        for remark in read.remarks:
+            warn(remark)
+        with interrupts():  # completed work is kept
+            try:
+                made = run_dossier(
+                    read, period=arguments.return_period, progress=not arguments.quiet,
+                    checkpoints=dict(zip(read.runs, checkpoints, strict=True)),
+                )  # fmt: skip
+            except Interrupted:
+                return study_interrupted(checkpoints)
+            parties = Parties(arguments.project, arguments.client, arguments.author)
+            how = terrain_of_inputs(read), parties, arguments.language, arguments.costs
+            with atomic_folder(folder, inputs) as part, warnings_told():
+                paths = list(put_dossier(made, part, *how))
+        for checkpoint in checkpoints:
+            checkpoint.remove()
+    warn_each(made.warnings)
+    if not arguments.quiet:
+        print(*answers(made, designs_of(made, arguments.costs)), sep="\n")
+        print_files([folder / path.name for path in paths])
+    return DONE

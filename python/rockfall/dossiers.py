@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Dossier of a case: its pages, its tables as a workbook and a document, and the hazards."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rockfall.analysis.objects.segments import Roads
+from rockfall.analysis.validity.warnings import warn_each
+from rockfall.case import Case
+from rockfall.case.files import files_behind, input_files
+from rockfall.files.hazard_files import read_hazard
+from rockfall.html_report.dossier_page import Given, parts_of, title_of, write_dossier_page
+from rockfall.html_report.inputs import Parties
+from rockfall.html_report.page import check_page, check_page_needs
+from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.tables import write_csv
+from rockfall.language import catalogue, speaking
+from rockfall.office.dossier import write_dossier_document, write_dossier_workbook
+from rockfall.office.tables import FORMATS, check_tables
+from rockfall.plots.terrain import terrain_of
+from rockfall.protection.yearly import YEARS, YearlyDesign, check_period, yearly_design
+from rockfall.result.dataset import put_netcdf
+from rockfall.scene.layers import file_checksum
+from rockfall.studies.dossier import Dossier, DossierInputs, read_dossier, run_dossier
+from rockfall.studies.yearly_variants import yearly_table
+
+if TYPE_CHECKING:
+    from rockfall.result.trajectories import Terrain
+
+PAGES = "dossier.pdf"
+FREQUENCIES = "frequencies.csv"
+
+
+def dossier(
+    case: Case,
+    folder: str | Path,
+    *,
+    objects: Any = None,
+    objects_layer: str | Sequence[str] | None = None,
+    vulnerability: str | Path | None = None,
+    segments: Any = None,
+    segments_layer: str | None = None,
+    segment_length: float | None = None,
+    return_period: float = YEARS,
+    costs: str | Path | None = None,
+    language: str = "en",
+    project: str = "",
+    client: str = "",
+    author: str = "",
+    progress: bool = False,
+    threads: int | None = None,
+    **arrays: Any,
+) -> list[Path]:
+    """Run the scenarios of each variant of a case and write the dossier to `folder`: dossier.pdf,
+    with the answer to be signed on page 1, the same tables as dossier.xlsx and dossier.docx, and
+    each hazard; returns the files.
+
+    `return_period` [year], one of 10, 30, 100, 300 and 1,000, is that of the answers and of what
+    the advised barrier lets pass; `costs` is a table of prices of barriers, as in
+    `rockfall.design`; the other arguments are as in `rockfall.hazard` and `rockfall.report`.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
+    >>> files = rockfall.dossier(case, "dossier")
+    """
+    check_needs(language)
+    check_period(return_period)
+    folder, roads = Path(folder), Roads(segments, segments_layer, segment_length)
+    given = objects, None, objects_layer, vulnerability, roads
+    inputs = read_dossier(case, *given, **arrays)
+    files = list(input_files(case))
+    check_folder(folder)
+    check_outputs([folder / name for name in dossier_files(list(inputs.studies))], files)
+    for line in inputs.remarks:
+        warnings.warn(line, stacklevel=2)
+    made = run_dossier(inputs, period=return_period, progress=progress, threads=threads)
+    parties = Parties(project, client, author)
+    with atomic_folder(folder, files) as part:
+        paths = list(put_dossier(made, part, terrain_of_inputs(inputs), parties, language, costs))
+    warn_each(made.warnings)
+    return [folder / path.name for path in paths]
+
+
+def report_hazard(
+    path: str | Path,
+    page: str | Path,
+    *,
+    dem: str | Path | None = None,
+    return_period: float = YEARS,
+    **imprint: Any,
+) -> Path:
+    """Write the hazard of a file hazard.nc as the pages of a dossier (.pdf, or .html); `dem` is the
+    terrain under its maps, by default that of its case. Returns the path of the pages."""
+    page, hazard = Path(page), read_hazard(path)
+    language = imprint.pop("language", "en")
+    catalogue(language)
+    check_page(page, [path, *files_behind(hazard)])
+    terrain = terrain_of(hazard, dem, Path(path).parent)
+    made = Dossier({"": hazard}, yearly_table({}, {}), return_period)
+    given = Given(Parties(**imprint, result=file_checksum(Path(path))), terrain)
+    write_dossier_page(made, designs_of(made), given, page, language)
+    return page
+
+
+def check_needs(language: str) -> None:
+    """Refuse a dossier that cannot be written, before the work starts."""
+    check_page_needs(PAGES)
+    check_tables(FORMATS, language)
+
+
+def hazard_name(variant: str) -> str:
+    """File name of the hazard of a variant."""
+    return f"hazard_{variant}.nc" if variant else "hazard.nc"
+
+
+def dossier_files(variants: Sequence[str]) -> list[str]:
+    """Names of the files of a dossier."""
+    office = [f"dossier.{ending}" for ending in FORMATS]
+    return [*map(hazard_name, variants), FREQUENCIES, PAGES, *office]
+
+
+def terrain_of_inputs(inputs: DossierInputs) -> Terrain | None:
+    """Terrain under the maps: that of the first variant, unless it is read in windows."""
+    rasters = next(iter(inputs.studies.values())).scene.rasters
+    return (rasters.z, rasters.grid) if rasters.z.size else None
+
+
+def designs_of(made: Dossier, costs: str | Path | None = None) -> dict[str, YearlyDesign]:
+    """Design of barriers at the lines of each hazard that has lines."""
+    return {
+        name: yearly_design(hazard, made.period, costs)
+        for name, hazard in made.hazards.items()
+        if "line_class_behind" in hazard
+    }
+
+
+def put_dossier(
+    made: Dossier,
+    folder: Path,
+    terrain: Terrain | None,
+    parties: Parties,
+    language: str,
+    costs: str | Path | None = None,
+) -> Iterator[Path]:
+    """Write the files of a dossier into a new folder."""
+    designs = designs_of(made, costs)
+    hazards = [folder / hazard_name(name) for name in made.hazards]
+    for path, hazard in zip(hazards, made.hazards.values(), strict=True):
+        put_netcdf(hazard, path, path)
+        yield path
+    write_csv(made.frequencies, folder / FREQUENCIES)
+    yield folder / FREQUENCIES
+    given = Given(parties._replace(result=file_checksum(hazards[0])), terrain)
+    write_dossier_page(made, designs, given, folder / PAGES, language)
+    yield folder / PAGES
+    with speaking(language):
+        parts, title = list(parts_of(made, designs)), title_of(made)
+        yield write_dossier_workbook(title, parts, folder / "dossier.xlsx")
+        yield write_dossier_document(title, parts, folder / "dossier.docx")

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Dossier of a case on paper: page 1 with the question, the answer and the signature, then the map,
+the barrier, the variants, all places, the inputs, and the sheet of the hazard map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.hazard.messages import messages_of
+from rockfall.analysis.validity.warnings import joined_warnings
+from rockfall.case import case_in
+from rockfall.files.segment_files import has_segments
+from rockfall.html_report.inputs import Parties
+from rockfall.html_report.page import write_page
+from rockfall.html_report.render import Picture, picture, rendered
+from rockfall.html_report.summary import yearly_answers
+from rockfall.language import Text, say, speaking, word
+from rockfall.plots.cartography.sheet import Room
+from rockfall.plots.hazard.close_map import close_map
+from rockfall.plots.hazard.hazard_figures import hazard_figures
+from rockfall.plots.hazard.hazard_sheet import Imprint, hazard_sheet
+from rockfall.plots.studies.curves_figure import curves_figure
+from rockfall.protection.yearly import YearlyDesign
+from rockfall.studies.dossier import Dossier
+from rockfall.table import Table, in_line
+from rockfall.tables.dossier import (
+    MOST,
+    Section,
+    answer_table,
+    barrier_answers,
+    places_of,
+    remaining_table,
+    sections,
+    variants_table,
+    years_between,
+)
+from rockfall.text.hazard import hazard_warnings, limits_of_hazard
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.result.trajectories import Terrain
+
+MAP = Room(180 / 25.4, 246 / 25.4)  # of page 2, with its title below
+HOUSES, ADVICE, WARNINGS = 3, 4, 3  # sentences on page 1
+
+
+class Given(NamedTuple):
+    """Parties of a dossier, and the terrain under its maps."""
+
+    parties: Parties
+    terrain: Terrain | None = None
+
+
+def write_dossier_page(
+    dossier: Dossier,
+    designs: Mapping[str, YearlyDesign],
+    given: Given,
+    path: str | Path,
+    language: str,
+) -> None:
+    """Write the pages of a dossier (.pdf, or .html) atomically, in a language."""
+    path = Path(path)
+    with speaking(language):
+        page = _page(dossier, dict(designs), given)
+    write_page(page, path)
+
+
+def _page(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -> str:
+    hazard, parties = dossier.first, given.parties
+    warnings = dossier_warnings(dossier)
+    pages = {section.name: section for section in sections(dossier, designs)}
+    imprint = Imprint(parties.project, parties.client, parties.author)
+    sheet = hazard_sheet(hazard, given.terrain, imprint, [*hazard_warnings(hazard)])
+    return rendered(
+        "dossier.html.j2",
+        title=title_of(dossier),
+        on_paper=True,
+        facts=_facts(hazard, parties),
+        author=parties.author,
+        question=question(dossier),
+        warnings=warnings[:WARNINGS],
+        more_warnings=warnings[WARNINGS:],
+        answers=list(answers(dossier, designs)),
+        tables_first=[_in_lines(table) for table in first_tables(dossier)],
+        certainty=[say("office.intervals"), say("summary.the_brackets_hold_no_error_of")],
+        map=picture(close_map(hazard, given.terrain, MAP), _map_title(dossier), "", on_paper=True),
+        sections=list(pages.values()),
+        figures=dict(_figures(dossier)),
+        sheet=picture(sheet, say("sheet.title"), "", on_paper=True),
+    )
+
+
+def first_tables(dossier: Dossier) -> Iterator[Table]:
+    """Tables of page 1: the first places of those that follow in full."""
+    yield answer_table(dossier.first, dossier.period, MOST)
+    if len(dossier.hazards) > 1:
+        yield variants_table(dossier, MOST)
+        yield remaining_table(dossier)
+
+
+def _in_lines(table: Table) -> Table:
+    """Table with a number and its interval in one line."""
+    return table._replace(rows=[[*map(in_line, row)] for row in table.texts()])
+
+
+def _map_title(dossier: Dossier) -> str:
+    title, name = say("front.zones_of_hazard"), next(iter(dossier.hazards))
+    return say("join.colon", before=title, after=name) if name else title
+
+
+def title_of(dossier: Dossier) -> str:
+    """Title of the case, without the name of a variant."""
+    name, attrs = next(iter(dossier.hazards)), dossier.first.attrs
+    title = str(attrs["title"]).removesuffix(name).removesuffix(": ")
+    return title or Path(str(attrs["case_file"])).stem
+
+
+def question(dossier: Dossier) -> str:
+    """Question of the client: the words of the case, or what the numbers answer."""
+    if asked := case_in(dossier.first.attrs).case["question"]:
+        return str(asked)
+    names = [place.name for place in places_of(dossier.first)[:MOST]]
+    key = "dossier.question_of_variants" if len(dossier.hazards) > 1 else "dossier.question"
+    return say(key, places=names)
+
+
+def _facts(hazard: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
+    program, _, _ = str(hazard.attrs["source"]).partition(", ")
+    return [
+        (say("front.project"), parties.project),
+        (say("front.client"), parties.client),
+        (say("front.date_of_the_run"), str(hazard.attrs.get("date_created", ""))[:10]),
+        (say("label.program"), program),
+        (say("front.result_sha"), parties.result or say("front.not_read_from_a_file")),
+    ]
+
+
+def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]:
+    """Sentences of page 1: lines, the objects hit most often, and the barrier."""
+    hazard = dossier.first
+    yield from yearly_answers(hazard, dossier.period)
+    objects = [place for place in places_of(hazard) if place.kind == "object"]
+    for _, k, name in objects[:HOUSES]:
+        yield _of_object(hazard, k, name)
+    yield from barrier_answers(designs)[:ADVICE]
+
+
+def _of_object(hazard: xr.Dataset, k: int, name: str) -> Text:
+    """Sentence on an object: how often it is hit, and its class."""
+    rates = [float(hazard[f"object_frequency{end}"].values[k]) for end in ("", "_low", "_high")]
+    hazard_class = word(CLASSES[int(hazard["object_hazard_class"].values[k])])
+    years = years_between(*rates)
+    if not rates[0]:
+        return say("dossier.not_hit", name=name, limits=years.interval)
+    values = {"years": years.number, "limits": years.interval, "hazard": hazard_class}
+    return say("dossier.hit", name=name, **values)
+
+
+def dossier_warnings(dossier: Dossier) -> list[Text]:
+    """Warnings on the models of all runs, and on the hazards, each once, with some of its names."""
+    by_run = {
+        f"{name}/{scenario}" if name else scenario: texts
+        for name, hazard in dossier.hazards.items()
+        for scenario, texts in messages_of(hazard).items()
+    }
+    by_variant = {name: list(limits_of_hazard(figure)) for name, figure in dossier.hazards.items()}
+    return [*joined_warnings(by_run), *joined_warnings(by_variant)]
+
+
+def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:
+    """Figures by their section, after its second table."""
+    curves = curves_figure(dossier.hazards)
+    shown = [picture(curves, say("dossier.curves"), say("dossier.curves_caption"), on_paper=True)]
+    if has_segments(dossier.first):
+        shown += [
+            picture(figure.draw(), figure.title, figure.caption, on_paper=True)
+            for figure in hazard_figures(dossier.first)
+            if figure.name.startswith("segments")
+        ][:1]
+    yield "places", shown
+
+
+def parts_of(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Section]:
+    """Sections of page 1 and of what follows, with all their numbers."""
+    notes = [question(dossier), *answers(dossier, designs)]
+    tables = [answer_table(dossier.first, dossier.period)]
+    if len(dossier.hazards) > 1:
+        tables += [variants_table(dossier), remaining_table(dossier)]
+    yield Section("answer", say("section.answer"), notes, tables)
+    yield from sections(dossier, designs)
+    yield Section("validity", say("section.validity"), dossier_warnings(dossier), [])

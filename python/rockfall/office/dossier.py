@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tables of a dossier as a workbook and as a document, in the language in force."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rockfall.language import say, translated
+from rockfall.office.document import Part, write_document
+from rockfall.office.workbook import Sheet, write_workbook
+from rockfall.table import Table
+from rockfall.tables.dossier import Section
+
+
+def write_dossier_document(title: str, sections: Sequence[Section], path: Path) -> Path:
+    """Write all sentences and tables as a document of Word."""
+    return write_document(
+        title, [Part(section.heading, section.notes, section.tables) for section in sections], path
+    )
+
+
+def write_dossier_workbook(title: str, sections: Sequence[Section], path: Path) -> Path:
+    """Write each table as a sheet of a workbook, after one with the sentences; numbers have all
+    their digits, and limits of intervals columns of their own."""
+    rows: list[tuple[str, str]] = [("", title), ("", say("office.intervals"))]
+    sheets, number = [], 0
+    for section in sections:
+        rows += [
+            ("", ""),
+            ("", section.heading),
+            *(("", translated(note)) for note in section.notes),
+        ]
+        for table in section.tables:
+            number += 1
+            rows.append((f"{number}", translated(table.caption)))
+            sheets.append(Sheet(f"{number}", table))
+    first = Sheet(say("section.answer"), Table.of("", ("", ""), rows), is_table=False)
+    return write_workbook([first, *sheets], path)

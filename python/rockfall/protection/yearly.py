@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Barriers by the frequency of what they let pass: loads of a return period at the lines of a
+hazard, the barrier of each class that lets no more pass, and the barriers of the case."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.hazard.levels import yearly
+from rockfall.analysis.hazard.variables import CLASS_ENERGY, EXCEEDED, LEVELS, PERIODS
+from rockfall.errors import RockfallError
+from rockfall.protection.selection import Costs, cost_of, read_costs
+from rockfall.result.variables import ENDS
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+YEARS = 100.0  # return period, if none is asked for
+HIGHEST = 10.0  # [m] of a barrier that is advised: higher ones are not built
+_BEHIND = [f"behind{end}" for end in ENDS]
+_THROUGH = [f"through{end}" for end in ENDS]
+_LOADS = ["line", *(f"{name}{end}" for name in ("frequency", *LEVELS) for end in ENDS)]
+_CHOICES = ["line", "ead_class", "capacity", "height", *_BEHIND, *_THROUGH, "cost", "advised"]
+_CHECKS = ["line", "height", "capacity", *_BEHIND, "holds", "certain"]
+
+
+@dataclass(frozen=True)
+class YearlyDesign:
+    """Tables for a return period [year], in SI units, with 95 % limits.
+
+    `loads`: for each line and barrier the boulders that come a year, and the energy and height that
+    one of them reaches once in the period. `choices`: for each line and class of EAD 340059 the
+    least height [m], up to `HIGHEST`, of a barrier that lets a boulder pass at most once in the
+    period, by the upper limit, or NaN; how many are left `behind` it a year, and how many would
+    break `through` any of that class; and which one is advised: the cheapest, where boulders may
+    come more often than once in the period. `checks`: what the barriers of the case let pass a
+    year, and whether that is at most once in the period.
+    """
+
+    period: float
+    loads: pd.DataFrame
+    choices: pd.DataFrame
+    checks: pd.DataFrame
+
+
+def yearly_design(
+    hazard: xr.Dataset, return_period: float = YEARS, costs: str | Path | None = None
+) -> YearlyDesign:
+    """Design of barriers at the lines of a hazard for a return period [year], over all of its
+    scenarios. `costs` is a table of prices of barriers, as in `rockfall.design`. A RockfallError
+    refuses a hazard without lines, and other return periods than those of its levels.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
+    >>> sheet = rockfall.yearly_design(rockfall.hazard(case), 100.0)
+    >>> sheet.loads["line"].tolist()
+    ['L']
+    """
+    import pandas as pd
+
+    if "line_class_behind" not in hazard:
+        raise RockfallError(
+            "design: the hazard has no lines: give the case a &line and run it again"
+        )
+    check_period(return_period)
+    periods = hazard["event_period"].values.tolist()
+    prices = None if costs is None else read_costs(costs)
+    at = periods.index(return_period)
+    names = [str(name) for name in hazard["line"].values]
+    loads = [{"line": name} | _loads(hazard, k, at) for k, name in enumerate(names)]
+    choices = [
+        {"line": name} | row
+        for k, name in enumerate(names)
+        for row in _choices(hazard, k, 1 / return_period, prices)
+    ]
+    checks = [
+        {"line": name} | _check(hazard, k, 1 / return_period)
+        for k, name in enumerate(names)
+        if not np.isnan(hazard["line_barrier_height"].values[k])
+    ]
+    return YearlyDesign(
+        return_period,
+        pd.DataFrame(loads, columns=_LOADS),
+        pd.DataFrame(choices, columns=_CHOICES),
+        pd.DataFrame(checks, columns=_CHECKS),
+    )
+
+
+def check_period(years: float) -> None:
+    """Refuse a return period whose levels a hazard does not have."""
+    if years not in PERIODS:
+        shown = ", ".join(f"{period:g}" for period in PERIODS)
+        raise RockfallError(f"return_period = {years:g}: must be one of {shown}")
+
+
+def _loads(hazard: xr.Dataset, k: int, at: int) -> dict[str, float]:
+    row = {f"frequency{end}": float(hazard[f"line_frequency{end}"].values[k]) for end in ENDS}
+    return row | {
+        f"{name}{end}": float(hazard[f"line_{name}_by_period{end}"].values[k, at])
+        for name in LEVELS
+        for end in ENDS
+    }
+
+
+def _choices(
+    hazard: xr.Dataset, k: int, allowed: float, prices: Costs | None
+) -> Iterator[dict[str, Any]]:
+    """Rows of a line: at most `allowed` [1/year] may pass."""
+    tall = EXCEEDED["height"] <= HIGHEST
+    rates = yearly(hazard, hazard["line_class_behind"].values[:, k][..., tall])
+    rows = []
+    for number, (value, low, high) in enumerate(zip(*rates, strict=True)):
+        row = dict.fromkeys(_CHOICES[1:], np.nan)
+        row |= {"ead_class": number, "capacity": CLASS_ENERGY[number]}
+        row |= dict(zip(_THROUGH, (value[-1], low[-1], high[-1]), strict=True))
+        if (high <= allowed).any():
+            least = int(np.argmax(high <= allowed))
+            row["height"] = float(EXCEEDED["height"][least])
+            row |= dict(zip(_BEHIND, (value[least], low[least], high[least]), strict=True))
+        row["cost"] = cost_of(number, row["height"], prices)
+        rows.append(row | {"advised": False})
+    priced = [row for row in rows if not np.isnan(row["cost"])]
+    if priced and float(hazard["line_frequency_high"].values[k]) > allowed:
+        min(priced, key=lambda row: row["cost"])["advised"] = True
+    yield from rows
+
+
+def _check(hazard: xr.Dataset, k: int, allowed: float) -> dict[str, Any]:
+    """Check of the barrier at a line by what it lets pass."""
+    value, low, high = (
+        float(limit) for limit in yearly(hazard, hazard["line_behind"].values[:, k])
+    )
+    names = ("height", "capacity")
+    given = {name: float(hazard[f"line_barrier_{name}"].values[k]) for name in names}
+    verdict = {"holds": value <= allowed, "certain": (low <= allowed) == (high <= allowed)}
+    return given | dict(zip(_BEHIND, (value, low, high), strict=True)) | verdict

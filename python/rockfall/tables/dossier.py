@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sections of a dossier: sentences and tables, which the page, Word and Excel show alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.hazard.levels import PLACES
+from rockfall.analysis.hazard.variables import CLASS_ENDS
+from rockfall.case import case_in
+from rockfall.files.risk_files import has_risk
+from rockfall.files.segment_files import has_segments
+from rockfall.language import Text, say, word
+from rockfall.protection.yearly import YearlyDesign
+from rockfall.quantities import small
+from rockfall.result.variables import ENDS
+from rockfall.studies.dossier import Dossier
+from rockfall.table import Column, Estimate, Table
+from rockfall.tables.hazard import (
+    assumptions,
+    class_table,
+    class_within,
+    level_cell,
+    object_table,
+    period_tables,
+    risk_table,
+    scenario_table,
+    segment_table,
+)
+from rockfall.tables.run import hazard_inputs
+from rockfall.tables.variants import difference_table, measures_table
+from rockfall.tables.yearly_design import (
+    advice,
+    check_tables,
+    choice_tables,
+    loads_table,
+    verdicts,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST = 8  # places on page 1
+CHOICES = 2  # lines with a table of barriers
+
+
+class Section(NamedTuple):
+    """A part of a dossier: a name, its heading, sentences and tables."""
+
+    name: str
+    heading: str
+    notes: Sequence[str]
+    tables: Sequence[Table]
+
+
+class Place(NamedTuple):
+    """A line, object or segment of a hazard, by its kind and index there."""
+
+    kind: str
+    k: int
+    name: str
+
+
+def places_of(hazard: xr.Dataset) -> list[Place]:
+    """Evaluation lines in their order, then objects and segments, those hit most often first;
+    without barriers."""
+    places = []
+    for kind in PLACES:
+        if kind not in hazard.dims:
+            continue
+        order = np.arange(hazard.sizes[kind])
+        if kind == "line":
+            order = np.flatnonzero(np.isnan(hazard["line_barrier_height"].values))
+        else:
+            order = np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")
+        places += [Place(kind, int(k), str(hazard[kind].values[k])) for k in order]
+    return places
+
+
+def sections(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Section]:
+    """Sections after page 1. `designs`: of the variants whose hazards have lines."""
+    hazard, several = dossier.first, len(dossier.hazards) > 1
+    if designs:
+        yield _protection(designs)
+    if several:
+        costs = costs_of(dossier)
+        cases = {name: case_in(hazard.attrs) for name, hazard in dossier.hazards.items()}
+        tables = [measures_table(cases, costs), difference_table(dossier.frequencies),
+                  period_table(dossier)]  # fmt: skip
+        notes = [say("dossier.common"), say("variants.note_of_mark")]
+        yield Section("variants", say("dossier.variants"), notes, tables)
+    tables = [*period_tables(hazard)]
+    tables += [object_table(hazard)] if "object" in hazard.dims else []
+    tables += [segment_table(hazard)] if has_segments(hazard) else []
+    tables += [risk_table(hazard)] if has_risk(hazard) else []
+    notes = [say("dossier.of_variant", name=name) for name in list(dossier.hazards)[: 1 * several]]
+    yield Section("places", say("dossier.places"), notes, tables)
+    tables = [scenario_table(hazard), class_table(hazard), hazard_inputs(hazard)]
+    notes = [say("hazard.population"), *assumptions(hazard)]
+    yield Section("inputs", say("section.inputs"), notes, tables)
+
+
+def _protection(designs: dict[str, YearlyDesign]) -> Section:
+    """The barrier, from the design of the first variant, and the barriers of the others."""
+    first = next(iter(designs.values()))
+    tables = [loads_table(first), *list(choice_tables(first))[:CHOICES]]
+    for name, sheet in designs.items():
+        for table in check_tables(sheet):
+            caption = say("join.colon", before=name, after=table.caption) if name else table.caption
+            tables.append(table._replace(caption=caption))
+    return Section("protection", say("section.protection"), barrier_answers(designs), tables)
+
+
+def barrier_answers(designs: dict[str, YearlyDesign]) -> list[Text]:
+    """Sentences on the barrier that is advised, then on those of the variants."""
+    texts = list(advice(next(iter(designs.values())))) if designs else []
+    for name, sheet in designs.items():
+        for text in verdicts(sheet):
+            texts.append(say("join.colon", before=name, after=text) if name else text)
+    return texts
+
+
+def costs_of(dossier: Dossier) -> dict[str, float]:
+    """Cost of each variant that has one."""
+    given = case_in(dossier.first.attrs).variant or []
+    return {variant["name"]: variant["cost"] for variant in given if "cost" in variant}
+
+
+def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> Table:
+    """Frequency, return period, energy and height once in a period, and class of hazard, of each
+    place."""
+    at = hazard["event_period"].values.tolist().index(period)
+    rows = []
+    for place in places_of(hazard)[:most]:
+        rates = [_number(hazard, place, f"frequency{end}") for end in ENDS]
+        energy, height = (
+            _level(hazard, place, name, at, factor)
+            for name, factor in (("energy", 1e-3), ("height", 1.0))
+        )
+        rows.append(
+            (place.name, _estimate(rates), years_between(*rates), energy, height,
+             _class(hazard, place))
+        )  # fmt: skip
+    heads = (
+        say("hazard.place"), say("hazard.boulders_a_year"), say("dossier.years"),
+        say("variants.energy_by_period", years=f"{period:g}"),
+        say("dossier.height_by_period", years=period), say("hazard.hazard"),
+    )  # fmt: skip
+    return Table.of(say("dossier.answer_caption"), heads, rows)
+
+
+def years_between(value: float, low: float, high: float) -> Estimate:
+    """Return period of a frequency [1/year], with its limits."""
+    with np.errstate(divide="ignore"):
+        value, low, high = (float(np.divide(1.0, rate)) for rate in (value, high, low))
+    ends = (end if np.isfinite(end) else np.nan for end in (low, high))
+    return _estimate([value, *ends])
+
+
+def _estimate(three: Sequence[float], digits: int = 2) -> Estimate:
+    value, low, high = three
+    return Estimate(value, low, high, digits)
+
+
+def _number(hazard: xr.Dataset, place: Place, name: str) -> float:
+    return float(hazard[f"{place.kind}_{name}"].values[place.k])
+
+
+def _level(hazard: xr.Dataset, place: Place, name: str, at: int, factor: float) -> Any:
+    """Level of a return period at a place."""
+    names = [f"{place.kind}_{name}_by_period{end}" for end in ENDS]
+    if names[0] not in hazard:
+        return "-"
+    levels = [factor * float(hazard[each].values[place.k, at]) for each in names]
+    return "-" if np.isnan(levels[0]) else level_cell(*levels)
+
+
+def _class(hazard: xr.Dataset, place: Place) -> str:
+    """Class of hazard of a place, with its limits; lines have none."""
+    if f"{place.kind}_hazard_class" not in hazard:
+        return "-"
+    names = {
+        f"hazard{end}": CLASSES[int(_number(hazard, place, f"hazard_class{end}"))]
+        for end in CLASS_ENDS
+    }
+    return class_within(names)
+
+
+def variants_table(dossier: Dossier, most: int | None = None) -> Table:
+    """Boulders a year at each place, a column for each variant."""
+    rows = [
+        (place.name, *(_frequency(hazard, place) for hazard in dossier.hazards.values()))
+        for place in places_of(dossier.first)[:most]
+    ]
+    heads = say("hazard.place"), *dossier.hazards
+    return Table.of(say("dossier.variants_caption"), heads, rows)
+
+
+def _frequency(hazard: xr.Dataset, place: Place) -> Estimate:
+    return _estimate([_number(hazard, place, f"frequency{end}") for end in ENDS])
+
+
+def period_table(dossier: Dossier) -> Table:
+    """Energy once in the period at each place, a column for each variant."""
+    at = dossier.first["event_period"].values.tolist().index(dossier.period)
+    rows = [
+        (
+            place.name,
+            *(_level(hazard, place, "energy", at, 1e-3) for hazard in dossier.hazards.values()),
+        )
+        for place in places_of(dossier.first)
+    ]
+    heads = say("hazard.place"), *dossier.hazards
+    return Table.of(say("variants.energy_by_period", years=f"{dossier.period:g}"), heads, rows)
+
+
+def remaining_table(dossier: Dossier) -> Table:
+    """Table of what is left with each variant: the highest class of an object, damage, expected
+    deaths and the highest individual risk a year, and its cost."""
+    costs, risky = costs_of(dossier), has_risk(dossier.first)
+    heads: list[str | Column] = [say("dossier.variant"), say("dossier.highest_class")]
+    heads += [say(f"dossier.{name}") for name in ("damage", "deaths", "individual")] * risky
+    heads += [Column(say("variants.cost"), decimals=0)] * bool(costs)
+    rows = []
+    for name, hazard in dossier.hazards.items():
+        kinds = [kind for kind in PLACES if f"{kind}_hazard_class" in hazard]
+        worst = max((int(hazard[f"{kind}_hazard_class"].max()) for kind in kinds), default=0)
+        row: list[object] = [name, word(CLASSES[worst]) if kinds else "-"]
+        if risky:
+            damage, deaths = (
+                [float(hazard[f"total_{what}{end}"]) for end in ENDS]
+                for what in ("damage", "collective_risk")
+            )
+            most = float(np.nanmax(hazard["object_individual_risk"].values, initial=0.0))
+            row += [_estimate(damage, 3), _estimate(deaths), small(most)]
+        rows.append([*row, *[costs.get(name, "-")] * bool(costs)])
+    return Table.of(say("dossier.remaining_caption"), heads, rows)

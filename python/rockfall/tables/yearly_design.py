@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Barriers by the frequency of what they let pass, as tables, as sentences, and as text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from rockfall.language import Text, say, word
+from rockfall.protection.yearly import HIGHEST, YearlyDesign
+from rockfall.quantities import DESIGN
+from rockfall.result.variables import ENDS
+from rockfall.table import Column, Estimate, Table, as_text
+from rockfall.tables.hazard import level_cell
+
+Row = Mapping[Any, Any]
+
+
+def yearly_design_text(sheet: YearlyDesign) -> str:
+    """The advice, and all tables."""
+    parts: list[str] = [say("yearly.about", years=sheet.period), *advice(sheet), *verdicts(sheet)]
+    for table in yearly_design_tables(sheet):
+        parts += ["", table.caption, as_text(table)]
+    return "\n".join(parts)
+
+
+def yearly_design_tables(sheet: YearlyDesign) -> Iterator[Table]:
+    """Loads at all lines, the choices at each, and the barriers of the case."""
+    yield loads_table(sheet)
+    yield from check_tables(sheet)
+    yield from choice_tables(sheet)
+
+
+def loads_table(sheet: YearlyDesign) -> Table:
+    """Boulders a year, and energy and height once in the return period, at lines and barriers."""
+    rows = []
+    for row in sheet.loads.to_dict("records"):
+        energy, height = (
+            level_cell(*(factor * row[f"{name}{end}"] for end in ENDS))
+            for name, factor in (("energy", 1e-3), ("height", 1.0))
+        )
+        rows.append((row["line"], Estimate.of(row, "frequency", digits=2), energy, height))
+    titles = (DESIGN[name].title for name in ("energy_total", "passing_height"))
+    heads = say("label.line_or_barrier"), say("hazard.boulders_a_year"), *titles
+    return Table.of(say("yearly.loads_caption", years=sheet.period), heads, rows)
+
+
+def choice_tables(sheet: YearlyDesign) -> Iterator[Table]:
+    """Barriers of each class at the lines that need one."""
+    heads = (
+        say("yearly.class"), Column(say("yearly.capacity"), "kJ", 0),
+        Column(say("yearly.least_height"), "m", 1), say("yearly.behind"), say("yearly.through"), "",
+    )  # fmt: skip
+    for line, rows in sheet.choices.groupby("line", sort=False):
+        if rows["advised"].any():
+            cells = [
+                (f"{row['ead_class']:.0f}", row["capacity"] / 1000, row["height"],
+                 Estimate.of(row, "behind", digits=2), Estimate.of(row, "through", digits=2),
+                 say("yearly.advised") if row["advised"] else "")
+                for row in rows.to_dict("records")
+            ]  # fmt: skip
+            yield Table.of(
+                say("yearly.choices_caption", line=line, years=sheet.period), heads, cells
+            )
+
+
+def check_tables(sheet: YearlyDesign) -> Iterator[Table]:
+    """Barriers of the case; no table without."""
+    if len(sheet.checks):
+        came = sheet.loads.set_index("line")
+        rows = [
+            (row["line"], row["height"], row["capacity"] / 1000,
+             Estimate.of(came.loc[row["line"]], "frequency", digits=2),
+             Estimate.of(row, "behind", digits=2), verdict(row))
+            for row in sheet.checks.to_dict("records")
+        ]  # fmt: skip
+        heads = (
+            say("tables.barrier"), Column(say("yearly.height"), "m", 1),
+            Column(say("yearly.capacity"), "kJ", 0), say("yearly.come"), say("yearly.behind"),
+            say("yearly.enough", years=sheet.period),
+        )  # fmt: skip
+        yield Table.of(say("yearly.checks_caption"), heads, rows)
+
+
+def verdict(row: Row) -> Text | str:
+    """Verdict on a barrier: whether it lets a boulder pass at most once in the period."""
+    return word(("yes" if row["holds"] else "no") if row["certain"] else "undecided")
+
+
+def verdicts(sheet: YearlyDesign) -> Iterator[Text]:
+    """A sentence on each barrier of the case."""
+    for row in sheet.checks.to_dict("records"):
+        behind = Estimate.of(row, "behind", digits=2)
+        answer = "undecided" if not row["certain"] else "holds" if row["holds"] else "fails"
+        yield say(
+            f"yearly.{answer}", line=row["line"], height=row["height"],
+            capacity=row["capacity"] / 1000, behind=behind.number, limits=behind.interval,
+            years=sheet.period,
+        )  # fmt: skip
+
+
+def advice(sheet: YearlyDesign) -> Iterator[Text]:
+    """For each line without a barrier the barrier that is advised, and why no weaker one."""
+    held = {*sheet.checks["line"]}
+    for load in sheet.loads.to_dict("records"):
+        line = load["line"]
+        if line not in held:
+            rows = sheet.choices[sheet.choices["line"] == line]
+            yield from _advice(line, load, rows.to_dict("records"), sheet.period)
+
+
+def _advice(line: str, load: Row, rows: list[dict[Any, Any]], years: float) -> Iterator[Text]:
+    advised = next((row for row in rows if row["advised"]), None)
+    if advised is None:
+        if load["frequency_high"] > 1 / years:
+            yield say("yearly.none_enough", line=line, years=years, highest=HIGHEST)
+        else:
+            yield say("yearly.no_barrier", line=line, years=years)
+        return
+    behind = Estimate.of(advised, "behind", digits=2)
+    values = {"line": line, "ead_class": f"{advised['ead_class']:.0f}", "years": years}
+    yield say(
+        "yearly.advice", **values, capacity=advised["capacity"] / 1000, height=advised["height"],
+        behind=behind.number, limits=behind.interval,
+    )  # fmt: skip
+    weaker = [row for row in rows if row["ead_class"] < advised["ead_class"]]
+    if not weaker:
+        return
+    nearest = weaker[-1]
+    weak = f"{nearest['ead_class']:.0f}"
+    if np.isnan(nearest["height"]):
+        through = Estimate.of(nearest, "through", digits=2)
+        limits = through.interval
+        yield say("yearly.too_weak", weak=weak, through=through.number, limits=limits)
+    else:
+        yield say("yearly.higher", weak=weak, height=nearest["height"])

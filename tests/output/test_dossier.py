@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The dossier: each number of page 1 is in its tables and comes from Python, one place has one
+frequency in all products, and the pages are few and full in every language."""
+
+import re
+from html import unescape
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rockfall
+import scenes
+from made import leave_pictures_blank, make_layer, refused
+from rockfall.case.variants import variants
+from rockfall.cli import main
+from rockfall.files.hazard_files import read_hazard
+from rockfall.language import LANGUAGES, speaking
+from rockfall.tables.dossier import answer_table, places_of
+
+for package in ("shapely", "weasyprint", "openpyxl", "docx", "matplotlib", "jinja2"):
+    pytest.importorskip(package, reason="an extra is not installed")
+import docx  # noqa: E402
+import openpyxl  # noqa: E402
+import shapely  # noqa: E402
+
+from rockfall.html_report import dossier_page  # noqa: E402
+
+Z = scenes.rough()
+PLACE = {"dem": Z, "transform": scenes.grid(Z)}
+GROUPS = {
+    "release": {"x": [120.0, 180.0], "y": [380.0, 385.0], "drop_height": 5.0},
+    "case": {"boulders": 300, "title": "Valley", "question": "Is the house safe?"},
+    "line": [{"name": "road", "x": [0.0, 300.0], "y": [200.0, 200.0]}],
+    "barrier": [{"name": "net", "x": [60.0, 240.0], "y": [300.0] * 2, "height": 4.0, "class": 3}],
+    "variant": [
+        {"name": "today", "without": ["barrier"]},
+        {"name": "with net", "cost": 120000.0},
+    ],
+    "scenario": [
+        {"name": "often", "frequency": 1.0},
+        {"name": "large", "frequency": 0.1, "volume_mean": 3.0},
+    ],
+}
+HOUSES = [shapely.box(130.0, 150.0, 150.0, 170.0), shapely.box(20.0, 60.0, 40.0, 80.0)]
+NUMBER = re.compile(r"\d[\d,\u202f]*(?:[.,]\d+)?")
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("case")
+    make_layer(folder / "houses.gpkg", HOUSES, crs=None, name=["house 1", "house 2"],
+               value=[6e5, 4e5], persons=[4.0, 2.0], presence=[0.6, 0.6])  # fmt: skip
+    named = ("variant", "scenario", "barrier")
+    groups = {name: own for name, own in GROUPS.items() if name not in named}
+    made = scenes.make_case(folder, *scenes.sets(2.0), **groups)
+    return made.replace(**{name: GROUPS[name] for name in named})
+
+
+@pytest.fixture(scope="module")
+def made(case):
+    """The folder of the dossier, and the text of its pages."""
+    folder = case.path("houses.gpkg").parent / "dossier"
+    pages = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dossier_page, "write_page", lambda page, _: pages.append(page))
+        leave_pictures_blank(patch)
+        with pytest.warns(UserWarning):
+            rockfall.dossier(case, folder, objects=case.path("houses.gpkg"), **PLACE)
+    return folder, pages[0]
+
+
+def first_page(page):
+    """Text of page 1, without markup."""
+    part = page[page.index('<section id="answer">') : page.index('<div class="signature"')]
+    return unescape(re.sub(r"<[^>]+>", " ", part))
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_one_place_has_one_frequency_in_all_products(case, made):
+    folder, _ = made
+    rows = pd.read_csv(folder / "frequencies.csv")
+    rows = rows[(rows["quantity"] == "frequency") & (rows["statistic"] == "all")]
+    rows = rows.set_index(["line", "variant"])["value"]
+    yearly = rockfall.yearly_variants(case, **PLACE).table
+    yearly = yearly[(yearly["quantity"] == "frequency") & (yearly["statistic"] == "all")]
+    yearly = yearly.set_index(["line", "variant"])["value"]
+    for name, own in variants(case).items():
+        found = rockfall.hazard(own, objects=case.path("houses.gpkg"), **PLACE)
+        kept = read_hazard(folder / f"hazard_{name}.nc")
+        for kind, place in (("line", "road"), ("object", "house 1"), ("object", "house 2")):
+            frequency = float(found[f"{kind}_frequency"].sel({kind: place}))
+            assert float(kept[f"{kind}_frequency"].sel({kind: place})) == frequency
+            assert rows[place, name] == pytest.approx(frequency, rel=1e-12)
+            curve = rockfall.exceedance(kept, place)
+            assert curve["frequency"][0] == frequency
+        assert yearly["road", name] == pytest.approx(rows["road", name], rel=1e-12)
+        assert (found["hazard_class"].values == kept["hazard_class"].values).all()
+
+
+def test_every_number_of_page_1_is_in_the_tables_and_from_python(case, made):
+    folder, page = made
+    text = first_page(page)
+    assert "Is the house safe?" in text
+    document = docx.Document(str(folder / "dossier.docx"))
+    cells = [cell.text for table in document.tables for row in table.rows for cell in row.cells]
+    sentences = [paragraph.text for paragraph in document.paragraphs]
+    known = {*NUMBER.findall("\n".join([*cells, *sentences]))}
+    said = NUMBER.findall(text)
+    assert len(said) > 40
+    assert not [number for number in said if number not in known]
+    book = openpyxl.load_workbook(folder / "dossier.xlsx")
+    first = book.worksheets[1]
+    values = {row[0]: row[1:] for row in first.iter_rows(min_row=2, values_only=True)}
+    hazard = read_hazard(folder / "hazard_today.nc")
+    for place in places_of(hazard):
+        row = values[place.name]
+        for end, number in zip(("", "_low", "_high"), row[:3], strict=True):
+            assert number == float(hazard[f"{place.kind}_frequency{end}"].values[place.k])
+        period = rockfall.return_period(hazard, place.name)
+        assert row[3] == pytest.approx(period.value if np.isfinite(period.value) else None)
+        level = hazard[f"{place.kind}_energy_by_period"].sel(event_period=100.0).values[place.k]
+        assert row[6] == pytest.approx(level / 1000)
+
+
+def test_the_answer_shows_the_numbers_of_the_hazard(made):
+    folder, page = made
+    hazard, text = read_hazard(folder / "hazard_today.nc"), first_page(page)
+    for row in answer_table(hazard, 100.0).texts():
+        for cell in row:
+            assert " ".join(str(cell).split()) in " ".join(text.split())
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_pages_are_few_and_full(made, monkeypatch, language):
+    """At most eight pages, with the signature on the first; what follows page 1 fills more than
+    half of each page but the last of the texts."""
+    from weasyprint import HTML
+
+    folder, _ = made
+    hazards = {name: read_hazard(folder / f"hazard_{name}.nc") for name in ("today", "with net")}
+    frequencies = pd.read_csv(folder / "frequencies.csv", dtype={"statistic": str})
+    frequencies["verdict"] = frequencies["verdict"].astype(object)
+    pages = []
+    monkeypatch.setattr(dossier_page, "write_page", lambda page, _: pages.append(page))
+    leave_pictures_blank(monkeypatch)
+    from rockfall.dossiers import designs_of
+    from rockfall.html_report.inputs import Parties
+    from rockfall.studies.dossier import Dossier
+
+    found = Dossier(hazards, frequencies)
+    given = dossier_page.Given(Parties("P 1", "Client", "Author"))
+    dossier_page.write_dossier_page(found, designs_of(found), given, "dossier.pdf", language)
+    document = HTML(string=pages[0]).render()
+    assert len(document.pages) <= 8
+    assert "signature" in document.pages[0].anchors
+    assert [round(page.width) for page in document.pages[:2]] == [794, 794]  # A4
+    assert round(document.pages[-1].width) == 1587  # A3
+    with speaking(language):
+        words = first_page(pages[0])
+    assert language == "en" or "boulders" not in words
+
+
+def test_bad_input_is_refused_in_one_line_before_a_run(case, tmp_path, monkeypatch, capsys):
+    with refused("return_period = 50: must be one of 10, 30, 100, 300, 1000"):
+        rockfall.dossier(case, tmp_path / "new", return_period=50.0, **PLACE)
+    with refused("case: a dossier needs a road or houses: give a &line, --objects or --segments"):
+        rockfall.dossier(case.replace(line=[], barrier=[], variant=[]), tmp_path / "new", **PLACE)
+    with refused("case: a hazard needs a &scenario: a class of boulders with its frequency"):
+        rockfall.dossier(case.replace(scenario=[]), tmp_path / "new", **PLACE)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_lines_design_and_report_take_a_hazard(made, tmp_path, monkeypatch, capsys):
+    folder, _ = made
+    path = str(folder / "hazard_with net.nc")
+    assert main(["lines", path, "-o", str(tmp_path / "lines.csv")]) == 0
+    assert "house 1" in capsys.readouterr().out
+    table = pd.read_csv(tmp_path / "lines.csv")
+    assert set(table["name"]) == {"road", "net", "house 1", "house 2"}
+    assert main(["design", path, "--return-period", "30", "-o", str(tmp_path / "sheet")]) == 0
+    assert "once in 30 years" in capsys.readouterr().out
+    loads = pd.read_csv(tmp_path / "sheet" / "design_loads.csv")
+    assert loads["line"].tolist() == ["road", "net"]
+    leave_pictures_blank(monkeypatch)
+    assert main(["report", path, "-o", str(tmp_path / "page.html")]) == 0
+    assert "house 1" in (tmp_path / "page.html").read_text()
+    for words in (["lines", path, "--by", "volume"], ["design", path, "--residual", "0.1"],
+                  ["report", path, "--limits", "kJ=1"]):  # fmt: skip
+        assert main(words) == 2
+        assert "is for results OUT.nc" in capsys.readouterr().err
