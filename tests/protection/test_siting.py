@@ -7,6 +7,7 @@ import gc
 import math
 import weakref
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from rockfall.cli import main
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.result.crossings import at_lines, line_names
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.barrier_advice import group_of
 from rockfall.studies.siting import (
     BEST,
     COLUMNS,
@@ -28,6 +30,7 @@ from rockfall.studies.siting import (
     choose,
     under_doubt,
 )
+from rockfall.studies.variants import at_line as variant_line
 from rockfall.tables.siting import siting_text
 from scenes import FACTORS, grid, make_case, rough, sets
 
@@ -191,12 +194,14 @@ def test_runs_in_turn_find_the_same(case, found):
 
 
 def test_lines_are_let_go_between_runs(case, monkeypatch):
-    """At any time there is one result."""
+    """At any time there is one result; but that of the advised barrier is small, at the lines of
+    the case alone."""
     alive = []
 
     def counted(scene, **how):
         gc.collect()
-        assert not [one for one in alive if one() is not None]
+        is_advised = bool(scene.case.barrier)
+        assert len([one for one in alive if one() is not None]) == is_advised
         result = run_scene(scene, **how)
         alive.append(weakref.ref(result))
         return result
@@ -204,7 +209,7 @@ def test_lines_are_let_go_between_runs(case, monkeypatch):
     for where in "study", "siting":
         monkeypatch.setattr(f"rockfall.studies.{where}.run_scene", counted)
     site(case, "road", every=100.0, to=200.0, memory=2 * 44 * 900 * 2, **TERRAIN)
-    assert len(alive) == 4  # three alignments, and the best
+    assert len(alive) == 5  # three alignments, the best, and a barrier there
 
 
 def test_the_table_says_what_is_printed(case):
@@ -237,6 +242,82 @@ def test_a_doubt_never_turns_a_refusal():
     assert under_doubt(refused_one, "forest") == forest | refused_one
 
 
+def passing(result, name="road"):
+    """Fraction of the boulders that pass a line, without those that a barrier on it stops."""
+    speeds = variant_line(result, name)["speed"]
+    return np.mean(~np.isnan(speeds))
+
+
+def test_the_advised_barrier_is_verified_by_a_run_with_it(case, found):
+    advice = found.advice
+    assert not advice.yearly and advice.acceptable is None and advice.is_enough is None
+    row = at(found, advice.barrier.alignment.name)
+    assert row["choice"] == BEST and advice.barrier.ead_class == row["ead_class_high"]
+    assert row["height_needed_high"] <= advice.barrier.height < row["height_needed_high"] + 0.5
+    bare = rockfall.run(case, **TERRAIN)
+    held = rockfall.run(case.replace(barrier=[group_of(advice.barrier)]), **TERRAIN)
+    assert advice.today[0] == passing(bare)
+    assert advice.left[0] == passing(held) and advice.left[1] <= advice.left[0] <= advice.left[2]
+    assert advice.has_effect and advice.change[0] == pytest.approx(passing(held) - passing(bare))
+    if advice.ways:
+        assert sum(advice.ways.values()) == pytest.approx(1)
+    assert f"Advised: {row.name}, class" in siting_text(found)
+
+
+def scenarios(case):
+    return case.replace(
+        case={"boulders": 200},
+        scenario=[
+            {"name": "often", "return_period": 0.5, "volume": "fixed", "volume_mean": 0.3},
+            {"name": "rare", "return_period": 20.0, "volume": "fixed", "volume_mean": 2.5},
+        ],
+    )
+
+
+def test_frequencies_are_sums_over_scenarios_and_a_barrier_grows_until_they_are_acceptable(case):
+    case = scenarios(case)
+    how = {"every": 40.0, "to": 40.0, **TERRAIN}
+    usual = site(case, "road", **how).advice
+    yearly, today, left = (2.0, 0.05), [], []
+    for scenario in case.scenario:
+        volume = {"volume": "fixed", "volume_mean": scenario["volume_mean"], "volume_std": None}
+        own = case.replace(boulder=volume, scenario=[])
+        barrier = own.replace(barrier=[group_of(usual.barrier)])
+        today.append(passing(rockfall.run(own, **TERRAIN)))
+        left.append(passing(rockfall.run(barrier, **TERRAIN)))
+    assert usual.yearly
+    assert usual.today[0] == pytest.approx(np.dot(yearly, today))
+    assert usual.left[0] == pytest.approx(np.dot(yearly, left)) and usual.left[0] > 0
+
+    wanted = 0.6 * usual.left[2]
+    enough = site(case, "road", acceptable=wanted, **how).advice
+    assert enough.is_enough and enough.left[2] <= wanted
+    height, ead_class = enough.barrier[1:]
+    assert height > usual.barrier.height or ead_class > usual.barrier.ead_class
+    never = site(case, "road", acceptable=1e-9, **how)
+    assert never.advice.is_enough is False and never.advice.left[2] > 1e-9
+    assert f"not met by any of {never.advice.tried} alignments within" in siting_text(never)
+
+
+def test_a_barrier_that_is_too_short_is_told(case):
+    short = [shapely.LineString([(140.0, 300.0), (160.0, 300.0)])]
+    geopandas = pytest.importorskip("geopandas")
+    layer = geopandas.GeoDataFrame({"name": ["short"]}, geometry=short)
+    advice = site(case, "road", candidates=layer, max_bypass=1.0, **TERRAIN).advice
+    assert advice.ways["round"] > 0.9 and advice.left[0] > 0.5 * advice.today[0]
+    aside = [shapely.LineString([(2.0, 470.0), (6.0, 470.0)])]
+    layer = geopandas.GeoDataFrame({"name": ["aside"]}, geometry=aside)
+    assert site(case, "road", candidates=layer, max_bypass=1.0, **TERRAIN).advice is None
+
+
+def test_a_barrier_needs_its_space(case):
+    found = site(case, "road", every=40.0, to=80.0, space=50.0, **TERRAIN)
+    assert found.table["space"].tolist() == pytest.approx([0, 40, 80])
+    assert found.table["fits"].tolist() == [NO, NO, YES]
+    assert found.table["fails"].tolist()[:2] == ["space", "space"]
+    assert found.advice.barrier.alignment.space >= 50
+
+
 def test_directions(case):
     east = site(case, "road", every=10.0, to=10.0, direction=90.0, **TERRAIN)
     np.testing.assert_allclose(east.alignments[1].x, [10.0, 310.0])
@@ -263,6 +344,12 @@ def test_refusals(case):
         ({"max_class": 8}, "max_class = 8: must be 0 to 7"),
         ({"max_bypass": 2.0}, "max_bypass = 2.0: must be 0 to 1"),
         ({"volume": 0.0}, "volume = 0.0: must be > 0 m3"),
+        ({"space": -1.0}, "space = -1.0: must be >= 0 m"),
+        ({"acceptable": 0.0}, "acceptable = 0.0: must be > 0 boulders a year"),
+        (
+            {"acceptable": 0.1},
+            "case: acceptable = 0.1 a year: needs &scenario groups, which give frequencies",
+        ),
     ):
         with refused(message):
             site(case, given.pop("line", "road"), **given, **TERRAIN)
@@ -282,6 +369,9 @@ def test_command(place, capsys):
         rows = list(csv.DictReader(file))
     assert [row["alignment"] for row in rows] == ["L", "L +10 m", "L +20 m", "L +30 m"]
     assert rockfall.read_result("out/siting.nc").sizes["line"] == 4
+    text = Path("case.nml").read_text() + Path("out/barrier.nml").read_text()
+    (Path("with.nml")).write_text(text)
+    assert rockfall.read_case("with.nml").barrier[0]["name"] == "advised barrier"
     pyogrio = pytest.importorskip("pyogrio")
     assert pyogrio.read_info("out/siting.gpkg")["features"] == 4
     assert main([*words, "-o", "out"]) == 2

@@ -477,6 +477,9 @@ def _add_site(commands: _Commands) -> None:
     _option(site, "--max-class CLASS", int, "EAD 340059 class, 0 to 7")
     text = "of the boulders that come to the line, around an alignment; default: 0.01"
     _option(site, "--max-bypass FRACTION", float, text)
+    _option(site, "--space M", float, "from the line, in which the barrier brakes")
+    text = "boulders that may still come to the line, of all &scenario groups"
+    _option(site, "--acceptable PER_YEAR", float, text)
     text = "boulders at more alignments than half of it holds take several runs; default: all"
     _option(site, "--memory SIZE", str, text)
     _add_conditions(site)

@@ -27,13 +27,14 @@ SAMPLES = 200  # places along a line at which elevation and distance are taken
 
 
 class Alignment(NamedTuple):
-    """A candidate line: its vertices [m], its mean plan distance from the protected line, its mean
-    elevation, and its length [m]."""
+    """A candidate line: its vertices [m], its mean and least plan distances from the protected
+    line, its mean elevation, and its length [m]."""
 
     name: str
     x: list[float]
     y: list[float]
     distance: float
+    space: float
     elevation: float
     length: float
 
@@ -63,9 +64,9 @@ def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Al
     case = scene.case
     outside = {*scene.replace(case=case.replace(line=[*case.line, *drawn])).lines_outside()}
     drawn = [entry for entry in drawn if entry["name"] not in outside]
-    alignments = [alignment(scene, line, vertices, 0.0)]
+    alignments = [alignment(scene, line, vertices, vertices, 0.0)]
     alignments += [
-        alignment(scene, name, copy, k * shift.every)
+        alignment(scene, name, copy, vertices, k * shift.every)
         for k, (name, copy) in enumerate(copies.items(), start=1)
         if name not in outside
     ]
@@ -88,8 +89,7 @@ def drawn_scene(
     for entry in both.case.line:
         if entry["name"] not in names:
             vertices = np.array(entry["x"]) + 1j * np.array(entry["y"])
-            apart = float(beside(spaced(vertices, SAMPLES), before)[0].mean())
-            alignments.append(alignment(both, entry["name"], vertices, apart))
+            alignments.append(alignment(both, entry["name"], vertices, before))
     if len(alignments) > MAX_ALIGNMENTS:
         raise RockfallError(
             f"candidates: {len(alignments):,} lines: must be at most {MAX_ALIGNMENTS} alignments"
@@ -106,8 +106,13 @@ def vertices_of(case: Case, line: str) -> np.ndarray:
     raise RockfallError(f"{case.name}: line = '{line}': no such line; lines: {names}")
 
 
-def alignment(scene: Scene, name: str, vertices: np.ndarray, distance: float) -> Alignment:
-    """An alignment with its elevation, on the known terrain below it; NaN if there is none."""
+def alignment(
+    scene: Scene, name: str, vertices: np.ndarray, line: np.ndarray, shift: float | None = None
+) -> Alignment:
+    """An alignment above a line, shifted from it or not, with its elevation, on the known terrain
+    below it; NaN if there is none."""
+    apart = beside(spaced(vertices, SAMPLES), line)[0]
+    distance = float(apart.mean()) if shift is None else shift
     z, grid, places = scene.rasters.z, scene.grid, spaced(vertices, SAMPLES)
     places = places[inside(grid, places.real, places.imag)]
     above = height(z, grid, places.real, places.imag)
@@ -115,8 +120,9 @@ def alignment(scene: Scene, name: str, vertices: np.ndarray, distance: float) ->
     elevation = float(above.mean()) if above.size else math.nan
     length = float(lengths(vertices)[-1])
     return Alignment(
-        name, vertices.real.tolist(), vertices.imag.tolist(), distance, elevation, length
-    )
+        name, vertices.real.tolist(), vertices.imag.tolist(), distance, float(apart.min()),
+        elevation, length,
+    )  # fmt: skip
 
 
 def _steps(shift: Shift) -> int:

@@ -31,6 +31,7 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import warn_of
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
 from rockfall.simulation.simulate import run_scene
+from rockfall.studies.barrier_advice import Advice, Most, advise, check_acceptable, wanted
 from rockfall.studies.study import ROWS_ONLY, Study
 
 if TYPE_CHECKING:
@@ -45,19 +46,21 @@ LEVEL = 0.95  # of the loads
 CONDITIONS = {field.name for field in fields(Conditions)}
 NUMBERS = ("fraction", "energy_q95", "height_q95", "bypass", "E_d", "height_needed", "ead_class",
            "remaining", "cost")  # fmt: skip
-COLUMNS = ["alignment", "distance", "elevation", "length", "n"]
+COLUMNS = ["alignment", "distance", "space", "elevation", "length", "n"]
 COLUMNS += [name for number in NUMBERS for name in with_limits(number)]
 COLUMNS += ["fits", "fails", "choice", "unconfirmed"]
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a barrier that can be had: height [m], EAD class, and the fraction of the boulders
-    that come to the protected line that may pass around its ends. None: no limit."""
+    """Limits of a barrier that can be had: height [m], EAD class, the fraction of the boulders that
+    come to the protected line that may pass around its ends, and the distance from the line that
+    it needs to brake [m]. None: no limit."""
 
     height: float | None = None
     ead_class: int | None = None
     bypass: float = 0.01
+    space: float | None = None
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,8 @@ class Siting:
     the alignment before, and `remaining`, the fraction that still comes if a barrier of that height
     and class stands there. `cost` is that of its length. `fits` tells whether it is within the
     limits, `fails` which are exceeded or undecided, and which assumptions are unconfirmed;
-    `choice` tells which alignment is best under these assumptions.
+    `choice` tells which alignment is best under these assumptions. `advice` is the barrier that
+    follows, verified by a run with it; None where no alignment is within the limits.
     """
 
     line: str
@@ -82,6 +86,7 @@ class Siting:
     priced: bool  # costs are from prices
     table: pd.DataFrame
     alignments: tuple[Alignment, ...]
+    advice: Advice | None
     result: xr.Dataset  # the run, with the alignments, or the best, as evaluation lines
     notes: tuple[str, ...]
 
@@ -98,6 +103,8 @@ def site(
     max_height: float | None = None,
     max_class: int | None = None,
     max_bypass: float = 0.01,
+    space: float | None = None,
+    acceptable: float | None = None,
     volume: float | None = None,
     factors: str | Path | None = None,
     costs: str | Path | None = None,
@@ -113,9 +120,14 @@ def site(
     them as evaluation lines; if its boulders at all of these need more than half of `memory`
     [bytes] (default: that of the machine), again and again with some of them, by the same
     boulders. `max_height` [m] and `max_class` (0 to 7) limit the barrier,
-    `max_bypass` the fraction of the boulders that may pass around its ends. `volume`, `factors`,
+    `max_bypass` the fraction of the boulders that may pass around its ends; alignments nearer to
+    the line than the `space` [m] in which a barrier brakes are refused. `volume`, `factors`,
     `costs` and the conditions of the standard are as in `rockfall.design`; all else `given` are
     arrays and layers as in `rockfall.run`.
+
+    The barrier that follows is verified by a run with it, by the same boulders; by one for each
+    &scenario, if there are any. If more than `acceptable` boulders a year still come, by the upper
+    limit of the 95 % interval, the next cheapest alignments are tried.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -126,7 +138,8 @@ def site(
     """
     import pandas as pd
 
-    limits = _limits(max_height, max_class, max_bypass)
+    limits = _limits(max_height, max_class, max_bypass, space)
+    check_acceptable(case, acceptable)
     conditions = {key: given.pop(key) for key in CONDITIONS & given.keys()}
     standard = read_factors(conditions_of(conditions), factors)
     standard.require("site")
@@ -166,9 +179,14 @@ def site(
     if candidates is None and alignments[-1].distance + every <= to * (1 + 1e-9):
         beyond = f"alignments beyond {alignments[-1].distance:g} m are outside the terrain"
         notes = (f"{beyond}: left out", *notes)
+    most = Most(prices=prices)
+    most = most if max_height is None else most._replace(height=max_height)
+    most = most if max_class is None else most._replace(ead_class=max_class)
+    barriers = wanted(rows, alignments, most) if come else []
+    advice = advise(case, line, barriers, most, acceptable, result, given, progress=progress)
     return Siting(
         line, result.sizes["boulder"], come, limits, standard, prices is not None,
-        pd.DataFrame(rows, columns=COLUMNS), tuple(alignments), result, notes,
+        pd.DataFrame(rows, columns=COLUMNS), tuple(alignments), advice, result, notes,
     )  # fmt: skip
 
 
@@ -212,14 +230,18 @@ def _memory_note(
     )
 
 
-def _limits(height: float | None, ead_class: int | None, bypass: float) -> Limits:
+def _limits(
+    height: float | None, ead_class: int | None, bypass: float, space: float | None
+) -> Limits:
     if height is not None and not 0 < height <= MAX_HEIGHT:
         raise RockfallError(f"max_height = {height}: must be > 0 and <= {MAX_HEIGHT:g} m")
     if ead_class is not None and ead_class not in range(len(EAD_ENERGY)):
         raise RockfallError(f"max_class = {ead_class}: must be 0 to {len(EAD_ENERGY) - 1}")
     if not 0 <= bypass <= 1:
         raise RockfallError(f"max_bypass = {bypass}: must be 0 to 1")
-    return Limits(height, ead_class, bypass)
+    if space is not None and not 0 <= space < math.inf:
+        raise RockfallError(f"space = {space}: must be >= 0 m")
+    return Limits(height, ead_class, bypass, space)
 
 
 def _row(
@@ -235,7 +257,7 @@ def _row(
     came, source = crossings(result, number), sources(result)
     crossed = has_crossed(result, number)
     row: dict[str, Any] = {
-        "alignment": alignment.name, "distance": alignment.distance,
+        "alignment": alignment.name, "distance": alignment.distance, "space": alignment.space,
         "elevation": alignment.elevation, "length": alignment.length, "n": came.n,
     }  # fmt: skip
     row |= _named("fraction", fraction_interval(crossed, source))
@@ -293,6 +315,8 @@ def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
         if limit is None or (value <= limit and high <= limit):
             continue
         verdicts[name] = NO if value > limit and low > limit else UNDECIDED
+    if limits.space is not None and row["space"] < limits.space:
+        verdicts["space"] = NO
     verdict = NO if NO in verdicts.values() else UNDECIDED if verdicts else YES
     return {
         "fits": verdict,

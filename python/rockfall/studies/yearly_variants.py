@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 NO_OBJECTS: Mapping[str, np.ndarray] = {}
 VALUES = "value", "value_low", "value_high"
+Three = tuple[float, float, float]  # a number and the limits of its interval
 
 
 class Yearly(NamedTuple):
@@ -146,7 +147,7 @@ def _rows(
     hazard: Mapping[str, Any],
 ) -> Iterator[dict[str, object]]:
     """Rows of a variant at a line; `first`: runs of the first variant, None if this is it."""
-    factor = hazard["frequency_factor"]
+    factor, yearly = hazard["frequency_factor"], [run.yearly for run in runs]
     energies = [run.energies[line] for run in runs]
     before = [run.energies[line] for run in first or () if line in run.energies]
     n = sum(int(np.count_nonzero(~np.isnan(each))) for each in energies)
@@ -155,7 +156,8 @@ def _rows(
         parts = (
             fraction_interval(mask, run.source) for mask, run in zip(passing, runs, strict=True)
         )
-        row = {"quantity": "frequency", "n": n, **_yearly(runs, parts, factor)}
+        three = yearly_sum(yearly, parts, factor)
+        row = {"quantity": "frequency", "n": n, **dict(zip(VALUES, three, strict=True))}
         row["statistic"] = f"above_{threshold:.10g}" if threshold else "all"
         if before:
             others = [each >= 1000.0 * threshold for each in before]
@@ -163,7 +165,7 @@ def _rows(
                 difference_of_fractions(mask, other, run.source)
                 for mask, other, run in zip(passing, others, runs, strict=True)
             )
-            row |= verdict_on(*_yearly(runs, apart, factor).values())
+            row |= verdict_on(*yearly_sum(yearly, apart, factor))
         yield row
     samples = [
         (each.size, run.per_cluster, run.yearly) for each, run in zip(energies, runs, strict=True)
@@ -174,12 +176,12 @@ def _rows(
         yield {"quantity": "energy_by_period", "statistic": f"{period:g}", "n": n, **values}
 
 
-def _yearly(
-    runs: Sequence[YearlyRun], fractions: Iterable[Sequence[float]], factor: Sequence[float]
-) -> dict[str, float]:
-    """Fractions of the boulders of each scenario, or their differences, with their limits, as a sum
-    a year. Limits include the lowest and highest `factor` on the frequencies."""
-    each = [run.yearly * np.array(three) for run, three in zip(runs, fractions, strict=True)]
+def yearly_sum(
+    frequencies: Iterable[float], fractions: Iterable[Sequence[float]], factor: Sequence[float]
+) -> Three:
+    """Sum over scenarios of their frequencies [1/year] times fractions of their boulders, or
+    differences of these, with their limits. Limits include the lowest and highest `factor` on the
+    frequencies."""
+    each = [yearly * np.array(three) for yearly, three in zip(frequencies, fractions, strict=True)]
     value, low, high = np.sum(each, axis=0).tolist()
-    ends = min(by * low for by in factor), max(by * high for by in factor)
-    return dict(zip(VALUES, (value, *ends), strict=True))
+    return value, min(by * low for by in factor), max(by * high for by in factor)

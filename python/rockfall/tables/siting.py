@@ -6,9 +6,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.quantities import number
+from rockfall.studies.barrier_advice import ROUND, Advice
 from rockfall.studies.siting import BEST, NOT_TOLD_APART, YES
-from rockfall.table import Column, Table, as_text, in_line
+from rockfall.table import Column, Estimate, Table, as_text, in_line
 from rockfall.tables.design import class_name, factor_lines, needed, shown
 
 if TYPE_CHECKING:
@@ -18,6 +20,9 @@ ABOUT = """\
 Of the boulders that cross each alignment, in brackets 95 % confidence intervals of the Monte Carlo
 error. Heights are above the ground, vertical. `round` are those that come to the line without
 crossing the alignment, `left` those that still come with the barrier that is needed there."""
+WAYS = {
+    "passed_over": "pass over it", "broken_through": "break through it", ROUND: "go round its ends",
+}  # fmt: skip
 
 
 def siting_text(siting: Siting) -> str:
@@ -30,6 +35,7 @@ def siting_text(siting: Siting) -> str:
         as_text(siting_table(siting)),
         "",
         *_choice(siting),
+        *(advice_lines(siting) if siting.advice else ()),
         "",
         *factor_lines(siting.factors),
     ]
@@ -40,6 +46,7 @@ def _limits(siting: Siting) -> str:
     limits = siting.limits
     given = [f"height at most {limits.height:g} m"] if limits.height is not None else []
     given += [f"class at most {limits.ead_class}"] if limits.ead_class is not None else []
+    given += [f"{limits.space:g} m of space"] if limits.space is not None else []
     return ", ".join([*given, f"at most {100 * limits.bypass:g} % around it"])
 
 
@@ -81,3 +88,38 @@ def _choice(siting: Siting) -> Iterator[str]:
     if NOT_TOLD_APART in chosen:
         names = ", ".join(chosen[NOT_TOLD_APART]["alignment"])
         yield f"Not told apart from it by so few boulders: {names}"
+
+
+def advice_lines(siting: Siting) -> Iterator[str]:
+    """The advised barrier, what a run with it showed, and what would improve it."""
+    advice, line = siting.advice, siting.line
+    assert advice is not None
+    alignment, height, ead_class = advice.barrier
+    energy = EAD_ENERGY[ead_class] / 1000
+    yield (
+        f"Advised: {alignment.name}, class {ead_class} ({energy:g} kJ), {height:g} m high, "
+        f"{alignment.length:.0f} m long, {alignment.space:.0f} m from {line}"
+    )
+    if siting.limits.space is None:
+        yield "Its braking distance is not checked: give --space"
+    factor, unit = (1.0, "a year") if advice.yearly else (100.0, "% of the boulders")
+    today, left = (
+        in_line(Estimate(factor * value, factor * low, factor * high, digits=2))
+        for value, low, high in (advice.today, advice.left)
+    )
+    yield f"Runs by the same boulders: {today} {unit} come to {line} without it, {left} with it"
+    if not advice.has_effect:
+        yield "No effect is shown: the difference is within the error of the simulation"
+    if advice.ways:
+        shares = (f"{100 * part:.0f} % {WAYS[way]}" for way, part in advice.ways.items())
+        yield f"Of those that still come {', '.join(shares)}"
+    if advice.is_enough is not None:
+        yield f"At most {advice.acceptable:g} a year acceptable: {_acceptance(advice)}"
+
+
+def _acceptance(advice: Advice) -> str:
+    if advice.is_enough:
+        return "met, by the upper limit"
+    told = advice.left[0] > (advice.acceptable or 0)
+    more = "" if told else "; more boulders may show that it is met"
+    return f"not met by any of {advice.tried} alignments within the limits{more}"

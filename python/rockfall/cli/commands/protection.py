@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.case.files import files_behind, input_files
+from rockfall.case.text import namelist_text
 from rockfall.cli.commands import design_block
 from rockfall.cli.given import given_options, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE
@@ -34,6 +35,7 @@ from rockfall.result.dataset import read_result, write_result
 from rockfall.result.same_case import check_same_site
 from rockfall.scene.layers import file_checksum
 from rockfall.simulation.memory import read_memory
+from rockfall.studies.barrier_advice import group_of
 from rockfall.studies.siting import CONDITIONS, Siting, site
 from rockfall.tables.design import design_text
 from rockfall.tables.siting import siting_text
@@ -47,8 +49,10 @@ YEARLY_TABLES = ("loads", "choices", "checks")  # of hazards
 TABLES = ("loads", "demand", "checks", "choices", "along")
 OPTIONS = ("along", "width", "min_boulders", "residual", "volume", "factors", "costs")
 SITING = ("every", "to", "direction", "candidates", "candidates_layer", "max_height", "max_class",
-          "max_bypass", "volume", "factors", "costs", *sorted(CONDITIONS))  # fmt: skip
+          "max_bypass", "space", "acceptable", "volume", "factors", "costs",
+          *sorted(CONDITIONS))  # fmt: skip
 SITING_FILES = "siting.csv", "siting.png", "siting.gpkg", "siting.nc"
+ADVISED = "barrier.nml"
 
 
 def design_command(arguments: argparse.Namespace) -> int:
@@ -132,7 +136,7 @@ def site_command(arguments: argparse.Namespace) -> int:
     need("site needs", "report", "matplotlib")
     need("site needs", "vector", "pyogrio", "shapely")
     check_folder(folder)
-    check_outputs([folder / name for name in SITING_FILES], inputs)
+    check_outputs([folder / name for name in (*SITING_FILES, ADVISED)], inputs)
     warn_of_inputs(case)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # said above, in lines
@@ -145,9 +149,13 @@ def site_command(arguments: argparse.Namespace) -> int:
             crs_wkt(siting.result),
         )  # fmt: skip
         write_result(siting.result, part / "siting.nc")
+        if siting.advice:
+            group = {"barrier": [group_of(siting.advice.barrier)]}
+            (part / ADVISED).write_text(namelist_text(group), encoding="utf-8")
     if not arguments.quiet:
         print(siting_text(siting))
-    print(*(folder / name for name in SITING_FILES), sep="\n")
+    files = (*SITING_FILES, *([ADVISED] if siting.advice else []))
+    print(*(folder / name for name in files), sep="\n")
     return DONE
 
 

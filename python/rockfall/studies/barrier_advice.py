@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The barrier that a siting leads to, verified by runs with it: what comes to the line today, and
+what still comes, by the same boulders."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
+from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
+from rockfall.analysis.precision.paired import difference_of_fractions
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.kernel_rules import EAD_ENERGY
+from rockfall.protection.selection import MAX_HEIGHT, Costs, cost_of
+from rockfall.result.crossings import line_names, line_values, outcomes_at
+from rockfall.result.variables import OUTCOME
+from rockfall.scene.read import read_scene
+from rockfall.studies.study import ROWS_ONLY, Study
+from rockfall.studies.variants import at_line
+from rockfall.studies.yearly_variants import Three, yearly_sum
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.protection.alignments import Alignment
+    from rockfall.scene.scene import Scene
+
+STEP = 0.5  # [m] between the heights of barriers
+MOST_TRIED = 5  # alignments, the cheapest first
+NAME = "advised barrier"
+ROUND = "round"  # its ends
+HITS = "passing_height", "energy_total"
+
+
+class Wanted(NamedTuple):
+    """A barrier to be tried."""
+
+    alignment: Alignment
+    height: float  # of its upper edge above the ground, vertical [m]
+    ead_class: int
+
+
+class Most(NamedTuple):
+    """The highest barrier that can be had, and the prices of barriers."""
+
+    height: float = MAX_HEIGHT  # [m]
+    ead_class: int = len(EAD_ENERGY) - 1
+    prices: Costs | None = None
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A barrier, and what comes to the protected line `today` and with it (`left`), with limits of
+    95 % intervals; `change` is their difference, by the same boulders. All are numbers a year if
+    the case has scenarios (`yearly`), else fractions of the boulders released.
+
+    `ways` has the shares of what still comes that pass over the barrier, break through it, or go
+    round its ends. `is_enough` is None if no frequency was given as acceptable.
+    """
+
+    barrier: Wanted
+    yearly: bool
+    today: Three
+    left: Three
+    change: Three
+    ways: dict[str, float]
+    acceptable: float | None  # [1/year]
+    tried: int
+
+    @property
+    def is_enough(self) -> bool | None:
+        return None if self.acceptable is None else self.left[2] <= self.acceptable
+
+    @property
+    def has_effect(self) -> bool:
+        """True if fewer boulders come than without it, beyond the error of the simulation."""
+        return self.change[2] < 0
+
+
+class _Came(NamedTuple):
+    """Boulders of a run that come to the line; the outcome of each at the barrier, 0 for those that
+    do not meet it before; their heights [m] and energies [J] there."""
+
+    comes: np.ndarray
+    outcome: np.ndarray
+    height: np.ndarray
+    energy: np.ndarray
+    source: Sources
+    yearly: float
+
+
+def check_acceptable(case: Case, acceptable: float | None) -> None:
+    """Refuse a frequency that no run of the case could be compared with."""
+    if acceptable is None:
+        return
+    if not 0 < acceptable < math.inf:
+        raise RockfallError(f"acceptable = {acceptable}: must be > 0 boulders a year")
+    if not case.scenario:
+        raise RockfallError(
+            f"{case.name}: acceptable = {acceptable:g} a year: needs &scenario groups, which give "
+            "frequencies"
+        )
+
+
+def wanted(
+    rows: Sequence[Mapping[str, Any]], alignments: Sequence[Alignment], most: Most
+) -> list[Wanted]:
+    """Barriers to be tried, the cheapest first, of alignments that are not refused: of the height
+    and class at the upper ends of their intervals where these exist, within the limits."""
+    able = [
+        (row["fits"] != "yes", row["cost"], row["distance"], k)
+        for k, row in enumerate(rows)
+        if row["fits"] != "no" and not math.isnan(row["cost"])
+    ]
+    barriers = []
+    for *_, k in sorted(able):
+        row = rows[k]
+        needed, asked = (
+            row[name] if math.isnan(row[f"{name}_high"]) else row[f"{name}_high"]
+            for name in ("height_needed", "ead_class")
+        )
+        high = min(max(STEP, STEP * math.ceil(needed / STEP - 1e-9)), most.height)
+        barriers.append(Wanted(alignments[k], high, int(min(asked, most.ead_class))))
+    return barriers
+
+
+def advise(
+    case: Case,
+    line: str,
+    barriers: Sequence[Wanted],
+    most: Most,
+    acceptable: float | None,
+    result: xr.Dataset,
+    given: Mapping[str, Any],
+    *,
+    progress: bool = False,
+) -> Advice | None:
+    """The first of some barriers with which at most `acceptable` boulders a year come to the line,
+    by the upper limit, as it is, or higher or of a higher class; if there is none, the one that
+    leaves least. None without barriers. `result`: of the case without them."""
+    if not barriers:
+        return None
+    today = _came(case, line, None, given, progress, None if case.scenario else result)
+    best: Advice | None = None
+    for number, first in enumerate(barriers[:MOST_TRIED], start=1):
+        barrier: Wanted | None = first
+        while barrier:
+            after = _came(case, line, barrier, given, progress)
+            advice = Advice(
+                barrier, bool(case.scenario), _sum(case, today), _sum(case, after),
+                _change(case, today, after), _ways(after), acceptable, number,
+            )  # fmt: skip
+            if best is None or advice.left[2] < best.left[2]:
+                best = advice
+            if acceptable is None or advice.is_enough:
+                return advice
+            barrier = (
+                _stronger(case, barrier, after, most, acceptable) if barrier == first else None
+            )
+    return best and replace(best, tried=min(len(barriers), MOST_TRIED))
+
+
+def _stronger(
+    case: Case, barrier: Wanted, after: Sequence[_Came], most: Most, acceptable: float
+) -> Wanted | None:
+    """The cheapest higher barrier, or of a higher class, that would have left at most so many of
+    the boulders that came past one; None if there is none."""
+
+    def is_enough(height: float, ead_class: int) -> bool:
+        would = (
+            came._replace(comes=came.comes & (
+                (came.outcome == 0)
+                | (came.height > height)
+                | (came.energy > EAD_ENERGY[ead_class])
+            ))
+            for came in after
+        )  # fmt: skip
+        return _sum(case, list(would))[2] <= acceptable
+
+    steps = int((most.height - barrier.height) / STEP + 1e-9)
+    barriers = []
+    for ead_class in range(barrier.ead_class, most.ead_class + 1):
+        heights = [barrier.height + k * STEP for k in range(steps + 1)]
+        k = bisect_left(heights, True, key=lambda height: is_enough(height, ead_class))
+        if k <= steps and not math.isnan(cost := cost_of(ead_class, heights[k], most.prices)):
+            barriers.append((cost, Wanted(barrier.alignment, heights[k], ead_class)))
+    return min(barriers, key=lambda item: item[0])[1] if barriers else None
+
+
+def group_of(barrier: Wanted) -> dict[str, Any]:
+    """The `&barrier` group of a case with a barrier."""
+    alignment, height, ead_class = barrier
+    return {"name": NAME, "x": alignment.x, "y": alignment.y, "height": height, "class": ead_class}
+
+
+def _came(
+    case: Case,
+    line: str,
+    barrier: Wanted | None,
+    given: Mapping[str, Any],
+    progress: bool,
+    result: xr.Dataset | None = None,
+) -> list[_Came]:
+    """Boulders of each scenario that come to a line, with a barrier; or those of a result."""
+    is_line = barrier is not None and barrier.alignment.name == line
+    yearly: dict[str, float] = {}
+
+    def numbers(name: str, result: xr.Dataset) -> _Came:
+        at = at_line(result, NAME if is_line else line)
+        assert at is not None
+        comes = ~np.isnan(at["speed"])
+        outcome = np.zeros(comes.size, "i1")
+        height = energy = np.full(comes.size, np.nan)
+        if barrier is not None:
+            names = line_names(result)
+            met, there = (line_values(result, "time", names.index(own)) for own in (NAME, line))
+            here = names.index(NAME)
+            height, energy = (line_values(result, name, here) for name in HITS)
+            outcome = outcomes_at(result, here)
+            outcome = np.where(is_line | (met <= there), outcome, 0)
+        return _Came(comes, outcome, height, energy, sources(result), yearly[name])
+
+    barriers = case.barrier if barrier is None else [*case.barrier, group_of(barrier)]
+    scenes = _scenes(case.replace(barrier=barriers), given, yearly, result)
+    return [came for _, came in Study(progress=progress).run(scenes, numbers)]
+
+
+def _scenes(
+    case: Case,
+    given: Mapping[str, Any],
+    yearly: dict[str, float],
+    result: xr.Dataset | None,
+) -> Iterator[tuple[str, Scene | xr.Dataset]]:
+    """Scenes of the scenarios of a case, or its own; their frequencies [1/year] go to `yearly`."""
+    if not case.scenario:
+        yearly[""] = 1.0
+        yield "", read_scene(case, **given) if result is None else result
+        return
+    scene = read_scene(base_case(case, ROWS_ONLY), **given)
+    for scenario in scenarios_of(scene, scene.case.line):
+        yearly[scenario.name] = scenario.frequency
+        yield scenario.name, replace(scene, case=scenario.case)
+
+
+def _sum(case: Case, runs: Sequence[_Came]) -> Three:
+    """Boulders that come, a year, or their fraction."""
+    fractions = (fraction_interval(run.comes, run.source) for run in runs)
+    return yearly_sum([run.yearly for run in runs], fractions, _factor(case))
+
+
+def _change(case: Case, today: Sequence[_Came], after: Sequence[_Came]) -> Three:
+    """Difference that a barrier makes to them."""
+    apart = (
+        difference_of_fractions(here.comes, before.comes, here.source)
+        for here, before in zip(after, today, strict=True)
+    )
+    return yearly_sum([run.yearly for run in after], apart, _factor(case))
+
+
+def _factor(case: Case) -> Sequence[float]:
+    """Lowest and highest factor on the frequencies."""
+    return case.hazard["frequency_factor"] if case.scenario else (1.0,)
+
+
+def _ways(runs: Sequence[_Came]) -> dict[str, float]:
+    """Shares of the boulders that still come, by their way past the barrier; none without any."""
+    masks = {name: number for name, number in OUTCOME.items() if name != "stopped"} | {ROUND: 0}
+    parts = {
+        name: sum(run.yearly * float(np.mean(run.comes & (run.outcome == k))) for run in runs)
+        for name, k in masks.items()
+    }
+    total = sum(parts.values())
+    return {name: part / total for name, part in parts.items() if part} if total else {}
