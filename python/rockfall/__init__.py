@@ -36,6 +36,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "merge": "studies.runs",
     "new_case": "draft.new_case",
     "open": "session.session:open_session",
+    "origins": "analysis.hazard.origins",
     "read_case": "case.case",
     "read_result": "result.dataset",
     "report": "products",

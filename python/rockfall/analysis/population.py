@@ -4,14 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
-from rockfall.case import Case, case_of, keys_of
+from rockfall.case import Case, keys_of
 from rockfall.case.text import literal
 from rockfall.language import Text, say
-
-if TYPE_CHECKING:
-    from rockfall.result.contents import Held
 
 OF_VOLUMES = (  # keys of &boulder, without the list of volumes, which may be long
     "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volume_exponent",
@@ -28,7 +24,7 @@ def population_notes(case: Case, yearly: bool = False) -> Iterator[Text]:
         yield say("variants.of_scenarios" if yearly else "variants.other_population")
 
 
-def scenario_note(result: Held) -> Iterator[Text]:
-    """Note that the numbers of a result are not of the scenarios of its case, if it has any."""
-    if case_of(result).scenario:
+def scenario_note(case: Case) -> Iterator[Text]:
+    """Note that the numbers of a run are not of the scenarios of its case, if it has any."""
+    if case.scenario:
         yield say("variants.other_population")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.population import scenario_note
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.app.messages import binary_message
 from rockfall.case import Case
@@ -134,6 +135,7 @@ def batch_message(
         warnings = [
             f"{remark.text}." for remark in model_remarks(result, case) if remark.is_warning
         ]
+        warnings += scenario_note(case)
     arrays = _stops(result, ground)
     overlay = None
     if shown and shown in result:

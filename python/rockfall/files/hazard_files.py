@@ -11,6 +11,7 @@ import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import period_table
+from rockfall.analysis.hazard.origins import SOURCES
 from rockfall.analysis.hazard.variables import CLASS_ENDS
 from rockfall.analysis.hazard.zones import (
     certain_fractions,
@@ -63,6 +64,7 @@ GEOMETRY = {
     **dict.fromkeys(("POLYGON", "MULTIPOLYGON"), "polygon"),
 }
 DRAWINGS = ("kml", "dxf")  # formats of `export_hazard`
+MOST_PLACES = 20  # of each kind, with sources in a GeoPackage
 NO_CELL = 255  # value without data in a yes-no raster
 
 
@@ -210,6 +212,8 @@ def _layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
         yield "objects", _object_layer(hazard)
     if has_segments(hazard):
         yield "segments", segment_layer(hazard)
+    if hazard.sizes.get("source"):
+        yield "sources", _source_layer(hazard)
     if has_risk(hazard):
         yield from risk_layers(hazard)
 
@@ -223,6 +227,22 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
         if symbol := drawn.get(plain_type(kinds.get(layer, ""))):
             styles[layer] = Style("hazard", [(c, c, symbol(colours[c])) for c in CLASSES])
     return styles | risk_styles(kinds)
+
+
+def _source_layer(hazard: xr.Dataset) -> tuple:
+    """Cells with sources: boulders a year that start there, and come to each line and object, of
+    the objects those that are met most often."""
+    import shapely
+
+    x, y = (hazard[f"source_{axis}"].values for axis in "xy")
+    columns: dict[str, np.ndarray] = {"frequency": hazard["source_frequency"].values}
+    for kind in SOURCES:
+        if f"{kind}_source_frequency" in hazard:
+            order = np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")[:MOST_PLACES]
+            for k in order.tolist():
+                name = f"to {hazard[kind].values[k]}"
+                columns[name] = hazard[f"{kind}_source_frequency"].values[k]
+    return "Point", [(shapely.points(x, y), columns)]
 
 
 def _object_layer(hazard: xr.Dataset) -> tuple:

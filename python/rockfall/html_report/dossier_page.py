@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.messages import messages_of
@@ -14,7 +14,8 @@ from rockfall.analysis.validity.warnings import joined_warnings
 from rockfall.case import case_in
 from rockfall.files.segment_files import has_segments
 from rockfall.html_report.inputs import Parties
-from rockfall.html_report.page import write_page
+from rockfall.html_report.page import is_pdf, write_page
+from rockfall.html_report.pdf import room_below
 from rockfall.html_report.render import Picture, picture, rendered
 from rockfall.html_report.summary import yearly_answers
 from rockfall.language import Text, say, speaking, word
@@ -22,12 +23,14 @@ from rockfall.plots.cartography.sheet import Room
 from rockfall.plots.hazard.close_map import close_map
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.plots.hazard.hazard_sheet import Imprint, hazard_sheet
+from rockfall.plots.hazard.origin_map import origin_map, origin_place
 from rockfall.plots.studies.curves_figure import curves_figure
 from rockfall.protection.yearly import YearlyDesign
 from rockfall.studies.dossier import Dossier
 from rockfall.table import Table, in_line
 from rockfall.tables.dossier import (
     MOST,
+    Place,
     Section,
     answer_table,
     barrier_answers,
@@ -45,6 +48,7 @@ if TYPE_CHECKING:
     from rockfall.result.trajectories import Terrain
 
 MAP = Room(180 / 25.4, 246 / 25.4)  # of page 2, with its title below
+LOWEST, TITLE = 70.0, 22.0  # of the figure that closes the texts, and of its title [mm]
 HOUSES, ADVICE, WARNINGS = 3, 4, 3  # sentences on page 1
 
 
@@ -65,18 +69,36 @@ def write_dossier_page(
     """Write the pages of a dossier (.pdf, or .html) atomically, in a language."""
     path = Path(path)
     with speaking(language):
-        page = _page(dossier, dict(designs), given)
+        content = _content(dossier, dict(designs), given)
+        page = rendered("dossier.html.j2", closing=None, **content)
+        if is_pdf(path) and (place := origin_place(dossier.first)):
+            closing = _closing(dossier.first, given.terrain, place, room_below(page, "end"))
+            page = rendered("dossier.html.j2", closing=closing, **content)
     write_page(page, path)
 
 
-def _page(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -> str:
+def _closing(
+    hazard: xr.Dataset, terrain: Terrain | None, place: Place, left: float
+) -> Picture | None:
+    """Map of the sources that fills what is left [mm] of the last page of the texts; None if too
+    little is."""
+    high = left - TITLE
+    if high < LOWEST:
+        return None
+    room = Room(MAP.wide, high / 25.4)
+    title = say("dossier.origin", name=place.name)
+    drawn = origin_map(hazard, terrain, place, room)
+    return picture(drawn, title, say("dossier.origin_caption", name=place.name), on_paper=True)
+
+
+def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -> dict[str, Any]:
+    """Content of the template, without the figure that closes it."""
     hazard, parties = dossier.first, given.parties
     warnings = dossier_warnings(dossier)
     pages = {section.name: section for section in sections(dossier, designs)}
     imprint = Imprint(parties.project, parties.client, parties.author)
     sheet = hazard_sheet(hazard, given.terrain, imprint, [*hazard_warnings(hazard)])
-    return rendered(
-        "dossier.html.j2",
+    return dict(
         title=title_of(dossier),
         on_paper=True,
         facts=_facts(hazard, parties),

@@ -17,6 +17,7 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.observed.compare import compare
 from rockfall.analysis.population import scenario_note
 from rockfall.analysis.return_levels import return_levels
+from rockfall.case import case_of
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.front import front_of, overview
@@ -187,7 +188,7 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     endangered = [] if hazard is None else list(hazard_tables(hazard))
     doubts = doubtful_inputs(result, hazard)
     outside = [*doubts_note(doubts), *warnings(result), *missing_spread(result, models)]
-    outside += scenario_note(result)
+    outside += scenario_note(case_of(result))
     texts: dict[str, Any] = {
         "title": str(result.attrs["title"]) or "rockfall",
         "question": question(rows, hazard is not None),

@@ -6,13 +6,20 @@ from __future__ import annotations
 import logging
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rockfall.errors import RockfallError, need
 from rockfall.html_report.maps import data_uri
 from rockfall.io.files import atomic_write
 
+if TYPE_CHECKING:
+    from weasyprint import Document
+
 PANGO = "libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"  # packages of Debian
 FONTS = "fonts-dejavu-core"
+OPTIONS: dict[str, Any] = {"pdf_version": "1.4"}  # later versions hide the creator in a stream
+CSS_PIXELS = 96 / 25.4  # of a millimetre
+BOTTOM = 16.0  # margin of a sheet [mm]: templates/page.css
 
 
 def check_pdf() -> None:
@@ -51,20 +58,30 @@ def _fonts_of_figures() -> str:
 
 def write_pdf(page: str, path: Path) -> None:
     """Typeset an HTML page, atomically and without network access."""
+    with atomic_write(path) as part:
+        document = _laid_out(page)
+        if "signature" not in document.pages[0].anchors:
+            reason = "the signature is not on page 1; shorten the title and the names of lines"
+            warnings.warn(f"{path}: {reason}", stacklevel=4)
+        document.write_pdf(part, **OPTIONS)
+
+
+def room_below(page: str, anchor: str) -> float:
+    """Height [mm] between an anchor of an HTML page and the end of its sheet, when typeset."""
+    for sheet in _laid_out(page).pages:
+        if anchor in sheet.anchors:
+            return (sheet.height - sheet.anchors[anchor][1]) / CSS_PIXELS - BOTTOM
+    return 0.0
+
+
+def _laid_out(page: str) -> Document:
+    """Typeset an HTML page; its figures are drawn when it is written."""
     from weasyprint import CSS, HTML
     from weasyprint.text.fonts import FontConfiguration
     from weasyprint.urls import URLFetcher
 
     logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it warns about CSS for screens
-    with atomic_write(path) as part:
-        fetcher = URLFetcher(allowed_protocols=["data"])
-        attrs = {"pdf_version": "1.4"}  # later versions hide the creator in a stream
-        fonts = FontConfiguration()
-        style = CSS(string=_fonts_of_figures(), font_config=fonts, url_fetcher=fetcher)
-        document = HTML(string=page, url_fetcher=fetcher).render(
-            font_config=fonts, stylesheets=[style], **attrs
-        )
-        if "signature" not in document.pages[0].anchors:
-            reason = "the signature is not on page 1; shorten the title and the names of lines"
-            warnings.warn(f"{path}: {reason}", stacklevel=4)
-        document.write_pdf(part, **attrs)
+    fetcher, fonts = URLFetcher(allowed_protocols=["data"]), FontConfiguration()
+    style = CSS(string=_fonts_of_figures(), font_config=fonts, url_fetcher=fetcher)
+    source = HTML(string=page, url_fetcher=fetcher)
+    return source.render(font_config=fonts, stylesheets=[style], **OPTIONS)

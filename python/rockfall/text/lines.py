@@ -15,6 +15,7 @@ from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.lines.profile import line_profile
 from rockfall.analysis.population import scenario_note
 from rockfall.analysis.return_levels import return_levels
+from rockfall.case import case_of
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError
 from rockfall.files.hazard_files import read_hazard
@@ -63,7 +64,9 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
     return_levels next to it as NAME_levels.csv, in the units of the result."""
     result, places = open_lines(path, table, "", "_levels.csv")
     statistics, levels = line_statistics(result), return_levels(result)
-    print("\n".join([*scenario_note(result), *_text(statistics, levels, simulated(result))]))
+    print(
+        "\n".join([*scenario_note(case_of(result)), *_text(statistics, levels, simulated(result))])
+    )
     if is_ensemble(result):
         print("", ensemble_summary(result), sep="\n")
     write_tables(path, result, dict(zip(places, [statistics, levels], strict=False)))
@@ -95,7 +98,7 @@ def print_groups(
     shape; with `table`, a CSV file, write line_statistics of these groups to it."""
     result, places = open_lines(path, table, "")
     statistics = line_statistics(result, by, classes)
-    print(*scenario_note(result), BY_GROUP, sep="\n")
+    print(*scenario_note(case_of(result)), BY_GROUP, sep="\n")
     for group in group_tables(statistics, by):
         print("", group.caption, as_text(group), sep="\n")
     write_tables(path, result, dict(zip(places, [statistics], strict=False)))
@@ -108,7 +111,7 @@ def print_profile(
     write them to it, and a figure next to it as NAME.png."""
     result, places = open_lines(path, table, "", ".png")
     profile = line_profile(result, line, width)
-    head = [*scenario_note(result), ALONG, *filter(None, [kept_note(result)])]
+    head = [*scenario_note(case_of(result)), ALONG, *filter(None, [kept_note(result)])]
     print("\n".join([*head, "", line, as_text(profile_table(profile))]))
     made = [profile, lambda part: save(line_profile_figure(profile), part)]
     write_tables(path, result, dict(zip(places, made, strict=False)))

@@ -42,7 +42,7 @@ def summary(result: Held) -> str:
     lines = [f"{result.attrs['title'] or 'rockfall'}: {boulders:,} boulders"]
     if rows < boulders:
         lines[0] += f", rows of {rows:,} kept"
-    lines += [f"  {note}" for note in scenario_note(result)]
+    lines += [f"  {note}" for note in scenario_note(case_of(result))]
     lines.append(as_text(ends_table(result)))
     if "line" in result:
         lines += [as_text(_passages(result)), *more_lines(result.sizes["line"])]

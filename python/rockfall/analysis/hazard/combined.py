@@ -19,6 +19,7 @@ from rockfall.analysis.hazard.exceedance import (
     passing_of,
 )
 from rockfall.analysis.hazard.finished import layers_checksum
+from rockfall.analysis.hazard.origins import Origins, origin_numbers
 from rockfall.analysis.hazard.scenarios import Scenario
 from rockfall.analysis.hazard.variables import (
     CLASS_ENDS,
@@ -44,7 +45,7 @@ from rockfall.case import Case, case_of
 from rockfall.io.input_warnings import InputWarning, stored_warnings
 from rockfall.language import packed
 from rockfall.result.contents import Contents
-from rockfall.result.crossings import line_names
+from rockfall.result.crossings import boulders_at, line_names
 from rockfall.result.grounds import rebounds_by_ground, source_text
 from rockfall.result.samples import simulated
 from rockfall.result.variables import ENDS
@@ -86,15 +87,19 @@ class ScenarioRun:
         self.segments = [*segment_hits(inputs.segments, result, len(inputs.objects.lines))]
         self.segment_counts = hit_counts(self.segments, result["threshold"].values)
         self.at_objects: list[Passing | None] = [None] * len(inputs.objects)
+        came_to_objects = [np.zeros(0, "i8")] * len(inputs.objects)
         for number, hits in object_hits(inputs.objects, result):
-            self.at_objects[number] = Passing(*hits[:, np.isfinite(hits[0])])
+            came_to_objects[number] = np.flatnonzero(np.isfinite(hits[0]))
+            self.at_objects[number] = Passing(*hits[:, came_to_objects[number]])
         energies = {k: at.energy for k, at in enumerate(self.at_objects) if at}
         thresholds = result["threshold"].values
         self.objects = object_counts(
             inputs.objects, energies, thresholds, inputs.scene.grid, self.hits
         )
         self.risk = self._risk(inputs.objects, result) if inputs.objects.exposed else None
-        self._read_lines(inputs, result)
+        lines = self._read_lines(inputs, result)
+        came = {"line": [boulders_at(result, k) for k in lines], "object": came_to_objects}
+        self.origins = Origins.of(result, inputs.scene.grid, came)
         self.variable_attrs = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
@@ -102,8 +107,9 @@ class ScenarioRun:
         without_objects = result.drop_vars("row_size", errors="ignore")  # zones end at any edge
         self.warnings = model_warnings(without_objects, case_of(result))
 
-    def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> None:
-        """Boulders at the evaluation lines and at the barriers, without lying logs."""
+    def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:
+        """Read boulders at the evaluation lines and at the barriers, without lying logs; returns
+        the indices of these lines."""
         names, first = line_names(result), len(inputs.objects.lines) + len(inputs.segments.lines)
         logs = {barrier["name"] for barrier in inputs.case.barrier if "diameter" in barrier}
         has_rows = inputs.case.output["kept"] == "all"
@@ -116,6 +122,7 @@ class ScenarioRun:
             name: np.asarray(result.get(f"barrier_{name}", unknown))[lines]
             for name in ("height", "capacity")
         }
+        return lines
 
     def _risk(self, objects: Objects, result: xr.Dataset) -> RunRisk:
         points = Points(objects.point, self.objects, result["threshold"].values)
@@ -159,6 +166,8 @@ def combined(inputs: HazardInputs, runs: Runs) -> xr.Dataset:
         data["ead_class"] = ("ead_class", np.arange(CLASS_ENERGY.size), attrs)
     if runs[0].lines or len(inputs.objects) or len(inputs.segments):
         data |= _levels()
+    weights = [run.yearly / run.boulders for run in runs]
+    values |= origin_numbers([run.origins for run in runs], weights, inputs.scene.grid)
     values |= _grounds(runs)
     if "ground" in values:
         data["ground"] = ("ground", values["ground"], {"long_name": "name of the ground"})

@@ -4,7 +4,7 @@ periods, and energies and heights by return period."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -130,7 +130,7 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
     """Levels from 0, and the frequencies above each."""
     if quantity not in LEVELS:
         raise RockfallError(f"{quantity}: must be one of {', '.join(LEVELS)}")
-    kind, k = _find(hazard, place)
+    kind, k = find_place(hazard, place)
     if np.isnan(hazard[f"{kind}_{quantity}_by_period"].values[k]).any():
         raise RockfallError(
             f"{place}: is a point without a width, of which only counts above &hazard thresholds "
@@ -141,16 +141,17 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
     return np.append(0.0, hazard[f"exceeded_{quantity}"].values), yearly(hazard, counts)
 
 
-def _find(hazard: xr.Dataset, place: str) -> tuple[str, int]:
-    """Kind and index of a place by its name."""
+def find_place(hazard: xr.Dataset, place: str, among: Sequence[str] = PLACES) -> tuple[str, int]:
+    """Kind, of those given, and index of a place by its name."""
+    kinds = [kind for kind in _kinds(hazard) if kind in among]
     named = [
         (kind, k)
-        for kind in _kinds(hazard)
+        for kind in kinds
         for k, name in enumerate(hazard[kind].values)
         if str(name) == place
     ]
     if len(named) == 1:
         return named[0]
-    names = [str(name) for kind in _kinds(hazard) for name in hazard[kind].values]
-    reason = "several places have this name" if named else "no line, object or segment"
+    names = [str(name) for kind in kinds for name in hazard[kind].values]
+    reason = "several places have this name" if named else f"no {' or '.join(among)}"
     raise RockfallError(f"{place}: {reason}; there are {', '.join(names[:20]) or 'none'}")

@@ -165,6 +165,18 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield from _by_period("object_", ("object",), "that meets the object")
     yield from _segments()
     yield from _lines()
+    yield from _sources()
+
+
+def _sources() -> Iterator[tuple[str, Variable]]:
+    """Cells in which boulders start."""
+    dims, where = ("source",), "that start in the cell"
+    for axis in "xy":
+        yield f"source_{axis}", Variable(dims, "m", f"{axis} of the centre of a cell with sources")
+    yield "source_frequency", Variable(dims, YEARLY, f"boulders {where}")
+    for kind, come in (("line", "come to the line or barrier"), ("object", "meet the object")):
+        what = f"annual frequency of boulders {where} and {come}"
+        yield f"{kind}_source_frequency", Variable((kind, *dims), YEARLY, what)
 
 
 def _lines() -> Iterator[tuple[str, Variable]]:

@@ -91,6 +91,11 @@ def draw_zones(sheet: Sheet, hazard: xr.Dataset) -> None:
         _draw_polygons(sheet.axes, zones.shapes[zones.number == number], **style)
     hatched = {"facecolor": "none", "edgecolor": INK, "linewidth": 0.0, "hatch": HATCH}
     _draw_polygons(sheet.axes, uncertain_of(hazard).shapes, **hatched)
+    draw_places(sheet, hazard)
+
+
+def draw_places(sheet: Sheet, hazard: xr.Dataset) -> None:
+    """Draw the lines and barriers of the case of a hazard, and the objects."""
     _draw_lines(sheet, hazard)
     _draw_objects(sheet, hazard)
 
