@@ -10,7 +10,8 @@ module rockfall_lanes
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
    use rockfall_threads, only: take_batch, batch
-   use rockfall_random, only: for_impact, last_counter, words_per_block, turn_word, uniform, side_of
+   use rockfall_random, only: for_impact, for_ground, last_counter, words_per_block, turn_word, obstacle_word, &
+                              ratio_word, uniform, side_of
    use rockfall_terrain, only: terrain_t, patch_t, slope_at, steepness_of, nearest_node, is_within, horn, is_pit
    use rockfall_boulder, only: inertia_factor
    use rockfall_flight, only: flight_t, landing_t, span_t, parabola_length
@@ -446,17 +447,24 @@ contains
       type(contacts_t), intent(inout) :: c
       type(table_batch_t), intent(inout), allocatable :: by_table
       type(patch_t) :: patch
-      real(wp) :: radius, obstacle, u_ground(words_per_block)
+      real(wp) :: radius, obstacle
       integer :: cell(2), k, lane, set
       logical :: timed
 
       if (allocated(by_table)) call clear_batch(by_table)
       timed = allocated(scratch(1)%visits%time)
       do k = 1, l%n
+         c%number(k) = pool%number(l%lane(k))
+         c%impact(k) = active(l%lane(k))%impacts + 1
+      end do
+      if (scene%ground_drawn) &
+         call impact_numbers(scene%key%round, scene%table%c, 0, l%n, c%number, c%impact, &
+                             last_counter(for_ground, 0_i8), c%word(:, 1), c%word(:, 2), c%word(:, 3), c%word(:, 4), &
+                             c%z1, c%z2, c%z3)
+      do k = 1, l%n
          lane = l%lane(k)
          c%ground(k) = 1
          c%set(k) = size(sets%set) + 1
-         c%number(k) = pool%number(lane)
          c%w(k) = pool%w(lane)
          c%heading1(k) = pool%heading1(lane)
          c%heading2(k) = pool%heading2(lane)
@@ -472,10 +480,9 @@ contains
                cycle
             end if
             result%impacts = result%impacts + 1
-            c%impact(k) = result%impacts
             cell = [int(c%column(k)), int(c%row(k))]
-            call find_ground(scene, c%number(k), result%impacts, result%block_shape, cell, with_all, c%ground(k), &
-                             radius, obstacle, u_ground, result%status)
+            call find_ground(scene, uniform(c%word(k, obstacle_word)), result%block_shape, cell, with_all, &
+                             c%ground(k), radius, obstacle, result%status)
             c%ground(k) = max(1, c%ground(k))
             if (result%status == absorbed) cycle
             c%ratio(k) = result%boulder%radius/radius*result%soil%ratio_factor
@@ -486,7 +493,7 @@ contains
                                    l%jump_height(k), c%w(k), c%heading1(k), c%heading2(k), pool%touch(lane))
                cycle
             end if
-            call find_impact_set(scene, c%ratio(k), u_ground, set, c%outside(k))
+            call find_impact_set(scene, c%ratio(k), uniform(c%word(k, ratio_word)), set, c%outside(k))
             c%set(k) = sets%offset(c%ground(k)) + set
             ! flat, like one with nodata: left to the scalar code
             if (.not. c%complete(k) > 0) c%z(k, :) = 0

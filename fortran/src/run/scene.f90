@@ -16,7 +16,7 @@ module rockfall_scene
    use rockfall_barrier, only: barrier_t
    use rockfall_boulder, only: release_t, mean_volume
    use rockfall_block_shape, only: shape_mix
-   use rockfall_ground, only: ground_t, rest_slope_of
+   use rockfall_ground, only: ground_t, rest_slope_of, is_stochastic
    use rockfall_forest, only: build_forest
    use rockfall_scene_type, only: scene_t
    use rockfall_bounds, only: boulder_count, max_radius
@@ -473,7 +473,8 @@ contains
          call set_ground_of(given(k), arrays%tables, case, scene, grounds(k), error)
          if (allocated(error)) return
       end do
-      scene%ground_drawn = scene%ground_drawn .or. any(grounds%classical%roughness > 0)
+      scene%ground_drawn = case%method == method_a .or. any(grounds%classical%roughness > 0) &
+                           .or. (case%between_ratios .and. any([(is_stochastic(grounds(k)), k=1, size(grounds))]))
       scene%has_tables = any([(allocated(grounds(k)%table), k=1, size(grounds))])
       call move_alloc(grounds, scene%grounds)
    end subroutine set_grounds

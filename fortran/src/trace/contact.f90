@@ -54,8 +54,10 @@ contains
 
       word = impact_words(scene, number, result%impacts)
       cell = cell_of(scene%dem, landing%patch, landing%u, landing%w)
-      call find_ground(scene, number, result%impacts, result%block_shape, cell, level, ground, radius, obstacle, &
-                       u_ground, result%status)
+      u_ground = 0
+      if (scene%ground_drawn) u_ground = ground_uniforms(scene, number, result%impacts)
+      call find_ground(scene, u_ground(obstacle_word), result%block_shape, cell, level, ground, radius, obstacle, &
+                       result%status)
       if (result%status == absorbed) return
       ratio = result%boulder%radius/radius
       if (level >= with_all) ratio = ratio*result%soil%ratio_factor
@@ -67,7 +69,7 @@ contains
          end if
       end if
       scratch%touch = touch_t()
-      call find_impact_set(scene, ratio, u_ground, set, outside)
+      call find_impact_set(scene, ratio, u_ground(ratio_word), set, outside)
       g = gradient(scene%dem, landing%patch, landing%u, landing%w)
       steepness = steepness_of(g(1), g(2))
       call decompose(v, g, steepness, flight%heading, omega_r, v_in, heading)
@@ -147,22 +149,18 @@ contains
    end subroutine handle_table_contact
 
    !> Find the ground of a raster cell, its rocks and obstacles, and whether it absorbs the boulder.
-   pure subroutine find_ground(scene, number, impact, shape, cell, level, ground, radius, obstacle, u_ground, status)
+   pure subroutine find_ground(scene, u_obstacle, shape, cell, level, ground, radius, obstacle, status)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: number
-      integer, intent(in) :: impact
+      real(wp), intent(in) :: u_obstacle    !! random number of the obstacle, if the ground is drawn [-]
       integer, intent(in) :: shape          !! of the boulder, as in boulder_result_t
       integer, intent(in) :: cell(2)        !! column, row from the north
       integer, value :: level               !! basic, ..., with_all
       integer, intent(out) :: ground        !! 0: the scene has only the case's impact sets
       real(wp), intent(out) :: radius       !! R_m of the rocks; positive if the scene has several grounds [m]
       real(wp), intent(out) :: obstacle     !! obstacle height, if the scene has several grounds [m]
-      real(wp), intent(out) :: u_ground(words_per_block)  !! random numbers for the ground [-]
       integer, intent(inout) :: status
 
-      u_ground = 0
-      if (scene%ground_drawn) u_ground = ground_uniforms(scene, number, impact)
-      radius = rock_radius(scene%surface, cell, u_ground(obstacle_word))
+      radius = rock_radius(scene%surface, cell, u_obstacle)
       ground = 0
       obstacle = 0
       if (radius > huge(radius)) then
@@ -177,14 +175,14 @@ contains
    end subroutine find_ground
 
    !> Choose the impact set of a ratio R_b/R_m.
-   pure subroutine find_impact_set(scene, ratio, u_ground, set, outside)
+   pure subroutine find_impact_set(scene, ratio, u_ratio, set, outside)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: ratio, u_ground(words_per_block)
+      real(wp), intent(in) :: ratio, u_ratio  !! R_b/R_m; random number, if the ground is drawn [-]
       integer, intent(out) :: set
       logical, intent(out) :: outside  !! outside the calibrated ratios
 
       call find_nearest_set(ratio, set, outside)
-      if (scene%between_ratios) set = interpolated_set(ratio, u_ground(ratio_word))
+      if (scene%between_ratios) set = interpolated_set(ratio, u_ratio)
    end subroutine find_impact_set
 
    !> Check whether a rebound is outside the fitted range of its impact set; classical models have no such range.
