@@ -414,9 +414,10 @@ contains
    end subroutine record_left_cells
 
    !> Record the cell in which a flight ends.
-   subroutine record_last_cell(f, k, dem, gravity, w, scratch)
+   subroutine record_last_cell(f, k, contact, dem, gravity, w, scratch)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: k
+      real(wp), intent(in) :: contact  !! as in landings_t
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: w        !! W [m/s]
@@ -424,8 +425,8 @@ contains
       real(wp) :: plan2, left_cell, until, speed2
 
       plan2 = f%v1(k)*f%v1(k) + f%v2(k)*f%v2(k)
-      do  ! it may have left cells in which it spent no time
-         left_cell = 1
+      left_cell = max(f%left(2)%left_cell(k), 1 - contact)  ! else `leave_cells` found the last one
+      do while (left_cell > 0)  ! it may have left cells in which it spent no time
          call leave_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), dem%cell, plan2, f%v3(k), gravity, f%next_t(k), &
                          f%cell_i(k), f%cell_j(k), f%v3_in(k), left_cell, until, speed2)
          if (.not. left_cell > 0) exit
@@ -493,7 +494,7 @@ contains
       logical, intent(in) :: cells  !! as in fly_patches
 
       call set_landing(f, k, contact, l)
-      if (cells) call record_last_cell(f, k, dem, gravity, w(f%lane(k)), scratch(f%lane(k)))
+      if (cells) call record_last_cell(f, k, contact, dem, gravity, w(f%lane(k)), scratch(f%lane(k)))
       if (k < f%n) call move_flight(f, f%n, k, cells)
       f%n = f%n - 1
    end subroutine remove_flight

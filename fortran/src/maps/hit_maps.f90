@@ -5,10 +5,13 @@ module rockfall_hit_maps
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
    use rockfall_flight, only: flight_t
-   use rockfall_maps, only: maps_t, visits_t, visit_cell, count_exceeded, lock_band, unlock_band
+   use rockfall_maps, only: maps_t, visits_t, next_visits, visit_nearby, spare_visits, &
+                            count_exceeded, unlock_band
    implicit none
    private
    public :: needs_hits, find_hits, add_hits
+
+   integer, parameter :: at_once = spare_visits  !! cells
 
 contains
 
@@ -29,29 +32,66 @@ contains
       real(wp), intent(in) :: time         !! since its start [s]
       real(wp), intent(in) :: spin         !! twice the rotational energy per mass [m2/s2]
       real(wp), intent(in) :: distance     !! [m]
-      real(wp) :: start(2), v(2), from, to, middle(2), speed2
-      real(wp) :: times(2)
-      integer :: column, row, rows(2), columns(2)
+      real(wp) :: start(2), v(2), from, to, times(2)
+      real(wp), dimension(at_once) :: east, north
+      integer :: n, column, row, rows(2), columns(2)
 
       start = [flight%x, flight%y]
       v = flight%v(:2)
+      n = 0
       rows = nodes_between(min(start(2), start(2) + v(2)*time) - distance, &
                            max(start(2), start(2) + v(2)*time) + distance, dem%per_cell, dem%ny)
       do row = rows(1), rows(2)
-         middle(2) = (row - 1)*dem%cell
-         call restrict_times(start(2) - middle(2), v(2), distance, time, times)
+         call restrict_times(start(2) - (row - 1)*dem%cell, v(2), distance, time, times)
          from = start(1) + v(1)*times(1)
          to = start(1) + v(1)*times(2)
          columns = nodes_between(min(from, to) - distance, max(from, to) + distance, dem%per_cell, dem%nx)
          do column = columns(1), columns(2)
-            middle(1) = (column - 1)*dem%cell
-            call times_within(start - middle, v, distance, time, times)
-            if (times(2) < times(1)) cycle
-            speed2 = v(1)*v(1) + v(2)*v(2) + maxval((flight%v(3) - gravity*times)**2)
-            call visit_cell(hits, [column, dem%ny + 1 - row], speed2, spin, 0.0_wp)
+            n = n + 1
+            east(n) = column - 1
+            north(n) = row - 1
+            if (n < at_once) cycle
+            call hit_cells(hits, dem, gravity, flight, time, spin, distance, n, east, north)
+            n = 0
          end do
       end do
+      call hit_cells(hits, dem, gravity, flight, time, spin, distance, n, east, north)
    end subroutine find_hits
+
+   !> Add those of n cells whose middle is within a distance of the path. Branchless, as a branch for each would be
+   !> mispredicted.
+   pure subroutine hit_cells(hits, dem, gravity, flight, time, spin, distance, n, east, north)
+      type(visits_t), intent(inout) :: hits
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: gravity      !! as in find_hits
+      type(flight_t), intent(in) :: flight
+      real(wp), intent(in) :: time, spin, distance
+      integer, intent(in) :: n
+      real(wp), dimension(at_once), intent(in) :: east, north  !! cells from the south-western one, integers [-]
+      real(wp), dimension(at_once) :: energy, meets
+      real(wp) :: x, y, size, v1, v2, v3, speed2, meeting
+      integer :: cell(2, at_once + 1), hit, k
+
+      x = flight%x
+      y = flight%y
+      v1 = flight%v(1)
+      v2 = flight%v(2)
+      v3 = flight%v(3)
+      size = dem%cell
+      !$omp simd private(speed2, meeting)
+      do k = 1, n
+         call meet_object(x - east(k)*size, y - north(k)*size, v1, v2, v3, gravity, distance, time, speed2, meeting)
+         energy(k) = speed2 + spin
+         meets(k) = meeting
+      end do
+      hit = 0
+      do k = 1, n
+         cell(:, hit + 1) = [int(east(k)) + 1, dem%ny - int(north(k))]
+         energy(hit + 1) = energy(k)
+         hit = hit + int(meets(k))
+      end do
+      call visit_nearby(hits, cell(:, :hit), energy)
+   end subroutine hit_cells
 
    !> First and last node between two coordinates along an axis.
    pure function nodes_between(low, high, per_cell, n) result(nodes)
@@ -77,39 +117,47 @@ contains
       times = [max(0.0_wp, min(time, minval(ends))), min(time, max(0.0_wp, maxval(ends)))]
    end subroutine restrict_times
 
-   !> Part of a path during which it is within a distance of a point; reversed if it never is.
-   pure subroutine times_within(offset, v, distance, time, times)
-      real(wp), intent(in) :: offset(2), v(2)  !! of the start from the point [m]; [m/s]
-      real(wp), intent(in) :: distance, time   !! [m], [s]
-      real(wp), intent(out) :: times(2)        !! since the start [s]
-      real(wp) :: outside, along, speed2, root2
+   !> Maximum squared speed while a path is within a distance of a point, and whether it is.
+   elemental subroutine meet_object(offset1, offset2, v1, v2, v3, gravity, distance, time, speed2, meets)
+      real(wp), intent(in) :: offset1, offset2, v1, v2, v3  !! of the start from the point [m]; [m/s]
+      real(wp), intent(in) :: gravity, distance, time       !! [m/s2], [m], [s]
+      real(wp), intent(out) :: speed2  !! [m2/s2]
+      real(wp), intent(out) :: meets   !! 1 or 0
+      real(wp) :: outside, along, plan2, root2, root, first, last
 
-      outside = offset(1)*offset(1) + offset(2)*offset(2) - distance*distance
-      along = -(offset(1)*v(1) + offset(2)*v(2))
-      speed2 = v(1)*v(1) + v(2)*v(2)
-      root2 = along*along - speed2*outside
-      times = [1.0_wp, 0.0_wp]
-      if (.not. speed2 > 0) then
-         if (outside <= 0) times = [0.0_wp, time]
-      else if (root2 >= 0) then
-         times = [max(0.0_wp, (along - sqrt(root2))/speed2), min(time, (along + sqrt(root2))/speed2)]
-      end if
-   end subroutine times_within
+      outside = offset1*offset1 + offset2*offset2 - distance*distance
+      along = -(offset1*v1 + offset2*v2)
+      plan2 = max(v1*v1 + v2*v2, tiny(plan2))
+      root2 = along*along - plan2*outside
+      root = sqrt(max(0.0_wp, root2))
+      first = max(0.0_wp, (along - root)/plan2)
+      last = min(time, (along + root)/plan2)
+      meets = merge(1.0_wp, 0.0_wp, first <= last)
+      meets = merge(meets, 0.0_wp, root2 >= 0)
+      first = v3 - gravity*first
+      last = v3 - gravity*last
+      speed2 = plan2 + max(first*first, last*last)
+   end subroutine meet_object
 
    !> Add the hits of a boulder to the maps; thread-safe.
    subroutine add_hits(maps, hits, mass)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: hits
       real(wp), intent(in) :: mass  !! of the boulder [kg]
-      integer :: k, held
+      integer :: first, last, held, k
 
       held = -1
-      do k = 1, hits%n
-         associate (at => hits%visit(k)%cell)
-            call lock_band(maps, at(2), held)
-            if (associated(maps%hits)) maps%hits(at(1), at(2)) = maps%hits(at(1), at(2)) + 1
+      last = 0
+      do while (last < hits%n)
+         call next_visits(maps, hits, first, last, held)
+         associate (hit => hits%visit(first:last))
+            if (associated(maps%hits)) then
+               do k = 1, size(hit)
+                  maps%hits(hit(k)%cell(1), hit(k)%cell(2)) = maps%hits(hit(k)%cell(1), hit(k)%cell(2)) + 1
+               end do
+            end if
             if (associated(maps%hits_exceeded)) &
-               call count_exceeded(maps%hits_exceeded, maps%threshold, at, 0.5_wp*mass*hits%visit(k)%max(2))
+               call count_exceeded(maps%hits_exceeded, maps%threshold, hit, 0.5_wp*mass*hit%max(2))
          end associate
       end do
       call unlock_band(maps, held)
