@@ -22,7 +22,7 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.plots import extent, style, terrain
 from rockfall.plots import map_figures as mapfigures
 from rockfall.plots import rebound_figures as reboundfigures
-from rockfall.plots.cartography import rasters
+from rockfall.plots.cartography import rasters, relief
 from rockfall.plots.figures import drawn_lines, figures, write_figures
 from rockfall.plots.history_figure import history_figure
 from rockfall.plots.terrain import terrain_of
@@ -540,3 +540,18 @@ def test_ticks_of_logarithms_are_made_once_for_a_view(full, monkeypatch):
     assert axis._update_ticks() is first and len(made) == 1 and first
     drawn.axes[0].set_xlim(1, 1e6)
     assert len(axis._update_ticks()) > len(first) and len(made) == 2
+
+
+def test_contours_are_two_curves_of_all_their_levels(full):
+    """One bold, one thin, with gaps between pieces; and no other limits of the map."""
+    contours = relief.contours_of(TERRAIN, extent.reached(full))
+    drawn = draw(full, "stops", TERRAIN)
+    brown = [line for line in drawn.axes[0].lines if line.get_color() == relief.BROWN]
+    assert [line.get_linewidth() for line in brown] == [0.5, 0.2]
+    for line, bold in zip(brown, (True, False), strict=True):
+        pieces = [piece for level, curves in contours.curves.items()
+                  if contours.is_index(level) == bold for piece in curves]  # fmt: skip
+        assert np.isnan(line.get_xdata()).sum() == len(pieces) > 0
+        np.testing.assert_array_equal(
+            line.get_xydata()[~np.isnan(line.get_xdata())], np.concatenate(pieces)
+        )

@@ -20,6 +20,7 @@ from weasyprint.formatting_structure import boxes  # noqa: E402
 
 from rockfall.html_report.inputs import Parties  # noqa: E402
 from rockfall.html_report.page import ReportInputs, report  # noqa: E402
+from rockfall.html_report.render import _without_styles  # noqa: E402
 from rockfall.language import LANGUAGES, speaking  # noqa: E402
 
 #: Languages of pages, and one whose words are hyphenated by rules of their own.
@@ -182,3 +183,19 @@ def test_without_fonts_a_pdf_is_refused_in_one_line(results, tmp_path, command):
     (line,) = done.stderr.splitlines()
     assert line.endswith("a PDF needs fonts, as root: apt-get install fonts-dejavu-core")
     assert not [*tmp_path.glob("*.pdf")]
+
+
+def test_svg_on_paper_has_attributes_in_place_of_styles():
+    """Texts keep their fonts; the rule of all elements is that of the root, which they inherit."""
+    svg = (
+        "<?xml version='1.0'?><svg width='9'><defs>"
+        '<style type="text/css">*{stroke-linejoin: round; stroke-linecap: butt}</style></defs>'
+        '<path d="M0 0" style="fill: none; stroke-linecap: square"/>'
+        """<text style="font: 8px 'DejaVu Sans'; text-anchor: end">9</text></svg>"""
+    )
+    assert _without_styles(svg) == (
+        "<?xml version='1.0'?>"
+        """<svg stroke-linejoin="round" stroke-linecap="butt" width='9'><defs></defs>"""
+        '<path d="M0 0" fill="none" stroke-linecap="square"/>'
+        """<text style="font: 8px 'DejaVu Sans'; text-anchor: end">9</text></svg>"""
+    )

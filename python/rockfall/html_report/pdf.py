@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rockfall.errors import RockfallError, need
-from rockfall.html_report.maps import data_uri
 from rockfall.io.files import atomic_write
 
 if TYPE_CHECKING:
@@ -50,8 +49,8 @@ def _fonts_of_figures() -> str:
     rules = []
     for weight in ("normal", "bold"):
         font = FontProperties(family="DejaVu Sans", weight=weight)
-        uri = data_uri(Path(findfont(font)).read_bytes(), "font/ttf")
-        face = f"font-family: 'DejaVu Sans'; font-weight: {weight}; src: url({uri})"
+        uri = Path(findfont(font)).resolve().as_uri()  # as data it is read character by character
+        face = f"font-family: 'DejaVu Sans'; font-weight: {weight}; src: url('{uri}')"
         rules.append(f"@font-face {{ {face} }}")
     return "\n".join(rules)
 
@@ -82,6 +81,7 @@ def _laid_out(page: str) -> Document:
 
     logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it warns about CSS for screens
     fetcher, fonts = URLFetcher(allowed_protocols=["data"]), FontConfiguration()
-    style = CSS(string=_fonts_of_figures(), font_config=fonts, url_fetcher=fetcher)
+    local = URLFetcher(allowed_protocols=["file"])  # for our own style sheet alone
+    style = CSS(string=_fonts_of_figures(), font_config=fonts, url_fetcher=local)
     source = HTML(string=page, url_fetcher=fetcher)
     return source.render(font_config=fonts, stylesheets=[style], **OPTIONS)

@@ -73,10 +73,19 @@ def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
 
 
 def draw_contours(axes: Axes, contours: Contours) -> None:
-    """Draw contours; labelled ones are thicker."""
-    from matplotlib.collections import LineCollection
+    """Draw contours; labelled ones are thicker. All of a kind are one curve with gaps, which
+    Matplotlib simplifies and readers draw at once."""
+    from matplotlib.lines import Line2D
 
-    for level, curves in contours.curves.items():
-        wide = 0.5 if contours.is_index(level) else 0.2
-        style: dict[str, Any] = {"colors": BROWN, "linewidths": wide, "alpha": 0.7}
-        axes.add_collection(LineCollection(curves, **style), autolim=False)
+    gap = np.full((1, 2), np.nan)
+    for bold, wide in ((True, 0.5), (False, 0.2)):
+        curves = [
+            part
+            for level, curves in contours.curves.items()
+            if contours.is_index(level) == bold
+            for curve in curves
+            for part in (curve, gap)
+        ]
+        if curves:
+            style: dict[str, Any] = {"color": BROWN, "linewidth": wide, "alpha": 0.7, "zorder": 1}
+            axes.add_artist(Line2D(*np.concatenate(curves).T, **style))
