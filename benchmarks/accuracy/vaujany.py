@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The shipped impact sets beside what the paper prints: writes docs/validation/vaujany.md.
 
-    python -m benchmarks.accuracy.vaujany [--slopes 48] [-o docs]
+    python -m benchmarks.accuracy.vaujany [--slopes 48] [-o docs/validation]
 
 Tables 2 and 3 of Bourrier et al. (2009) by methods A and B, and what it says of its rebounds: by
 each shipped set, by `bourrier2009` turned to the aspect, and by the draws of its ensemble, over

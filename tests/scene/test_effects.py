@@ -53,6 +53,11 @@ EFFECTS = [
     ("boulder", "block_shape_share", [1.0], {}, "a table of impacts", BY_TABLE),
     ("boulder", "block_axes", [3.0, 2.0, 1.0], {"boulder": {
         "volume": "list", "volumes": [2.0], "volume_mean": None}}, "a table of impacts", BY_TABLE),
+    ("boulder", "ground_strength_sigma", 0.5, {}, "a table of impacts", BY_TABLE),
+    ("boulder", "mean_radius_sigma", 0.5, BY_TABLE | {"surface": {"uniform_mean_radius": None}},
+        "sizes of rocks", {"surface": {"uniform_mean_radius": 0.2}}),
+    ("surface", "ground_strength", 2e5, {}, "ground, or &impact table", BY_TABLE),
+    ("surface", "ground_relief", 12.0, {}, "ground, or &impact table", BY_TABLE),
     ("surface", "zone_field", "z", {}, "zones", None),
     ("surface", "rg_reading", "radius", {}, "method = 'A'", {"surface": {
         "method": "A", "uniform_mean_radius": None, "uniform_rg": [0.1, 0.2, 0.3]}}),

@@ -236,6 +236,19 @@ def test_models_vary_it_whole(case):
     assert [rule.name for rule in tables["table talus"].grounds] == ["talus"]
 
 
+@pytest.mark.parametrize("boulder", [{"ground_strength_sigma": 0.4}, {"mean_radius_sigma": 0.4}])
+def test_models_leave_out_keys_that_they_do_not_use(case, boulder):
+    """In place of leaving out themselves."""
+    ground = {} if "mean_radius_sigma" in boulder else {"ground": "talus"}
+    whole = case.replace(surface=NO_ZONES | {"uniform_mean_radius": 0.3} | ground, boulder=boulder)
+    scenes = dict(variants(whole, ["road"], []))
+    assert "impact sets, method B" in scenes
+    tables = dict(by_tables(whole, read_scene(whole), ["meadow", "rocky-slope"], []))
+    keys = {name: scene.case.boulder.get("mean_radius_sigma") for name, scene in tables.items()}
+    own = boulder.get("mean_radius_sigma", 0.0)
+    assert keys == {"table meadow": 0.0, "table rocky-slope": own}
+
+
 def test_draws_of_a_shipped_ground_do_not_stand_in_for_it(case):
     """Its numbers are known."""
     whole = case.replace(surface=NO_ZONES | {"ground": "talus"} | OWN)

@@ -10,7 +10,7 @@ module rockfall_case_effects
    private
    public :: check_effects, mark_defaults
 
-   integer, parameter :: key_length = 20, map_length = len(map_names)
+   integer, parameter :: key_length = len(key_table%name), map_length = len(map_names)
 
 contains
 

@@ -85,7 +85,7 @@ module rockfall_variables
       variable_t("count", "rebounds_out_of_range", "integer", "1", &
                  "rebounds with R_b/R_m outside 0.5 to 5.5, or those of their table of impacts"), &
       variable_t("count", "rebounds_out_of_speed", "integer", "1", &
-                 "rebounds at speeds outside the set's speed_range, or above their table's at this incidence"), &
+                 "rebounds at speeds outside speed_range of the set, or above those of their table"), &
       variable_t("count", "rebounds_out_of_angle", "integer", "1", &
                  "rebounds at incidence angles outside the set's angle_range"), &
       variable_t("ground", "rebounds_by_ground", "integer", "1", "rebounds on the ground"), &
@@ -272,7 +272,7 @@ module rockfall_variables
       variable_t("status", "stopped_by_tree", "word", "", "lost its energy at a tree"), &
       variable_t("status", "stopped_by_barrier", "word", "", "lost its energy at a barrier"), &
       variable_t("outcome", "stopped", "word", "", &
-                 "came to rest there: the barrier took all energy, or left less than the stop speed"), &
+                 "came to rest there: the barrier took all energy or left less than the stop speed"), &
       variable_t("outcome", "broken_through", "word", "", "went on with what the barrier did not take"), &
       variable_t("outcome", "passed_over", "word", "", "its centre was above the top edge each time"), &
       variable_t("leg", "flight", "word", "", "in the air"), &

@@ -15,6 +15,7 @@ from rockfall.grounds import (
     ABSORBS,
     IMPACT_SETS,
     NO_GROUND,
+    RATIO_TABLE,
     TABLES,
     GroundRule,
     GroundTable,
@@ -45,7 +46,8 @@ ROCKS = {
     "constant": ("constant_talus", "rock_ledge"),
     "bourrier_hungr": ("bourrier_hungr", "bourrier_hungr"),
 }
-NO_SHAPES = dict.fromkeys(("block_shape", "block_shape_share", "block_axes"))
+#: Keys that only tables of impacts use.
+OF_TABLES = ("block_shape", "block_shape_share", "block_axes", "ground_strength_sigma")
 #: Obstacles of this size [m] stop every boulder in Rockyfor3D, but not with impact sets.
 STOPPING = 100.0
 AS_GIVEN = "grounds of the case"
@@ -108,7 +110,10 @@ def by_tables(
         by_table = {"form": "table", "table": name}
         if is_named or not follows_table or name != usual_name(case):
             law = case.replace(impact=unused | by_table, surface=NO_GROUND)
-            laws[name] = law, usual_ground(law)
+            rule = usual_ground(law)
+            if not {rule.model, *kept} & {IMPACT_SETS, RATIO_TABLE}:
+                law = law.replace(boulder={"mean_radius_sigma": None})
+            laws[name] = law, rule
     needing = [rule.name for _, rule in laws.values() if rule.rocks]
     if names is None and unsized == 1 and needing:
         laws = {name: law for name, law in laws.items() if name not in needing}
@@ -169,12 +174,12 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     method = case.surface["method"]
     named = {str(zone.ground_in(NamedGround(""))) for zone in case_zones(case).values()}
     tables = {ground.name for ground in own.grounds if ground.model in TABLES}
-    shapes = {} if named & tables else NO_SHAPES  # which are refused where no ground has a table
+    unused = {} if named & tables else dict.fromkeys(OF_TABLES)  # refused where no ground has one
     for way in (method, "AB".replace(method, "")):
         surface = {**NO_GROUND, "method": way}
         try:
             scene = read_scene(
-                case.replace(impact={"form": "matrix"}, surface=surface, boulder=shapes)
+                case.replace(impact={"form": "matrix"}, surface=surface, boulder=unused)
             )
         except RockfallError:  # no sizes for this method
             continue
