@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One population: over random scenarios the sum over them is the whole, a road as one segment is
+the road as an object, its pieces miss nothing of it, and what changes nothing changes no number."""
+
+import numpy as np
+import pytest
+
+import rockfall
+import scenes
+from made import make_layer
+from rockfall.studies.dossier import read_dossier, run_dossier
+
+shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
+
+Z = scenes.rough(gradient=0.7, relief=0.5)
+PLACE = {"dem": Z, "transform": scenes.grid(Z)}
+ROAD = [[0.0, 200.0], [300.0, 200.0]]
+NET = {"name": "net", "x": [0.0, 300.0], "y": [20.0, 20.0], "height": 4.0, "class": 3}
+FREQUENCIES = ("frequency", "frequency_low", "frequency_high")
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
+
+
+def random_case(folder, seed):
+    """Case with two to four scenarios of random frequencies and volumes."""
+    random = np.random.default_rng(seed)
+    scenarios = [
+        {
+            "name": f"scenario {k}",
+            "frequency": float(random.lognormal(0.0, 2.0)),
+            "volume_mean": float(random.uniform(0.05, 4.0)),
+        }
+        for k in range(random.integers(2, 5))
+    ]
+    groups = {
+        "release": {"x": [120.0, 181.0], "y": [380.0, 385.0], "drop_height": 2.0},
+        "case": {"boulders": int(random.integers(50, 200)), "seed": seed},
+        "line": [{"name": "road", "x": [0.0, 300.0], "y": [200.0, 200.0]}],
+    }
+    case = scenes.make_case(folder, *scenes.sets(2.0), **groups)
+    shapes = [shapely.box(130.0, 150.0, 160.0, 170.0), shapely.LineString(ROAD)]
+    make_layer(folder / "houses.gpkg", shapes, crs=None, name=["house", "way"])
+    make_layer(folder / "road.gpkg", [shapely.LineString(ROAD)], crs=None, name=["way"],
+               width=[0.0])  # fmt: skip
+    return case.replace(scenario=scenarios)
+
+
+def hazard(case, length=60.0):
+    layers = {"objects": case.path("houses.gpkg"), "segments": case.path("road.gpkg")}
+    return rockfall.hazard(case, **layers, segment_length=length, **PLACE)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_sum_over_scenarios_is_the_whole_and_segments_miss_nothing_of_the_road(tmp_path, seed):
+    case = random_case(tmp_path, seed)
+    whole = hazard(case)
+    parts = [hazard(case.replace(scenario=[scenario])) for scenario in case.scenario]
+    for kind in ("line", "object", "segment"):
+        for name in FREQUENCIES:
+            total = sum(part[f"{kind}_{name}"].values for part in parts)
+            assert np.allclose(whole[f"{kind}_{name}"].values, total, rtol=1e-12)
+    for name in ("hit_frequency", "passage_frequency"):
+        total = sum(part[name].values for part in parts)
+        assert np.allclose(whole[name].values, total, rtol=1e-5)
+    single = hazard(case, None)["segment_passages"].values[:, 0]
+    assert single.all() and (single == whole["object_passages"].sel(object="way")).all()
+    pieces = whole["segment_passages"].values.sum(axis=1)
+    assert (pieces >= single).all()  # a boulder at a joint touches two
+    assert (pieces <= 1.3 * single).all()
+    assert (single >= whole["line_passages"].values[:, 0]).all()  # with the side of the boulder
+
+
+def test_zero_changes_change_nothing_and_a_variant_has_the_numbers_of_its_hazard(tmp_path):
+    """A net below all places."""
+    variants = [{"name": "bare", "without": ["barrier"]}, {"name": "net"}]
+    case = random_case(tmp_path, 4)
+    both = case.replace(barrier=[NET], variant=variants)
+    made = run_dossier(read_dossier(both, tmp_path / "houses.gpkg", **PLACE))
+    rows = made.frequencies[made.frequencies["line"] != "net"]
+    changes = rows[rows["variant"] == "net"]["difference"].dropna()
+    assert len(changes) and not changes.any()
+    alone = hazard(case)
+    for found in made.hazards.values():
+        for kind, name in (("line", "road"), ("object", "house")):
+            for end in FREQUENCIES:
+                own, expected = (
+                    float(one[f"{kind}_{end}"].sel({kind: name})) for one in (found, alone)
+                )
+                assert own == expected
+        assert (found["line_energy_by_period"].values[0] == alone["line_energy_by_period"]).all()
