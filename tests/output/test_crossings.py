@@ -3,12 +3,14 @@
 
 import netCDF4
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
 import rockfall
 from made import refused
 from rockfall.result import crossings as module
+from rockfall.result import stored_crossings
 from rockfall.result.crossings import boulders_at, line_values
 from scenes import grid, make_case, rough, sets
 
@@ -131,3 +133,49 @@ def test_analyses_that_share_lines_have_the_same_numbers(result, size, monkeypat
             assert rockfall.return_levels(result, [10]).equals(alone[1])
         assert rockfall.line_statistics(half).equals(part)
     assert module.at_line(result, 0) is not module.at_line(result, 0)
+
+
+@pytest.fixture
+def in_file(result, tmp_path, monkeypatch):
+    """The result read from a file in which its crossings stay."""
+    monkeypatch.setattr(stored_crossings, "MOST", 100)
+    rockfall.write_result(result, tmp_path / "a.nc")
+    return rockfall.read_result(tmp_path / "a.nc")
+
+
+def test_crossings_that_stay_in_the_file_are_those_in_memory(result, in_file, tmp_path):
+    assert not in_file["crossing_time"].variable._in_memory
+    lines = result.sizes["line"]
+    for k in range(lines):
+        assert rockfall.crossings(in_file, k).equals(rockfall.crossings(result, k))
+    assert rockfall.line_statistics(in_file).equals(rockfall.line_statistics(result))
+    some = [1, 0]
+    assert rockfall.line_statistics(in_file, lines=some).equals(
+        pd.concat([rockfall.line_statistics(result, lines=[k]) for k in some], ignore_index=True)
+    )
+    assert rockfall.return_levels(in_file, [10], lines=["road 2"]).equals(
+        rockfall.return_levels(result, [10], lines=[1])
+    )
+    assert not in_file["crossing_time"].variable._in_memory
+    rockfall.write_result(in_file.copy(deep=True), tmp_path / "b.nc")
+    xr.testing.assert_identical(rockfall.read_result(tmp_path / "b.nc").load(), in_file.load())
+    assert in_file.drop_vars("crs").equals(result.drop_vars("crs"))
+    chosen = rockfall.read_result(tmp_path / "a.nc").isel(crossing=slice(7, 300, 3))
+    assert chosen["crossing_line"].equals(result["crossing_line"][7:300:3])
+
+
+@pytest.mark.parametrize(
+    "name, at, value",
+    [("row_size", 0, 1), ("crossing_line", -1, 0), ("crossing_boulder", 5, 2**20),
+     ("crossing_boulder", 5, 0), ("crossing_omega", 3, np.nan), ("crossing_time", 4, -1.0)],
+)  # fmt: skip
+def test_a_damaged_crossing_in_the_file_is_refused_where_it_is_read(
+    result, tmp_path, monkeypatch, name, at, value
+):
+    monkeypatch.setattr(stored_crossings, "MOST", 100)
+    rockfall.write_result(result, tmp_path / "a.nc")
+    with netCDF4.Dataset(tmp_path / "a.nc", "a") as file:
+        file[name][at] = value
+    with pytest.raises(rockfall.RockfallError, match=rf"a.nc: {name}(:| =)"):
+        rockfall.line_statistics(rockfall.read_result(tmp_path / "a.nc"), quantities=["speed"])
+        rockfall.read_result(tmp_path / "a.nc").load()

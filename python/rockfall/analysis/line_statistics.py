@@ -17,7 +17,7 @@ from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import fraction_limits
-from rockfall.result.crossings import HEIGHTS, line_names
+from rockfall.result.crossings import HEIGHTS, chosen_lines
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,14 +48,16 @@ def line_statistics(
     by: str | None = None,
     classes: Sequence[float] | None = None,
     quantities: Sequence[str] | None = None,
+    lines: Sequence[str | int] | None = None,
 ) -> pd.DataFrame:
-    """One row for each line and quantity (or each of the `quantities` chosen): n and fraction of
-    the boulders that crossed, then mean, standard deviation (n - 1), quantiles and maximum, in the
-    units of the result; NaN where none crossed. `NAME_low` and `NAME_high` are the limits of the 95
-    % confidence interval of fraction (Wilson 1927), mean, std (Hall 1992) and quantiles (order
-    statistics). The maximum has none: it grows with n. Too few boulders give no valid interval:
-    below 10 that of the mean is NaN, below 100 that of std, and limits of quantiles beyond the
-    values of the sample are NaN. `withheld` names the numbers without an interval.
+    """One row for each line and quantity (or for each of the `lines`, given by name or index, and
+    `quantities` chosen): n and fraction of the boulders that crossed, then mean, standard deviation
+    (n - 1), quantiles and maximum, in the units of the result; NaN where none crossed. `NAME_low`
+    and `NAME_high` are the limits of the 95 % confidence interval of fraction (Wilson 1927), mean,
+    std (Hall 1992) and quantiles (order statistics). The maximum has none: it grows with n. Too few
+    boulders give no valid interval: below 10 that of the mean is NaN, below 100 that of std, and
+    limits of quantiles beyond the values of the sample are NaN. `withheld` names the numbers
+    without an interval.
 
     by = 'source', 'volume' or 'shape' gives these rows for each group of boulders, named in a
     column of that name, with the number released in `boulders`, to which `fraction` then refers;
@@ -87,7 +89,7 @@ def line_statistics(
     samples = LineSamples(result)
     parts = samples.groups(by, classes) if by else [("", None)]
     rows = []
-    for k, line in enumerate(line_names(result)):
+    for k, line in chosen_lines(result, lines):
         for name, chosen in parts:
             for quantity in chosen_quantities:
                 attrs: dict[str, object] = {"line": line}

@@ -25,7 +25,7 @@ from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import Z
 from rockfall.language import say
-from rockfall.result.crossings import line_names
+from rockfall.result.crossings import chosen_lines
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,8 +84,13 @@ class Tail:
         return self.fit.shape - Z * error, self.fit.shape + Z * error
 
 
-def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.DataFrame:
-    """One row for each line and quantity, in the units of the result: n, max and `level_N`, the
+def return_levels(
+    result: xr.Dataset,
+    levels: Sequence[int] = LEVELS,
+    lines: Sequence[str | int] | None = None,
+) -> pd.DataFrame:
+    """One row for each line (or each of the `lines`, given by name or index) and quantity, in the
+    units of the result: n, max and `level_N`, the
     value exceeded by one in N of the boulders that pass, with the limits of its 95 % interval; the
     GPD behind it (threshold, boulders above it, shape with its limits, scale, p of the fit, the
     upper end point of the tail and its upper limit); NaN if refused, for the reason in `refused`,
@@ -102,7 +107,7 @@ def return_levels(result: xr.Dataset, levels: Sequence[int] = LEVELS) -> pd.Data
     _check(levels)
     samples = LineSamples(result)
     rows = []
-    for k, line in enumerate(line_names(result)):
+    for k, line in chosen_lines(result, lines):
         for quantity in QUANTITIES:
             row = _row(*tail_at(samples, k, quantity, levels))
             rows.append({"line": line, "quantity": quantity, **row})

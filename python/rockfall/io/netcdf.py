@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 Mode = Literal["r", "w", "x", "a"]
 _LOCKING = "HDF5_USE_FILE_LOCKING"
 
+CACHE = 2**20  # bytes of a variable of crossings; by default all of it stays in memory
+
 # HDF5 locks the files that it reads or writes, and fails on file systems without locks. Nothing
 # here needs these locks: files are written under temporary names. HDF5 reads the variable when it
 # opens its first file.
@@ -49,14 +51,19 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
 
     try:
         if NETCDF_NAMES is None or name.isascii():
-            return netCDF4.Dataset(name, mode)
-        return Named(name, mode, encoding=NETCDF_NAMES)
+            file = netCDF4.Dataset(name, mode)
+        else:
+            file = Named(name, mode, encoding=NETCDF_NAMES)
     except OSError as error:
         if has_locks(name if os.path.exists(name) else os.path.dirname(name)):
             raise
         raise RockfallError(
             f"{path}: HDF5 cannot lock files on this file system; set {_LOCKING}=FALSE"
         ) from error
+    for variable in file.variables.values():
+        if variable.dimensions == ("crossing",):
+            variable.set_var_chunk_cache(CACHE)
+    return file
 
 
 def check_letters(path: str | Path) -> None:

@@ -5,7 +5,7 @@ follow by its rules."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cached_property, lru_cache
@@ -52,6 +52,13 @@ def line_index(result: Held, line: str | int) -> int:
     raise RockfallError(f"line {line}: no such line; lines: {', '.join(names) or 'none'}")
 
 
+def chosen_lines(result: Held, lines: Sequence[str | int] | None = None) -> list[tuple[int, str]]:
+    """Index and name of each line, or of those given by names or indices."""
+    names = line_names(result)
+    chosen = range(len(names)) if lines is None else [line_index(result, line) for line in lines]
+    return [(k, names[k]) for k in chosen]
+
+
 def rows_at(result: Known, line: int) -> slice:
     """Rows of the crossings of the line of this index."""
     sizes = np.asarray(result["row_size"])
@@ -66,14 +73,15 @@ class AtLine:
     def __init__(self, result: Known, line: int) -> None:
         """Crossings of a result, or of arrays by name, which have no energies: they lack a case."""
         self._result: Any = result
+        self._held: Any = getattr(result, "variables", result)  # a DataArray of each costs more
         self._line = line
         self.kept: dict[Any, Any] = {}  # small numbers of analyses, for others
         self._rows, self.boulders = self._rows_and_boulders()
 
     def _rows_and_boulders(self) -> tuple[slice | np.ndarray, np.ndarray]:
         """Rows of the crossings, and index along `boulder` of each, in the order of numbers."""
-        rows, kept = rows_at(self._result, self._line), np.asarray(self._result["boulder"])
-        numbers = np.asarray(self._result["crossing_boulder"][rows])  # of a file only these rows
+        rows, kept = rows_at(self._held, self._line), np.asarray(self._held["boulder"])
+        numbers = np.asarray(self._held["crossing_boulder"][rows])  # of a file only these rows
         if not kept.size or not numbers.size:
             return slice(0), np.zeros(0, "i8")
         if kept[-1] - kept[0] + 1 == kept.size and (kept[1:] > kept[:-1]).all():
@@ -91,7 +99,7 @@ class AtLine:
 
     def stored(self, name: str) -> np.ndarray:
         """Values of a stored variable, crossing_NAME."""
-        return np.asarray(self._result[f"crossing_{name}"][self._rows])
+        return np.asarray(self._held[f"crossing_{name}"][self._rows])
 
     @cached_property
     def volumes(self) -> np.ndarray:
@@ -99,7 +107,7 @@ class AtLine:
         given."""
         if "crossing_volume" in self._result:
             return self.stored("volume").astype("f8")
-        return np.asarray(self._result["volume"])[self.boulders]
+        return np.asarray(self._held["volume"])[self.boulders]
 
     @cached_property
     def derived(self) -> np.ndarray:
@@ -108,7 +116,7 @@ class AtLine:
             return np.empty((len(DERIVED), 0))
         mass = masses_of(self._result, self.boulders)
         if "crossing_volume" in self._result:
-            mass = mass * (self.volumes / np.asarray(self._result["volume"])[self.boulders])
+            mass = mass * (self.volumes / np.asarray(self._held["volume"])[self.boulders])
         motion = np.array([self.stored(name) for name in MOTION], "f8", order="F")
         return np.ascontiguousarray(line_quantities(motion, self.volumes, mass))
 

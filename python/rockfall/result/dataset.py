@@ -14,11 +14,12 @@ from rockfall.errors import RockfallError
 from rockfall.io.coordinates.crs import grid_mapping
 from rockfall.io.files import atomic_write
 from rockfall.io.input_warnings import stored_warnings
-from rockfall.io.netcdf import open_dataset, open_netcdf
+from rockfall.io.netcdf import CACHE, open_dataset, open_netcdf
 from rockfall.io.output_files import check_result_path, why_unwritten
 from rockfall.io.rasters.grid import row_blocks
 from rockfall.kernel_rules import PIECE
 from rockfall.result.crossings import without_absent
+from rockfall.result.stored_crossings import crossings_in_file
 from rockfall.result.validate import TEXTS, check_result, check_values
 
 if TYPE_CHECKING:
@@ -34,7 +35,6 @@ DAMAGED = (
     OSError, ValueError, TypeError, LookupError, RuntimeError, AttributeError, OverflowError,
 )  # fmt: skip
 CHUNK = 32_768  # crossings compressed together
-CACHE = 2**20  # bytes of a variable of crossings; by default all of it stays in memory
 SAMPLES = {"sample_entry": 2048, "sample_line": 1}  # rows of samples compressed together
 TILE = 256  # cells of a compressed tile along each side
 
@@ -95,6 +95,7 @@ def open_result(path: str | Path) -> xr.Dataset:
 
 def read_result(path: str | Path) -> xr.Dataset:
     """Read the result of a run from its netCDF file into memory, as `rockfall.run` returned it.
+    More than a million crossings of lines stay in the file, and are read where they are used.
 
     >>> import rockfall
     >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "result.nc")
@@ -104,15 +105,17 @@ def read_result(path: str | Path) -> xr.Dataset:
     with open_result(path) as data:
         check_result(data, path)
         try:
-            result = data.load()
+            stored = crossings_in_file(data, path)
+            result = data.drop_vars([*stored]).load()
         except DAMAGED as error:
             raise RockfallError(f"{path}: cannot be read: {error}") from error
     check_values(result, path)
-    for variable in result.variables.values():
-        variable.attrs.pop("_FillValue", None)
     for name in TEXTS:
         if name in result.variables:
             result[name] = result[name].astype(str).astype(object)
+    result = result.assign(stored)
+    for variable in result.variables.values():
+        variable.attrs.pop("_FillValue", None)
     return result
 
 

@@ -158,24 +158,33 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
 def check_crossings(data: xr.Dataset, path: str | Path) -> None:
     """Refuse crossings that are not sorted by line, then by boulder, or of a boulder without a
     row."""
-    if "row_size" not in data:
+    if "crossing_line" not in data:  # none, or they are checked where they are read
         return
-    sizes, line, number = (
-        data[name].values for name in ("row_size", "crossing_line", "crossing_boulder")
-    )
-    kept, fault = data["boulder"].values, ""
-    if (sizes < 0).any() or sizes.sum() != line.size:
-        fault = "row_size"
+    sizes, kept, fault = data["row_size"].values, data["boulder"].values, ""
+    if (sizes < 0).any() or sizes.sum() != data.sizes["crossing"]:
+        fault = "row_size: holds what no run has"
     else:  # line by line: all of them together take several times their memory
         for k, end in enumerate(np.cumsum(sizes, dtype="i8").tolist()):
-            at = slice(end - int(sizes[k]), end)
-            place = np.minimum(np.searchsorted(kept, number[at]), max(0, kept.size - 1))
-            if (line[at] != k).any():
-                fault = "crossing_line"
-            elif (np.diff(number[at]) <= 0).any() or (kept[place] != number[at]).any():
-                fault = "crossing_boulder"
+            for name in ("crossing_line", "crossing_boulder"):
+                values = data[name].values[end - int(sizes[k]) : end]
+                fault = fault or fault_of_crossings(name, values, np.full(values.size, k), kept)
     if fault:
-        raise RockfallError(f"{path}: {fault}: holds what no run has")
+        raise RockfallError(f"{path}: {fault}")
+
+
+def fault_of_crossings(name: str, values: np.ndarray, line: np.ndarray, kept: np.ndarray) -> str:
+    """Fault of values of a variable of crossings of these lines, one after another, by the
+    boulders that are kept; "" if none."""
+    good = True
+    if name == "crossing_line":
+        good = bool((values == line).all())
+    elif name == "crossing_boulder":
+        place = np.minimum(np.searchsorted(kept, values), max(0, kept.size - 1))
+        rising = (np.diff(values) > 0) | (np.diff(line) > 0)
+        good = not values.size or bool(rising.all() and (kept[place] == values).all())
+    elif not np.isfinite(values).all():
+        return f"{name}: must be a number for every crossing"
+    return "" if good else f"{name}: holds what no run has"
 
 
 def check_samples(data: xr.Dataset, path: str | Path) -> None:

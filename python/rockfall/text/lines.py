@@ -63,10 +63,9 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
     """Print both tables of a result; with `table`, a CSV file, write line_statistics to it and
     return_levels next to it as NAME_levels.csv, in the units of the result."""
     result, places = open_lines(path, table, "", "_levels.csv")
-    statistics, levels = line_statistics(result), return_levels(result)
-    print(
-        "\n".join([*scenario_note(case_of(result)), *_text(statistics, levels, simulated(result))])
-    )
+    shown = None if table else range(min(MOST_LINES, len(line_names(result))))
+    statistics, levels = line_statistics(result, lines=shown), return_levels(result, lines=shown)
+    print("\n".join([*scenario_note(case_of(result)), *_text(statistics, levels, result)]))
     if is_ensemble(result):
         print("", ensemble_summary(result), sep="\n")
     write_tables(path, result, dict(zip(places, [statistics, levels], strict=False)))
@@ -152,8 +151,9 @@ def _csv(path: Path) -> Path:
     return path
 
 
-def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iterator[str]:
+def _text(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Dataset) -> Iterator[str]:
     """Both tables, line after line, of the first ones."""
+    boulders = simulated(result)
     yield ABOUT
     rows = rows_in(statistics)
     for line, numbers in itertools.islice(rows.items(), MOST_LINES):
@@ -166,7 +166,7 @@ def _text(statistics: pd.DataFrame, levels: pd.DataFrame, boulders: int) -> Iter
             yield from (as_text(table), as_text(level_table(tails, short=True)))
             yield from _bounded(tails)
             yield from _refused(tails)
-    yield from more_lines(len(rows))
+    yield from more_lines(len(line_names(result)))
 
 
 def _bounded(tails: pd.DataFrame) -> Iterator[str]:

@@ -15,7 +15,7 @@ from rockfall.grounds import repose
 from rockfall.kernel_rules import fraction_limits
 from rockfall.language import Text, say
 from rockfall.quantities import first_of, part_of_boulders, percent
-from rockfall.result.crossings import MOTION, AtLine, has_crossed, line_names
+from rockfall.result.crossings import AtLine, has_crossed, line_names
 from rockfall.result.grounds import rebounds_by_ground
 from rockfall.result.variables import STATUS
 
@@ -44,15 +44,22 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         return
     lowest = LOWEST_REST if rebounds_by_ground(values) else repose()
     cosine = np.cos(np.radians(case.impact.get("rest_angle", lowest)))
+    breaks = "crossing_volume" in values  # then crossings have radii of their own
+    radii = np.zeros(0) if breaks else _radius(np.asarray(values["volume"]))
     for k, name in enumerate(line_names(values)):
         at = AtLine(values, k)
-        motion = np.array([at.stored(part) for part in MOTION], "f8")
-        radius = np.cbrt(0.75 / np.pi * at.volumes)
-        above = motion[MOTION.index("passing_height")] - motion[MOTION.index("jump_height")]
-        rolls = (radius < above * cosine) & (np.hypot.reduce(motion[:3]) < SLOW)
+        above = at.stored("passing_height") - at.stored("jump_height")
+        radius = radii[at.boulders] if radii.size else _radius(at.volumes)
+        slow = sum(at.stored(f"velocity_{axis}") ** 2 for axis in "xyz") < SLOW**2
+        rolls = (radius < above * cosine) & slow
         if rolls.size and (fraction := float(rolls.mean())) > MAX_SLOW:
             attrs = {"line": name, "fraction": percent(fraction), "slow": SLOW}
             yield Remark(say("model.rolling", **attrs), True)
+
+
+def _radius(volumes: np.ndarray) -> np.ndarray:
+    """Radii [m] of spheres of these volumes [m3]."""
+    return np.cbrt(0.75 / np.pi * volumes)
 
 
 def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:

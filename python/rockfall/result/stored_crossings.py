@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Crossings of a result that stay in its file, since they may take most of the memory: some lines
+are read at a time, and checked when they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.netcdf import open_netcdf
+from rockfall.result import variables
+from rockfall.result.validate import fault_of_crossings
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST = 1_000_000  # crossings that are read into memory at once
+
+
+def crossings_in_file(data: xr.Dataset, path: str | Path) -> dict[str, xr.Variable]:
+    """Variables of the crossings of an opened result, which are read from its file when they are
+    used; {} if they are few. The file stays open as long as one of them lives."""
+    if data.sizes.get("crossing", 0) <= MOST:
+        return {}
+    import xarray as xr
+    from xarray.core.indexing import LazilyIndexedArray
+
+    file = open_netcdf(path)
+    file.set_auto_maskandscale(False)
+    sizes, kept = data["row_size"].values, data["boulder"].values
+    if (sizes < 0).any() or sizes.sum() != data.sizes["crossing"]:
+        raise RockfallError(f"{path}: row_size: holds what no run has")
+    rows = _Rows(str(path), file, np.cumsum(sizes, dtype="i8"), kept)
+    return {
+        str(name): xr.Variable(
+            variable.dims, LazilyIndexedArray(_column(rows, str(name))), variable.attrs
+        )
+        for name, variable in data.variables.items()
+        if variable.dims == ("crossing",)
+    }
+
+
+class _Rows:
+    """Rows of the crossings in a file."""
+
+    def __init__(self, name: str, file: Any, ends: np.ndarray, kept: np.ndarray) -> None:
+        self._name, self._file, self._kept = name, file, kept
+        self._ends = ends  # row after the last one of each line
+
+    def dtype(self, name: str) -> np.dtype:
+        return self._file.variables[name].dtype
+
+    @property
+    def size(self) -> int:
+        return int(self._ends[-1])
+
+    def values(self, name: str, first: int, last: int) -> np.ndarray:
+        """Values of a variable in the rows first to last - 1."""
+        try:
+            values = np.asarray(self._file.variables[name][first:last])
+        except (OSError, RuntimeError) as error:
+            raise RockfallError(f"{self._name}: {name}: cannot be read: {error}") from error
+        fault = fault_of_crossings(name, values, self._lines(first, last), self._kept)
+        if fault := fault or variables.fault_of(name, values):
+            raise RockfallError(f"{self._name}: {fault}")
+        return values
+
+    def _lines(self, first: int, last: int) -> np.ndarray:
+        """Index of the line of each row."""
+        lines = np.arange(*np.searchsorted(self._ends, [first, last], side="right") + [0, 1])
+        lines = lines[lines < self._ends.size]
+        ends = np.clip(self._ends[lines], first, last)
+        return np.repeat(lines, np.diff(ends, prepend=first))
+
+
+def _column(rows: _Rows, name: str) -> Any:
+    """Variable of these rows as xarray indexes it."""
+    from xarray.backends import BackendArray
+    from xarray.core.indexing import IndexingSupport, explicit_indexing_adapter
+
+    class Column(BackendArray):
+        """One dimension; read-only, so that a copy is the same."""
+
+        shape, dtype = (rows.size,), rows.dtype(name)
+
+        def __getitem__(self, key: Any) -> np.ndarray:
+            return explicit_indexing_adapter(key, self.shape, IndexingSupport.OUTER, self._read)
+
+        def __deepcopy__(self, memo: Any) -> Column:
+            return self
+
+        def _read(self, key: tuple[Any, ...]) -> np.ndarray:
+            (chosen,) = key
+            if isinstance(chosen, slice):
+                first, last, step = chosen.indices(rows.size)
+                if step == 1:
+                    return rows.values(name, first, max(first, last))
+                chosen = np.arange(first, last, step)
+            index = np.asarray(chosen)
+            if not index.size:
+                return np.empty(0, self.dtype)
+            first = int(index.min())
+            return rows.values(name, first, int(index.max()) + 1)[index - first]
+
+    return Column()
