@@ -561,6 +561,10 @@ DOCUMENTS = {
                    polygon(50, 300, 250, 201, id="z2", ground="soil_4", mean_radius=0.05)]},
         {"surface": {"uniform_mean_radius": 0.3}},
     ),
+    "zones on a measured ground": (
+        {"zones": [polygon(50, 200, 250, 60, ground="meadow")]},
+        {"surface": {"uniform_mean_radius": None, "ground": "talus", "ground_relief": 12.0}},
+    ),
     "shapes by boulder": (
         {"sources": [point(150.1, 40.7), point(90, 50, id="p2", block_shape="platy"),
                      point(91, 55, id="p3", a=2.0, b=1.2, c=1.125)]},
@@ -844,6 +848,21 @@ def test_zones_with_numbers_of_their_own_get_more_of_them(place):
     assert [one.properties["zone"] for one in zones] == [2, 7, 8]
     save(site, document, "more", False)
     assert rockfall.run(rockfall.read_case("more.nml")).sizes["boulder"] == 120
+
+
+def test_around_zones_the_ground_keeps_its_numbers(place):
+    surface = "ground = 'talus', ground_relief = 12.0"
+    Path("own.nml").write_text(CASE.replace("uniform_mean_radius = 0.25", surface), "utf-8")
+    site, document = open_site(Path("own.nml"))
+    document = site.edited(document, {"zones": [polygon(50, 200, 250, 60, ground="meadow")]}, {})
+    made = runnable(site, document)
+    grounds = [
+        zone.properties for zone in made.layers["zones"].features if "rest" in zone.properties
+    ]
+    assert grounds and all(one["ground_relief"] == 12.0 for one in grounds)
+    frames = {name: layer.frame(site.grid.crs) for name, layer in made.layers.items()}
+    names = rockfall.run(made.case, **frames)["ground"].values.tolist()
+    assert sorted(names) == ["meadow", "talus (12 degrees)"]
 
 
 VARIANTS = f"""&barrier name = 'Netz', x = {W}, {W + 300}, y = {N - 150}, {N - 150}, height = 4.0,
