@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rockfall.grounds import band, shipped_rows
 from rockfall.scene.read import read_scene
 from rockfall.simulation import pilot
 from rockfall.simulation.simulate import run_scene
@@ -82,3 +83,25 @@ def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
     follow = pilot._follow
     monkeypatch.setattr(pilot, "_follow", lambda *given: replace(follow(*given), seconds=7.0))
     assert lines() == before and any("pilot run" in one for one in before)
+
+
+def test_each_ground_has_a_softer_and_a_firmer_neighbour():
+    """By strength, and both ways alike; talus, whose strength goes with the size, has none."""
+    order = ["soft-soil", "vegetated-soil", "meadow", "compact", "rock"]
+    for k, name in enumerate(order):
+        assert band(name) == (*order[max(0, k - 1) : k], *order[k + 1 : k + 2])
+    assert {*shipped_rows().yielding} - {*order} == {"talus"} and band("talus") == ()
+
+
+@pytest.mark.parametrize(("surface", "others"), [
+    ({"ground": "meadow"}, ["vegetated-soil", "compact"]),
+    ({"ground": "rock"}, ["compact"]),
+    ({"ground": "meadow", "ground_strength": 8e5}, []),  # measured
+    ({"ground": "talus"}, []),
+])  # fmt: skip
+def test_the_runs_by_both_neighbours_are_offered(tmp_path, surface, others):
+    scene = scene_of(tmp_path, 3, 10, surface=surface)
+    lines = [line for line in preview.preview(scene).splitlines() if "ground band" in line]
+    offered = [word for line in lines for word in line.split("--table ")[1:]]
+    assert [word.strip() for word in offered] == others
+    assert all(len(line) <= 120 and f"models {scene.case.name} --table" in line for line in lines)

@@ -12,6 +12,7 @@ from rockfall.grounds.grounds import (
     YIELDING,
     GroundRule,
     GroundTable,
+    band,
     block_axes,
     block_radius,
     case_ground,

@@ -291,6 +291,24 @@ def table_names() -> list[str]:
 
 
 @cache
+def band(name: str) -> tuple[str, ...]:
+    """Names of the next softer and the next firmer shipped ground by tables of impacts; one at an
+    end, and none of a ground whose strength changes with the size of the boulder.
+
+    >>> band("meadow")
+    ('vegetated-soil', 'compact')
+    """
+    rows = shipped_rows().rows
+    grounds = {row: yielding_ground(rows[row])[1] for row in shipped_rows().yielding}
+    fixed = {row: ground.strength for row, ground in grounds.items() if not ground.strength_radius}
+    names = sorted(fixed, key=fixed.__getitem__)
+    if name not in names:
+        return ()
+    place = names.index(name)
+    return (*names[max(0, place - 1) : place], *names[place + 1 : place + 2])
+
+
+@cache
 def draws_of(name: str) -> list[dict[str, float]]:
     """Values of each draw of a shipped ground that evidence leaves uncertain; may be empty."""
     _, columns, rows = read_table(_draws())

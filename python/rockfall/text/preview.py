@@ -13,6 +13,7 @@ from rockfall.analysis.planes.neutral_slopes import NeutralSlopes, Rocks, rocks_
 from rockfall.analysis.validity.extrapolation import fractions_outside
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import Case
+from rockfall.grounds import band
 from rockfall.io.coordinates.crs import crs_name
 from rockfall.io.rasters.grid import row_blocks
 from rockfall.limits import CORES
@@ -49,6 +50,7 @@ def preview(scene: Scene) -> str:
         ("slopes", _slopes(scene.ground)),
         ("surface", _surface(scene)),
         *_grounds(values),
+        *_band(scene),
         ("sizes", _sizes(pilot.density, values["volume"])),
         *_shapes(values),
         *(("", line) for line in _rocks(scene, values["volume"])),
@@ -139,6 +141,15 @@ def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
     )
     if "ground" in values:
         yield "grounds", ", ".join(parts) + " of the rebounds of a pilot run"
+
+
+def _band(scene: Scene) -> Iterator[tuple[str, str]]:
+    """Command that runs the softer and firmer neighbours of the ground that all cells have."""
+    names = {ground.name for ground in scene.grounds}
+    others = band(names.pop()) if len(names) == 1 else ()
+    if others:
+        options = " ".join(f"--table {name}" for name in others)
+        yield "ground band", f"rockfall models {scene.case.name} {options}"
 
 
 def _boulders(scene: Scene) -> str:
