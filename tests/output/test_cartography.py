@@ -200,3 +200,13 @@ def test_a_basemap_lies_where_it_lies_in_its_own_crs(tmp_path, monkeypatch, crow
         file.write(picture)
     with pytest.raises(RockfallError, match="n.tif: has no CRS"):
         basemap.read_basemap("n.tif", result, (west, west + 100, south, south + 100))
+
+
+def test_maps_share_the_shade_of_a_terrain_but_not_of_another():
+    z = np.add.outer(np.arange(30.0) ** 1.5, np.sin(np.arange(20.0)))
+    first = relief.shade(z, 2.0)
+    assert relief.shade(z.copy(), 2.0) is first and not first.flags.writeable
+    for other in (relief.shade(z, 4.0), relief.shade(z.astype("f4"), 2.0), relief.shade(-z, 2.0)):
+        assert other is not first
+    z[3, 4] = np.nan
+    assert relief.shade(z, 2.0)[2, 4] == 1

@@ -34,8 +34,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     _open_closed_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # for names with unsupported letters
-    if argv is None and sys.argv[1:2] != ["run"]:
-        _leave_dask_out()
+    if argv is None:
+        _leave_out("geopandas", *(["dask"] if sys.argv[1:2] != ["run"] else []))
     try:
         with stoppable():
             arguments = make_parser().parse_args(argv)
@@ -79,10 +79,11 @@ def _check_names(arguments: argparse.Namespace) -> None:
             raise RockfallError(f"{name}: is not a name in UTF-8")
 
 
-def _leave_dask_out() -> None:
-    """Let Dask seem missing, which only `run` uses: xarray would import it, in a quarter of a
-    second, to ask whether arrays are Dask's."""
-    sys.modules.setdefault("dask", None)  # type: ignore[arg-type]
+def _leave_out(*packages: str) -> None:
+    """Let packages seem missing that nobody uses here: pyogrio would import GeoPandas, and xarray
+    Dask, which only `run` uses, in a quarter of a second, to ask whether data are theirs."""
+    for package in packages:
+        sys.modules.setdefault(package, None)  # type: ignore[arg-type]
 
 
 def _fault(error: Exception) -> int:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -32,22 +34,33 @@ class Zones(NamedTuple):
 def zones_by_cell(hazard: xr.Dataset) -> Zones:
     """Zones of a hazard class along cell edges, each with at least the `minimum_area` of the case:
     GDAL's sieve gives smaller patches the class of their largest neighbour."""
+    numbers, grid = _north_up(hazard["hazard_class"])
+    return _by_cell(numbers, grid, case_in(hazard.attrs).hazard["minimum_area"])
+
+
+def _by_cell(numbers: np.ndarray, grid: Grid, minimum_area: float) -> Zones:
     from rasterio.features import sieve
 
-    numbers, grid = _north_up(hazard["hazard_class"])
-    size = int(np.ceil(case_in(hazard.attrs).hazard["minimum_area"] / grid.cell**2))
+    size = int(np.ceil(minimum_area / grid.cell**2))
     return _patches(sieve(numbers, size, connectivity=4) if size > 1 else numbers, grid)
 
 
 def zones_of(hazard: xr.Dataset) -> Zones:
     """Zones of a hazard class with generalised outlines, no part narrower than the `minimum_width`
-    of the case; by cell if that is zero."""
+    of the case; by cell if that is zero. Texts, files and figures share them."""
+    numbers, grid = _north_up(hazard["hazard_class"])
+    keys = case_in(hazard.attrs).hazard
+    return _generalised(numbers.tobytes(), grid, keys["minimum_area"], keys["minimum_width"])
+
+
+@lru_cache(maxsize=4)
+def _generalised(content: bytes, grid: Grid, minimum_area: float, width: float) -> Zones:
     import shapely
 
-    zones, width = zones_by_cell(hazard), case_in(hazard.attrs).hazard["minimum_width"]
+    numbers = np.frombuffer(content, "u1").reshape(grid.shape)
+    zones = _by_cell(numbers, grid, minimum_area)
     if not width or not zones.shapes.size:
         return zones
-    numbers, grid = _north_up(hazard["hazard_class"])
     classes = np.arange(1, len(CLASSES))
     areas = [shapely.union_all(zones.shapes[zones.number == k]) for k in classes]
     terrain = shapely.box(grid.west, grid.south, grid.east, grid.north)
@@ -55,7 +68,7 @@ def zones_of(hazard: xr.Dataset) -> Zones:
     shown = shapely.intersection(outlines, terrain, grid_size=GRID * grid.cell)
     polygons = [[*polygons_of(area, NEGLIGIBLE * grid.cell**2)] for area in shown]
     number = np.repeat(classes, [len(polygon) for polygon in polygons])
-    return _zones([part for polygon in polygons for part in polygon], number, numbers.shape, grid)
+    return _zones([part for polygon in polygons for part in polygon], number, grid.shape, grid)
 
 
 def highest_classes(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
@@ -91,17 +104,23 @@ def certain_fractions(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def _north_up(data: xr.DataArray) -> tuple[np.ndarray, Grid]:
+    """Classes, rows from the north, and their grid, without what zones do not depend on."""
     grid, flipped = grid_of(data)
     values = data.values.astype("u1")
-    return (values[::-1] if flipped else values), grid
+    return (values[::-1] if flipped else values), replace(grid, crs=None, path=None)
 
 
 def _patches(numbers: np.ndarray, grid: Grid) -> Zones:
     """Patches of equal numbers above zero, by rows from the north-west."""
+    return _outlined(np.asarray(numbers, "u1").tobytes(), grid)
+
+
+@lru_cache(maxsize=8)
+def _outlined(content: bytes, grid: Grid) -> Zones:
     import shapely
     from rasterio.features import shapes
 
-    numbers = np.ascontiguousarray(numbers, "u1")
+    numbers = np.frombuffer(content, "u1").reshape(grid.shape)
     patches = list(shapes(numbers, mask=numbers > 0, connectivity=4, transform=grid.transform))
     polygons = [shapely.geometry.shape(shape) for shape, _ in patches]
     number = np.array([int(number) for _, number in patches], "i8")
@@ -116,4 +135,7 @@ def _zones(
         pairs = zip(polygons, range(1, len(polygons) + 1), strict=True)
         held_cells(pairs, grid, patch)
     cells = np.bincount(patch.ravel(), minlength=len(polygons) + 1)[1:]
-    return Zones(np.array(polygons, dtype=object), number, cells, patch)
+    zones = Zones(np.array(polygons, dtype=object), number, cells, patch)
+    for values in zones:  # they are shared
+        values.flags.writeable = False
+    return zones

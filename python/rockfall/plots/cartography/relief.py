@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -37,7 +38,13 @@ class Contours(NamedTuple):
 
 def shade(z: np.ndarray, cell: float) -> np.ndarray:
     """Brightness of a terrain with most light from the north-west and steep ground darker; nodata
-    is white."""
+    is white. The maps of a page share it."""
+    return _shade(z.tobytes(), z.dtype.str, z.shape, cell)
+
+
+@lru_cache(maxsize=2)
+def _shade(content: bytes, dtype: str, shape: tuple[int, int], cell: float) -> np.ndarray:
+    z = np.frombuffer(content, dtype).reshape(shape)
     down, right = np.gradient(z, cell)
     length = np.sqrt(1 + right**2 + down**2)
     light = np.zeros_like(length)
@@ -47,7 +54,9 @@ def shade(z: np.ndarray, cell: float) -> np.ndarray:
     light += 0.5 / length
     dark, bright = np.nanpercentile(light, [1, 99]) if np.isfinite(light).any() else (0, 1)
     shade = DARKEST + (1 - DARKEST) * np.clip((light - dark) / max(bright - dark, 1e-9), 0, 1)
-    return np.where(np.isnan(shade), 1, shade)
+    shade = np.where(np.isnan(shade), 1, shade)
+    shade.flags.writeable = False
+    return shade
 
 
 def contours_of(terrain: Terrain, extent: Extent) -> Contours:
