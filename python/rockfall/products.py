@@ -12,7 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rockfall.analysis.lines.drawn_line import drawn_line
 from rockfall.analysis.lines.section import Section, section_of
 from rockfall.analysis.lines.stations import SectionLine
+from rockfall.analysis.observed.compare import observed_files
+from rockfall.analysis.observed.deposits import grid_for
 from rockfall.analysis.observed.observations import Observed, read_observed
+from rockfall.case import case_of
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.files.export import EXPORTED, Chosen, crs_wkt, put_export
@@ -369,7 +372,8 @@ def _drawn(
 ) -> _Drawn:
     """Read all inputs of figures and pages."""
     data = read_result(result) if isinstance(result, str | Path) else result
-    seen = read_observed(*observed) if observed else None
+    observed = observed or observed_files(case_of(data))
+    seen = read_observed(*observed, grid=grid_for(data, observed)) if observed else None
     beside = Path(result).parent if isinstance(result, str | Path) else None
     terrain = terrain_of(data, dem, beside)
     picture = None if basemap is None else read_basemap(basemap, data, reached(data, terrain))

@@ -304,6 +304,11 @@ module rockfall_case_keys
             file="sets"), &
       key_t("ensemble", "draws", "text", 1, "absent", "", "", &
             "CSV of draws that `rockfall back` wrote, in place of what its columns hold", file="table"), &
+      key_t("observed", "files", "text", 100, "absent", "", "", &
+            "CSV or layers of what was seen at the site: blocks, scars, speeds (docs/observed.md)", &
+            file="any layer"), &
+      key_t("observed", "energy_line_angle", "real", 1, "absent", "5 to 85", "degree", &
+            "lowest of any boulder at rest, from its release: at the site, or in its region"), &
       key_t("scenario", "name", "text", 1, "required", "", "", "of a class of boulders, with its frequency"), &
       key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "how many boulders come loose"), &
       key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: 1/frequency"), &

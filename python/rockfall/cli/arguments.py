@@ -255,7 +255,8 @@ def _add_studies(commands: _Commands) -> None:
     _add_overrides(vary)
     text = "seek the uncertain inputs that make observations likely: a posterior"
     back = _add(commands, "studies", "back", text, "CASE")
-    back.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
+    text = "default: the files of &observed in the case"
+    back.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="*", help=text)
     _option(back, "-o --output DIR", Path, "default: CASE_back")
     _option(back, "--members M", int, "runs at most; default: 1024")
     _option(back, "--effective N", int, "members that the posterior must be worth; default: 100")

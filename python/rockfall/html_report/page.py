@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.observed.compare import compare
+from rockfall.analysis.observed.compare import DISAGREES, compare, disagreement
 from rockfall.analysis.population import scenario_note
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case import case_of
@@ -187,7 +187,13 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     grounds = ground_figure(result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))
     doubts = doubtful_inputs(result, hazard)
-    outside = [*doubts_note(doubts), *warnings(result), *missing_spread(result, models)]
+    compared = None if observed is None else compare(result, observed)
+    agreement = [] if compared is None else [disagreement(compared)]
+    outside = [
+        *doubts_note(doubts), *warnings(result),
+        *(f"{text}." for text in agreement if text.key == DISAGREES),
+        *missing_spread(result, models),
+    ]  # fmt: skip
     outside += scenario_note(case_of(result))
     texts: dict[str, Any] = {
         "title": str(result.attrs["title"]) or "rockfall",
@@ -211,7 +217,6 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     ]
     front = front_of(result, rows, parties, texts, shown_first)
     stops = None if observed is None else observed.stops
-    compared = None if observed is None else compare(result, observed)
     drawn_first = list(overview(result, terrain, stops, hazard, inputs.look, front.room))
     return rendered(
         "page.html.j2",
@@ -257,7 +262,10 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
         convergence=list(_convergence(result, rows, on_paper)),
         comparison=None
         if compared is None
-        else {"tables": comparison_tables(compared), "notes": notes(compared)},
+        else {
+            "tables": comparison_tables(compared),
+            "notes": [*agreement, *notes(compared)],
+        },
         figures=_pictures([figure for figure in shown if figure.name not in LABORATORY], on_paper),
         appendix=_pictures(laboratory, on_paper),
         technical=[*technical(result), *requested(result)],

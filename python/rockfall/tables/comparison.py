@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.observed.compare import STATISTICS, Comparison
+from rockfall.analysis.observed.compare import LEVEL, STATISTICS, Comparison
 from rockfall.analysis.observed.contacts import VALUES
 from rockfall.language import Number, say, word
 from rockfall.quantities import QUANTITIES, number, with_unit
@@ -17,7 +17,6 @@ from rockfall.table import Estimate, Table, as_text
 if TYPE_CHECKING:
     import pandas as pd
 
-LEVEL = 0.05  # a smaller p rejects that two samples have one distribution
 MAX_ROWS = 12  # of a long table
 
 

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -42,9 +43,9 @@ from rockfall.analysis.precision.intervals import (
     limits_of_printed,
     sources,
 )
-from rockfall.case import case_of
+from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
-from rockfall.language import say
+from rockfall.language import Text, say
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 from rockfall.result.crossings import line_names, line_values
 from rockfall.result.samples import check_rows, kept_note
@@ -57,6 +58,8 @@ if TYPE_CHECKING:
 
 TABLES = ("errors", "ks", "passing", "run_out", "at_rest", "stops", "contacts")
 STATISTICS = ("mean", "std", "max")
+DISAGREES = "compare.disagrees"
+LEVEL = 0.05  # a smaller p rejects that two samples have one distribution
 MIN_OBSERVED = {"mean": MIN_FOR_MEAN, "std": MIN_FOR_STD}  # boulders, for a verdict
 STOPPING = "stopping_distance"
 _VERDICTS = {"within_interval": "boolean", "consistent": "boolean"}  # columns and their types
@@ -136,6 +139,63 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
         text = f"nothing to compare: no row is observed, or of the result's method {method}."
         raise RockfallError(" ".join([text, *done.notes]))
     return done
+
+
+def observed_files(case: Case) -> list[Path]:
+    """Files of `&observed` of a case, those that exist where it is."""
+    paths = [case.path(name) for name in case.observed.get("files", [])]
+    return [path for path in paths if path.exists()]
+
+
+def disagreement(comparison: Comparison) -> Text:
+    """Number of the tested numbers of a comparison that differ beyond the sampling error of both:
+    no more than chance makes of so many tests, or with the one of the largest error, of a mean if
+    any differs."""
+    tested, differing = 0, []
+    tables = [name for name in TABLES if name != "passing" or not len(comparison.run_out)]
+    for name in tables:  # fractions at each stopping distance are of one sample
+        for row in getattr(comparison, name).to_dict("records"):
+            differs = _differs(row)
+            tested += differs is not None
+            if differs:
+                differing.append(_named(name, row))
+    n = len(differing)
+    if n <= _by_chance(tested):
+        return say("compare.agrees", n=n, tested=tested)
+    *_, most = min(differing)
+    return say(DISAGREES, n=n, tested=tested, most=most)
+
+
+def _by_chance(tested: int) -> int:
+    """Most of so many independent tests at LEVEL that reject by chance, with 95 % probability."""
+    below = 0.0
+    for n in range(tested + 1):
+        below += math.comb(tested, n) * LEVEL**n * (1 - LEVEL) ** (tested - n)
+        if below >= 1 - LEVEL:
+            return n
+    return tested
+
+
+def _named(table: str, row: dict[str, Any]) -> tuple[bool, float, str]:
+    """A number of a comparison in words, after what orders these."""
+    keys = ("line", "quantity", "statistic") if "line" in row else ("source", "statistic")
+    words = [f"{row[key]}" for key in keys if row.get(key)]
+    error = row.get("error_percent", math.nan)
+    size = 0.0 if math.isnan(error) else abs(error)
+    words = words if "line" in row else [table.replace("_", "-"), *words]
+    words += [f"{error:+.0f} %"] if size else []
+    return row.get("statistic") != "mean", -size, " ".join(words)
+
+
+def _differs(row: dict[str, Any]) -> bool | None:
+    """Verdict of a row of a comparison; None without one."""
+    if "p" in row:
+        return None if np.isnan(row["p"]) else row["p"] < LEVEL
+    if "verdict" in row:
+        return row["verdict"] != UNDECIDED
+    consistent, against = row.get("consistent"), row.get("against", "observed")
+    is_tested = isinstance(consistent, bool | np.bool_) and against in ("observed", "sample")
+    return not consistent if is_tested else None
 
 
 def _errors(

@@ -17,6 +17,7 @@ from rockfall.analysis.validity.extrapolation import extrapolations
 from rockfall.analysis.validity.obstacles import breakage_remarks, forest_remarks, log_remarks
 from rockfall.analysis.validity.rebounds import rebound_remarks, set_remarks, table_remarks
 from rockfall.analysis.validity.remark import Remark
+from rockfall.analysis.validity.site import angle_remarks
 from rockfall.language import Text, say
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     yield from log_remarks(case)
     yield from breakage_remarks(values, case)
     yield from roll_remarks(values, case)
+    yield from angle_remarks(values, case)
     if "trajectory_boulder" in values and "trajectory_leg" not in values:
         yield Remark(say("model.no_legs"), True, is_counted=False)
     yield from (

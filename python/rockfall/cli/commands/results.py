@@ -9,10 +9,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rockfall.analysis.observed.compare import compare
+from rockfall.analysis.observed.compare import compare, observed_files
 from rockfall.analysis.observed.deposits import grid_for
 from rockfall.analysis.observed.observations import read_observed
 from rockfall.analysis.observed.ranks import rank_results
+from rockfall.case import case_of
 from rockfall.case.files import files_behind
 from rockfall.cli.commands.section import drawn
 from rockfall.cli.given import given_options, warn_of_models
@@ -90,9 +91,11 @@ def _imprint(arguments: argparse.Namespace) -> Imprint:
 def compare_command(arguments: argparse.Namespace) -> int:
     paths = [path for path in arguments.files if path.suffix == ".nc"]
     sources = [path for path in arguments.files if path.suffix != ".nc"]
-    if not paths or len(arguments.files) < 2:
-        raise RockfallError("compare needs results (.nc) and observations (CSV), or variants (.nc)")
     results = {str(path): read_result(path) for path in paths}
+    if len(arguments.files) == 1 and paths:
+        sources = observed_files(case_of(results[str(paths[0])]))
+    if not paths or len(paths) + len(sources) < 2:
+        raise RockfallError("compare needs results (.nc) and observations (CSV), or variants (.nc)")
     if len(results) < len(paths):
         raise RockfallError("compare: a result is given twice")
     if not sources:
@@ -110,7 +113,7 @@ def compare_command(arguments: argparse.Namespace) -> int:
         report = "\n".join([ranks_text(table), *seen.notes])
     if arguments.output:
         behind = (path for result in results.values() for path in files_behind(result))
-        check_output(arguments.output, (*arguments.files, *behind))
+        check_output(arguments.output, (*arguments.files, *sources, *behind))
         write_csv(table, arguments.output)
     warn_of_models(*paths)
     print(report)

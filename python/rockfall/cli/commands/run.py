@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rockfall.analysis.observed.compare import compare, disagreement, observed_files
 from rockfall.case import Case
 from rockfall.case.files import input_files
 from rockfall.cli.given import overridden, scene_of, stem_of
@@ -115,6 +116,8 @@ def _run_to(
             warn(f"--until {verdict}")
     if not arguments.quiet:
         print(summary(result))
+        if files := observed_files(case):
+            print(f"  {disagreement(compare(result.dataset(), *files))}")
         print(path)
     return DONE
 

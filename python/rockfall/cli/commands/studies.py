@@ -7,13 +7,14 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
+from rockfall.analysis.observed.compare import observed_files
 from rockfall.analysis.observed.observations import read_observed
 from rockfall.case import Case
 from rockfall.case.files import input_files
 from rockfall.cli.checkpoints import check_study_folder
 from rockfall.cli.given import given_case, given_options, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE, say, warn_each
-from rockfall.errors import need
+from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status
 from rockfall.io.output_files import atomic_folder, check_outputs
 from rockfall.io.rasters.grid import Grid
@@ -69,18 +70,21 @@ def back_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
     folder = arguments.output or Path(f"{stem_of(arguments)}_back")
     need("back needs", "report", "matplotlib")
-    seen = read_observed(*arguments.observed, grid=_grid(case, arguments.observed))
-    check_back(folder, [*input_files(case), *arguments.observed])
+    files = arguments.observed or observed_files(case)
+    if not files:
+        raise RockfallError("back needs OBSERVED files, or those of &observed in the case")
+    seen = read_observed(*files, grid=_grid(case, files))
+    check_back(folder, [*input_files(case), *files])
     warn_of_inputs(case)
     how = {"members": arguments.members, "enough": arguments.effective}
     given = {name: value for name, value in how.items() if value is not None}
     try:
         analysis = back_analysis(case, seen, progress=not arguments.quiet, **given)
     except StudyInterrupted as stop:
-        write_back(stop.result, folder, arguments.observed, _draw_posterior)
+        write_back(stop.result, folder, files, _draw_posterior)
         holds = f"{folder} holds the posterior of the first {stop.runs} members"
         return say(f"interrupted: {holds}", exit_status())
-    paths = write_back(analysis, folder, arguments.observed, _draw_posterior)
+    paths = write_back(analysis, folder, files, _draw_posterior)
     warn_each(analysis.model_warnings)
     if not arguments.quiet:
         print(back_text(analysis))
