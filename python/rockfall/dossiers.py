@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 PAGES = "dossier.pdf"
 FREQUENCIES = "frequencies.csv"
+SECOND = "hazard_by_second_model.nc"
 
 
 def dossier(
@@ -51,6 +52,7 @@ def dossier(
     project: str = "",
     client: str = "",
     author: str = "",
+    one_model: bool = False,
     progress: bool = False,
     threads: int | None = None,
     **arrays: Any,
@@ -59,6 +61,7 @@ def dossier(
     with the answer to be signed on page 1, the same tables as dossier.xlsx and dossier.docx, and
     each hazard; returns the files.
 
+    The first variant is run by a second model, too, if its ground admits one, unless `one_model`.
     `return_period` [year], one of 10, 30, 100, 300 and 1,000, is that of the answers and of what
     the advised barrier lets pass; `costs` is a table of prices of barriers, as in
     `rockfall.design`; the other arguments are as in `rockfall.hazard` and `rockfall.report`.
@@ -72,7 +75,7 @@ def dossier(
     check_period(return_period)
     folder, roads = Path(folder), Roads(segments, segments_layer, segment_length)
     given = objects, None, objects_layer, vulnerability, roads
-    inputs = read_dossier(case, *given, **arrays)
+    inputs = read_dossier(case, *given, one_model=one_model, **arrays)
     files = list(input_files(case))
     check_folder(folder)
     check_outputs([folder / name for name in dossier_files(list(inputs.studies))], files)
@@ -121,7 +124,7 @@ def hazard_name(variant: str) -> str:
 def dossier_files(variants: Sequence[str]) -> list[str]:
     """Names of the files of a dossier."""
     office = [f"dossier.{ending}" for ending in FORMATS]
-    return [*map(hazard_name, variants), FREQUENCIES, PAGES, *office]
+    return [*map(hazard_name, variants), SECOND, FREQUENCIES, PAGES, *office]
 
 
 def terrain_of_inputs(inputs: DossierInputs) -> Terrain | None:
@@ -150,7 +153,11 @@ def put_dossier(
     """Write the files of a dossier into a new folder."""
     designs = designs_of(made, costs)
     hazards = [folder / hazard_name(name) for name in made.hazards]
-    for path, hazard in zip(hazards, made.hazards.values(), strict=True):
+    found = [*made.hazards.values()]
+    if made.second:
+        hazards.append(folder / SECOND)
+        found.append(made.second.hazard)
+    for path, hazard in zip(hazards, found, strict=True):
         put_netcdf(hazard, path, path)
         yield path
     write_csv(made.frequencies, folder / FREQUENCIES)

@@ -161,6 +161,39 @@ def test_the_pages_are_few_and_full(made, monkeypatch, language):
     assert language == "en" or "boulders" not in words
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_second_model_is_run_and_what_governs_is_said(case, made):
+    """Impact sets of the case, and the table `talus` in their place."""
+    folder, page = made
+    other = read_hazard(folder / "hazard_by_second_model.nc")
+    today = variants(case)["today"]
+    talus = today.replace(surface={"ground": "talus"}, impact={"ratio": None, "turning": None})
+    expected = rockfall.hazard(talus, objects=case.path("houses.gpkg"), **PLACE)
+    for name in ("line_frequency", "object_frequency", "line_energy_by_period"):
+        assert (other[name].values == expected[name].values).all()
+    own = read_hazard(folder / "hazard_today.nc")
+    more = float(other["line_frequency"][0]) > float(own["line_frequency"][0])
+    governs = "Governs: talus" if more else "Governs: the case"
+    assert "(talus)" in first_page(page)
+    assert governs in first_page(page) or "frequency: " in first_page(page)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_many_houses_take_no_more_pages(case, tmp_path, monkeypatch):
+    from weasyprint import HTML
+
+    houses = [shapely.box(x, y, x + 9, y + 9) for x in range(60, 240, 30) for y in (100, 130, 160)]
+    make_layer(tmp_path / "many.gpkg", houses, crs=None, name=[f"h{k}" for k in range(18)])
+    pages = []
+    monkeypatch.setattr(dossier_page, "write_page", lambda page, _: pages.append(page))
+    leave_pictures_blank(monkeypatch)
+    rockfall.dossier(case, tmp_path / "out", objects=tmp_path / "many.gpkg", **PLACE)
+    document = HTML(string=pages[0]).render()
+    assert len(document.pages) <= 8 and "signature" in document.pages[0].anchors
+    book = openpyxl.load_workbook(tmp_path / "out/dossier.xlsx")
+    assert book.worksheets[1].max_row == 1 + 1 + 18  # head, road, houses
+
+
 def test_bad_input_is_refused_in_one_line_before_a_run(case, tmp_path, monkeypatch, capsys):
     with refused("return_period = 50: must be one of 10, 30, 100, 300, 1000"):
         rockfall.dossier(case, tmp_path / "new", return_period=50.0, **PLACE)

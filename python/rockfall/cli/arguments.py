@@ -317,6 +317,7 @@ def _add_dossier(commands: _Commands) -> None:
     text = "of the answers, and of a boulder that the barrier may let pass: 10, 30, 100 (default), "
     _option(dossier, "--return-period YEARS", float, f"{text}300 or 1000", default=100.0)
     _option(dossier, "--costs CSV", Path, COSTS)
+    _switch(dossier, "--one-model", "no second model of rebound for the first variant")
     _add_memory(dossier)
     _add_resume(dossier, "DIR.runN.checkpoint")
     _add_overrides(dossier)

@@ -15,7 +15,7 @@ from rockfall.case import case_in
 from rockfall.files.segment_files import has_segments
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import is_pdf, write_page
-from rockfall.html_report.pdf import room_below
+from rockfall.html_report.pdf import layout
 from rockfall.html_report.render import Picture, picture, rendered
 from rockfall.html_report.summary import yearly_answers
 from rockfall.language import Text, say, speaking, word
@@ -36,6 +36,7 @@ from rockfall.tables.dossier import (
     barrier_answers,
     places_of,
     remaining_table,
+    second_answer,
     sections,
     variants_table,
     years_between,
@@ -48,7 +49,8 @@ if TYPE_CHECKING:
     from rockfall.result.trajectories import Terrain
 
 MAP = Room(180 / 25.4, 246 / 25.4)  # of page 2, with its title below
-LOWEST, TITLE = 70.0, 22.0  # of the figure that closes the texts, and of its title [mm]
+SHEETS, ROWS = 8, (12, 8, 5, 3)  # at most; rows of tables, if there are more
+LOWEST, TITLE = 110.0, 22.0  # of the figure that closes the texts, and of its title [mm]
 HOUSES, ADVICE, WARNINGS = 3, 4, 3  # sentences on page 1
 
 
@@ -71,10 +73,31 @@ def write_dossier_page(
     with speaking(language):
         content = _content(dossier, dict(designs), given)
         page = rendered("dossier.html.j2", closing=None, **content)
-        if is_pdf(path) and (place := origin_place(dossier.first)):
-            closing = _closing(dossier.first, given.terrain, place, room_below(page, "end"))
-            page = rendered("dossier.html.j2", closing=closing, **content)
+        if is_pdf(path):
+            page = _fitted(page, content, dossier.first, given.terrain)
     write_page(page, path)
+
+
+def _fitted(page: str, content: dict[str, Any], hazard: xr.Dataset, terrain: Terrain | None) -> str:
+    """Page of this content on at most `SHEETS` sheets: with fewer rows of tables where it is
+    longer, and with a map of the sources where there is room for it at the end."""
+    fitted, sections, most = layout(page, "end"), content["sections"], iter(ROWS)
+    while fitted.sheets > SHEETS and (rows := next(most, 0)):
+        content["sections"] = [_cut(section, rows) for section in sections]
+        page = rendered("dossier.html.j2", closing=None, **content)
+        fitted = layout(page, "end")
+    if place := origin_place(hazard):
+        closing = _closing(hazard, terrain, place, fitted.below)
+        page = rendered("dossier.html.j2", closing=closing, **content)
+    return page
+
+
+def _cut(section: Section, most: int) -> Section:
+    """Section whose tables have at most so many rows, with a note where some are left out."""
+    if all(len(table.rows) <= most for table in section.tables):
+        return section
+    tables = [table._replace(rows=table.rows[:most]) for table in section.tables]
+    return section._replace(tables=tables, notes=[say("dossier.cut", n=most), *section.notes])
 
 
 def _closing(
@@ -168,6 +191,7 @@ def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]
     objects = [place for place in places_of(hazard) if place.kind == "object"]
     for _, k, name in objects[:HOUSES]:
         yield _of_object(hazard, k, name)
+    yield from second_answer(dossier)
     yield from barrier_answers(designs)[:ADVICE]
 
 

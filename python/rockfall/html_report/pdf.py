@@ -6,7 +6,7 @@ from __future__ import annotations
 import logging
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.errors import RockfallError, need
 from rockfall.io.files import atomic_write
@@ -65,12 +65,23 @@ def write_pdf(page: str, path: Path) -> None:
         document.write_pdf(part, **OPTIONS)
 
 
-def room_below(page: str, anchor: str) -> float:
-    """Height [mm] between an anchor of an HTML page and the end of its sheet, when typeset."""
-    for sheet in _laid_out(page).pages:
-        if anchor in sheet.anchors:
-            return (sheet.height - sheet.anchors[anchor][1]) / CSS_PIXELS - BOTTOM
-    return 0.0
+class Layout(NamedTuple):
+    """Number of sheets of an HTML page when typeset, and the height [mm] below an anchor of it on
+    its sheet."""
+
+    sheets: int
+    below: float
+
+
+def layout(page: str, anchor: str) -> Layout:
+    """Layout of an HTML page, without writing it."""
+    sheets = _laid_out(page).pages
+    below = [
+        (sheet.height - sheet.anchors[anchor][1]) / CSS_PIXELS - BOTTOM
+        for sheet in sheets
+        if anchor in sheet.anchors
+    ]
+    return Layout(len(sheets), max(below, default=0.0))
 
 
 def _laid_out(page: str) -> Document:

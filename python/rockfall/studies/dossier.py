@@ -6,18 +6,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from rockfall.analysis.hazard.combined import HazardInputs, ScenarioRun, combined
-from rockfall.analysis.hazard.scenarios import base_case
+from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
 from rockfall.analysis.objects.objects import object_hits
 from rockfall.case import Case
 from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
 from rockfall.protection.yearly import YEARS
-from rockfall.studies.hazard import read_study
+from rockfall.studies.hazard import read_study, run_study
+from rockfall.studies.model_scenes import second_model
 from rockfall.studies.study import NO_CHECKPOINTS, Study
 from rockfall.studies.variants import check_variant_scenes
 from rockfall.studies.yearly_variants import YearlyRun, run_name, yearly_run, yearly_table
@@ -30,16 +31,24 @@ if TYPE_CHECKING:
     from rockfall.simulation.parts.checkpoint import Checkpoint
 
 
+class Second(NamedTuple):
+    """Hazard by another model, of this name."""
+
+    model: str
+    hazard: xr.Dataset
+
+
 @dataclass(frozen=True)
 class Dossier:
     """Hazards by variant, "" for a case without; frequencies at lines and objects as the table of
-    `rockfall.yearly_variants`; the return period [year] of its answers; and the warnings on the
-    models of its runs."""
+    `rockfall.yearly_variants`; the return period [year] of its answers; the warnings on the models
+    of its runs; and the hazard of the first variant by another model that its ground admits."""
 
     hazards: Mapping[str, xr.Dataset]
     frequencies: pd.DataFrame
     period: float = YEARS
     warnings: tuple[str, ...] = ()
+    second: Second | None = None
 
     @property
     def first(self) -> xr.Dataset:
@@ -49,11 +58,13 @@ class Dossier:
 
 @dataclass(frozen=True)
 class DossierInputs:
-    """Checked inputs of a dossier: the hazard of each variant, and likely mistakes."""
+    """Checked inputs of a dossier: the hazard of each variant, likely mistakes, and the inputs of
+    the first variant by a second model, with its name."""
 
     case: Case
     studies: Mapping[str, HazardInputs]
     remarks: tuple[str, ...]
+    second: tuple[str, HazardInputs] | None = None
 
     @property
     def runs(self) -> list[str]:
@@ -65,9 +76,9 @@ class DossierInputs:
         ]
 
 
-def read_dossier(case: Case, *given: Any, **arrays: Any) -> DossierInputs:
+def read_dossier(case: Case, *given: Any, one_model: bool = False, **arrays: Any) -> DossierInputs:
     """Read and check all inputs of a dossier before any run; arguments are those of
-    `rockfall.studies.hazard.read_study`."""
+    `rockfall.studies.hazard.read_study`. With `one_model` no second model is run."""
     base_case(case)  # refuses a case without scenarios
     if case.output["kept"] != "all":
         raise RockfallError(
@@ -84,13 +95,25 @@ def read_dossier(case: Case, *given: Any, **arrays: Any) -> DossierInputs:
         else:
             studies[name] = read_study(own, *given, **arrays)
         remarks += studies[name].remarks
-    inputs = DossierInputs(case, studies, tuple(dict.fromkeys(remarks)))
     first = next(iter(studies.values()))
+    second = None if one_model else _second(first)
+    inputs = DossierInputs(case, studies, tuple(dict.fromkeys(remarks)), second)
     if not (first.lines or len(first.objects) or len(first.segments)):
         raise RockfallError(
             f"{case.name}: a dossier needs a road or houses: give a &line, --objects or --segments"
         )
     return inputs
+
+
+def _second(study: HazardInputs) -> tuple[str, HazardInputs] | None:
+    """Inputs of a hazard by a second model, if its ground admits one and its cells are in
+    memory."""
+    found = second_model(study.scene) if study.scene.rasters.z.size else None
+    if found is None:
+        return None
+    name, scene = found
+    lines = [*study.objects.lines, *study.segments.lines, *study.lines]
+    return name, replace(study, scene=scene, scenarios=scenarios_of(scene, lines))
 
 
 def run_dossier(
@@ -118,7 +141,11 @@ def run_dossier(
                          strict=True)  # fmt: skip
         hazards[name], yearly[name] = combined(study, list(runs)), rows
     frequencies = yearly_table(yearly, inputs.case.hazard)
-    return Dossier(hazards, frequencies, period, engine.warnings)
+    second = None
+    if inputs.second:
+        name, study = inputs.second
+        second = Second(name, run_study(study, progress=progress, threads=threads))
+    return Dossier(hazards, frequencies, period, engine.warnings, second)
 
 
 def _run_name(variant: str, scenario: str) -> str:

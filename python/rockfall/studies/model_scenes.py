@@ -50,6 +50,7 @@ ROCKS = {
 OF_TABLES = ("block_shape", "block_shape_share", "block_axes", "ground_strength_sigma")
 #: Obstacles of this size [m] stop every boulder in Rockyfor3D, but not with impact sets.
 STOPPING = 100.0
+SECOND = "talus"  # table of impacts in place of impact sets
 AS_GIVEN = "grounds of the case"
 
 
@@ -123,6 +124,23 @@ def by_tables(
     for name, (law, rule) in laws.items():
         by_table = with_rocks(own, rule, rule, varied) if keeps_grounds else read_scene(law)
         yield f"table {name}", by_table
+
+
+def second_model(own: Scene) -> tuple[str, Scene] | None:
+    """Name and scene of another model that the ground of a scene admits: impact sets in place of
+    its tables and classical grounds, where rocks have a suitable size; the table `talus` in place
+    of its impact sets. None if neither holds anywhere."""
+    own = _with_named_apart(own)
+    varied = _varied(own)
+    if not _on_grounds(own, varied).any():
+        return None
+    models = {ground.model for ground in own.grounds if ground.name in varied} or {IMPACT_SETS}
+    if not models & {IMPACT_SETS, RATIO_TABLE}:
+        return next(_by_sets(own, varied, []), None)
+    rule = find_ground(own.case, GroundTable(table_path(own.case)), SECOND, "second model")
+    if _unsized_part(own, varied) > 0:
+        return None
+    return rule.name, with_rocks(own, rule, rule, varied)
 
 
 def _unsized_notes(

@@ -93,7 +93,7 @@ def sections(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Sec
                   period_table(dossier)]  # fmt: skip
         notes = [say("dossier.common"), say("variants.note_of_mark")]
         yield Section("variants", say("dossier.variants"), notes, tables)
-    tables = [*period_tables(hazard)]
+    tables = [*second_tables(dossier), *period_tables(hazard)]
     tables += [object_table(hazard)] if "object" in hazard.dims else []
     tables += [segment_table(hazard)] if has_segments(hazard) else []
     tables += [risk_table(hazard)] if has_risk(hazard) else []
@@ -122,6 +122,53 @@ def barrier_answers(designs: dict[str, YearlyDesign]) -> list[Text]:
         for text in verdicts(sheet):
             texts.append(say("join.colon", before=name, after=text) if name else text)
     return texts
+
+
+def second_tables(dossier: Dossier) -> Iterator[Table]:
+    """Frequency, and energy once in the period, at each place by the case and by the second model,
+    and which of them governs; no table without a second one."""
+    if dossier.second is None:
+        return
+    own, (model, other) = dossier.first, dossier.second
+    at = own["event_period"].values.tolist().index(dossier.period)
+    rows = []
+    for place in places_of(own):
+        k = other[place.kind].values.tolist().index(place.name)
+        there = place._replace(k=k)
+        levels = [_level(*where, "energy", at, 1e-3) for where in ((own, place), (other, there))]
+        rates = [_frequency(*where) for where in ((own, place), (other, there))]
+        rows.append((place.name, *rates, *levels, _governing(rates, levels, model)))
+    energy = say("variants.energy_by_period", years=f"{dossier.period:g}")
+    heads = (
+        say("hazard.place"), say("hazard.boulders_a_year"), say("dossier.by_model", model=model),
+        energy, say("dossier.by_model", model=model), say("dossier.governs"),
+    )  # fmt: skip
+    yield Table.of(say("dossier.second_caption", model=model), heads, rows)
+
+
+def _governing(rates: Sequence[Estimate], levels: Sequence[Any], model: str) -> Text:
+    """Model by which the frequency is higher, and that by which the energy is."""
+    numbers = [getattr(level, "value", level) for level in levels]
+    names = say("dossier.the_case"), model
+    if "-" in numbers:
+        return say("dossier.governs_one", model=names[rates[1].value > rates[0].value])
+    frequency, energy = (
+        names[other > own] for own, other in ((rates[0].value, rates[1].value), numbers)
+    )
+    if frequency == energy:
+        return say("dossier.governs_one", model=frequency)
+    return say("dossier.governs_each", frequency=frequency, energy=energy)
+
+
+def second_answer(dossier: Dossier) -> Iterator[Text]:
+    """Sentence on the first place by the second model."""
+    for table in second_tables(dossier):
+        name, own, other, *_, governs = table.rows[0]
+        assert isinstance(own, Estimate) and isinstance(other, Estimate)
+        yield say(
+            "dossier.second", name=name, model=dossier.second.model if dossier.second else "",
+            own=own.number, other=other.number, governs=governs,
+        )  # fmt: skip
 
 
 def costs_of(dossier: Dossier) -> dict[str, float]:

@@ -48,7 +48,8 @@ def dossier_command(arguments: argparse.Namespace) -> int:
     with locked(folder.resolve(), warn):
         roads = Roads(arguments.segments, arguments.segments_layer, arguments.segment_length)
         given = arguments.objects, memory_of(arguments), arguments.objects_layer
-        read = read_dossier(case, *given, arguments.vulnerability, roads)
+        given = *given, arguments.vulnerability, roads
+        read = read_dossier(case, *given, one_model=arguments.one_model)
         runs = [f"run{k}" for k, _ in enumerate(read.runs, start=1)]
         checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a dossier")
         for remark in read.remarks:
