@@ -18,6 +18,7 @@ from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import fraction_limits
 from rockfall.result.crossings import HEIGHTS, chosen_lines
+from rockfall.simulation.progress import stepped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,7 +90,7 @@ def line_statistics(
     samples = LineSamples(result)
     parts = samples.groups(by, classes) if by else [("", None)]
     rows = []
-    for k, line in chosen_lines(result, lines):
+    for k, line in stepped(chosen_lines(result, lines)):
         for name, chosen in parts:
             for quantity in chosen_quantities:
                 attrs: dict[str, object] = {"line": line}

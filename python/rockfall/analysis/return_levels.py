@@ -26,6 +26,7 @@ from rockfall.errors import RockfallError
 from rockfall.kernel_rules import Z
 from rockfall.language import say
 from rockfall.result.crossings import chosen_lines
+from rockfall.simulation.progress import stepped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -107,7 +108,7 @@ def return_levels(
     _check(levels)
     samples = LineSamples(result)
     rows = []
-    for k, line in chosen_lines(result, lines):
+    for k, line in stepped(chosen_lines(result, lines)):
         for quantity in QUANTITIES:
             row = _row(*tail_at(samples, k, quantity, levels))
             rows.append({"line": line, "quantity": quantity, **row})

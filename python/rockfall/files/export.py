@@ -47,6 +47,7 @@ from rockfall.result.names import distinct_words
 from rockfall.result.trajectories import flags_of
 from rockfall.result.validate import check_dimensions
 from rockfall.result.variables import CROSSING, FRAGMENT, LINE
+from rockfall.simulation.progress import add_steps, step, stepped
 from rockfall.system import has_locks
 
 if TYPE_CHECKING:
@@ -148,10 +149,12 @@ def _export(
     if {"gpkg", "kml", "dxf"} & {*formats} and data.sizes.get("trajectory_vertex"):
         moving = sampled(motion_of(data), tolerance)
     layers = _layers(data, moving) if "gpkg" in formats else {}
+    maps = [str(name) for name, variable in data.data_vars.items() if variable.dims == PLAN]
+    tables = 1 + len(line_names(data)) if data.sizes.get("boulder") else 0
+    add_steps(("tif" in formats) * len(maps) + ("csv" in formats) * tables + len(layers))
     if "tif" in formats:
-        for name, variable in data.data_vars.items():
-            if variable.dims == PLAN:
-                yield from _put_map(folder, data, str(name))
+        for name in stepped(maps):
+            yield from _put_map(folder, data, name)
     if "csv" in formats and data.sizes.get("boulder"):
         yield _write_table(folder / "boulders.csv", map(_columns, _boulders(data)))
         yield from _write_lines(folder, data)
@@ -304,6 +307,7 @@ def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
             if k == 0:
                 writer.writerow(map(spreadsheet_text, columns))
             writer.writerows(zip(*map(_cells, columns.values()), strict=True))
+    step()
     return path
 
 
@@ -485,6 +489,7 @@ def write_geopackage(
                         append=part.exists(),
                     )  # fmt: skip
                     features[layer] += len(shapes)
+                step()
             _check_arrived(part, features)
             if styles:
                 put_styles(part, {layer: kind for layer, (kind, _) in layers.items()}, styles)

@@ -54,9 +54,10 @@ from rockfall.protection.barriers import barriers_of
 from rockfall.protection.dams import dams_of
 from rockfall.protection.design import design
 from rockfall.protection.stands import stands_of
-from rockfall.result.crossings import sharing
+from rockfall.result.crossings import line_names, sharing
 from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.samples import has_rows, simulated
+from rockfall.simulation.progress import add_steps
 from rockfall.tables.comparison import comparison_tables, notes
 from rockfall.tables.design import check_tables, factor_lines, load_tables
 from rockfall.tables.ensemble import PER_LINE, range_headline, range_tables
@@ -173,12 +174,14 @@ def report(inputs: ReportInputs) -> str:
 def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     terrain, hazard, models = inputs.terrain, inputs.hazard, inputs.models
     observed, parties, on_paper = inputs.observed, inputs.parties, inputs.on_paper
-    rows, levels = rows_of(result), return_levels(result)
-    sheet = design(result, factors=inputs.factors) if rows and has_rows(result) else None
-    ranges = range_tables(result, rows)
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
     drawn = figures(result, terrain, observed, inputs.look, DRAWN_LINES)
     shown = [figure for figure in drawn if figure.name not in zoomed]
+    lines = len(line_names(result))
+    add_steps(3 * lines + len(shown) + min(lines, DRAWN_LINES))
+    rows, levels = rows_of(result), return_levels(result)
+    sheet = design(result, factors=inputs.factors) if rows and has_rows(result) else None
+    ranges = range_tables(result, rows)
     if inputs.section is not None:
         shown.insert(0, section_entry(inputs.section))
     laboratory = [figure for figure in shown if figure.name in LABORATORY]

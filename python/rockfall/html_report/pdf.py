@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import logging
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.errors import RockfallError, need
 from rockfall.io.files import atomic_write
+from rockfall.simulation.progress import add_steps, step
 
 if TYPE_CHECKING:
     from weasyprint import Document
@@ -62,7 +64,20 @@ def write_pdf(page: str, path: Path) -> None:
         if "signature" not in document.pages[0].anchors:
             reason = "the signature is not on page 1; shorten the title and the names of lines"
             warnings.warn(f"{path}: {reason}", stacklevel=4)
+        add_steps(len(document.pages))
+        for sheet in document.pages:
+            sheet.paint = _noted(sheet.paint)
         document.write_pdf(part, **OPTIONS)
+
+
+def _noted(paint: Callable[..., None]) -> Callable[..., None]:
+    """Paint a sheet as a step of work."""
+
+    def painted(*arguments: Any, **options: Any) -> None:
+        paint(*arguments, **options)
+        step()
+
+    return painted
 
 
 class Layout(NamedTuple):

@@ -80,7 +80,9 @@ def _without_styles(svg: str) -> str:
     a sixth of its time. Texts keep theirs: `font` is no attribute."""
     for sheet in SHEET.finditer(svg):  # the rule of all elements, which would precede attributes
         svg = svg.replace("<svg", f"<svg{_attributes(sheet[1])}", 1).replace(sheet[0], "")
-    return STYLE.sub(lambda found: found[0] if "font:" in found[1] else _attributes(found[1]), svg)
+    return STYLE.sub(
+        lambda style: _attributes(style[1]) if "font:" not in style[1] else style[0], svg
+    )
 
 
 def _attributes(style: str) -> str:

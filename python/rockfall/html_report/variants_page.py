@@ -18,6 +18,7 @@ from rockfall.html_report.validity import missing
 from rockfall.language import say, speaking
 from rockfall.plots.studies.difference_figures import difference_figure
 from rockfall.result.samples import simulated
+from rockfall.simulation.progress import add_steps
 from rockfall.studies.difference_maps import difference_maps, have_passages, on_same_cells
 from rockfall.studies.variants import compare_variants
 from rockfall.tables.variants import comparison_notes, measures_table, variant_table
@@ -76,6 +77,7 @@ def _page(
     first = next(iter(results.values()))
     table = compare_variants(results)
     drawn = difference_maps(on_same_cells(results)) if have_passages(results) else {}
+    add_steps(len(results) - 1)
     return rendered(
         "variants.html.j2",
         title=given.title or str(first.attrs["title"]) or "rockfall",

@@ -52,6 +52,7 @@ from rockfall.result.samples import has_rows, is_ensemble, simulated
 from rockfall.result.trajectories import left_terrain, lines, vertices_of
 from rockfall.scene.rebounds.coefficients import open_sets
 from rockfall.scene.rebounds.sets import read_sets
+from rockfall.simulation.progress import add_steps
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -120,6 +121,7 @@ def write_figures(
     need("figures need", "report", "matplotlib")
     files = {f"{figure.name}.{format}": figure.draw for figure in shown}
     inputs = list(inputs)
+    add_steps(len(files))
     check_outputs([Path(folder) / name for name in files], inputs)  # drawing takes long
     with atomic_folder(folder, inputs) as part:
         for name, draw in files.items():

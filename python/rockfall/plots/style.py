@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.interrupts import check_stop
 from rockfall.io.files import atomic_write
 from rockfall.language import localised, spoken
+from rockfall.simulation.progress import step
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,7 +93,7 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
     """Write a figure atomically, with reproducible bytes; Stopped if no more are wanted."""
     import matplotlib
 
-    check_stop()
+    step()
     dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # vectors with dense parts as dots
     style = {
         ".png": {"Software": "rockfall"},
@@ -148,7 +148,7 @@ def save_pages(pages: Iterable[Figure], path: str | Path, dpi: int) -> None:
     import matplotlib
     from matplotlib.backends.backend_pdf import PdfPages
 
-    check_stop()
+    step()
     with (
         matplotlib.rc_context(STYLE),
         atomic_write(path) as part,

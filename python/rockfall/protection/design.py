@@ -33,6 +33,7 @@ from rockfall.result.grounds import classical_grounds
 from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import flags_of
 from rockfall.result.variables import ENDS
+from rockfall.simulation.progress import stepped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -133,7 +134,7 @@ def design(
         rows = _along(result, along, came[along], width, min_boulders, *how)
         parts = _table([row | doubts for row in rows], _ALONG)
     samples = LineSamples(result)
-    loads = [row for k, name in enumerate(came) for row in _loads(name, samples, k)]
+    loads = [row for k, name in stepped(enumerate(came)) for row in _loads(name, samples, k)]
     return Design(
         standard,
         residual,

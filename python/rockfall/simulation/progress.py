@@ -1,24 +1,46 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A progress bar on a terminal: fraction done, rate, time left; or lines for another program."""
+"""Progress of work: a bar on a terminal with fraction done, rate and time left; else a line every
+ten seconds; or lines for another program."""
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, TypeVar
+
+from rockfall.interrupts import check_stop
+
+Item = TypeVar("Item")
+
+BETWEEN = 10.0  # seconds between two lines of a pipe
+PATIENCE = 2.0  # seconds before the bar of short work appears
 
 
 @contextmanager
-def progress_bar(total: int, shown: bool, what: str = "boulders") -> Iterator[Callable[..., None]]:
+def progress_bar(
+    total: int, shown: bool, what: str = "boulders", patience: float = 0.0
+) -> Iterator[Callable[..., None]]:
     """Yield a function that advances a progress bar by a count, and may change the total.
 
-    Silent unless stderr is a terminal, or ROCKFALL_PROGRESS=lines requests lines.
+    The bar appears after some seconds of `patience`. Where stderr is no terminal there is a line
+    every ten seconds; ROCKFALL_PROGRESS=lines requests a line for each call.
     """
-    if shown and os.environ.get("ROCKFALL_PROGRESS") == "lines":
-        yield _lines(total, what)
-        return
-    if not (shown and sys.stderr.isatty()):
+    if not shown:
         yield lambda *_: None
-        return
+    elif os.environ.get("ROCKFALL_PROGRESS") == "lines":
+        yield _lines(total, what)
+    elif not sys.stderr.isatty():
+        yield _seldom(total, what)
+    else:
+        with _bar(total, what, patience) as advance:
+            yield advance
+
+
+@contextmanager
+def _bar(total: int, what: str, patience: float) -> Iterator[Callable[..., None]]:
+    """Progress bar of a terminal."""
     from rich import progress
     from rich.console import Console
 
@@ -26,14 +48,22 @@ def progress_bar(total: int, shown: bool, what: str = "boulders") -> Iterator[Ca
         what, progress.BarColumn(), progress.MofNCompleteColumn(), "{task.fields[rate]}",
         progress.TimeRemainingColumn(compact=True), "left",
     )  # fmt: skip
-    with progress.Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=total, rate="")
+    bar = progress.Progress(*columns, console=Console(stderr=True))
+    task = bar.add_task("", total=total, rate="")
+    begun = time.monotonic()
 
-        def advance(done: int, total: int | None = None) -> None:
-            speed = bar.tasks[task].speed
-            bar.update(task, advance=done, total=total, rate=f"{speed:,.0f}/s" if speed else "")
+    def advance(done: int, total: int | None = None) -> None:
+        speed = bar.tasks[task].speed
+        bar.update(task, advance=done, total=total, rate=f"{speed:,.0f}/s" if speed else "")
+        if time.monotonic() - begun > patience:
+            bar.start()
 
+    try:
+        if not patience:
+            bar.start()
         yield advance
+    finally:
+        bar.stop()
 
 
 def _lines(total: int, what: str) -> Callable[..., None]:
@@ -46,3 +76,71 @@ def _lines(total: int, what: str) -> Callable[..., None]:
         print(f"rockfall: {made} of {total} {what}", file=sys.stderr, flush=True)
 
     return advance
+
+
+def _seldom(total: int, what: str) -> Callable[..., None]:
+    """Function that reports progress and the time left every ten seconds, for a log."""
+    made, begun = 0, time.monotonic()
+    last = begun
+
+    def advance(done: int, new_total: int | None = None) -> None:
+        nonlocal made, total, last
+        made, total = made + done, total if new_total is None else new_total
+        now = time.monotonic()
+        if now - last >= BETWEEN and 0 < made < total:
+            last = now
+            left = (now - begun) * (total - made) / made
+            text = f"rockfall: {made:,} of {total:,} {what}, {left:,.0f} s left"
+            print(text, file=sys.stderr, flush=True)
+
+    return advance
+
+
+class _Work:
+    """Steps of work that several functions do."""
+
+    def __init__(self, advance: Callable[..., None]) -> None:
+        self.advance, self.made, self.total = advance, 0, 0
+
+    def add(self, steps: int) -> None:
+        self.total += steps
+        self.advance(0, self.total)
+
+    def step(self) -> None:
+        self.made += 1
+        self.total = max(self.made, self.total)
+        self.advance(1, self.total)
+
+
+_work: ContextVar[_Work | None] = ContextVar("work", default=None)
+
+
+@contextmanager
+def working(shown: bool = True) -> Iterator[None]:
+    """Show the progress of the work within the block, of which `add_steps` gives the steps."""
+    with progress_bar(0, shown, "steps", PATIENCE) as advance:
+        token = _work.set(_Work(advance))
+        try:
+            yield
+        finally:
+            _work.reset(token)
+
+
+def add_steps(steps: int) -> None:
+    """Announce steps of work, such as lines or figures, for `working`."""
+    if work := _work.get():
+        work.add(steps)
+
+
+def step(*_: Any) -> None:
+    """Note that a step of work is done; Stopped if no more is wanted."""
+    check_stop()
+    if work := _work.get():
+        work.step()
+
+
+def stepped(items: Iterable[Item]) -> Iterator[Item]:
+    """Items, each of which is a step of work."""
+    for item in items:
+        yield item
+        step()

@@ -29,6 +29,7 @@ from rockfall.quantities import QUANTITIES, number
 from rockfall.result.crossings import line_names
 from rockfall.result.dataset import read_result
 from rockfall.result.samples import is_ensemble, kept_note, simulated
+from rockfall.simulation.progress import add_steps
 from rockfall.table import as_text
 from rockfall.tables.dossier import answer_table, places_of
 from rockfall.tables.ensemble import ensemble_summary
@@ -64,6 +65,7 @@ def print_lines(path: str | Path, table: str | Path | None = None) -> None:
     return_levels next to it as NAME_levels.csv, in the units of the result."""
     result, places = open_lines(path, table, "", "_levels.csv")
     shown = None if table else range(min(MOST_LINES, len(line_names(result))))
+    add_steps(2 * len(line_names(result) if shown is None else shown))
     statistics, levels = line_statistics(result, lines=shown), return_levels(result, lines=shown)
     print("\n".join([*scenario_note(case_of(result)), *_text(statistics, levels, result)]))
     if is_ensemble(result):

@@ -34,6 +34,7 @@ from rockfall.result.maps.flat_maps import shown
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.parts.finished import FINISHED
 from rockfall.simulation.parts.lock import locked
+from rockfall.simulation.progress import add_steps, working
 from rockfall.simulation.simulate import Interrupted
 from rockfall.studies.hazard import read_study, run_study
 from rockfall.text.hazard import hazard_summary, hazard_warnings, warning_groups
@@ -109,9 +110,11 @@ def _run_to(
             return study_interrupted(checkpoints)
         rasters = study.scene.rasters
         terrain = (rasters.z, rasters.grid) if rasters.z.size else None
-        with atomic_folder(folder, inputs) as part:
+        with atomic_folder(folder, inputs) as part, working(shown):
+            figures = hazard_figures(hazard, terrain)
+            add_steps(len(figures) + 1)
             paths = list(put_hazard(hazard, part))
-            for hazard_figure in hazard_figures(hazard, terrain):
+            for hazard_figure in figures:
                 paths.append(part / f"{hazard_figure.name}.png")
                 save(hazard_figure.draw(), paths[-1], DOTS)
             paths.append(part / SHEET)

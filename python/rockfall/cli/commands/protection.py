@@ -31,10 +31,12 @@ from rockfall.plots.style import save
 from rockfall.protection.design import Design, design
 from rockfall.protection.factors import COLUMNS, Conditions
 from rockfall.protection.yearly import YEARS, YearlyDesign, yearly_design
+from rockfall.result.crossings import line_names
 from rockfall.result.dataset import read_result, write_result
 from rockfall.result.same_case import check_same_site
 from rockfall.scene.layers import file_checksum
 from rockfall.simulation.memory import read_memory
+from rockfall.simulation.progress import add_steps, working
 from rockfall.studies.barrier_advice import group_of
 from rockfall.studies.siting import CONDITIONS, Siting, site
 from rockfall.tables.design import design_text
@@ -78,11 +80,13 @@ def design_command(arguments: argparse.Namespace) -> int:
             raise RockfallError(f"{path}: is given twice")
         results[path] = read_result(path)
     check_same_site(results)
-    for path in paths:
-        try:
-            sheets[path] = design(results[path], **given)
-        except RockfallError as error:
-            raise RockfallError(f"{path}: {error}", error.code) from error
+    with working():
+        add_steps(sum(len(line_names(result)) for result in results.values()))
+        for path in paths:
+            try:
+                sheets[path] = design(results[path], **given)
+            except RockfallError as error:
+                raise RockfallError(f"{path}: {error}", error.code) from error
     for path, sheet in sheets.items():
         print(*([f"{path}\n"] if len(sheets) > 1 else []), design_text(sheet), "", sep="\n")
     if folder:

@@ -27,6 +27,7 @@ from rockfall.io.tables import plain_decimal, write_csv
 from rockfall.plots.hazard.hazard_sheet import Imprint
 from rockfall.products import Added, export_with, figures, report, report_variants
 from rockfall.result.dataset import read_result
+from rockfall.simulation.progress import working
 from rockfall.studies.difference_maps import difference_maps, write_variants
 from rockfall.studies.variants import compare_variants
 from rockfall.tables.comparison import comparison_text, ranks_text
@@ -48,7 +49,7 @@ def export_command(arguments: argparse.Namespace) -> int:
     for key, value in added.items():
         if value and not arguments.qgis:
             raise RockfallError(f"--{key} requires --qgis")
-    with warnings_told():
+    with warnings_told(), working():
         if is_hazard(path):
             files = _export_hazard(arguments, path, folder)
         elif arguments.qgis or arguments.tables:
@@ -176,7 +177,8 @@ def lines_command(arguments: argparse.Namespace) -> int:
     elif along is not None:
         print_profile(path, along, arguments.width, table)
     else:
-        print_lines(path, table)
+        with working():
+            print_lines(path, table)
     warn_of_models(path)
     return DONE
 
@@ -193,7 +195,7 @@ def _edges(given: str | None) -> list[float] | None:
 
 
 def figures_command(arguments: argparse.Namespace) -> int:
-    with warnings_told() as told:
+    with warnings_told() as told, working():
         files = figures(
             _path(arguments), arguments.folder, format=arguments.format, **_beside(arguments)
         )
@@ -210,7 +212,7 @@ def report_command(arguments: argparse.Namespace) -> int:
     path = arguments.output or given.with_name(f"{given.name.removesuffix('.nc')}{ending}")
     if arguments.pdf and path.suffix.lower() != ending:
         raise RockfallError(f"{path}: output name must end in .pdf")
-    with warnings_told():
+    with warnings_told(), working():
         named = {key: getattr(arguments, key) for key in REPORTED}
         if arguments.section:
             named["section"] = drawn(arguments.section, "--section")
@@ -233,7 +235,7 @@ def _report_hazard(arguments: argparse.Namespace, given: Path) -> int:
             option = "3d" if key == "view" else key
             raise RockfallError(f"--{option} is for results OUT.nc: a hazard has no boulders")
     named = {key: getattr(arguments, key) for key in IMPRINT}
-    with warnings_told():
+    with warnings_told(), working():
         print(report_hazard(given, path, dem=arguments.dem, **named))
     return DONE
 

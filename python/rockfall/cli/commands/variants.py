@@ -30,6 +30,7 @@ from rockfall.result.dataset import write_result
 from rockfall.scene.read import read_scene
 from rockfall.simulation.parts.finished import FINISHED, is_finished
 from rockfall.simulation.parts.lock import locked
+from rockfall.simulation.progress import working
 from rockfall.simulation.simulate import Interrupted, start
 from rockfall.simulation.tally import origin_of
 from rockfall.studies.difference_maps import (
@@ -115,7 +116,7 @@ def _write(
     costs = {variant["name"]: variant["cost"] for variant in case.variant if "cost" in variant}
     title = case.case["title"] or arguments.case.stem
     imprint = {key: getattr(arguments, key) for key in IMPRINT}
-    with atomic_folder(folder, inputs) as part:
+    with atomic_folder(folder, inputs) as part, working(not arguments.quiet):
         made = []
         for name, result in results.items():
             made.append(part / f"{name}.nc")
