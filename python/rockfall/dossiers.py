@@ -153,11 +153,11 @@ def put_dossier(
     """Write the files of a dossier into a new folder."""
     designs = designs_of(made, costs)
     hazards = [folder / hazard_name(name) for name in made.hazards]
-    found = [*made.hazards.values()]
+    results = [*made.hazards.values()]
     if made.second:
         hazards.append(folder / SECOND)
-        found.append(made.second.hazard)
-    for path, hazard in zip(hazards, found, strict=True):
+        results.append(made.second.hazard)
+    for path, hazard in zip(hazards, results, strict=True):
         put_netcdf(hazard, path, path)
         yield path
     write_csv(made.frequencies, folder / FREQUENCIES)

@@ -7,7 +7,8 @@ import pytest
 
 import rockfall
 import scenes
-from made import make_layer
+from made import leave_pictures_blank, make_layer
+from rockfall.cli import main
 from rockfall.studies.dossier import read_dossier, run_dossier
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
@@ -88,3 +89,20 @@ def test_zero_changes_change_nothing_and_a_variant_has_the_numbers_of_its_hazard
                 )
                 assert own == expected
         assert (found["line_energy_by_period"].values[0] == alone["line_energy_by_period"]).all()
+
+
+def test_products_of_a_run_say_that_it_is_not_of_the_scenarios(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("matplotlib", reason="the report extra is not installed")
+    pytest.importorskip("jinja2", reason="the report extra is not installed")
+    said = "not of the scenarios: `rockfall hazard` gives their frequencies"
+    case = random_case(tmp_path, 5)
+    path = tmp_path / "out.nc"
+    rockfall.write_result(rockfall.run(case, **PLACE), path)
+    for command in ("lines", "design"):
+        assert main([command, str(path)]) == 0
+        assert said in capsys.readouterr().out
+    leave_pictures_blank(monkeypatch)
+    page = rockfall.report(path, tmp_path / "page.html").read_text()
+    assert said in page
+    plain = rockfall.run(case.replace(scenario=[]), **PLACE)
+    assert said not in rockfall.report(plain, tmp_path / "plain.html").read_text()

@@ -41,7 +41,7 @@ from rockfall.tables.dossier import (
     variants_table,
     years_between,
 )
-from rockfall.text.hazard import hazard_warnings, limits_of_hazard
+from rockfall.text.hazard import limits_of_hazard
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -93,8 +93,10 @@ def _fitted(page: str, content: dict[str, Any], hazard: xr.Dataset, terrain: Ter
 
 
 def _cut(section: Section, most: int) -> Section:
-    """Section whose tables have at most so many rows, with a note where some are left out."""
-    if all(len(table.rows) <= most for table in section.tables):
+    """Section whose tables of places have at most so many rows, with a note where some are left
+    out."""
+    is_of_places = section.name in ("variants", "places")
+    if not is_of_places or all(len(table.rows) <= most for table in section.tables):
         return section
     tables = [table._replace(rows=table.rows[:most]) for table in section.tables]
     return section._replace(tables=tables, notes=[say("dossier.cut", n=most), *section.notes])
@@ -120,7 +122,7 @@ def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -
     warnings = dossier_warnings(dossier)
     pages = {section.name: section for section in sections(dossier, designs)}
     imprint = Imprint(parties.project, parties.client, parties.author)
-    sheet = hazard_sheet(hazard, given.terrain, imprint, [*hazard_warnings(hazard)])
+    sheet = hazard_sheet(hazard, given.terrain, imprint)  # its warnings are on other pages
     return dict(
         title=title_of(dossier),
         on_paper=True,

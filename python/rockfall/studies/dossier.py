@@ -108,10 +108,10 @@ def read_dossier(case: Case, *given: Any, one_model: bool = False, **arrays: Any
 def _second(study: HazardInputs) -> tuple[str, HazardInputs] | None:
     """Inputs of a hazard by a second model, if its ground admits one and its cells are in
     memory."""
-    found = second_model(study.scene) if study.scene.rasters.z.size else None
-    if found is None:
+    model = second_model(study.scene) if study.scene.rasters.z.size else None
+    if model is None:
         return None
-    name, scene = found
+    name, scene = model
     lines = [*study.objects.lines, *study.segments.lines, *study.lines]
     return name, replace(study, scene=scene, scenarios=scenarios_of(scene, lines))
 
