@@ -3,6 +3,7 @@
 frequency in all products, and the pages are few and full in every language."""
 
 import re
+import shutil
 from html import unescape
 
 import numpy as np
@@ -204,9 +205,14 @@ def test_bad_input_is_refused_in_one_line_before_a_run(case, tmp_path, monkeypat
     assert not [*tmp_path.iterdir()]
 
 
-def test_lines_design_and_report_take_a_hazard(made, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("is_folder", [False, True])
+def test_lines_design_and_report_take_a_hazard(made, tmp_path, monkeypatch, capsys, is_folder):
     folder, _ = made
     path = str(folder / "hazard_with net.nc")
+    if is_folder:
+        (tmp_path / "net").mkdir()
+        shutil.copy(path, tmp_path / "net/hazard.nc")
+        path = str(tmp_path / "net")
     assert main(["lines", path, "-o", str(tmp_path / "lines.csv")]) == 0
     assert "house 1" in capsys.readouterr().out
     table = pd.read_csv(tmp_path / "lines.csv")

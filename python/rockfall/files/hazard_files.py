@@ -65,6 +65,7 @@ GEOMETRY = {
 }
 DRAWINGS = ("kml", "dxf")  # formats of `export_hazard`
 MOST_PLACES = 20  # of each kind, with sources in a GeoPackage
+HAZARD = "hazard.nc"  # in its folder
 NO_CELL = 255  # value without data in a yes-no raster
 
 
@@ -103,6 +104,11 @@ def is_hazard(path: str | Path) -> bool:
         return False
 
 
+def in_folder(path: Path) -> Path:
+    """Path of the hazard in the folder of a hazard; any other path is as it is."""
+    return path / HAZARD if path.is_dir() and (path / HAZARD).is_file() else path
+
+
 def export_hazard(path: str | Path, folder: str | Path, formats: Sequence[str]) -> list[Path]:
     """Write zones and objects of a hazard (a file hazard.nc) to a folder as KML and DXF. Writes all
     of them or, with a RockfallError, none."""
@@ -127,8 +133,8 @@ def _put_drawings(hazard: xr.Dataset, folder: Path, formats: list[str]) -> Itera
 def put_hazard(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
     """Write the files of `write_hazard` into a new folder."""
     need("zones need", "vector", "pyogrio", "shapely")
-    put_netcdf(hazard, folder / "hazard.nc", folder / "hazard.nc")
-    yield folder / "hazard.nc"
+    put_netcdf(hazard, folder / HAZARD, folder / HAZARD)
+    yield folder / HAZARD
     yield from _put_maps(hazard, folder)
     yield from _put_zones(hazard, folder)
     if "object" in hazard.dims:

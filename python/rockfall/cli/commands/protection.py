@@ -20,7 +20,7 @@ from rockfall.cli.given import given_options, overridden, stem_of, warn_of_input
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError, need
 from rockfall.files.export import crs_wkt, write_geopackage
-from rockfall.files.hazard_files import is_hazard, read_hazard
+from rockfall.files.hazard_files import in_folder, is_hazard, read_hazard
 from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.language import speaking
@@ -59,6 +59,7 @@ ADVISED = "barrier.nml"
 
 def design_command(arguments: argparse.Namespace) -> int:
     keys = [*OPTIONS, *(field.name for field in fields(Conditions))]
+    arguments.results = [*map(in_folder, arguments.results)]
     if arguments.results and all(map(is_hazard, arguments.results)):
         return _design_hazards(arguments, [*keys, *design_block.OPTIONS])
     _check_mode(arguments, keys)

@@ -21,7 +21,7 @@ from rockfall.cli.messages import DONE, print_files, warnings_told
 from rockfall.dossiers import report_hazard
 from rockfall.errors import RockfallError
 from rockfall.files.export import Chosen, export
-from rockfall.files.hazard_files import DRAWINGS, export_hazard, is_hazard
+from rockfall.files.hazard_files import DRAWINGS, export_hazard, in_folder, is_hazard
 from rockfall.io.output_files import check_output
 from rockfall.io.tables import plain_decimal, write_csv
 from rockfall.plots.hazard.hazard_sheet import Imprint
@@ -241,8 +241,8 @@ def _report_hazard(arguments: argparse.Namespace, given: Path) -> int:
 
 
 def _path(arguments: argparse.Namespace) -> Path:
-    """Path of the result."""
-    return getattr(arguments, "out.nc")
+    """Path of the result, or of the hazard in a folder."""
+    return in_folder(getattr(arguments, "out.nc"))
 
 
 def _beside(arguments: argparse.Namespace) -> dict[str, Any]:
