@@ -56,7 +56,7 @@ def test_memory_is_that_of_the_arrays(tmp_path):
 
 def test_rows_too_many_for_a_file_are_said_before_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(pilot, "PILOT_BOULDERS", 500)
-    monkeypatch.setattr(preview, "LARGE_RESULT", preview.LARGE_RESULT / 200)  # rows take time
+    monkeypatch.setattr(preview, "LARGE_RESULT", preview.LARGE_RESULT / 400)  # rows take time
     many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k, 9.0 * k]} for k in range(1, 41)]
     words = "MB: &output kept = 'none' keeps sums and counts"
     for lines, is_said in ((many, True), (many[:1], False)):
@@ -105,3 +105,16 @@ def test_the_runs_by_both_neighbours_are_offered(tmp_path, surface, others):
     offered = [word for line in lines for word in line.split("--table ")[1:]]
     assert [word.strip() for word in offered] == others
     assert all(len(line) <= 120 and f"models {scene.case.name} --table" in line for line in lines)
+
+
+def test_memory_of_samples_grows_with_what_lines_see(tmp_path):
+    """Of boulders that are not kept: bins fill up, and tails have the largest of each line."""
+    many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k] * 2} for k in range(1, 31)]
+    found = []
+    for lines, each in ((many[-3:], 200), (many, 200), (many, 20_000)):
+        scene = scene_of(tmp_path, 8, each, line=lines)
+        scene = replace(scene, case=scene.case.replace(output={"kept": "none"}))
+        run = pilot.pilot_run(scene)
+        assert run.blocks > 0 and run.tally.crossed() <= run.tally.done * len(lines)
+        found.append(pilot.memory(scene, run)["samples"])
+    assert found[0] < found[1] / 4 and found[1] < found[2] < 100 * found[1]

@@ -16,6 +16,10 @@ from rockfall.system import memory_limits
 
 #: Of a boulder that crosses an evaluation line.
 BYTES_AT_LINE = sum(np.dtype(kind).itemsize for kind in TYPES["crossing"].values())
+#: Likewise in a result, where its integers are compressed to less than a byte.
+BYTES_IN_FILE = 1 + sum(
+    np.dtype(kind).itemsize for kind in TYPES["crossing"].values() if np.dtype(kind).kind == "f"
+)
 ROOM = 0.5  # fraction of the memory for boulders at lines
 UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from rockfall.kernel_rules import SAMPLE_BINS, SAMPLE_COARSE, SAMPLE_TAILS
 from rockfall.limits import CORES
 from rockfall.scene.releases.source_attributes import values_of
 from rockfall.scene.scene import Scene
 from rockfall.simulation.maps import HITS, plan_of
-from rockfall.simulation.memory import BYTES_AT_LINE
-from rockfall.simulation.simulate import check_team, run_chunks, start
+from rockfall.simulation.memory import BYTES_AT_LINE, BYTES_IN_FILE
+from rockfall.simulation.simulate import CHUNK_CROSSINGS, check_team, run_chunks, start
 from rockfall.simulation.spilled_crossings import BLOCK
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import MAXIMA, line_variables
@@ -26,6 +27,7 @@ PROGRAM = 80e6  # bytes of the program and its packages, while boulders are simu
 PACKAGES = 20e6  # additional bytes of the packages that write results
 READING = 80e6  # additional bytes for reading a window
 START = 0.4  # CPU seconds to start and end
+CALL_BYTES = 170  # of a crossing while a call of the kernel holds it
 ROW = 1.0e-6  # CPU seconds to write the row of a boulder
 VALUE = 20e-9  # CPU seconds to write the value of a cell
 
@@ -39,6 +41,7 @@ class Pilot:
     reading: float  # CPU time for windows of the terrain
     cells: float  # reached by all boulders of the run
     density: np.ndarray | float  # of these boulders [kg/m3]
+    blocks: float  # of bins that all boulders of the run fill, where not all rows are kept
 
     def values(self) -> dict[str, Any]:
         """Variables of its boulders, as a result has them, without names of lines."""
@@ -89,22 +92,45 @@ def _follow(scene: Scene, number: int) -> Pilot:
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
     for array in few.arrays("count", "ground"):  # sums, which the second time would count again
         array.values[...] = 0
+    few.run.forget_crossings()
     before = sample.windows.reading if sample.windows else 0.0
     run_chunks(few, None, lambda: False, lambda _: None)
     reading = sample.windows.reading - before if sample.windows else 0.0
-    return Pilot(few, (few.cpu - reading) / few.done, reading, cells, _densities(sample))
+    seconds, blocks = (few.cpu - reading) / few.done, 0.0
+    if scene.case.output["kept"] != "all":
+        seconds, blocks = _counted(sample, scene.boulders)
+    return Pilot(few, seconds, reading, cells, _densities(sample), blocks)
 
 
 def _all_cells(few: Tally, boulders: int) -> float:
-    """Number of cells that all boulders would reach, if passages per cell follow a gamma
-    distribution: counts are then negative binomial (Fisher, Corbet & Williams 1943). Its mean and
-    shape reproduce the numbers of cells passed at all, and passed once, by the few boulders."""
+    """Number of cells that all boulders would reach."""
     place = plan_of(few.scene.case).counts["passages"] - 1
     if place < 0:
         return 0.0
     passages = few.array("tally_counts")[place]
+    return min(_all_reached(passages, boulders / max(1, few.done)), float(passages.size))
+
+
+def _counted(sample: Scene, boulders: int) -> tuple[float, float]:
+    """CPU time of a boulder of the pilot run whose row is not kept, and the number of blocks of
+    bins that all boulders would fill."""
+    counted = replace(sample, case=sample.case.replace(output={"kept": "none"}))
+    few = start(counted, threads=1)
+    before = sample.windows.reading if sample.windows else 0.0
+    run_chunks(few, None, lambda: False, lambda _: None)
+    reading = sample.windows.reading - before if sample.windows else 0.0
+    filled = few.array("blocks").sum(axis=1)
+    room = few.array("sample_sums").shape  # places, parts, quantities, words
+    most = float(math.prod(room[:3]) * SAMPLE_COARSE)
+    blocks = min(_all_reached(filled, boulders / few.done), most)
+    return (few.cpu - reading) / few.done, blocks
+
+
+def _all_reached(passages: np.ndarray, more: float) -> float:
+    """Number of cells that so many times more boulders would reach, if passages per cell follow a
+    gamma distribution: counts are then negative binomial (Fisher, Corbet & Williams 1943). Its mean
+    and shape reproduce the numbers of cells passed at all, and passed once, by the few boulders."""
     total, cells, once = passages.sum(dtype="i8"), (passages > 0).sum(), (passages == 1).sum()
-    more = boulders / max(1, few.done)
     if more <= 1 or not 0 < once < total:
         return float(cells * max(1.0, more))
     shape = np.geomspace(1e-4, 50.0, 2000)  # of the gamma distribution
@@ -112,7 +138,7 @@ def _all_cells(few: Tally, boulders: int) -> float:
     limit = total / (shape * (spread - 1))  # cells that can be passed
     best = np.argmin(abs(limit * (1 - spread**-shape) - cells))
     expected = limit[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
-    return float(min(max(expected, cells), passages.size))
+    return float(max(expected, cells))
 
 
 def _densities(scene: Scene) -> np.ndarray | float:
@@ -131,15 +157,23 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     `made`, for the outputs made after the rasters are freed; and `file`, bytes of rows in it."""
     names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
-    plan, held = plan_of(scene.case), {"maps": 0, "results": scene.x.nbytes + scene.y.nbytes}
+    plan, held = (
+        plan_of(scene.case),
+        {"maps": 0.0, "results": 0.0 + scene.x.nbytes + scene.y.nbytes},
+    )
     for array in tally.run.arrays():
         is_map = "y" in array.dims
-        if array.file_name != "tally_bin_counts":
+        if array.file_name not in ("tally_bin_counts", "sample_largest"):
             held["maps" if is_map else "results"] += array.values.nbytes
     sorting = 3 * 8  # bytes: two orders of the crossings, and a column of them again
-    rows = tally.run.array("status").size / max(1, pilot.tally.rows)
-    crossings = round(rows * pilot.tally.crossed())
-    held["crossings"] = min(BLOCK, crossings) * (BYTES_AT_LINE + sorting)
+    more = scene.boulders / max(1, pilot.tally.rows)
+    rows = tally.run.array("status").size / scene.boulders
+    crossings = round(more * rows * pilot.tally.crossed())
+    in_call = min(CHUNK_CROSSINGS, more * pilot.tally.crossed()) * CALL_BYTES
+    block = min(BLOCK, crossings)
+    held["crossings"] = block * BYTES_AT_LINE + max(block * sorting, in_call)
+    if pilot.blocks:
+        held["samples"] = _sample_bytes(tally, pilot, more)
     made = len(names - {*plan.counts, *MAXIMA, HITS}) * 4 * math.prod(tally.box.shape)
     if scene.windows:
         rasters = scene.windows.bytes + READING
@@ -154,8 +188,21 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
         **held,
         "program": PROGRAM,
         "made": PACKAGES + made,
-        "file": tally.row_bytes + BYTES_AT_LINE * crossings,
+        "file": tally.row_bytes + BYTES_IN_FILE * crossings,
     }
+
+
+def _sample_bytes(tally: Tally, pilot: Pilot, more: float) -> float:
+    """Bytes of counts in bins, of where they are, and of the largest values at lines, if the run
+    has so many times more boulders than its pilot."""
+    passed = np.zeros(0)
+    if tally.scene.case.lines:
+        passed = np.bincount(pilot.tally.array("crossing_line")) * more
+    largest = tally.run.array("sample_largest").shape[-1]
+    tails = SAMPLE_TAILS * 4 * np.minimum(passed, largest).sum()
+    places = math.prod(tally.run.array("sample_sums").shape[:3]) * SAMPLE_COARSE
+    each = 4 * SAMPLE_BINS / SAMPLE_COARSE
+    return float(tails + 4 * places + each * pilot.blocks)
 
 
 def cpu_seconds(scene: Scene, pilot: Pilot) -> tuple[float, float]:
