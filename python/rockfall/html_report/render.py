@@ -29,7 +29,7 @@ DOTS_PER_INCH = 200
 UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # kept on the line of its number
 SHEET = re.compile(r"<style[^>]*>\s*\*\s*\{([^}]*)\}\s*</style>")
 STYLE = re.compile(r' style="([^"]*)"')
-COLOURS = 128  # of a rasterised figure
+COLOURS = 256  # of a rasterised figure
 
 
 class Picture(NamedTuple):
@@ -104,7 +104,8 @@ def _saved(figure: Figure, ending: str) -> bytes:
         if ending == "png":  # a third of the bytes
             from PIL import Image
 
-            Image.open(path).convert("RGB").quantize(COLOURS).save(path)
+            colours = Image.open(path).convert("RGB")
+            colours.quantize(COLOURS, Image.Quantize.FASTOCTREE).save(path)
         return path.read_bytes()
 
 

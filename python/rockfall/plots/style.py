@@ -44,6 +44,7 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "svg.hashsalt": "rockfall",  # reproducible bytes
 }
+MOST_TICKS = 9  # of an axis: Matplotlib's locators make no more, whatever the space
 POINTS = 72  # per inch, the dots of vectors
 PDF = {"Creator": "rockfall", "CreationDate": None}  # metadata
 
@@ -122,13 +123,18 @@ def _kept(axis: Axis, make: Callable[[], list[Tick]]) -> Callable[[], list[Tick]
     kept: dict[Any, list[Tick]] = {}
 
     def ticks() -> list[Tick]:
-        key = *axis.get_view_interval(), axis.get_tick_space()
+        key = _room(axis)
         if key not in kept:
             kept.clear()
             kept[key] = make()
         return kept[key]
 
     return ticks
+
+
+def _room(axis: Axis) -> tuple[float, ...]:
+    """What ticks depend on: the view, and the space for them."""
+    return *axis.get_view_interval(), min(axis.get_tick_space(), MOST_TICKS)
 
 
 def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
