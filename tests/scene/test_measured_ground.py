@@ -10,9 +10,10 @@ from rasterio import Affine
 
 import rockfall
 from made import make_raster
+from programs import ROOT
 from rockfall.cli import main
 from rockfall.errors import RockfallError
-from rockfall.grounds import GroundTable
+from rockfall.grounds import GroundTable, shipped_rows, yielding_ground
 from rockfall.grounds.measured_ground import GRAVITY, scaled_strength
 from rockfall.grounds.relief import CELLS, Spectrum, measure, patches, slope_between
 
@@ -189,3 +190,19 @@ def test_a_table_of_scars(place):
     (place / "scars.csv").write_text("depth,weight,fall\n0.2,780,10\n")
     with pytest.raises(RockfallError, match="column weight: must be"):
         rockfall.measure_ground("scars.csv")
+
+
+@pytest.mark.parametrize("name", shipped_rows().yielding)
+def test_scars_on_the_page_of_grounds_are_those_of_their_strengths(name):
+    """Of a block of R_b = 0.4 m that falls by 1 m, in whole centimetres."""
+    page = (ROOT / "docs" / "impact_tables.md").read_text(encoding="utf-8")
+    (row,) = (line for line in page.splitlines() if line.startswith(f"| `{name}` |"))
+    depth, radius = float(row.split("|")[-2]) / 100, 0.4
+    model, ground = yielding_ground(shipped_rows().rows[name])
+    strength = ground.strength * (radius / (ground.strength_radius or radius))
+    scar = {"volume": 4 / 3 * np.pi * radius**3, "density": 2700.0, "fall": 1.0}
+    high, low = (
+        rockfall.measure_ground([scar | {"depth": depth + off}], model=model).strength
+        for off in (-0.005, 0.005)
+    )
+    assert low <= strength <= high
