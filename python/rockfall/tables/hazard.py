@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from rockfall.files.risk_files import class_words, has_risk, risk_columns, total
 from rockfall.files.segment_files import has_segments
 from rockfall.files.segment_files import segment_table as segments_of
 from rockfall.io.rasters.arrays import grid_of
-from rockfall.language import Number, Text, say, word
+from rockfall.language import Number, Text, say, unpacked, word
 from rockfall.quantities import QUANTITIES, percent, small
 from rockfall.result.maps.flat_maps import shown
 from rockfall.result.variables import ENDS
@@ -155,8 +156,13 @@ def risk_table(hazard: xr.Dataset) -> Table:
 
 
 def assumptions(hazard: xr.Dataset) -> list[str]:
-    """Assumptions of the risk, a line each; none if the objects do not say what is exposed."""
-    return str(hazard.attrs["risk_assumptions"]).splitlines() if has_risk(hazard) else []
+    """Assumptions of the risk, a line each; none if the objects do not say what is exposed. Those
+    of older files are in English only."""
+    if not has_risk(hazard):
+        return []
+    texts = str(hazard.attrs["risk_assumptions"]).splitlines()
+    data = json.loads(hazard.attrs.get("risk_messages", "[]")) or texts
+    return [unpacked(message, text) for message, text in zip(data, texts, strict=True)]
 
 
 def class_number(row: Mapping[str, Any]) -> str:

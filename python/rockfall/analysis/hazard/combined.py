@@ -43,7 +43,7 @@ from rockfall.analysis.objects.segments import Segments
 from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import Case, case_of
 from rockfall.io.input_warnings import InputWarning, stored_warnings
-from rockfall.language import packed
+from rockfall.language import Text, packed
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import boulders_at, line_names
 from rockfall.result.grounds import rebounds_by_ground, source_text
@@ -338,6 +338,12 @@ def _segments(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.
     return values | _classes("segment_", rates, matrix)
 
 
+def _assumptions(texts: Sequence[Text]) -> dict[str, str]:
+    """Assumptions of the risk, a line each, and as ids of messages with their values."""
+    messages = json.dumps([packed(text) for text in texts])
+    return {"risk_assumptions": "\n".join(texts), "risk_messages": messages}
+
+
 def _attributes(inputs: HazardInputs, runs: Runs) -> dict[str, Any]:
     first, exposed = runs[0].attrs, inputs.objects.exposed
     kept = ("Conventions", "history", "version", "case_file", "seed", "impact_set")
@@ -348,7 +354,7 @@ def _attributes(inputs: HazardInputs, runs: Runs) -> dict[str, Any]:
         "hazard_layout": LAYOUT,
         "title": inputs.case.case["title"],
         **{name: first[name] for name in kept if name in first},
-        **({"risk_assumptions": "\n".join(exposed.assumptions)} if exposed else {}),
+        **(_assumptions(exposed.assumptions) if exposed else {}),
         "layers_checksum": layers_checksum(inputs.objects, inputs.segments),
         "input_warnings": stored_warnings(inputs.warnings),
         "case": inputs.case.text(),

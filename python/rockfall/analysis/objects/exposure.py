@@ -20,20 +20,10 @@ QUANTITIES = ("damage", "individual_risk", "collective_risk")
 PRESENCE, LETHALITY, VEHICLE_LENGTH, TRIPS = 1.0, 1.0, 5.0, 2.0  # where the layer says nothing
 HOURS, METRES = 24.0, 1000.0  # of a day, of a kilometre
 MAX_NAMED = 5  # objects in an assumption
-ALWAYS = (
-    "a boulder hits an object where it touches it with its side in plan, at whatever height: those "
-    "that fly over it count (errs high)",
-    "objects stop no boulder and are not lost: one behind another is hit as if it stood alone, and "
-    "what was destroyed can be destroyed again (errs high)",
-    "boulders come independently of each other, of the hour and of the traffic; all that come "
-    "loose in an event count one by one (errs high for individual risk)",
-    "individual and collective risk are expected deaths a year; a probability a year is hardly "
-    "less where they are far below 1",
-    "limits are of the Monte Carlo error and of `frequency_factor`, not of vulnerability or "
-    "exposure",
-    "classes of individual risk end at 1e-6, 1e-5 and 1e-4 a year, as AGS (2007) and PLANAT grade "
-    "tolerable and acceptable risks; unconfirmed: cited from memory",
-)
+ALWAYS = (  # messages
+    "risk.any_height", "risk.alone", "risk.independent", "risk.expected", "risk.limits",
+    "risk.classes",
+)  # fmt: skip
 
 
 class Harm(NamedTuple):
@@ -64,7 +54,7 @@ class Exposure:
 
     kinds: list[str] = field(default_factory=list)
     harms: dict[str, list[Harm | None]] = field(default_factory=dict)
-    assumptions: list[str] = field(default_factory=list)
+    assumptions: list[Text] = field(default_factory=list)
 
     def __bool__(self) -> bool:
         return bool(self.harms)
@@ -92,13 +82,10 @@ def read_exposure(
         harms[quantity] = [getattr(death, quantity) for death in deaths.found]
     notes = [*_of_damage(damage, names), *deaths.notes(names)]
     if unknown:
-        notes.append(f"no damage for want of a vulnerability: {_listed(names, unknown)}")
+        notes.append(say("risk.no_vulnerability", names=_listed(names, unknown)))
     if exposed := [k for k in points if any(harms[harm][k] for harm in harms)]:
-        notes.append(
-            "the energy of each boulder is not known at points without a width, so each has that "
-            f"of the upper end of its intensity (errs high): {_listed(names, exposed)}"
-        )
-    return Exposure(kinds, harms, [*notes, *ALWAYS])
+        notes.append(say("risk.points", names=_listed(names, exposed)))
+    return Exposure(kinds, harms, [*notes, *map(say, ALWAYS)])
 
 
 def curve_remarks(
@@ -132,7 +119,8 @@ def joined(parts: Sequence[tuple[Exposure, int]]) -> Exposure:
         for name in QUANTITIES
     }
     notes = dict.fromkeys(text for exposure, _ in parts for text in exposure.assumptions)
-    return Exposure(kinds, harms, [*(note for note in notes if note not in ALWAYS), *ALWAYS])
+    own = (note for note in notes if note.key not in ALWAYS)
+    return Exposure(kinds, harms, [*own, *map(say, ALWAYS)])
 
 
 def _damage(
@@ -235,32 +223,19 @@ class _Deaths:
             return constant(LETHALITY, source="default")
         return curve
 
-    def notes(self, names: list[str]) -> Iterator[str]:
+    def notes(self, names: list[str]) -> Iterator[Text]:
         """Assumptions on persons."""
         at_rest = [k for k, death in enumerate(self.found) if _rests(death.individual_risk)]
         moving = [k for k, death in enumerate(self.found) if _moves(death.individual_risk)]
         if at_rest:
-            yield (
-                "individual risk = presence x lethality, collective risk = persons x presence x "
-                "lethality, of every boulder that hits, wherever in the object the persons are: "
-                f"all are there as long as the most exposed of them (errs high): "
-                f"{_listed(names, at_rest)}"
-            )
+            yield say("risk.at_rest", names=_listed(names, at_rest))
         if moving:
-            yield (
-                "collective risk of traffic = vehicles hit x persons_per_vehicle x lethality, with "
-                "aadt (block diameter + vehicle_length) / (24000 speed) vehicles hit; individual "
-                "risk is that of a person with `trips` passages a day (Hungr et al. 1999; "
-                f"unconfirmed): {_listed(names, moving)}"
-            )
-            yield (
-                "NOT included (errs low): vehicles that run into a block that lies on the road, "
-                f"swerve, or queue in front of it: {_listed(names, moving)}"
-            )
+            yield say("risk.traffic", names=_listed(names, moving))
+            yield say("risk.not_included", names=_listed(names, moving))
         harms = [death.individual_risk for death in self.found]
-        yield from _of_curves("lethality", harms, names)
+        yield from _of_curves("risk.lethality", harms, names)
         for text, defaults in self.defaults.items():
-            yield f"default {text}: {_listed(names, defaults)}"
+            yield say("risk.default", value=text, names=_listed(names, defaults))
 
 
 def _rests(harm: Harm | None) -> bool:
@@ -271,24 +246,21 @@ def _moves(harm: Harm | None) -> bool:
     return harm is not None and harm.length is not None
 
 
-def _of_damage(harms: list[Harm | None], names: list[str]) -> Iterator[str]:
+def _of_damage(harms: list[Harm | None], names: list[str]) -> Iterator[Text]:
     """Assumptions on property."""
     if any(harms):
-        yield (
-            "damage = value x exposure x vulnerability, of every boulder that hits, in the unit of "
-            "the attribute value, which must be the same for all objects"
-        )
-    yield from _of_curves("vulnerability", harms, names)
+        yield say("risk.damage")
+    yield from _of_curves("risk.vulnerability", harms, names)
 
 
-def _of_curves(what: str, harms: list[Harm | None], names: list[str]) -> Iterator[str]:
+def _of_curves(key: str, harms: list[Harm | None], names: list[str]) -> Iterator[Text]:
     """Curves that enter, each with its source and objects."""
     rows: dict[tuple[str, str], list[int]] = {}
     for k, harm in enumerate(harms):
         if harm is not None:
             rows.setdefault((harm.curve.name, harm.curve.source), []).append(k)
     for (name, source), objects in rows.items():
-        yield f"{what} {name} ({source}): {_listed(names, objects)}"
+        yield say(key, curve=name, source=source, names=_listed(names, objects))
 
 
 def _named_curves(layer: Layer, name: str, curves: Mapping[str, Curve]) -> list[Curve | None]:
@@ -308,4 +280,4 @@ def _listed(names: list[str], objects: list[int]) -> str:
     """Names of objects, the first few of many."""
     shown = ", ".join(names[k] for k in objects[:MAX_NAMED])
     more = len(objects) - MAX_NAMED
-    return f"{shown} and {more} more" if more > 0 else shown
+    return say("risk.and_more", names=shown, more=more) if more > 0 else shown
