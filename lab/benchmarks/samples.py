@@ -36,15 +36,14 @@ def main() -> None:
     print("| records | seed | " + " | ".join(f"{slope:g} degrees" for slope in given.slopes) + " |")
     print("|---" * (2 + len(given.slopes)) + "|")
     lab = {"ground": given.ground, "shape": SHAPE, "throws": given.throws}
+    own = {"impact": {"table": "own.nc"}}
     for seed in given.seeds:
         case = BlockCase(lab=lab | {"seed": seed}).at_radius(given.radius)
         contacts = run_throws(case)
         for kept in given.kept:
             with tempfile.TemporaryDirectory() as folder:
                 save_table(table_of([contacts], kept), Path(folder) / "own.nc")
-                found = [
-                    on_plane("own.nc", given.radius, slope, Path(folder)) for slope in given.slopes
-                ]
+                found = [on_plane(own, given.radius, slope, Path(folder)) for slope in given.slopes]
             print(f"| {kept} | {seed} | {' | '.join(found)} |", flush=True)
 
 
