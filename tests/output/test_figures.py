@@ -555,3 +555,12 @@ def test_contours_are_two_curves_of_all_their_levels(full):
         np.testing.assert_array_equal(
             line.get_xydata()[~np.isnan(line.get_xdata())], np.concatenate(pieces)
         )
+
+
+def test_minor_ticks_of_logarithms_are_drawn_as_matplotlib_draws_them(full, monkeypatch, tmp_path):
+    """To the dot, where two powers of ten are in view; with one, its labels overlap."""
+    monkeypatch.setattr("rockfall.plots.history_figure.sizes", lambda source: [1, 7, 20, 50])
+    style.save(history_figure(full, 0), tmp_path / "marks.png", 100)
+    monkeypatch.setattr("rockfall.plots.history_figure._mark_minor", lambda axes: None)
+    style.save(history_figure(full, 0), tmp_path / "ticks.png", 100)
+    assert (tmp_path / "marks.png").read_bytes() == (tmp_path / "ticks.png").read_bytes()

@@ -48,10 +48,36 @@ def history_figure(result: xr.Dataset, line: int) -> Figure:
         )
     for panel, end in ends.items():
         panel.set_ylim(0, end or None)
+    for panel in axes.flat:
+        _mark_minor(panel)
     for panel in axes[1]:
         panel.set_xlabel(say("label.boulders"))
     figure.legend(*axes[0, 1].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
+
+
+def _mark_minor(axes: Axes) -> None:
+    """Draw the minor ticks of a logarithmic axis without labels as one row of marks: each tick
+    takes a millisecond."""
+    import matplotlib
+    from matplotlib.markers import TICKDOWN
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    low, high = axes.get_xlim()
+    if high <= 10 * low:
+        return
+    places = np.array(LogLocator(subs=range(2, 10)).tick_values(low, high))
+    places = places[(places >= low) & (places <= high)]
+    axes.xaxis.set_minor_locator(NullLocator())
+    look = matplotlib.rcParams
+    style: dict[str, Any] = {
+        "marker": TICKDOWN, "ms": look["xtick.minor.size"], "mew": look["xtick.minor.width"],
+        "color": look["xtick.color"],
+    }  # fmt: skip
+    axes.plot(
+        places, np.zeros(places.size), ls="", transform=axes.get_xaxis_transform(),
+        clip_on=False, scalex=False, scaley=False, **style,
+    )  # fmt: skip
 
 
 def _curve(
