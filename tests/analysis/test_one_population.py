@@ -10,6 +10,7 @@ import scenes
 from made import leave_pictures_blank, make_layer
 from rockfall.cli import main
 from rockfall.studies.dossier import read_dossier, run_dossier
+from rockfall.text.summary import summary
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
@@ -97,7 +98,9 @@ def test_products_of_a_run_say_that_it_is_not_of_the_scenarios(tmp_path, monkeyp
     said = "not of the scenarios: `rockfall hazard` gives their frequencies"
     case = random_case(tmp_path, 5)
     path = tmp_path / "out.nc"
-    rockfall.write_result(rockfall.run(case, **PLACE), path)
+    result = rockfall.run(case, **PLACE)
+    assert said in summary(result)
+    rockfall.write_result(result, path)
     for command in ("lines", "design"):
         assert main([command, str(path)]) == 0
         assert said in capsys.readouterr().out

@@ -16,6 +16,8 @@ from rockfall.errors import RockfallError
 _Commands = argparse._SubParsersAction  # no public name in argparse
 FACTORS = "numbers of the standard: standard, factor, condition, value, source (docs/design.md)"
 COSTS = "class, height, cost of a metre; default: class energy times height"
+LINES = "print line statistics with intervals, and return levels; of a hazard those a year"
+REPORT = "write a result, or a hazard, as one HTML page, to be read offline, or as PDF"
 _RULES = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
 
 
@@ -369,7 +371,7 @@ def _add_results(commands: _Commands) -> None:
     text = "of variants, for the report: NAME=AMOUNT"
     _option(compare, "--costs COST", str, text, nargs="+", default=[])
     _add_imprint(compare, "in the report")
-    lines = result("lines", "print line statistics with intervals, and return levels")
+    lines = result("lines", LINES)
     _option(lines, "-o --output TABLE.csv", Path, "write them, too")
     _option(lines, "--by WHAT", str, "split them: source, volume or shape (of blocks)")
     text = "edges between classes of volume [m3], as 0.1,0.5,1; default: quarters of the boulders"
@@ -382,7 +384,7 @@ def _add_results(commands: _Commands) -> None:
     figures = result("figures", "draw every figure of a result, those of the paper too")
     figures.add_argument("folder", metavar="DIR", type=Path, help="is made if it is missing")
     figures.add_argument("--format", default="png", help="png (default), pdf or svg")
-    report = result("report", "write a result as one HTML page, to be read offline, or as PDF")
+    report = result("report", REPORT)
     _option(report, "-o --output FILE", Path, "default: OUT.html")
     _switch(report, "--pdf", "a PDF in place of the page")
     text = "a map to explore and trajectories in three dimensions"
@@ -438,7 +440,8 @@ def _add_imprint(command: argparse._ActionsContainer, where: str, what: str = ""
 def _add_design(commands: _Commands) -> None:
     text = "what barriers at lines of results must be, or the block of a return period"
     sheet = _add(commands, "protection", "design", text)
-    sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="*")
+    text = "results; or hazards, HAZARD.nc or their folders, with --return-period and --costs only"
+    sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="*", help=text)
     _option(sheet, "-o --output DIR", Path, "for tables and figures")
     _add_tables(sheet, "the tables")
     text = "of these tables: en (default), de, fr or it"
@@ -450,7 +453,8 @@ def _add_design(commands: _Commands) -> None:
     _option(sheet, "--width M", float, "of windows along the line; default: 10")
     _option(sheet, "--min-boulders N", int, "boulders that a window needs; default: 50")
     block = sheet.add_argument_group("block of a return period")
-    text = "print the block that is exceeded once in so many years, from the survey --blocks"
+    text = "print the block that is exceeded once in so many years, from the survey --blocks; of a "
+    text += "hazard: in which a barrier may let one boulder pass (default: 100)"
     _option(block, "--return-period YEARS", float, text)
     _option(block, "--years YEARS", float, "in which each fall of a block was recorded")
     text = "blocks that fell in these years; default: those of --blocks that have a year"
