@@ -11,6 +11,7 @@ import pytest
 # A worker on each core, whose threads do not spin while they wait; read when rockfall is loaded.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+os.environ.setdefault("ROCKFALL_PROGRESS", "none")  # on a slow machine, it would be in messages
 
 import rockfall
 import slope_case

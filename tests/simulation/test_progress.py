@@ -46,6 +46,14 @@ def test_short_work_and_what_is_not_shown_are_silent(clock, capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_progress_can_be_left_out(clock, capsys, monkeypatch):
+    monkeypatch.setenv("ROCKFALL_PROGRESS", "none")
+    with progress_bar(100, True) as advance:
+        clock[0] = 60.0
+        advance(10)
+    assert capsys.readouterr().err == ""
+
+
 def test_a_terminal_waits_before_it_shows_a_bar(clock, monkeypatch, capsys):
     monkeypatch.setattr(progress.sys.stderr, "isatty", lambda: True, raising=False)
     with progress_bar(4, True, "steps", patience=2.0) as advance:

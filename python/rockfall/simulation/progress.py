@@ -25,11 +25,12 @@ def progress_bar(
     """Yield a function that advances a progress bar by a count, and may change the total.
 
     The bar appears after some seconds of `patience`. Where stderr is no terminal there is a line
-    every ten seconds; ROCKFALL_PROGRESS=lines requests a line for each call.
+    every ten seconds; ROCKFALL_PROGRESS=lines requests a line for each call, =none silence.
     """
-    if not shown:
+    wanted = os.environ.get("ROCKFALL_PROGRESS")
+    if not shown or wanted == "none":
         yield lambda *_: None
-    elif os.environ.get("ROCKFALL_PROGRESS") == "lines":
+    elif wanted == "lines":
         yield _lines(total, what)
     elif not sys.stderr.isatty():
         yield _seldom(total, what)
