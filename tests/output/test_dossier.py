@@ -17,6 +17,7 @@ from rockfall.case.variants import variants
 from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
 from rockfall.language import LANGUAGES, speaking
+from rockfall.studies.dossier import read_dossier, run_dossier
 from rockfall.tables.dossier import answer_table, places_of
 
 for package in ("shapely", "weasyprint", "openpyxl", "docx", "matplotlib", "jinja2"):
@@ -228,3 +229,21 @@ def test_lines_design_and_report_take_a_hazard(made, tmp_path, monkeypatch, caps
                   ["report", path, "--limits", "kJ=1"]):  # fmt: skip
         assert main(words) == 2
         assert "is for results OUT.nc" in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_places_of_one_name_keep_their_own_numbers(case, tmp_path):
+    house, shed = HOUSES[0], shapely.box(60.0, 240.0, 240.0, 260.0)
+    make_layer(tmp_path / "twins.gpkg", [house, shed], crs=None, name=["road", "road"])
+    made = run_dossier(read_dossier(case, tmp_path / "twins.gpkg", one_model=True, **PLACE))
+    rows = made.frequencies
+    rows = rows[(rows["quantity"] == "frequency") & (rows["statistic"] == "all")]
+    rows = rows[rows["variant"] == "today"].set_index("line")["value"]
+    hazard = made.first
+    expected = [float(hazard["line_frequency"][0]), *hazard["object_frequency"].values]
+    assert rows.tolist() == pytest.approx(expected, rel=1e-12)
+    assert rows.index.tolist() == ["road", "road (twins)", "road (twins) #2"]
+    shown = {place.k: row for place, row in zip(places_of(hazard)[1:],
+             answer_table(hazard, 100.0).rows[1:], strict=True)}  # fmt: skip
+    for k, row in shown.items():
+        assert row[1].value == hazard["object_frequency"].values[k]

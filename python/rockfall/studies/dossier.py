@@ -159,10 +159,10 @@ def _scenes(study: HazardInputs, by_name: Mapping[str, Any]) -> Iterator[tuple[s
 
 def _at_objects(study: HazardInputs, result: xr.Dataset, lines: list[str]) -> dict[str, np.ndarray]:
     """Energies of all boulders at objects with a width, by name: with the layer where a line has
-    the same."""
-    energies = {}
+    the same, and with its number where another object has."""
+    energies: dict[str, np.ndarray] = {}
     for number, (energy, _) in object_hits(study.objects, result):
         name = study.objects.names[number]
         named = f"{name} ({study.objects.layers[number]})" if name in lines else name
-        energies[named] = energy
+        energies[f"{named} #{number + 1}" if named in energies else named] = energy
     return energies

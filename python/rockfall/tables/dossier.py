@@ -133,10 +133,8 @@ def second_tables(dossier: Dossier) -> Iterator[Table]:
     at = own["event_period"].values.tolist().index(dossier.period)
     rows = []
     for place in places_of(own):
-        k = other[place.kind].values.tolist().index(place.name)
-        there = place._replace(k=k)
-        levels = [_level(*where, "energy", at, 1e-3) for where in ((own, place), (other, there))]
-        rates = [_frequency(*where) for where in ((own, place), (other, there))]
+        levels = [_level(hazard, place, "energy", at, 1e-3) for hazard in (own, other)]
+        rates = [_frequency(hazard, place) for hazard in (own, other)]
         rows.append((place.name, *rates, *levels, _governing(rates, levels, model)))
     energy = say("variants.energy_by_period", years=f"{dossier.period:g}")
     heads = (
