@@ -39,7 +39,7 @@ module rockfall_lanes
    use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
    use rockfall_maps, only: maps_t, needs_visits, take_back_path
    use rockfall_travel_maps, only: time_visits
-   use rockfall_hit_maps, only: find_hits
+   use rockfall_hit_maps, only: record_path
    use rockfall_source_maps, only: counts_sources, add_source_of_boulder
    use rockfall_histogram, only: count_rebound
    implicit none
@@ -477,8 +477,8 @@ contains
                call time_visits(scratch(lane)%visits, scene%dem, [l%x0(k), l%y0(k)], [l%v1(k), l%v2(k)], result%time, &
                                 l%time(k))
             if (scratch(lane)%hits_requested) &
-               call find_hits(scratch(lane)%hits, scene%dem, scene%gravity, flight_of(l, k), l%time(k), &
-                              inertia_factor*pool%w(lane)**2, 0.5_wp*scene%object_width + result%boulder%radius)
+               call record_path(scratch(lane)%paths, scene%gravity, flight_of(l, k), l%time(k), &
+                                inertia_factor*pool%w(lane)**2)
             if (.not. l%contact(k) > 0) then
                patch%i = int(l%i(k))
                patch%j = int(l%j(k))

@@ -5,13 +5,28 @@ module rockfall_hit_maps
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
    use rockfall_flight, only: flight_t
-   use rockfall_maps, only: maps_t, visits_t, next_visits, visit_nearby, spare_visits, &
-                            count_exceeded, unlock_band
+   use rockfall_maps, only: maps_t, visits_t, next_visits, visit_nearby, spare_visits, count_exceeded, unlock_band
    implicit none
    private
-   public :: needs_hits, find_hits, add_hits
+   public :: path_t, paths_t, needs_hits, record_path, find_hits, add_hits
 
    integer, parameter :: at_once = spare_visits  !! cells
+   integer, parameter :: first_paths = 128       !! initial size of a list of paths
+
+   !> Straight path in plan: a flight, or one along the ground, which is without gravity.
+   type :: path_t
+      real(wp) :: x, y, v(3)  !! its start [m]; velocity there [m/s]
+      real(wp) :: gravity     !! [m/s2]
+      real(wp) :: time        !! [s]
+      real(wp) :: spin        !! twice the rotational energy per mass [m2/s2]
+   end type path_t
+
+   !> Paths of a boulder. Its hits are found at its end: the cells near all boulders that go at a time would not stay
+   !> in the cache.
+   type :: paths_t
+      integer :: n = 0
+      type(path_t), allocatable :: path(:)
+   end type paths_t
 
 contains
 
@@ -22,27 +37,41 @@ contains
       needs_hits = associated(maps%hits) .or. associated(maps%hits_exceeded)
    end function needs_hits
 
-   !> Add the cells whose middle is within a distance of the path of a flight, up to a time, each with the maximum speed
-   !> within that distance: that at one of its two ends, because the vertical speed changes steadily.
-   pure subroutine find_hits(hits, dem, gravity, flight, time, spin, distance)
+   !> Record a path, up to a time.
+   pure subroutine record_path(paths, gravity, flight, time, spin)
+      type(paths_t), intent(inout) :: paths
+      real(wp), intent(in) :: gravity, time, spin  !! as in path_t
+      type(flight_t), intent(in) :: flight
+      type(path_t), allocatable :: longer(:)
+
+      if (.not. allocated(paths%path)) allocate (paths%path(first_paths))
+      if (paths%n == size(paths%path)) then
+         allocate (longer(2*paths%n))
+         longer(:paths%n) = paths%path
+         call move_alloc(longer, paths%path)
+      end if
+      paths%n = paths%n + 1
+      paths%path(paths%n) = path_t(flight%x, flight%y, flight%v, gravity, time, spin)
+   end subroutine record_path
+
+   !> Add the cells whose middle is within a distance of a path, each with the maximum energy within that distance: that
+   !> at one of its two ends, because the vertical speed changes steadily.
+   pure subroutine find_hits(hits, dem, path, distance)
       type(visits_t), intent(inout) :: hits
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: gravity      !! of the path [m/s2]
-      type(flight_t), intent(in) :: flight
-      real(wp), intent(in) :: time         !! since its start [s]
-      real(wp), intent(in) :: spin         !! twice the rotational energy per mass [m2/s2]
+      type(path_t), intent(in) :: path
       real(wp), intent(in) :: distance     !! [m]
       real(wp) :: start(2), v(2), from, to, times(2)
       real(wp), dimension(at_once) :: east, north
       integer :: n, column, row, rows(2), columns(2)
 
-      start = [flight%x, flight%y]
-      v = flight%v(:2)
+      start = [path%x, path%y]
+      v = path%v(:2)
       n = 0
-      rows = nodes_between(min(start(2), start(2) + v(2)*time) - distance, &
-                           max(start(2), start(2) + v(2)*time) + distance, dem%per_cell, dem%ny)
+      rows = nodes_between(min(start(2), start(2) + v(2)*path%time) - distance, &
+                           max(start(2), start(2) + v(2)*path%time) + distance, dem%per_cell, dem%ny)
       do row = rows(1), rows(2)
-         call restrict_times(start(2) - (row - 1)*dem%cell, v(2), distance, time, times)
+         call restrict_times(start(2) - (row - 1)*dem%cell, v(2), distance, path%time, times)
          from = start(1) + v(1)*times(1)
          to = start(1) + v(1)*times(2)
          columns = nodes_between(min(from, to) - distance, max(from, to) + distance, dem%per_cell, dem%nx)
@@ -51,37 +80,32 @@ contains
             east(n) = column - 1
             north(n) = row - 1
             if (n < at_once) cycle
-            call hit_cells(hits, dem, gravity, flight, time, spin, distance, n, east, north)
+            call hit_cells(hits, dem, path, distance, n, east, north)
             n = 0
          end do
       end do
-      call hit_cells(hits, dem, gravity, flight, time, spin, distance, n, east, north)
+      call hit_cells(hits, dem, path, distance, n, east, north)
    end subroutine find_hits
 
    !> Add those of n cells whose middle is within a distance of the path. Branchless, as a branch for each would be
    !> mispredicted.
-   pure subroutine hit_cells(hits, dem, gravity, flight, time, spin, distance, n, east, north)
+   pure subroutine hit_cells(hits, dem, path, distance, n, east, north)
       type(visits_t), intent(inout) :: hits
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: gravity      !! as in find_hits
-      type(flight_t), intent(in) :: flight
-      real(wp), intent(in) :: time, spin, distance
+      type(path_t), intent(in) :: path
+      real(wp), intent(in) :: distance  !! [m]
       integer, intent(in) :: n
       real(wp), dimension(at_once), intent(in) :: east, north  !! cells from the south-western one, integers [-]
       real(wp), dimension(at_once) :: energy, meets
-      real(wp) :: x, y, size, v1, v2, v3, speed2, meeting
+      real(wp) :: size, speed2, meeting
       integer :: cell(2, at_once + 1), hit, k
 
-      x = flight%x
-      y = flight%y
-      v1 = flight%v(1)
-      v2 = flight%v(2)
-      v3 = flight%v(3)
       size = dem%cell
       !$omp simd private(speed2, meeting)
       do k = 1, n
-         call meet_object(x - east(k)*size, y - north(k)*size, v1, v2, v3, gravity, distance, time, speed2, meeting)
-         energy(k) = speed2 + spin
+         call meet_object(path%x - east(k)*size, path%y - north(k)*size, path%v(1), path%v(2), path%v(3), &
+                          path%gravity, distance, path%time, speed2, meeting)
+         energy(k) = speed2 + path%spin
          meets(k) = meeting
       end do
       hit = 0

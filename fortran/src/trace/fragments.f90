@@ -20,7 +20,7 @@ module rockfall_fragments
    use rockfall_outcome, only: boulder_result_t, at_rest, broken, left_window
    use rockfall_crossings, only: crossing_t, crossings_t, start_crossings, find_entry
    use rockfall_record, only: record_t, stored_part, store_path
-   use rockfall_scratch, only: scratch_t, piece_t, gathered_t, with_all, clear_scratch
+   use rockfall_scratch, only: scratch_t, piece_t, gathered_t, with_all, clear_scratch, find_all_hits
    use rockfall_start, only: start_boulder, energy_head
    use rockfall_breaking, only: break_at_release, fragment_piece
    use rockfall_trajectory, only: trace_full
@@ -43,7 +43,7 @@ module rockfall_fragments
       type(boulder_result_t) :: result
       integer :: ended = 0           !! pieces that did not break
       real(wp) :: distance2 = -1     !! squared plan distance of the farthest [m2]
-      type(visits_t) :: visits, hits
+      type(visits_t) :: visits
       type(gathered_t) :: gathered
       type(tree_hits_t) :: tree_hits
       integer(i8) :: histogram(bins, quantities) = 0
@@ -90,7 +90,7 @@ contains
 
       if (allocated(scratch%visits%time)) allocate (all%visits%time(0))
       if (scratch%cells_requested) call start_visits(all%visits)
-      if (scratch%hits_requested) call start_visits(all%hits)
+      if (scratch%hits_requested) call start_visits(all%gathered%hits)
       if (scratch%passing_requested) call start_visits(all%gathered%passing)
       allocate (all%gathered%stop_cell(2, 1))
       if (allocated(scratch%by_ground)) allocate (all%by_ground(size(scratch%by_ground)), source=0_i8)
@@ -187,11 +187,15 @@ contains
       type(boulder_result_t), intent(in) :: result
       type(scratch_t), intent(in) :: scratch
       type(all_pieces_t), intent(inout) :: all
+      type(visits_t) :: hits
       integer :: k, entry
 
       associate (mass => result%boulder%mass)
          if (scratch%cells_requested) call merge_visits(all%visits, scratch%visits, mass)
-         if (scratch%hits_requested) call merge_visits(all%hits, scratch%hits, mass)
+         if (scratch%hits_requested) then
+            call find_all_hits(scene, result%boulder%radius, scratch%paths, hits)
+            call merge_visits(all%gathered%hits, hits, mass)
+         end if
       end associate
       if (scratch%passing_requested) &
          call merge_passing(all%gathered%passing, scratch%visits, scene%dem, result%boulder%radius)
@@ -316,7 +320,6 @@ contains
       integer :: k
 
       if (scratch%cells_requested) scratch%visits = all%visits
-      if (scratch%hits_requested) scratch%hits = all%hits
       scratch%gathered = all%gathered
       scratch%tree_hits = all%tree_hits
       scratch%histograms%count = all%histogram

@@ -13,7 +13,7 @@ module rockfall_paths
    use rockfall_crossings, only: record_crossings
    use rockfall_maps, only: visit_path
    use rockfall_travel_maps, only: time_visits
-   use rockfall_hit_maps, only: find_hits
+   use rockfall_hit_maps, only: record_path
    use rockfall_record, only: vertex_t, record_vertex, start_ground_leg, ground_leg, rest_leg
    use rockfall_scratch, only: scratch_t, with_lines, with_maps, with_all
    use rockfall_obstacles, only: obstacle_t, find_obstacle, none
@@ -24,11 +24,10 @@ module rockfall_paths
 contains
 
    !> Fly, and record visits of raster cells.
-   pure subroutine fly_over_cells(scene, flight, omega_r, radius, start_time, landing, scratch, spans)
+   pure subroutine fly_over_cells(scene, flight, omega_r, start_time, landing, scratch, spans)
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
-      real(wp), intent(in) :: radius   !! of the boulder [m]
       real(wp), intent(in) :: start_time  !! since the release [s]
       type(landing_t), intent(out) :: landing
       type(scratch_t), intent(inout) :: scratch
@@ -41,7 +40,7 @@ contains
       else
          call fly(scene%dem, scene%gravity, flight, landing)
       end if
-      call visit_cells(scene, scene%gravity, flight, omega_r, radius, start_time, landing%time, spans(:n), scratch)
+      call visit_cells(scene, scene%gravity, flight, omega_r, start_time, landing%time, spans(:n), scratch)
    end subroutine fly_over_cells
 
    !> Fly to the ground or to the first obstacle, and record the lines and cells up to there.
@@ -61,7 +60,7 @@ contains
       if (obstacle%kind /= none) &
          call end_flight(scene%dem, scene%gravity, flight, obstacle%time, spans, n, landing)
       if (scratch%cells_requested) &
-         call visit_cells(scene, scene%gravity, flight, omega_r, result%boulder%radius, result%time, landing%time, &
+         call visit_cells(scene, scene%gravity, flight, omega_r, result%time, landing%time, &
                           spans(:n), scratch)
    end subroutine fly_to_obstacle
 
@@ -101,7 +100,7 @@ contains
          span%t1 = landing%time
       end if
       if (level >= with_maps .and. scratch%cells_requested) &
-         call visit_cells(scene, no_gravity, flight, mean, result%boulder%radius, result%time, landing%time, span, &
+         call visit_cells(scene, no_gravity, flight, mean, result%time, landing%time, span, &
                           scratch)
       if (.not. roll%from_table) then
          omega_r = speed_within(roll, fraction)
@@ -152,12 +151,11 @@ contains
    end subroutine record_ground_leg
 
    !> Record the raster cells under a flight, or along a roll, which is a path without gravity.
-   pure subroutine visit_cells(scene, gravity, flight, omega_r, radius, start_time, time, spans, scratch)
+   pure subroutine visit_cells(scene, gravity, flight, omega_r, start_time, time, spans, scratch)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: gravity  !! of the path [m/s2]
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
-      real(wp), intent(in) :: radius   !! of the boulder [m]
       real(wp), intent(in) :: start_time  !! since the release [s]
       real(wp), intent(in) :: time     !! of the flight [s]
       type(span_t), intent(in), contiguous :: spans(:)  !! spans of the flight
@@ -171,8 +169,7 @@ contains
          end if
          if (allocated(visits%time)) &
             call time_visits(visits, scene%dem, [flight%x, flight%y], flight%v(:2), start_time, time)
-         if (scratch%hits_requested) &
-            call find_hits(scratch%hits, scene%dem, gravity, flight, time, spin, 0.5_wp*scene%object_width + radius)
+         if (scratch%hits_requested) call record_path(scratch%paths, gravity, flight, time, spin)
       end associate
    end subroutine visit_cells
 end module rockfall_paths

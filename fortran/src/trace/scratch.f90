@@ -4,7 +4,8 @@ module rockfall_scratch
    use rockfall_kinds, only: wp, i8
    use rockfall_flight, only: flight_t
    use rockfall_rolling, only: touch_t
-   use rockfall_maps, only: visits_t, start_visits
+   use rockfall_maps, only: visits_t, start_visits, join_visits
+   use rockfall_hit_maps, only: paths_t, find_hits
    use rockfall_tree_maps, only: tree_hits_t
    use rockfall_histogram, only: histograms_t
    use rockfall_scene_type, only: scene_t
@@ -15,7 +16,7 @@ module rockfall_scratch
    implicit none
    private
    public :: scratch_t, piece_t, gathered_t, basic, with_lines, with_maps, with_all
-   public :: clear_scratch, count_ground
+   public :: clear_scratch, find_all_hits, count_ground
 
    !> Level of recording, in addition to the boulder's result: nothing; lines and histograms; also visits of raster
    !> cells; also trajectory vertices, obstacles and the energy balance.
@@ -30,9 +31,10 @@ module rockfall_scratch
       type(record_t) :: path               !! that led here
    end type piece_t
 
-   !> Record of a boulder that may break, in addition to that of others: `visits` and `hits` are then with energies,
-   !> as of `merge_visits`.
+   !> Record of a boulder that may break, in addition to that of others: visits are then with energies, as of
+   !> `merge_visits`.
    type :: gathered_t
+      type(visits_t) :: hits
       type(visits_t) :: passing            !! as of merge_passing
       integer :: stops = 0                 !! fragments that came to rest
       integer, allocatable :: stop_cell(:, :)  !! where: column, row
@@ -44,7 +46,8 @@ module rockfall_scratch
       logical :: heights_requested = .false.     !! maps need heights in these cells
       logical :: hits_requested = .false.        !! maps need the objects that it would hit
       logical :: passing_requested = .false.     !! maps need passing heights
-      type(visits_t) :: visits, hits
+      type(visits_t) :: visits
+      type(paths_t) :: paths                     !! if hits are requested
       type(histograms_t) :: histograms
       integer(i8), allocatable :: by_ground(:)   !! rebounds on each of the scene's grounds
       type(crossings_t), allocatable :: crossings
@@ -76,13 +79,28 @@ contains
          if (scene%histograms_requested) scratch%histograms%count = 0
       end if
       if (level >= with_maps .and. scratch%cells_requested) call start_visits(scratch%visits)
-      if (level >= with_maps .and. scratch%hits_requested) call start_visits(scratch%hits)
+      scratch%paths%n = 0
       if (level >= with_all) then
          if (allocated(scratch%by_ground)) scratch%by_ground = 0
          if (allocated(scene%forest)) scratch%felled = [integer ::]
          scratch%tree_hits%n = 0
       end if
    end subroutine clear_scratch
+
+   !> Find the objects that a boulder hits on its paths, each once.
+   pure subroutine find_all_hits(scene, radius, paths, hits)
+      type(scene_t), intent(in) :: scene
+      real(wp), intent(in) :: radius  !! of the boulder [m]
+      type(paths_t), intent(in) :: paths
+      type(visits_t), intent(inout) :: hits
+      integer :: k
+
+      call start_visits(hits)
+      do k = 1, paths%n
+         call find_hits(hits, scene%dem, paths%path(k), 0.5_wp*scene%object_width + radius)
+      end do
+      call join_visits(hits)
+   end subroutine find_all_hits
 
    !> Count a rebound on a ground.
    pure subroutine count_ground(ground, scratch)

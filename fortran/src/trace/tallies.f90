@@ -6,8 +6,8 @@ module rockfall_tallies
    use rockfall_scene_type, only: scene_t
    use rockfall_crossings, only: start_crossings
    use rockfall_outcome, only: boulder_result_t, at_rest, left_window
-   use rockfall_scratch, only: scratch_t
-   use rockfall_maps, only: maps_t, needs_visits, needs_heights, join_visits, add_visits, add_deposit
+   use rockfall_scratch, only: scratch_t, find_all_hits
+   use rockfall_maps, only: maps_t, visits_t, needs_visits, needs_heights, join_visits, add_visits, add_deposit
    use rockfall_travel_maps, only: needs_times, needs_travel, add_travel
    use rockfall_passing_maps, only: needs_passing, add_passing
    use rockfall_hit_maps, only: needs_hits, add_hits
@@ -21,6 +21,7 @@ module rockfall_tallies
    type :: totals_t
       integer(i8) :: histogram(bins, quantities) = 0
       integer(i8), allocatable :: by_ground(:)  !! rebounds, if the scene has several grounds
+      type(visits_t), private :: hits           !! work space: of a boulder
    end type totals_t
 
 contains
@@ -58,20 +59,26 @@ contains
 
       if (result%status == left_window) return
       if (scratch%cells_requested) call join_visits(scratch%visits)
-      if (scratch%hits_requested) call join_visits(scratch%hits)
       mass = result%boulder%mass
       if (allocated(scratch%gathered)) mass = 1  ! visits then have energies
       if (scene%histograms_requested) totals%histogram = totals%histogram + scratch%histograms%count
       if (allocated(scratch%by_ground)) totals%by_ground = totals%by_ground + scratch%by_ground
       if (scratch%cells_requested) call add_visits(maps, scratch%visits, mass)
-      if (scratch%hits_requested) call add_hits(maps, scratch%hits, mass)
       if (needs_passing(maps) .and. .not. allocated(scratch%gathered)) &
          call add_passing(maps, scratch%visits, scene%dem, result%boulder%radius)
       if (needs_travel(maps)) call add_travel(maps, scratch%visits, scene%dem, result%start)
       if (scratch%tree_hits_requested) call add_tree_hits(maps, scratch%tree_hits)
       if (.not. allocated(scratch%gathered)) then
+         if (scratch%hits_requested) then
+            call find_all_hits(scene, result%boulder%radius, scratch%paths, totals%hits)
+            call add_hits(maps, totals%hits, mass)
+         end if
          if (at_rest(result%status)) call add_deposit(maps, result%stop_cell)
          return
+      end if
+      if (scratch%hits_requested) then
+         call join_visits(scratch%gathered%hits)
+         call add_hits(maps, scratch%gathered%hits, mass)
       end if
       if (needs_passing(maps)) then
          call join_visits(scratch%gathered%passing)

@@ -121,7 +121,7 @@ contains
             if (level >= with_all .and. obstacles) then
                call fly_to_obstacle(scene, result, flight, omega_r, landing, obstacle, scratch, spans)
             else if (level >= with_maps .and. scratch%cells_requested) then
-               call fly_over_cells(scene, flight, omega_r, result%boulder%radius, result%time, landing, scratch, spans)
+               call fly_over_cells(scene, flight, omega_r, result%time, landing, scratch, spans)
             else
                call fly(scene%dem, scene%gravity, flight, landing)
             end if

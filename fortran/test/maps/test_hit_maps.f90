@@ -5,7 +5,7 @@ program test_hit_maps
    use rockfall_terrain, only: terrain_t, terrain
    use rockfall_flight, only: flight_t
    use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, join_visits
-   use rockfall_hit_maps, only: needs_hits, find_hits, add_hits
+   use rockfall_hit_maps, only: path_t, needs_hits, find_hits, add_hits
    use check_m, only: check, finish
    implicit none
 
@@ -46,7 +46,7 @@ contains
          time = 2*draw(6)**4
          distance = 0.2_wp + 8*draw(7)
          call start_visits(found)
-         call find_hits(found, dem, gravity, flight, time, spin, distance)
+         call find_hits(found, dem, path_t(flight%x, flight%y, flight%v, gravity, time, spin), distance)
          near = huge(near)
          top = 0
          do k = 0, samples
@@ -97,7 +97,7 @@ contains
       flight%y = 10
       flight%v = [0.0_wp, 0.0_wp, -4.0_wp]
       call start_visits(found)
-      call find_hits(found, dem, gravity, flight, 0.0_wp, 0.0_wp, 2.0_wp)
+      call find_hits(found, dem, path_t(flight%x, flight%y, flight%v, gravity, 0.0_wp, 0.0_wp), 2.0_wp)
       call check("a node and its neighbours", found%n == 5)
       call check("at its speed", all(abs(found%visit(:5)%max(2) - 16) < 1.0e-12_wp))
    end subroutine test_at_rest
@@ -116,8 +116,8 @@ contains
       flight%y = 20
       flight%v = [10.0_wp, 0.0_wp, 0.0_wp]
       call start_visits(found)
-      call find_hits(found, dem, 0.0_wp, flight, 1.0_wp, 0.0_wp, 1.0_wp)
-      call find_hits(found, dem, 0.0_wp, flight, 0.5_wp, 0.0_wp, 1.0_wp)
+      call find_hits(found, dem, path_t(flight%x, flight%y, flight%v, 0.0_wp, 1.0_wp, 0.0_wp), 1.0_wp)
+      call find_hits(found, dem, path_t(flight%x, flight%y, flight%v, 0.0_wp, 0.5_wp, 0.0_wp), 1.0_wp)
       call join_visits(found)
       call add_hits(maps, found, 1.0_wp)  ! 50 J
       call add_hits(maps, found, 3.0_wp)  ! 150 J
