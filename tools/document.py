@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Write pages of reference from the program's own tables and parsers, so that they cannot differ:
-docs/case.md, result.md, cli.md, api.md and ground_table.md; and the blocks of pages that hold
-evidence.
+docs/case.md, result.md, cli.md, api.md, ground_table.md and glossary.md; and the blocks of pages
+that contain evidence.
 
 python tools/document.py           writes them
 python tools/document.py --check   says whether they are up to date (exit status 0 or 1)
@@ -22,6 +22,7 @@ from rockfall.result import variables
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 GROUND_TABLE = ROOT / "python/rockfall/data/grounds.csv"
+TERMS = DOCS / "glossary.csv"
 
 CASE = """# The case file
 
@@ -137,7 +138,7 @@ boulder takes 120 bytes, and in the file 33 for each line that it crosses. `rock
 intervals and return levels, `run --until`, the summary and the report then use samples.
 
 - Boulders are counted in bins of whole mm, mm/s, J, mrad/s, millionths: of one unit below 512, then
-  256 an octave (up to 2^45). Quantiles are within 0.4 % of those of the rows, or a unit. Mean,
+  256 an octave (up to 2^45). Quantiles are within 0.4 % of quantiles of the rows, or a unit. Mean,
   standard deviation and maximum are exact.
 - The 100,000 largest speeds, heights and energies at each line are kept for return levels.
 - Intervals need the differences between sources: each source is a group, as long as sources times
@@ -257,6 +258,23 @@ def ground_page() -> str:
     return page
 
 
+GLOSSARY = """# Glossary
+
+This page defines the terms of these pages, the case and the results in four languages. The last
+column gives standards and guidelines that use the term, in all languages unless one is given.
+Symbols are those of Bourrier et al. (2009). The page is made from `docs/glossary.csv`, whose terms
+the messages and reports use.
+"""
+
+
+def glossary_page() -> str:
+    """Page of the terms in four languages."""
+    rows = csv.DictReader(TERMS.read_text(encoding="utf-8").splitlines())
+    names = {"en": "term", "de": "Deutsch", "fr": "français", "it": "italiano"}
+    names |= {"meaning": "meaning", "used_in": "used in"}
+    return f"{GLOSSARY}\n{table([*names.values()], [[row[key] for key in names] for row in rows])}"
+
+
 def main() -> int:
     pages = {
         DOCS / "case.md": case_page(),
@@ -264,6 +282,7 @@ def main() -> int:
         DOCS / "cli.md": cli_page(table),
         DOCS / "api.md": api_page(),
         DOCS / "ground_table.md": ground_page(),
+        DOCS / "glossary.md": glossary_page(),
     }
     for pattern in ("README.md", "docs/**/*.md", "cases/*/README.md"):
         for path in sorted(ROOT.glob(pattern)):

@@ -310,7 +310,7 @@ def tables() -> str:
             "half of the runs of [Tschamut](validation/field/tschamut.md)",
             "`meadow`",
             f"mean run-out {signed(mean)}, deviation {signed(spread)}, KS {ks.error:.2f} (below "
-            "0.22 asked: **not met**)",
+            "0.22 required: **not met**)",
         ],
         [
             "[shadow](validation/field/shadow.md) below talus of 38 degrees, on 10 degrees, R_b "

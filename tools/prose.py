@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Style of the documents: lines of at most 100 columns, and the field's words in place of ours;
-these also in comments, docstrings and messages of the code; and names of variables that say
-nothing, docstrings without a head.
+"""Style of pages, comments, docstrings and messages: lines of at most 100 columns, plain English,
+the field's words; messages of at most 25 words in each language; no empty names of variables and
+no headless docstrings. Quoted code is left alone.
 
-python tools/prose.py           says what is not so (exit status 0 or 1); spelling is codespell's
-python tools/prose.py --wrap    wraps what is too long
+python tools/prose.py           lists what to mend (exit status 0 or 1); spelling is codespell's
+python tools/prose.py --wrap    wraps lines that are too long
 """
 
 import ast
@@ -50,7 +50,29 @@ WORDS = {
     r"mended(?!\.)": "repaired",
     r"runout": "run-out",
 }
-#: A word that must not stand in the kernel: in a name, a comment or a message.
+#: Words and idioms of pages and of comments, docstrings and messages of kernel, package and window.
+PLAIN = {
+    r"beside": "next to, compared with",
+    r"hangs? on": "depends on",
+    r"anew": "again",
+    r"without a word": "silently",
+    r"fares?": "performs",
+    r"what becomes of": "outcome of",
+    r"(?<!power[ -])(?<!scaling )laws?(?! of succession)": "model, distribution, rule",
+    r"so many": "this number of",
+    r"of (?:which|whose)": "two sentences, or a noun in front",
+    r"those of those|of those (?:of|that)|that of those": "repeat the noun",
+    r"(?:tells?|told|says?|said|asks|asked)": "report, list, give, require, request",
+    r"(?:go|goes|went|gone) on": "continue",
+    r"as it is": "unchanged",
+    r"are due": "expected",
+    r"the same of": "repeat the noun",
+}
+#: Pages on people, who may say, tell and ask.
+PEOPLE = {"CODE_OF_CONDUCT.md", "SECURITY.md"}
+#: Most words of a message, and texts of the catalogues that are no sentences.
+MOST, LISTS = 25, {"join.list", "app.key.uniform_rg"}
+#: A word that must not be in the kernel: in a name, a comment or a message.
 KERNEL_WORDS = {
     r"fates?": "outcome, result, status",
     r"laws|law_of|velocity_law_t|tree_law(?:_t)?": "distribution, model, rule",
@@ -69,8 +91,13 @@ ODD = [(re.compile(rf"\b(?:{word})\b", re.IGNORECASE), said) for word, said in W
 ODD_IN_KERNEL = [
     (re.compile(rf"\b(?:{word})\b", re.IGNORECASE), said) for word, said in KERNEL_WORDS.items()
 ]
+IDIOMS = [(re.compile(rf"\b(?:{word})\b", re.IGNORECASE), said) for word, said in PLAIN.items()]
 KERNEL = ROOT / "fortran/src"
 PACKAGE = ROOT / "python/rockfall"
+WINDOW = sorted((ROOT / "web/src").rglob("*.ts"))
+CATALOGUES = sorted((PACKAGE / "locale").glob("*.po"))
+#: Code within text: between back quotes, values of f-strings, targets of links, anchors.
+QUOTED = re.compile(r"`[^`]*`|\{(?:[^{}]|\{[^{}]*\})*\}|\]\([^)]*\)|<[^<>]*>|\$[^$]*\$|--[a-z-]+")
 #: Names of variables and arguments of the package that do not name the thing.
 EMPTY_NAMES = {"about", "found", "its", "known", "mine", "of", "one", "said", "some"}
 #: Arguments of public functions, which the interface promises: (function, argument).
@@ -105,13 +132,70 @@ def wrong(path: Path) -> Iterator[str]:
             for word, said in ODD:
                 if found := word.search(line):
                     yield f"{place}:{number}: '{found[0]}': {said}"
+            if path.name not in PEOPLE:
+                yield from idioms(f"{place}:{number}", line)
+
+
+def idioms(place: str, text: str) -> Iterator[str]:
+    """Idioms in a line of prose, quoted code aside."""
+    left = QUOTED.sub("`", text)
+    for word, said in IDIOMS:
+        if found := word.search(left):
+            yield f"{place}: '{found[0]}': {said}"
+
+
+def wrong_in_catalogue(path: Path) -> Iterator[str]:
+    """Long messages, and messages of several thoughts, by their ids; idioms in English."""
+    key = ""
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if line.startswith("msgid "):
+            key = ast.literal_eval(line[6:])
+        elif key and key not in LISTS and (form := re.fullmatch(r'msgstr(?:\[\d\])? (".*")', line)):
+            text = ast.literal_eval(form[1])
+            yield from long_message(f"{path.name}: {key}", text)
+            if path.stem == "en":
+                yield from idioms(f"{path.name}: {key}", text)
+
+
+def long_message(place: str, text: str) -> Iterator[str]:
+    """More than 25 words, where a value counts as one, or several thoughts."""
+    plain = re.sub(r"(?<=\d)[\u202f\xa0 ](?=\d{3})", "", re.sub(r"\{[^{}]*\}", "N", text))
+    words = [word for word in plain.split() if re.search(r"\w", word)]
+    if len(words) > MOST:
+        yield f"{place}: {len(words)} words: at most {MOST}"
+    if ";" in text and not place.startswith("python"):
+        yield f"{place}: a semicolon: one thought, or two sentences"
+
+
+def messages_of(path: Path) -> Iterator[tuple[int, str]]:
+    """Line and text of each string of one line in a module that is no docstring; N for values."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    parts = {
+        id(part)
+        for node in ast.walk(tree)
+        if isinstance(node, (ast.JoinedStr, ast.Expr))
+        for part in (node.values if isinstance(node, ast.JoinedStr) else [node.value])
+    }
+    for node in ast.walk(tree):
+        if id(node) in parts:
+            continue
+        if isinstance(node, ast.JoinedStr):
+            texts = (part.value if isinstance(part, ast.Constant) else "N" for part in node.values)
+            yield node.lineno, "".join(map(str, texts))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.lineno, node.value
 
 
 def texts_of(path: Path) -> Iterator[tuple[int, str]]:
     """Line and text of each comment and each string of a source file."""
     if path.suffix == ".f90":
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-            yield from ((number, text) for text in re.findall(r"!.*|\"[^\"]*\"", line))
+            yield from ((number, text) for text in re.findall(r"\"[^\"]*\"|!.*", line))
+        return
+    if path.suffix == ".ts":
+        code = path.read_text(encoding="utf-8")
+        for comment in re.finditer(r"(?<![:\"'`\w])//[^\n]*|/\*.*?\*/", code, re.DOTALL):
+            yield code.count("\n", 0, comment.start()) + 1, comment[0]
         return
     kinds = tokenize.COMMENT, tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", None)
     with path.open("rb") as file:
@@ -122,13 +206,19 @@ def texts_of(path: Path) -> Iterator[tuple[int, str]]:
 
 def wrong_in_code(path: Path) -> Iterator[str]:
     place = path.relative_to(ROOT)
+    is_plain = {KERNEL, PACKAGE, PACKAGE.parent / "rockfall_qgis"} & {*path.parents}
     for first, text in texts_of(path):
         for number, line in enumerate(text.splitlines(), first):
             for word, said in ODD:
                 if found := word.search(line):
                     yield f"{place}:{number}: '{found[0]}': {said}"
+            if (is_plain or path.suffix == ".ts") and " " in line.strip():  # no name of code
+                yield from idioms(f"{place}:{number}", line)
     if PACKAGE in path.parents:
         yield from empty_names(path)
+        for number, text in messages_of(path):
+            if "\n" not in text and " TEXT," not in text:  # no code, as SQL
+                yield from long_message(f"{place}:{number}", text)
     if KERNEL not in path.parents:
         return
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
@@ -164,7 +254,7 @@ def empty_names(path: Path) -> Iterator[str]:
 
 
 def wrapped(text: str) -> str:
-    """Paragraphs and items with too long a line are filled anew; all else stays as it is."""
+    """Fill paragraphs and items with too long a line again; all else stays unchanged."""
     out: list[str] = []
     block: list[str] = []
 
@@ -210,7 +300,8 @@ def main() -> int:
         for path in PAGES:
             path.write_text(wrapped(path.read_text(encoding="utf-8")), encoding="utf-8")
     found = [line for path in PAGES for line in wrong(path)]
-    found += [line for path in CODE for line in wrong_in_code(path)]
+    found += [line for path in [*CODE, *WINDOW] for line in wrong_in_code(path)]
+    found += [line for path in CATALOGUES for line in wrong_in_catalogue(path)]
     print("\n".join(found), end="\n" if found else "")
     return int(bool(found))
 

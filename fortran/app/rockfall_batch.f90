@@ -172,7 +172,7 @@ contains
          "  -h, --help, --version", &
          "", &
          "Exit status: 0 done, 2 the input is wrong, 1 a fault of ours, 130 and 143 stopped by Ctrl-C or", &
-         "SIGTERM: boulders done are in PART.checkpoint, --resume goes on."]
+         "SIGTERM: boulders done are in PART.checkpoint, --resume continues."]
       integer :: k
 
       write (output_unit, "(a)") (trim(help(k)), k=1, size(help))

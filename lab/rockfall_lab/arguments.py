@@ -19,7 +19,7 @@ def add_commands(lab: argparse.ArgumentParser) -> None:
         parser.set_defaults(command=command_of("rockfall_lab.commands", name))
         return parser
 
-    pack = verb("pack", "let layers settle, say what they are, draw the first")
+    pack = verb("pack", "let layers settle, describe them, draw the first")
     pack.add_argument("case", metavar="LAB.nml", type=Path)
     _option(pack, "-o --output LAYER.png", Path, "a picture")
     _option(pack, "--layers N", int, "default: 8", default=8)
@@ -27,7 +27,7 @@ def add_commands(lab: argparse.ArgumentParser) -> None:
     impact = verb("impact", "fire all impacts of a laboratory case")
     impact.add_argument("case", metavar="LAB.nml", type=Path)
     _option(impact, "-o --output OUT.nc", Path, "default: LAB.nc, here")
-    _switch(impact, "--resume", "go on with OUT.nc")
+    _switch(impact, "--resume", "continue OUT.nc")
     _option(impact, "--radius R", float, "the same ground for blocks of another R_b [m]")
     relief = verb("relief", "give the spectrum of a measured patch, for &ground of blocks")
     relief.add_argument("patch", metavar="PATCH.tif", type=Path, help="elevations in small cells")
@@ -49,7 +49,7 @@ def add_commands(lab: argparse.ArgumentParser) -> None:
     tables = verb("table", "make a table of impacts from contacts of the laboratory")
     tables.add_argument("contacts", metavar="CONTACTS.nc", nargs="+", type=Path, help="of blocks")
     _option(tables, "-o --output TABLE.nc", Path, "for &impact table", required=True)
-    card = verb("scorecard", "set impact sets beside what is known of rebounds on rocky slopes")
+    card = verb("scorecard", "compare impact sets with known rebounds on rocky slopes")
     card.add_argument("sets", metavar="SETS", nargs="*", help="shipped or files; default: shipped")
     card.add_argument(
         "--site", metavar="DIR", type=Path, default=Path("cases/vaujany"),

@@ -630,7 +630,7 @@ def test_what_holds_no_impacts_is_refused(impacts, tmp_path, monkeypatch, capfd,
 
 
 ARGUMENTS = {
-    "no command": (["lab"], "the following arguments are required: COMMAND; see rockfall lab .*"),
+    "no command": (["lab"], "the following arguments are required: COMMAND: see rockfall lab .*"),
     "no layers": (["lab", "pack", "lab.nml", "--layers", "0"], "--layers 0: must be 1 or more"),
     "negative threads": (["lab", "impact", "lab.nml", "--threads=-1"],
         r"threads = -1: must be 0 \(all cores\) to 1024"),

@@ -2,9 +2,9 @@
 """Texts by message id in the language in force, from the catalogues of gettext in `locale/*.po`.
 
 English is a catalogue like the others: rewording it does not touch the ids. Placeholders have
-names; numbers that fill them are written in the format of the language, and lists joined as it is
+names; numbers that fill them are written in the format of the language, and lists joined as
 usual there. A
-text remembers its message and values: what was said in English can be said again on a page in
+text remembers its message and values: an English text can be repeated on a page in
 another language.
 """
 

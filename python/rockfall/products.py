@@ -295,7 +295,7 @@ def export_project(
     layers in groups with their styles, themes, and for each theme a layout on A3 with title,
     legend, scale bar, north arrow, coordinate system and date; returns the files written.
 
-    `dem` is the terrain (default: the case's, if it exists), of which the part around the boulders
+    `dem` is the terrain (default: the case's, if it exists); the part around the boulders
     becomes elevation_m.tif, drawn as relief and contours; `hazard`, a file hazard.nc, adds its
     zones and classes; titles and texts are in `language` (en, de, fr or it); layouts name
     `project` (its name or number), `client` and `author`. All layers are files of `folder`, found

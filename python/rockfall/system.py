@@ -16,7 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-#: Signals that ask a process to stop: Ctrl-C, and what batch systems send at a time limit.
+#: Signals that stop a process: Ctrl-C, and what batch systems send at a time limit.
 STOPS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM)
 #: Flag of os.open that refuses symbolic links, where there is one.
 NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)

@@ -51,7 +51,7 @@ class Estimate(NamedTuple):
     high: float = math.nan
     digits: int | None = None
     up: bool = False
-    decimals: int | None = None  # in place of those that the interval justifies
+    decimals: int | None = None  # instead of the digits that the interval justifies
 
     @classmethod
     def of(cls, row: Mapping[Any, Any], name: str, factor: float = 1.0, **how: Any) -> Estimate:
@@ -85,7 +85,7 @@ class Estimate(NamedTuple):
 
     @property
     def interval(self) -> str:
-        """The interval in brackets; "" without a number, or without an interval that digits ask
+        """The interval in brackets; "" without a number, or without an interval that digits need
         for."""
         if not self.has_interval:
             return "" if self.digits or math.isnan(self.value) else TOO_FEW
@@ -107,7 +107,7 @@ def stacked(*lines: object) -> str:
 
 
 def between(low: object, high: object) -> str:
-    """Limits in brackets, of which one may be unknown: "-"."""
+    """Limits in brackets; "-" for an unknown one."""
     if low == high == "-":
         return "-"
     if high == "-":
@@ -162,7 +162,7 @@ class Table(NamedTuple):
         cls, caption: str, heads: Iterable[str | Column], rows: Iterable[Sequence[object]],
         kind: str = "numbers",
     ) -> Table:  # fmt: skip
-        """Table with these heads, of which texts name columns without a unit."""
+        """Table with these heads; a text is a column without a unit."""
         columns = [head if isinstance(head, Column) else Column(head) for head in heads]
         return cls(caption, columns, [*rows], kind)
 

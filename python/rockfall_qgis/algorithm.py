@@ -115,7 +115,7 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
 
     def canExecute(self):
         there = bool(self.program_path())
-        return there, "" if there else "The program rockfall is not on the PATH: say where it is " \
+        return there, "" if there else "The program rockfall is not on the PATH: give its path " \
             "in Settings, Options, Processing, Providers, Rockfall"  # fmt: skip
 
     def initAlgorithm(self, configuration=None):
@@ -125,7 +125,7 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
                 advanced = QgsProcessingParameterDefinition.FlagAdvanced
                 parameter.setFlags(parameter.flags() | advanced)
             self.addParameter(parameter)
-        self.addOutput(QgsProcessingOutputString("TEXT", "What the program says"))
+        self.addOutput(QgsProcessingOutputString("TEXT", "Output of the program"))
         if self._is_loaded():
             self.addOutput(QgsProcessingOutputMultipleLayers("LAYERS", "Maps and layers"))
 
@@ -222,7 +222,8 @@ class DraftAlgorithm(CommandAlgorithm):
         return folder
 
     def _draft(self, folder, parameters, context, feedback):
-        """Draft a case from elevations and layers, in the folder; returns what the program says."""
+        """Draft a case from elevations and layers, in the folder; returns the output of the
+        program."""
         case, layers, before = folder / "case.nml", folder / "layers.gpkg", {*folder.iterdir()}
         for path in case, layers:
             if path in before:

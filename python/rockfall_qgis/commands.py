@@ -14,7 +14,7 @@ class Option:
     name: str
     label: str
     kind: str
-    flag: str = ""  #: "" stands before its value without a word
+    flag: str = ""  #: "" precedes its value without a flag
     optional: bool = True
     advanced: bool = False
     choices: tuple[str, ...] = ()  #: texts of a choice, shapes of a layer, endings of a file
@@ -42,7 +42,7 @@ OVERRIDES = (
     Option("THREADS", "Threads (0: all cores; empty: the case's)", "number", "--threads",
            advanced=True),
 )  # fmt: skip
-RESUME = Option("RESUME", "Go on with a run that was stopped", "yes", "--resume", advanced=True)
+RESUME = Option("RESUME", "Continue a stopped run", "yes", "--resume", advanced=True)
 RUNS = (*OVERRIDES, RESUME)
 #: Layers of a project from which `rockfall new` makes a case, by their names in files.
 DRAFTS = (
@@ -56,9 +56,9 @@ DRAFTS = (
     Option("FOREST", "Forest: trees with dbh [cm], or stands with stems a hectare", "layer",
            choices=(POINT, POLYGON)),
 )  # fmt: skip
-#: Ground of zones that say none, for `rockfall new`.
+#: Ground of zones without one, for `rockfall new`.
 GROUND = Option(
-    "GROUND", "Ground of zones that say none, or of the slope", "choice",
+    "GROUND", "Ground of zones without one, or of the slope", "choice",
     choices=("rock", "rocky-slope", "talus", "compact", "meadow", "vegetated-soil", "soft-soil"),
 )  # fmt: skip
 #: What `rockfall new` may take such a layer for, if not for its own name.
@@ -68,7 +68,7 @@ COMMANDS = (
     Command(
         "new",
         "Make a case of layers of the project",
-        "Writes case.nml, with comments that say what to choose, and layers.gpkg into the folder, "
+        "Writes case.nml, with comments on what to choose, and layers.gpkg into the folder, "
         "from a DEM and layers of the project. Nothing is run: edit the case there, check it, and "
         "run it.",
         (
@@ -81,7 +81,7 @@ COMMANDS = (
     Command(
         "check",
         "Check a case",
-        "Reads and checks everything that a case names, simulates a few boulders, and says what "
+        "Reads and checks everything that a case names, simulates a few boulders, and prints what "
         "would run and how long it would take.",
         (CASE,),
     ),
@@ -89,7 +89,7 @@ COMMANDS = (
         "run",
         "Run a case, or layers of the project",
         "Runs a case file. Or, of a DEM and layers of the project, first writes case.nml into the "
-        "folder, with comments that say what to choose, and runs it; edit it there, and run it "
+        "folder, with comments on what to choose, and runs it; edit it there, and run it "
         "again as a case. The folder then has result.nc, and in maps GeoTIFF, GeoPackage and CSV, "
         "which are loaded with their styles. When it is cancelled it keeps what has been done.",
         (
@@ -146,7 +146,7 @@ COMMANDS = (
     Command(
         "ensemble",
         "Vary the uncertain inputs",
-        "Runs a case over the uncertain inputs that it names, and says which of them matter.",
+        "Runs a case over the uncertain inputs that it names, and ranks them by effect.",
         (
             CASE,
             Option("RUNS", "Draws of the uncertain inputs (empty: the case's)", "count", "--runs"),

@@ -242,7 +242,7 @@ def test_a_back_analysis_that_is_stopped_keeps_its_whole_rounds(place, capfd, mo
 
 
 HOSTILE = {
-    "radius_1,volume\n1,1\n": "draws.csv: line 1: volume_std: missing beside the others",
+    "radius_1,volume\n1,1\n": "draws.csv: line 1: volume_std: missing, the others are given",
     "radius_2\n1\n": "draws.csv: line 1: column radius_2: must be draw, radius_1, volume, .*",
     "radius_1\n0\n": "draws.csv: line 2: radius_1 = 0: must be a number >= 0.01 and <= 100",
     "set\n0\n": "draws.csv: line 1: column set: the case has no &ensemble sets",

@@ -124,7 +124,7 @@ HOSTILE = {
         "line, quantity, unit, value | line, method, quantity, p | impact, x, y | "
         "distance, fraction | distance, percent | distance, share | x, y | distance",
     ),
-    "column twice": ("x,y,z,z\n1,2,3,3\n", "o.csv: line 1: column z: is there twice"),
+    "column twice": ("x,y,z,z\n1,2,3,3\n", "o.csv: line 1: column z: occurs twice"),
     "half a release": ("x,y,start_x\n1,2,3\n",
         "o.csv: line 2: start_x = 3: needs start_x and start_y together"),
     "releases of some": ("x,y,start_x,start_y\n1,2,3,4\n1,2,,\n",
@@ -336,17 +336,17 @@ def test_stopping_places_give_reach_and_distances(result):
     assert np.hypot(x - 150, y - 380) in found.passing["distance"].to_list()
     text = [" ".join(line.split()) for line in as_text(found).splitlines()]
     assert {"10 % of the boulders or more pass 1", "none passes 1"} <= set(text)
-    assert "lie outside of the map 2" in text
+    assert "are outside the map 2" in text
     upside_down = result.isel(y=slice(None, None, -1))
     assert compare(upside_down, "o.csv").stops.equals(found.stops)
 
 
 def test_several_sources_are_said(of_two):
     found = compare(of_two, samples(speed=at(of_two, "speed")[:50]))
-    assert "those of one of the 2 sources are not" in as_text(found)
+    assert "Boulders from one of 2 sources are dependent" in as_text(found)
     found = compare(of_two, file("x,y\n150,300\n"))
     assert len(found.stops) == 1 and not len(found.passing) and not len(found.ks)
-    assert "Stopping places give no distances: which of the 2 sources" in as_text(found)
+    assert "No distances: which of 2 sources" in as_text(found)
 
 
 def test_without_a_map_places_give_distances_alone(result, of_two):
@@ -463,7 +463,7 @@ def test_impacts_stand_beside_what_passes_their_cells(tmp_path):
     assert found.contacts["tree"].to_list() == ["fir", ""]
     said = " ".join(as_text(found).split())
     assert "speed above the maximum of all that pass, of 1 known 1" in said
-    assert "Columns that are kept, not read: tree." in said
+    assert "Columns kept but not read: tree." in said
 
 
 def test_ranks_know_the_nearer_and_do_not_part_the_same(result, tmp_path):

@@ -187,7 +187,7 @@ GOOD = "volume\n" + "".join(f"{one:.4g}\n" for one in drawn(30))
         ("volume,year\n", {}, "no rows"),
         ("size,year\n1,2000\n", {}, "no column volume"),
         ("volume,a,b,c\n1,1,1,1\n", {}, "cannot be combined"),
-        ("volume,volume\n1,1\n", {}, "is there twice"),
+        ("volume,volume\n1,1\n", {}, "occurs twice"),
         ("volume,year,date\n1,2000,2000-01-01\n", {}, "year and date cannot be combined"),
         ("volume,year\n-1,2000\n", {}, "line 2: volume = -1: must be a number >= 1e-06"),
         ("volume,year\n0,2000\n", {}, "volume = 0"),
@@ -243,16 +243,16 @@ DATES = [1985.0 + 3 * k for k in range(12)]
 @pytest.mark.parametrize(
     ("factor", "years", "dates", "told"),
     [
-        (1000.0, 40.0, DATES, "were volumes meant in dm3 or kg"),
-        (2700.0, 40.0, DATES, "were volumes meant in dm3 or kg"),
+        (1000.0, 40.0, DATES, "are volumes in dm3 or kg"),
+        (2700.0, 40.0, DATES, "are volumes in dm3 or kg"),
         (
             1.0,
             480.0,
             DATES,
-            "all dated blocks fell within 33 of 480 years: was the observation",
+            "all dated blocks fell within 33 of 480 years: is the observation",
         ),
         (1.0, 40 * 365.25, DATES, None),  # refused: more than the maximum
-        (1.0, 480.0, None, "an observation period of 480 years: was it meant in months?"),
+        (1.0, 480.0, None, "an observation period of 480 years: is it in months?"),
         (1.0, 40.0, DATES, ""),
         (1.0, 60.0, DATES, ""),
         (10.0, 40.0, DATES, ""),
@@ -280,7 +280,7 @@ def test_units_of_a_survey_are_questioned(tmp_path, factor, years, dates, told):
 def test_whole_numbers_are_questioned():
     volumes = np.ceil(10 * drawn(60) ** 0.5)
     found = rockfall.design_block(volumes, 30, events=volumes[:9], years=40, threshold=9.5)
-    assert "all volumes are whole numbers of m3: were they meant in dm3 or kg?" in found.warnings
+    assert "all volumes are whole numbers of m3: are they in dm3 or kg?" in found.warnings
 
 
 def test_the_command_prints_and_writes(tmp_path, capsys):
@@ -302,7 +302,7 @@ def test_the_command_prints_and_writes(tmp_path, capsys):
     [
         (["--return-period", "100"], "requires --blocks"),
         (["--return-period", "100", "--blocks", "none.csv"], "none.csv: no such file"),
-        (["out.nc", "--return-period", "100", "--blocks", "s.csv"], "takes no result"),
+        (["out.nc", "--return-period", "100", "--blocks", "s.csv"], "no results"),
         (["--return-period", "100", "--blocks", "s.csv", "--standard", "ONR"], "--standard cannot"),
         (["out.nc", "--years", "40"], "--years requires --return-period"),
         (["out.nc", "--volume-max", "4"], "--volume-max requires --return-period"),

@@ -380,7 +380,7 @@ def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
     assert np.array_equal(found["reach_probability_q95"] > 0, high > 0)
     for words in (["lines", "all.nc"], ["export", "all.nc", "out"], ["report", "all.nc"]):
         assert main(words) == 0
-    assert "L: what more boulders would make certain" in capsys.readouterr().out
+    assert "L: uncertainty that more boulders reduce" in capsys.readouterr().out
     names = " ".join(path.name for path in Path("out").glob("*.tif"))
     assert "reached_runs" in names and "energy_max_q95" in names
     page = Path("all.html").read_text("utf-8").replace("\u00a0", " ")
@@ -414,7 +414,7 @@ def first_page(found, monkeypatch, language="en"):
 
 def test_the_page_of_an_ensemble_has_one_number_of_draws(small, monkeypatch):
     page, first = first_page(small, monkeypatch)
-    assert "were drawn 8 times" in first and "90 % of 8 draws of the uncertain" in page
+    assert "drawn 8 times" in first and "90 % of 8 draws of the uncertain" in page
     assert ensemble_summary(small).startswith("rockfall: 8 draws of 4 runs")
     assert "16" not in re.findall(r"(\d+) (?:draws|times)", page)
 
@@ -426,10 +426,10 @@ def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
     low, high, case = (
         in_unit(at[name].item(), "fraction") for name in ("q05", "q95", "case_value")
     )
-    assert f"L: {low} to {high} % of the boulders pass in 90 % of the draws" in first
+    assert f"L: {low}–{high} % pass in 90 % of the draws" in first
     assert f"{low} to {high} ({case})" in first
-    assert "The ranges of the draws hold the uncertain inputs" in first
-    for denied in ("The brackets hold no error", "of themselves or better", "Brackets are 95 %"):
+    assert "The ranges include the uncertain inputs" in first
+    for denied in ("are not included.", "Sampling error", "Brackets: 95 %"):
         assert denied not in first
 
 
@@ -440,12 +440,13 @@ def test_an_index_above_its_total_is_remarked(small, monkeypatch):
         changed[name][...] = value
     changed["first_order_error"][...] = 0.02
     assert list(orders_reversed(changed)) == []
-    about = "L: first-order index above the total, which cannot be, by"
+    about = "L: first-order index above the total"
     changed["first_order"].loc[{"input": "radius", "result": "speed.mean"}] = 0.37
     changed["first_order"].loc[{"input": "source", "result": "speed.mean"}] = 0.22
     assert list(orders_reversed(changed)) == [
-        f"{about} no more than the errors of both: source (22 and 20 %)",
-        f"{about} more than their errors allow, take neither: radius (37 and 20 %)",
+        f"{about}, but within their errors: source (22 and 20 %)",
+        f"{about} by more than their errors, which is impossible: use neither for "
+        "radius (37 and 20 %)",
     ]
     _, first = first_page(changed, monkeypatch)
     assert all(f"{one}." in first for one in orders_reversed(changed))
@@ -574,7 +575,7 @@ def test_shifts_off_the_terrain_are_questioned_and_refused(place, capfd):
     place("source_shift = 1e9")
     assert main(["ensemble", "case.nml"]) == 2
     question, refusal = capfd.readouterr().err.splitlines()
-    assert question.endswith("more than 100 m: was it meant in cm?")
+    assert question.endswith("more than 100 m: is it in cm?")
     assert refusal.startswith("rockfall: case.nml: &ensemble source_shift = 1e+09: none of 1000 ")
 
 

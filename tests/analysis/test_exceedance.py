@@ -210,7 +210,7 @@ def test_the_level_of_a_period_comes_about_as_often(tmp_path):
 @pytest.mark.parametrize(
     ("place", "how", "message"),
     [
-        ("rood", {}, "rood: no line, object or segment; there are road"),
+        ("rood", {}, "rood: no line, object or segment, there are road"),
         ("road", {"energy": 1.0, "height": 2.0}, "return_period: give energy or height, not both"),
         ("road", {"energy": -1.0}, "return_period: -1 J: must be 0 to 7e+08"),
         ("road", {"height": 51.0}, "return_period: 51 m: must be 0 to 50"),
@@ -258,7 +258,6 @@ def test_page_1_has_the_energy_once_in_a_hundred_years(tmp_path):
     unsure = make_case(tmp_path, {"name": "seldom", "frequency": 0.008})
     unsure = unsure.replace(hazard={"frequency_factor": [0.5, 2.0]})
     assert [*yearly_answers(hazard(unsure))] == [
-        "road: boulders arrive less than once in 100 years in this simulation, but its interval "
-        "does not exclude it."
+        "road: boulders arrive less than once in 100 years, but the interval does not exclude it."
     ]
     assert not [*yearly_answers(None)]

@@ -90,7 +90,7 @@ def test_doubts_about_inputs_are_said_and_kept(tmp_path):
     with pytest.warns(UserWarning) as caught:
         found = hazard(case)
     said = [str(one.message) for one in caught]
-    for words in ("100 boulders in a year: was a return period meant?", "was a frequency meant?"):
+    for words in ("100 boulders in a year: is it a return period?", "is it a frequency?"):
         assert sum(words in line for line in said) == 1
     kept = [f"case: {one[0]}: {one[1]}" for one in json.loads(found.attrs["input_warnings"])]
     assert kept == said[: len(kept)]

@@ -133,7 +133,7 @@ def test_heights_of_a_sphere_on_a_slope_of_60_degrees():
             ("line_statistics", "source", [1.0]),
             "classes: are of volumes, not by = 'source'",
         ),
-        (("line_profile", "rail"), "along = 'rail': no such line; lines: road"),
+        (("line_profile", "rail"), "along = 'rail': no such line, lines: road"),
         (
             ("line_profile", "road", 0.001),
             "width = 0.001: makes 95,000 windows of the line, at most 10,000",

@@ -66,7 +66,7 @@ def at(found, model, line, quantity, statistic="mean"):
 def test_each_model_is_run_as_it_would_be_alone(case, found):
     assert found.names == ("impact sets, method B", "impact sets, method A", *CLASSICAL)
     assert list(found.table.columns) == COLUMNS
-    assert "33.3 % of the terrain has a ground by name, the same in all" in found.notes
+    assert "33.3 % of the terrain has named grounds, identical in all models" in found.notes
     result = rockfall.run(case)
     mean = result["plan_distance"].values.mean()
     assert at(found, "impact sets, method B", "", "stopping_distance")["value"] == mean
@@ -164,7 +164,7 @@ def test_grounds_that_cover_everything_are_varied(case):
     case = case.replace(surface={"table": by_name.name}, case={"boulders": 5})
     found = run_models(case)
     assert found.names == ("grounds of the case", *UNSIZED)
-    assert found.notes[0].startswith("no rocks have a size that the impact sets can take")
+    assert found.notes[0].startswith("no zone gives a rock radius")
     scene = read_scene(case)
     small, large = (SHIPPED.ground(name, case) for name in ROCKS["constant"])
     varied = with_rocks(scene, small, large, {"road", "meadow"})
@@ -231,7 +231,7 @@ def test_zones_keep_a_table_that_they_name_though_it_is_that_of_the_case(case):
         assert tables[0] == scenes["table talus"].grounds[0].text != tables[1]
         assert [grounds[number - 1].name for number in numbers[1:]] == [rest, "road"]
     found = run_models(case)
-    assert "66.7 % of the terrain has a ground by name, the same in all" in found.notes
+    assert "66.7 % of the terrain has named grounds, identical in all models" in found.notes
     path.with_name("talus.csv").write_text(named.replace("0.7,", "0.7,talus"))
     assert run_models(case).names == ("grounds of the case", "impact sets, method B", *CLASSICAL)
 
@@ -243,7 +243,7 @@ def test_without_sizes_of_rocks_classical_models_run_by_either_ground(case):
     found = run_models(case)
     assert found.names == ("table talus", *UNSIZED)
     assert found.notes[0] == (
-        "no rocks have a size: rockyfor3d left out, other classical models by their grounds for "
+        "no rock sizes: rockyfor3d left out, other classical models with their grounds for "
         "rocks below and above 0.1 m"
     )
     for ground in ROCKS["pfeiffer_bowen"]:
@@ -271,12 +271,12 @@ def test_rocks_without_a_size_beside_others_are_said(case):
     found = run_models(case.replace(case={"boulders": 5}))
     assert set(CLASSICAL) < set(found.names)
     assert found.notes[0] == (
-        "50.0 % of the ground that models vary has no size of rocks: classical models take it as "
-        "of rocks below 0.1 m"
+        "50.0 % of the varied ground has no rock size: classical models assume rocks below 0.1 m "
+        "there"
     )
     found = run_models(case.replace(case={"boulders": 5}), ["meadow", "soil_3"])
     assert found.notes[0] == (
-        "50.0 % of the ground that models vary has no size of rocks: soil_3 without obstacles there"
+        "50.0 % of the varied ground has no rock size: soil_3 without obstacles there"
     )
 
 

@@ -160,13 +160,13 @@ def test_attributes_that_are_not_used_are_listed(tmp_path, given, listed):
 
 
 @pytest.mark.parametrize("given, question", [
-    ({"width": 90.0}, "width = 90, as in 1 of 1 features: was it meant in cm?"),
-    ({"aadt": 292_000.0}, "aadt = 292000, as in 1 of 1 features: vehicles a day: were they meant"),
-    ({"speed": 22.0}, "speed = 22, as in 1 of 1 features: was it meant in m/s?"),
-    ({"vehicle_length": 540.0}, "vehicle_length = 540, as in 1 of 1 features: was it meant in cm?"),
-    ({"persons_per_vehicle": 1280.0}, "persons in a vehicle: were they meant for a day?"),
-    ({"aadt": 0.2}, "aadt = 0.2, as in 1 of 1 features: vehicles a day: were they meant for"),
-    ({"trips": 700.0}, "trips = 700, as in 1 of 1 features: passages of a person a day: were they"),
+    ({"width": 90.0}, "width = 90, as in 1 of 1 features: is it in cm?"),
+    ({"aadt": 292_000.0}, "aadt = 292000, as in 1 of 1 features: vehicles a day: are they"),
+    ({"speed": 22.0}, "speed = 22, as in 1 of 1 features: is it in m/s?"),
+    ({"vehicle_length": 540.0}, "vehicle_length = 540, as in 1 of 1 features: is it in cm?"),
+    ({"persons_per_vehicle": 1280.0}, "persons in a vehicle: are they for a day?"),
+    ({"aadt": 0.2}, "aadt = 0.2, as in 1 of 1 features: vehicles a day: are they for"),
+    ({"trips": 700.0}, "trips = 700, as in 1 of 1 features: passages of a person a day: are they"),
     ({"speed": 120.0, "aadt": 40_000.0, "width": 30.0, "trips": 20.0}, None),
     ({"aadt": 0.0}, None),
 ])  # fmt: skip
@@ -178,7 +178,7 @@ def test_units_of_objects_are_questioned(tmp_path, given, question):
 
 
 CURVE = "name,energy,vulnerability,source\nown,0,0,A.\nown,{half},0.5,A.\nown,{all},1,A.\n"
-IDLE = "attribute {} has no effect without {}: add it, or is its name misspelt?"
+IDLE = "attribute {} has no effect without {}: add it, or correct the name"
 
 
 @pytest.mark.parametrize("given, idle", [
@@ -211,11 +211,11 @@ def test_attributes_without_effect_are_named(tmp_path, given, idle):
 
 @pytest.mark.parametrize("kind, half, all_, doubt", [
     ("curve", 100, 1000, None),
-    ("curve", 1e5, 1e6, "is 0.1 at 20,000 kJ, twice the capacity of the strongest nets: are its"),
-    ("curve", 0.1, 1, "is 1 at 5 kJ, which a small stone has: are its energies in MJ?"),
+    ("curve", 1e5, 1e6, "is 0.1 at 20,000 kJ, twice the strongest nets: give its energies in kJ"),
+    ("curve", 0.1, 1, "is 1 at 5 kJ, the energy of a small stone: give its energies in kJ"),
     ("lethality_curve", 1e5, 1e6, "is 0.1 at 20,000 kJ"),
     ("lethality_curve", 0.1, 1, None),  # stones kill
-    ("", 100, 1000, "no object has a curve of this table"),
+    ("", 100, 1000, "no object uses a curve of this table"),
 ])  # fmt: skip
 def test_units_of_curves_are_questioned(tmp_path, kind, half, all_, doubt):
     given = {"value": [5.0], "persons": [2.0], "kind": ["building"]}
@@ -248,7 +248,7 @@ def test_sources_on_objects_are_counted(tmp_path, shape, given, sources):
                       **{key: value * 2 for key, value in given.items()})  # fmt: skip
     remarks = read_study(make_case(tmp_path), path, dem=Z, transform=GRID).remarks
     mine = [line for line in remarks if "sources lie on" in line]
-    text = f"{path}: sources lie on a (sources: {sources}, objects: 1), whose frequencies then"
+    text = f"{path}: sources lie on a (sources: {sources}, objects: 1), whose frequencies are"
     assert [line.startswith(text) for line in mine] == [True] * bool(sources)
 
 

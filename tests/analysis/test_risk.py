@@ -130,14 +130,14 @@ def test_a_point_without_a_width_has_the_upper_end_of_its_intensity(case):
     at, about = shapely.Point(122.5, 342.5), {"kind": ["building"], "value": [1.0]}
     usual, disc = hazard(case, [at], **about), hazard(case, [at], width=[10.0], **about)
     assert float(usual.object_damage[0]) >= float(disc.object_damage[0]) > 0
-    assert "upper end of its intensity (errs high)" in usual.attrs["risk_assumptions"]
+    assert "upper limit of its intensity (errs high)" in usual.attrs["risk_assumptions"]
     assert "upper end" not in disc.attrs["risk_assumptions"]
 
 
 def test_every_assumption_is_printed(case):
     found = hazard(case, [HOUSE], persons=[3.0], name=["school"])
     said = hazard_summary(found)
-    assert "frequencies are of the boulders of these scenarios, not of those of &boulder" in said
+    assert "frequencies refer to the boulders of these scenarios, not to &boulder" in said
     for text in found.attrs["risk_assumptions"].splitlines():
         assert f"  assumption: {text}" in said
     assert "assumption: default lethality = 1: school" in said
@@ -175,8 +175,8 @@ def test_curves_of_a_table(tmp_path):
         (CURVES + "own,200,0.6,A.\n", "line 4: vulnerability = 0.6: must not be below that of the "
          "row before of own"),
         (CURVES.replace("own", "agliardi2009"), "line 2: name = agliardi2009: is a curve of the "
-         "package; choose another name"),
-        ("name,energy,vulnerability\n", "no column source; has: name, energy, vulnerability"),
+         "package: choose another name"),
+        ("name,energy,vulnerability\n", "no column source, has: name, energy, vulnerability"),
     ],
 )  # fmt: skip
 def test_curves_that_cannot_be_are_refused(tmp_path, text, message):
@@ -196,8 +196,8 @@ def test_curves_that_cannot_be_are_refused(tmp_path, text, message):
         (shapely.Point(150, 250), {"aadt": [100.0], "speed": [50.0], "persons_per_vehicle": [1.0]},
          "aadt = 100: needs a line, a polygon, or a point with a width"),
         (HOUSE, {"persons": [1.0], "presence": [1.5]}, "presence = 1.5: must be 0 to 1"),
-        (HOUSE, {"value": [1.0], "curve": ["mine"]}, "curve = mine: must be one of: agliardi2009; "
-         "--vulnerability adds those of a table"),
+        (HOUSE, {"value": [1.0], "curve": ["mine"]}, "curve = mine: must be one of: agliardi2009: "
+         "--vulnerability adds curves of a table"),
     ],
 )  # fmt: skip
 def test_exposures_that_cannot_be_are_refused(case, shape, columns, message):

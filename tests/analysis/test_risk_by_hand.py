@@ -155,7 +155,7 @@ def test_points_without_a_width_have_the_upper_end_of_each_intensity(found):
     assert low <= YEARLY * (np.append(0, ends[:2]) * numbers).sum() / BOULDERS < damage < high
     deaths = YEARLY * (np.array([0.1, 0.4, 0.9]) * numbers).sum() / BOULDERS
     assert three(risk, "object_collective_risk")[0] == pytest.approx(deaths)
-    assert "upper end of its intensity" in risk.attrs["risk_assumptions"]
+    assert "upper limit of its intensity" in risk.attrs["risk_assumptions"]
 
 
 # ---- limits and sums
@@ -261,7 +261,7 @@ def test_capitals_make_no_other_kind(found):
         ([HOUSE], {"value": [8e5], "kind": ["Haus"]}, "value has no effect: give vulnerability, a"),
         ([HOUSE], {"value": [8e5], "vulnerability": [0.5]}, None),
         ([HOUSE, HOUSE], {"value": [8e5, 8e5], "vulnerability": [0.5, 0.5]},
-         "o1 repeats o0 (in all 1 repeated): each is hit, and their risks add up"),
+         "o1 repeats o0 (1 repeated in all), so each is hit and their risks add up"),
         ([HOUSE, HOUSE], {"persons": [2.0, 3.0]}, None),  # flats
     ],
 )  # fmt: skip
@@ -293,10 +293,10 @@ TRAFFIC = {"aadt": [100.0], "speed": [50.0], "persons_per_vehicle": [1.5]}
         ({"persons": [1.0], "lethality_1": [0.2], "lethality_2": [np.nan], "lethality_3": [1.0]},
          "feature 1: lethality_2 = nan: must be 0 to 1"),
         ({"persons": [1.0], "lethality_curve": ["x"]},
-         "feature 1: lethality_curve = x: must be one of: agliardi2009; --vulnerability adds those "
-         "of a table"),
+         "feature 1: lethality_curve = x: must be one of: agliardi2009: --vulnerability adds "
+         "curves of a table"),
         ({"value": [1.0], "curve": ["x"]},
-         "feature 1: curve = x: must be one of: agliardi2009; --vulnerability adds those of a "
+         "feature 1: curve = x: must be one of: agliardi2009: --vulnerability adds curves of a "
          "table"),
         ({"aadt": [100.0]}, "feature 1: aadt = 100: needs the attribute speed"),
         ({"aadt": [100.0], "speed": [50.0]},
@@ -327,7 +327,7 @@ HEAD = "name,energy,vulnerability,source\n"
     ("text", "message"),
     [
         ("name,energy,vulnerability\na,1,1\n",
-         "line 1: no column source; has: name, energy, vulnerability"),
+         "line 1: no column source, has: name, energy, vulnerability"),
         (HEAD, "no rows below the header"),
         (HEAD + "a,1,0.2,\n", "line 2: source = : must not be empty"),
         (HEAD + "a,-1,0.2,b\n",
@@ -339,7 +339,7 @@ HEAD = "name,energy,vulnerability,source\n"
         (HEAD + "a,1,0.2,b\na,2,0.1,b\n",
          "line 3: vulnerability = 0.1: must not be below that of the row before of a"),
         (HEAD + "agliardi2009,1,0.2,b\n",
-         "line 2: name = agliardi2009: is a curve of the package; choose another name"),
+         "line 2: name = agliardi2009: is a curve of the package: choose another name"),
     ],
 )  # fmt: skip
 def test_curves_that_cannot_be_are_refused(tmp_path, text, message):

@@ -495,6 +495,6 @@ def test_a_page_has_the_section(result, tmp_path, blank_figures):
     with pytest.warns(UserWarning, match="elevations of the run came from an array"):
         rockfall.report(result, path, section=[(150, 400), (150, 20)], section_within=25.0)
     page = path.read_text()
-    about = "Recorded: 60 boulders of 4,500, where they cross a station."
+    about = "60 of 4,500 boulders recorded."
     assert "Section along the drawn line" in page and about in page
-    assert "within 25 m to either side" in page and "each by its maximum there" in page
+    assert "within 25 m of the section" in page and "maxima of all boulders" in page

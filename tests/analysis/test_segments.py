@@ -311,7 +311,7 @@ def test_what_lies_beyond_the_terrain_is_said(read):
     assert found.start.tolist() == [80, 100, 120] and found.within.tolist() == [False, True, True]
     left, low = remarks
     assert left.endswith("road.gpkg: 4 of 7 segments lie outside the terrain and are left out")
-    assert "1 of 3 segments reach beyond the elevations" in low and "err low" in low
+    assert "1 of 3 segments extend beyond the elevations" in low and "err low" in low
 
 
 def test_sources_on_the_road_are_said(read):
@@ -326,7 +326,7 @@ def test_a_line_without_width_is_said(read):
     assert "lines have no width" in read(*lines, width=np.nan)[1][0]
     found, remarks = read(shapely.LineString([(20, 200), (60, 200)]), width=None)
     assert found.width.tolist() == [0] and found.lines[0]["x"] == [20, 60]
-    assert "lines have no width: boulders count that touch the axis" in remarks[0]
+    assert "lines have no width, so only boulders that touch the axis" in remarks[0]
 
 
 # ---- the study

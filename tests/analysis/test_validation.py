@@ -127,7 +127,7 @@ def test_what_cannot_be_compared_is_refused(case, made, tmp_path, capsys, monkey
     (tmp_path / "apart.csv").write_text("line,quantity,unit,value\nnowhere,speed,m/s,3\n")
     name, stops = case.name, folder / "stops.csv"
     few = ["--table", "talus", "--seeds", "2"]
-    refuses(["validate", name, "apart.csv", *few], ".*: nothing that was observed .*", capsys)
+    refuses(["validate", name, "apart.csv", *few], ".*: no observation to compare with.*", capsys)
     refuses(["validate", name, stops, "--seeds", "1"], "--seeds 1: at least 2 .*", capsys)
     refuses(["validate", name, stops, "--table", "moon"], ".* no such table of impacts.*", capsys)
 
@@ -255,7 +255,7 @@ def test_a_note_says_where_every_law_has_the_same_ground(case, made):
     seen = read_observed(made[0] / "stops.csv")
     part = with_zones(case, "4,0.2,\n-2,0.2,meadow\n77,0.2,\n")
     found = validate(part, seen, tables=["talus"], seeds=2)
-    (note,) = (note for note in found.notes if "ground by name" in note)
+    (note,) = (note for note in found.notes if "named grounds" in note)
     assert note in run_models(part).notes
     alone = part.replace(impact={"form": "table", "table": "talus", "sets": None})
     law = validate(alone, seen, tables=[], seeds=2)
@@ -298,4 +298,4 @@ def test_a_table_that_needs_sizes_of_rocks_is_refused_without(case, made, rows):
     )
     found = validate(bare, seen, seeds=2)
     assert "table meadow" in found.laws and "table rocky-slope" not in found.laws
-    assert "no rocks have a size: without the tables rocky-slope" in found.notes
+    assert "no rock sizes: tables rocky-slope left out" in found.notes

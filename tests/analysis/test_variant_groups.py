@@ -23,7 +23,7 @@ from rockfall.result.crossings import at_lines
 from rockfall.simulation.parts.merge import join
 from rockfall.simulation.simulate import run_scene
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*no part of it lies over the terrain")
+pytestmark = pytest.mark.filterwarnings("ignore:.*lies entirely outside the terrain")
 WEST, NORTH = 600000.0, 5000000.0
 NET = {"name": "net", "x": [WEST, WEST + 300.0], "y": [NORTH - 90.0] * 2, "height": 4.0, "class": 2}
 WALL = NET | {"name": "wall", "y": [NORTH - 60.0] * 2, "height": 2.0}
@@ -157,7 +157,7 @@ def test_scenarios_give_the_frequencies_of_variants(here, capsys, blank_figures)
     page = (here / "out" / "variants.html").read_text(encoding="utf-8")
     for text in (said, page):
         assert "boulders a year that pass" in text and "energy once in 100 years" in text
-        assert "of the &scenario groups" in html.unescape(text)
+        assert "to the &scenario groups" in html.unescape(text)
     assert not {*here.glob("*.checkpoint")}
 
 
@@ -189,7 +189,7 @@ def test_scenarios_of_stopped_variants_go_on(here, capsys, monkeypatch):
 @pytest.mark.skipif(not find_program(), reason="no rockfall-batch")
 def test_the_standalone_program_runs_a_variant_that_is_prepared(here):
     case = site(here, GROUPS)
-    has = "&variant: has the variants today, net, Räumung 1; `rockfall prepare CASE DIR --variant "
+    has = "&variant: has the variants today, net, Räumung 1: `rockfall prepare CASE DIR --variant "
     refused_in_one_line(
         run_program("case.nml", cwd=here), f"case.nml: {has}NAME` makes the case of one"
     )
@@ -225,7 +225,7 @@ def test_a_stopped_run_goes_on(here, capsys, monkeypatch):
     assert not (here / "out").exists() and (here / "out.today.checkpoint").exists()
     monkeypatch.setattr("rockfall.studies.study.run_scene", run_scene)
     file = f"{here.as_posix()}/out.today.checkpoint"
-    stopped = f"{file}: holds 120 boulders of a variant that was stopped; .*"
+    stopped = f"{file}: holds 120 boulders of a variant, stopped: .*"
     refuses(["variants", "case.nml", "-o", "out"], stopped, capsys)
     assert main(["variants", "case.nml", "-o", "out", "--quiet", "--resume"]) == 0
     same_results(rockfall.read_result("out/today.nc"), rockfall.run(variants(case)["today"]))

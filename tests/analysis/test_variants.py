@@ -187,7 +187,7 @@ def test_a_line_in_two_places_is_told(variants, tmp_path):
     assert not [note for note in comparison_notes(variants) if "elsewhere" in note]
     told = list(comparison_notes(variants | {"higher": higher}))
     assert told[1:] == [
-        f"{line['name']} lies elsewhere in higher than in bare: its difference is of two places."
+        f"{line['name']} is elsewhere in higher than in bare: its difference compares two places."
     ]
 
 
@@ -224,5 +224,5 @@ def test_a_variant_on_another_extent_is_told(tmp_path, rows, columns, apart):
         variant=[{"name": "today"}, {"name": "filled", "terrain_dem": "other.tif"}]
     )  # fmt: skip
     mine = [line for line in check_variant_scenes(case) if "its terrain ends" in line]
-    text = f"variant filled: its terrain ends up to {apart} m from that of today: boulders may leav"
+    text = f"variant filled: its terrain ends up to {apart} m from that of today, so boulders leave"
     assert [line.startswith(text) for line in mine] == [True] * bool(apart)

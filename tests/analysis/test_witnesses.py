@@ -340,7 +340,7 @@ HOSTILE = {
     "impact,x,y,height\n1,600100,5001000,2\n": "seen.csv: line 2: x = 600100, y = 5001000: lies "
     "outside the terrain, .*",
     "x,y,source\n600100,4999800,3\n": "seen.csv: line 2: source = 3: no boulder starts from a "
-    "source of this name; has: 1, 2",
+    "source of this name, has: 1, 2",
     "x,y,volume\n600100,4999800,0\n": r"seen.csv: line 2: volume = 0: must be > 0 \[m3\], or empty",
     "impact,x,y,height,side\n1,600100,4999800,2,400\n": "seen.csv: line 2: side = 400: must be a "
     "number >= 0 and <= 360",

@@ -97,11 +97,11 @@ def test_a_scene_file_is_the_variables_of_its_description(ready):
 
 
 ARGUMENTS = {
-    (): "a case file is needed; see rockfall-batch --help",
+    (): "a case file is needed: see rockfall-batch --help",
     ("none.nml",): "none.nml: no such file",
-    (CASE, CASE): f"{CASE}: there is a case file already, {CASE}; see rockfall-batch --help",
-    (CASE, "--bolders=3"): "--bolders=3: unknown option; see rockfall-batch --help",
-    (CASE, "--boulders"): "--boulders: a value is missing; see rockfall-batch --help",
+    (CASE, CASE): f"{CASE}: there is a case file already, {CASE}: see rockfall-batch --help",
+    (CASE, "--bolders=3"): "--bolders=3: unknown option: see rockfall-batch --help",
+    (CASE, "--boulders"): "--boulders: a value is missing: see rockfall-batch --help",
     (CASE, "--boulders", "many"): "--boulders many: must be an integer",
     (CASE, "--seed", "1 / &case"): "--seed 1 / &case: must be an integer",
     (CASE, "--seed", "-1"): f"{CASE}: &case seed = -1: must be >= 0",
@@ -145,7 +145,7 @@ def test_all_faults_of_a_case_are_told_at_once(ready, batch):
     with pytest.raises(rockfall.RockfallError) as error:
         rockfall.read_case(ready / CASE)
     assert [line.split(": ")[2:4] for line in error.value.faults] == [
-        ["&case bolders", "unknown key; nearest"], ["&outputs", "unknown group; nearest"],
+        ["&case bolders", "unknown key, nearest"], ["&outputs", "unknown group, nearest"],
     ]  # fmt: skip
     named = [line.replace(str(ready / CASE), CASE) for line in error.value.faults]
     assert batch(CASE, cwd=ready).stderr.splitlines() == [
@@ -170,7 +170,7 @@ def test_help_and_version(batch, tmp_path):
 def test_another_scene_must_be_prepared_again(change, key, ready, batch):
     case = rockfall.read_case(ready / "case.nml").replace(**change)
     (ready / CASE).write_text(case.text(), encoding="utf-8")
-    said = f"{CASE}: {key}: is not as in the case that ready/scene.nc was made of; prepare again"
+    said = f"{CASE}: {key}: is not as in the case that ready/scene.nc was made of: prepare again"
     refused_in_one_line(batch(CASE, cwd=ready), said)
 
 
@@ -281,7 +281,7 @@ def test_other_commands_say_what_finishes_a_part(ready, batch, capsys):
     assert batch(CASE, "-o", "part.nc", "--quiet", cwd=ready).returncode == 0
     path = ready / "part.nc"
     said = (
-        f"rockfall: {path}: is a part of a run; `rockfall merge` makes the result of one or many\n"
+        f"rockfall: {path}: is a part of a run: `rockfall merge` makes the result of one or many\n"
     )
     for words in (["lines", path], ["report", path], ["export", path, ready / "out"],
                   ["figures", path, ready / "out"]):  # fmt: skip

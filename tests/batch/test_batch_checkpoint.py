@@ -130,7 +130,7 @@ def test_a_result_is_not_overwritten_unasked(many):
     while not (many / "a.nc.checkpoint").exists():
         time.sleep(0.01)
     running.send_signal(signal.SIGINT)
-    assert b"--resume goes on" in running.communicate()[1]
+    assert b"--resume continues" in running.communicate()[1]
     assert (many / "a.nc").exists() and (many / "a.nc.checkpoint").exists()
     refused(many, "a.nc.checkpoint: holds ", "--boulders", "1000000")
     state = many / "a.nc.checkpoint"
@@ -159,7 +159,7 @@ def test_no_file_is_written_through_a_link_that_somebody_placed(many, program):
 def test_what_differs_is_named(stopped, batch):
     def said(what):
         return (
-            f"a.nc.checkpoint: belongs to a different run ({what} differs); remove it, or choose "
+            f"a.nc.checkpoint: belongs to a different run ({what} differs): remove it, or choose "
             "another output\n"
         )
 
@@ -179,7 +179,7 @@ def test_what_cannot_be_read_is_refused(stopped):
     good = path.read_bytes()
     with netCDF4.Dataset(path) as file:  # values, which have checksums
         at = good.index(file["travel_time"][...].data.tobytes())
-    unreadable = "exists but is not a readable checkpoint; "
+    unreadable = "exists but is not a readable checkpoint: "
     damaged = good[:at] + bytes(64) + good[at + 64 :]
     for bad, said in (good[:-700], unreadable), (b"mine", unreadable), (damaged, "is damaged: "):
         path.write_bytes(bad)
@@ -224,7 +224,7 @@ def test_a_lock_is_heeded_by_both_and_ends_with_its_process(many, batch):
     assert not (many / "a.nc.lock").exists()
     (many / "a.nc").unlink()
     (many / "a.nc.lock").write_text("mine")
-    refused(many, "a.nc.lock: is there, and no lock; choose another output")
+    refused(many, "a.nc.lock: exists and is no lock: choose another output")
 
 
 def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch):

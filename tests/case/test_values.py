@@ -214,8 +214,8 @@ def test_arrays_and_paths_are_values():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("&case boulders = 1\n sed = 2 /", "text: line 2: &case sed: unknown key; nearest: seed, "),
-        ("&case boulders = 1 /\n\n&cases /", "text: line 3: &cases: unknown group; nearest: &case"),
+        ("&case boulders = 1\n sed = 2 /", "text: line 2: &case sed: unknown key, nearest: seed, "),
+        ("&case boulders = 1 /\n\n&cases /", "text: line 3: &cases: unknown group, nearest: &case"),
         ("&case seed = 1, seed = 2 /", "text: line 1: &case seed: given twice in this group"),
         ("&case boulders = 1.5 /", "text: &case boulders = 1.5: must be an integer"),
         ("&case title = 1 /", "text: &case title = 1: must be text in quotes"),

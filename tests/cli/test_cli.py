@@ -100,7 +100,7 @@ HOSTILE = {
     "removed key": (change("seed", "sampling"),
         "case.nml: &case sampling = .*: was removed: leave it out, boulders are drawn at random"),
     "unknown key": (change("density", "densty"),
-        r"case.nml: line 5: &boulder densty: unknown key; nearest: density, .*"),
+        r"case.nml: line 5: &boulder densty: unknown key, nearest: density, .*"),
     "unknown word": (change("'energy_mean'", "'energy_mean', 'passage'"),
         r"case.nml: &output maps \(value 3\) = 'passage': must be a map, as passages(, \w+){4}; "
         r"all: docs/result.md, Maps"),
@@ -167,8 +167,8 @@ def test_bad_input_is_one_line_and_nothing_is_written(name, place, capfd):
 
 
 FAULTS = (
-    (change("seed", "sed"), "line 1: &case sed: unknown key; nearest: seed, .*"),
-    (change("&impact", "&impakt"), "line .*: &impakt: unknown group; nearest: &impact, .*"),
+    (change("seed", "sed"), "line 1: &case sed: unknown key, nearest: seed, .*"),
+    (change("&impact", "&impakt"), "line .*: &impakt: unknown group, nearest: &impact, .*"),
     (change("2800.0", "-3.0"), r"&boulder density = -3.0: must be > 0 \[kg/m3\]"),
 )
 
@@ -188,10 +188,10 @@ def test_all_missing_files_are_told_at_once(place, capfd):
 
 
 ARGUMENTS = {
-    "no command": ([], r"the following arguments are required: COMMAND; see rockfall --help"),
-    "unknown command": (["fly"], r".*invalid choice: 'fly'.*; see rockfall --help"),
-    "no case": (["run"], r".*required: CASE; see rockfall run --help"),
-    "unknown option": (["run", "case.nml", "--fast"], r"unrecognized arguments: --fast; see .*"),
+    "no command": ([], r"the following arguments are required: COMMAND: see rockfall --help"),
+    "unknown command": (["fly"], r".*invalid choice: 'fly'.*: see rockfall --help"),
+    "no case": (["run"], r".*required: CASE: see rockfall run --help"),
+    "unknown option": (["run", "case.nml", "--fast"], r"unrecognized arguments: --fast: see .*"),
     "negative seed": (["run", "case.nml", "--seed=-1"], r"case.nml: &case seed = -1: must be >= 0"),
     "folder of the output missing": (["run", "case.nml", "-o", "no/out.nc"],
         r"no/out.nc: there is no folder no"),
@@ -342,7 +342,7 @@ def test_a_line_outside_the_terrain_is_a_warning(place, capsys):
     for words in (["check", "case.nml"], ["run", "case.nml", "--quiet"]):
         assert main(words) == 0
         assert capsys.readouterr().err == (
-            "rockfall: warning: case.nml: &line name = 'L': no part of it lies over the terrain\n"
+            "rockfall: warning: case.nml: &line name = 'L': lies entirely outside the terrain\n"
         )
     with xr.open_dataset("case.nc") as written:
         assert np.isnan(at_lines(written)["line_speed"]).all()
@@ -353,7 +353,7 @@ def test_a_release_at_rest_on_the_ground_is_a_warning(place, capsys):
     assert main(["check", "case.nml"]) == 0
     assert capsys.readouterr().err == (
         "rockfall: warning: case.nml: &release: no drop_height and no velocity: "
-        "boulders stay where the ground is flatter than rest_angle\n"
+        "boulders rest at the source where the ground is flatter than rest_angle\n"
     )
 
 
@@ -380,7 +380,7 @@ def test_a_fault_of_ours_is_one_line(place, capsys, monkeypatch):
     assert main(["run", "case.nml"]) == 1
     assert capsys.readouterr().err == (
         "rockfall: internal error: ZeroDivisionError: oh no "
-        "(please report; set ROCKFALL_TRACEBACK=1 for the trace)\n"
+        "(please report: set ROCKFALL_TRACEBACK=1 for the trace)\n"
     )
     monkeypatch.setenv("ROCKFALL_TRACEBACK", "1")
     assert main(["run", "case.nml"]) == 1
@@ -402,7 +402,7 @@ def test_ctrl_c_keeps_the_boulders_done(place):
     said = re.fullmatch(
         rf"(?:{PROGRESS})*"
         r"rockfall: interrupted: part.nc holds the first ([\d,]+) of 3,000,000 boulders "
-        r"and is a valid result; --resume goes on\n",
+        r"and is a valid result, --resume continues\n",
         err,
     )
     assert said
@@ -444,4 +444,4 @@ def test_studies_of_many_runs_say_what_is_doubtful_in_their_case(place, capsys, 
     boulders = ["4", "8"] if command == "convergence" else ["4"]
     main([command, "case.nml", *more, "--boulders", *boulders])
     err = capsys.readouterr().err
-    assert "warning: case.nml: &boulder volume_mean = 800 m3: a boulder 12 m across: was" in err
+    assert "warning: case.nml: &boulder volume_mean = 800 m3: a boulder 12 m across: is it" in err

@@ -265,7 +265,7 @@ def test_the_summary_says_what_was_run(hazard_case, capsys):
     assert said.startswith("Slope: 2 scenarios\n")
     for words in "small", "large", "hazard", "house", "road", "risk a year":
         assert words in said
-    assert "take 3,483 boulders" in said  # to tell 300 years: z2 (300 (3 + 1/40) - 1)
+    assert "run 3,483 boulders" in said  # to exclude 300 years: z2 (300 (3 + 1/40) - 1)
     folder, _, names = said.splitlines()[-1].partition(": ")
     named = [name for name in names.split(", ") if "." in name.lstrip("0123456789 .")]
     assert {"hazard.nc", "hazard.gpkg", "return_periods.csv"} <= {*named}
@@ -287,16 +287,18 @@ def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, capsys):
     for k in (1, 2):
         assert main(["run", f"case_scenario{k}.nml", "-o", f"{k}.nc"]) == 0
     runs = capsys.readouterr().out
-    said = [line.partition("warning: ")[2] for line in runs.splitlines() if "  warning: " in line]
+    said = [line.partition(": ")[2] for line in runs.splitlines() if line.startswith("  caution:")]
     speeds = [text for text in said if "(speed_range)" in text]
     assert len(speeds) == 2 and speeds[0] != speeds[1]
     assert main(ARGUMENTS[:-1]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert f"  warning: small: {speeds[0]}" in printed
     assert f"  warning: large: {speeds[1]}" in printed
-    (forest,) = {text for text in said if text.startswith("The forest")}
+    (forest,) = {text for text in said if text.startswith("Forest")}
     assert printed.count(f"  warning: {forest}") == 1
     found = read_hazard("out/hazard.nc")
+    assert forest in [*hazard_warnings(found)]
+    assert forest not in [*hazard_warnings(found, {"model.forest"})]  # shown already
     assert [f"  warning: {text}" for text in hazard_warnings(found)] == [
         line for line in printed if "  warning: " in line
     ]
@@ -319,7 +321,7 @@ def test_a_hazard_that_was_killed_goes_on(written, monkeypatch, capsys):
     monkeypatch.setattr(simulate, "_run_range", fly)
     capsys.readouterr()
     assert main([*ARGUMENTS, "--overwrite"]) == 2  # not over what was done, unasked
-    assert "go on with --resume" in capsys.readouterr().err
+    assert "continue with --resume" in capsys.readouterr().err
     assert main([*ARGUMENTS, "--resume", "--overwrite", "--threads", "2"]) == 0
     assert (Path("out/hazard_class.tif").read_bytes(), rockfall_counts()) == whole
     assert not list(Path().glob("*.checkpoint")) and not list(Path().glob("*.lock"))
@@ -463,8 +465,8 @@ def test_ctrl_c_keeps_what_is_done_and_writes_nothing_else(hazard_case):
     assert (child.returncode, out) == (130, "")
     assert re.fullmatch(
         rf"(?:{PROGRESS})*"
-        r"rockfall: interrupted: \S*/out.scenario1.checkpoint: hold what is done; --resume goes "
-        r"on\n",
+        r"rockfall: interrupted: \S*/out.scenario1.checkpoint: boulders done are saved, "
+        r"--resume continues\n",
         said,
     )
     assert not Path("out").exists() and Path("out.scenario1.checkpoint").exists()

@@ -130,18 +130,20 @@ def test_page_1_of_classical_rebounds_asks_for_the_spread_and_shows_it(page):
     text, first = page()
     box = first[: first.index("</aside>")]
     assert "followed classical grounds (soil_4 (rockyfor3d) 100 %) with" in box
-    assert "The spread over rebound models is missing: rockfall models case.nml -o models" in box
+    assert (
+        "The spread over rebound models is missing: run rockfall models case.nml -o models" in box
+    )
     words = re.sub("<style.*?</style>|<[^>]*>", "", text.split("<pre")[0], flags=re.S)
     for theirs in ("spheres on layers of spheres", "paper", "stochastic impact model"):
         assert theirs not in words
     assert "soil_4 (rockyfor3d) 100 %" in text[text.index('id="inputs"') :]
-    assert "no rebound followed it" in text
+    assert "followed by no rebound" in text
     assert main(["models", "case.nml", "-o", "models", "--quiet"]) == 0
     text, first = page("--models", "models/models.nc")
     assert "is missing" not in first and "without a fit" in first
     found = read_models("models/models.nc")
     assert f"Lowest and highest of {len(found.names)} rebound models" in first
-    assert "Over the rebound models one boulder in 20 comes farther" in first
+    assert "Depending on the rebound model, one boulder in 20 travels farther" in first
     assert "L: by each rebound model" in text
 
 

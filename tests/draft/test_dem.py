@@ -180,7 +180,7 @@ def test_a_cut_in_another_unit_is_told(tmp_path, capsys, keys, metres):
     assert main(["dem", str(tmp_path / "dem.tif"), *edits]) == 0
     told = [line for line in capsys.readouterr().err.splitlines() if "lowers the terrain" in line]
     assert len(told) == (metres is not None)
-    assert metres is None or f"by up to {metres} m: was depth meant in cm" in told[0]
+    assert metres is None or f"by up to {metres} m: is depth in cm" in told[0]
 
 
 # ---- refusals
@@ -191,7 +191,7 @@ POINTS = "x,y,z\n0,0,1\n10,5,2\n3,9,4\n"
 @pytest.mark.parametrize(
     ("text", "options", "said"),
     [
-        ("x,y\n1,2\n", [], "points.csv: line 1: must have one column z; has: x, y"),
+        ("x,y\n1,2\n", [], "points.csv: line 1: must have one column z, has: x, y"),
         ("x,y,z\n1,2,up\n", [], "line 2: z = up: must be a number"),
         ("x,y,z\n1,2,nan\n", [], "line 2: z = nan: must be a number"),
         ("x,y,z\n1,2,3\n", [], "all points lie on a line along an axis: give --cell, --within"),

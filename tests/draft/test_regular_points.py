@@ -213,7 +213,7 @@ def test_rounded_places_are_refused_and_degrees_are_remarked(tmp_path, monkeypat
     points[:, :2] = (7, 46) + (points[:, :2] - (W, N)) / 1e5
     write(Path("b.xyz"), points)
     assert main(["dem", "b.xyz", "-o", "dem.tif"]) == 0
-    assert "look like degrees: metres are needed" in capsys.readouterr().err
+    assert "look like degrees: reproject to metres" in capsys.readouterr().err
 
 
 def test_a_grid_in_a_txt_is_a_raster(tmp_path, monkeypatch, capsys):
@@ -248,10 +248,10 @@ def test_columns_with_names_are_taken_by_them(head, form, tmp_path):
 @pytest.mark.parametrize(
     ("shift", "crs", "said"),
     [
-        ((0, 0, 9000), "EPSG:32632", "elevations from 9812 to 9819 m: land lies between"),
-        ((0, 0, -2000), "EPSG:32632", "elevations from -1188 to -1181 m: land lies between"),
-        ((2e6, -3.8e6, 0), "EPSG:32632", "lies outside the area of use of EPSG:32632"),
-        ((0, 0, 0), "EPSG:2056", "x 600020, y 4999965 lies outside the area of use of EPSG:2056"),
+        ((0, 0, 9000), "EPSG:32632", "elevations from 9812 to 9819 m, but land lies between"),
+        ((0, 0, -2000), "EPSG:32632", "elevations from -1188 to -1181 m, but land lies between"),
+        ((2e6, -3.8e6, 0), "EPSG:32632", "is outside the area of use of EPSG:32632"),
+        ((0, 0, 0), "EPSG:2056", "x 600020, y 4999965 is outside the area of use of EPSG:2056"),
         ((0, 0, 0), "EPSG:25832", ""),
         ((0, 0, -1200), "EPSG:32632", ""),
     ],

@@ -98,7 +98,7 @@ def test_a_vertex_off_the_terrain_is_remarked(far, off, tmp_path, monkeypatch):
     write_slope()
     Path("case.nml").write_text(CASE.replace("600120.0", str(far)))
     found = implausible(read_scene(rockfall.read_case("case.nml")))
-    said = f"case.nml: &line name = 'L': vertex 2 lies {off} km off the terrain: is it meant so?"
+    said = f"case.nml: &line name = 'L': vertex 2 lies {off} km off the terrain: check it"
     assert [line for line in found if "&line" in line] == ([said] if off else [])
 
 

@@ -103,7 +103,7 @@ def test_who_asks_for_locks_is_told_how_to_do_without(ready, disk):
             [sys.executable, "-m", "rockfall", *words.split()], cwd=ready, env=how,
             capture_output=True, text=True,
         )  # fmt: skip
-        told = "a: HDF5 cannot lock files on this file system; set HDF5_USE_FILE_LOCKING=FALSE"
+        told = "a: HDF5 cannot lock files on this file system: set HDF5_USE_FILE_LOCKING=FALSE"
         assert (ended.returncode, ended.stderr) == (2, f"rockfall: {told}\n")
 
 

@@ -62,7 +62,7 @@ def test_a_run_that_slurm_ends_goes_on(place):
     assert (child.returncode, out) == (143, "")
     first = "rockfall: interrupted: part.nc holds the first"
     said = re.fullmatch(rf"(?:{PROGRESS})*{first} ([\d,]+) of .*\n", err)
-    assert err.endswith(" and is a valid result; --resume goes on\n")
+    assert err.endswith(" and is a valid result, --resume continues\n")
     number = int(said[1].replace(",", ""))
     assert rockfall.read_result(place / "part.nc").sizes["boulder"] == number
     words = [*words, "--quiet", "--checkpoint", "0"]

@@ -21,7 +21,7 @@ shapely = pytest.importorskip("shapely", reason="the vector extra is not install
 
 W, N = 600000.0, 5000000.0
 GRID = scenes.grid(np.empty((80, 60)), 5.0, W, N - 400)
-NO_CRS = "a drawing names no CRS: coordinates taken as those of the DEM"
+NO_CRS = "the drawing has no CRS: coordinates taken in the CRS of the DEM"
 
 
 @pytest.fixture
@@ -108,7 +108,7 @@ def test_closed_lines_are_polygons_and_others_are_refused(drawing, tmp_path):
     path, remarks = saved(drawing, tmp_path), []
     shapes, _ = read_polygons(path, GRID, remarks, "quelle")  # DXF ignores the case
     assert [shape.area for shape in shapes] == [800.0, 800.0]
-    assert remarks == [f"{path}, layer Quelle: left out, as no polygons: 1 TEXT"]
+    assert remarks == [f"{path}, layer Quelle: left out, not polygons: 1 TEXT"]
     with refused(
         f"{path}, layer Kante: a LWPOLYLINE from x 600050.00, y 4999940.00 is not closed: polygons "
         "are needed"
@@ -133,11 +133,11 @@ def test_what_is_left_out_and_assumed_is_said(drawing, tmp_path):
     lines, remarks = lines_of(path, grid=grid)
     assert len(lines) == 1
     assert remarks == [
-        f"{path}, layer 0: left out, as no lines: 1 LINE of no length, 1 POINT, 1 MTEXT, "
+        f"{path}, layer 0: left out, not lines: 1 LINE of no length, 1 POINT, 1 MTEXT, "
         "1 POLYLINE, 1 HATCH",
-        f"{path}, layer 0: left out: 1 entities in paper space; _CHSPACE in CAD moves them to "
+        f"{path}, layer 0: left out: 1 entities in paper space. _CHSPACE in CAD moves them to "
         "model space",
-        f"{path}, layer 0: {NO_CRS}; it says mm, taken as metres",
+        f"{path}, layer 0: {NO_CRS}, its unit mm as metres",
     ]
 
 
@@ -191,7 +191,7 @@ def test_hatches_have_the_area_of_their_style(name, edges, style, drawing, tmp_p
     assert [shape.area for shape in shapes] == [AREAS[name][style], 100]
     lines, remarks = lines_of(path, "Fels")
     assert len(lines) == len(RINGS[name]) + 1
-    assert remarks == [f"{path}, layer Fels: left out, as no lines: 1 HATCH"]
+    assert remarks == [f"{path}, layer Fels: left out, not lines: 1 HATCH"]
 
 
 def test_hatches_of_arcs_of_blocks_and_with_room_for_texts(drawing, tmp_path):
@@ -255,7 +255,7 @@ def test_paper_space_is_counted_and_refused_where_it_has_all(drawing, tmp_path):
     read_polygons(path, GRID, remarks)
     move = "move them with _CHSPACE in CAD"
     assert remarks == [
-        f"{path}, layer Fels: left out: 2 entities in paper space; _CHSPACE in CAD moves them to "
+        f"{path}, layer Fels: left out: 2 entities in paper space. _CHSPACE in CAD moves them to "
         "model space"
     ]
     with refused(f"{path}, layer Road: 2 entities in paper space, none in model space: {move}"):
@@ -382,7 +382,7 @@ def test_layers_and_attributes_that_are_not_there_are_one_line(drawing, tmp_path
         drawing.modelspace().add_line((0, 0), (1, 0), dxfattribs=on(name))
     drawing.modelspace().add_text("x", dxfattribs=on("texts"))
     path = saved(drawing, tmp_path)
-    with refused(f"{path}: no layer texts; has: a, b"):
+    with refused(f"{path}: no layer texts, has: a, b"):
         lines_of(path, "texts")
     with refused(f"{path}: has 2 layers (a, b); name one with layer"):
         lines_of(path)

@@ -116,7 +116,7 @@ def test_a_folder_stands_in_for_the_download(tschamut, tmp_path, monkeypatch, be
 
 
 def test_what_is_not_as_published_is_refused(tschamut, tmp_path):
-    with pytest.raises(RockfallError, match="no archive 'moon'; known: .*tschamut2014"):
+    with pytest.raises(RockfallError, match="no archive 'moon', known: .*tschamut2014"):
         fetch("moon")
     with pytest.raises(RockfallError, match="none: no such folder of field data"):
         fetch(TSCHAMUT, tmp_path / "none")

@@ -231,8 +231,8 @@ def test_heights_in_another_unit_are_refused_and_the_command_mends_them(way):
         read_dem(path)
     said = str(caught.value)
     assert said.startswith(f"{path}: elevations are in ") and caught.value.code == 2
-    assert len(said.split("; convert with: ")[0].split()) <= 25
-    command = said.split("; convert with: ")[1]
+    assert len(said.split(": convert with: ")[0].split()) <= 25
+    command = said.split(": convert with: ")[1]
     run_offered(command)
     z, grid = read_dem(made_file(command))
     np.testing.assert_allclose(z, plane(), rtol=0, atol=0.06 if "integers" in way else 5e-3)
@@ -371,7 +371,7 @@ OTHERS = {
     ),
     "plan keys: feet, metre": (
         lambda z: keyed(z, {1024: 1, 3072: 2263, 3076: 9001}),
-        "EPSG:2263 is in US survey foot, GeoKey 3076 says metre: correct one",
+        "EPSG:2263 is in US survey foot, GeoKey 3076 gives metre: correct one",
     ),
 }  # fmt: skip
 
@@ -453,7 +453,7 @@ CLOUDS = {
         lambda: laser(SURVEY, keys=PLAN_KEYS | {4097: 0}, text=b"NAVD88 (ftUS)|"), "GeoKey 4097",
     ),
     "1.2: 3076": (
-        lambda: laser(SURVEY, keys=PLAN_KEYS | {3076: 9003}), "GeoKey 3076 says US survey foot",
+        lambda: laser(SURVEY, keys=PLAN_KEYS | {3076: 9003}), "GeoKey 3076 gives US survey foot",
     ),
     "1.4: keys": (lambda: laser(SURVEY, "1.4", PLAN_KEYS | {4099: 9003}), "GeoKey 4099"),
     "1.4: compound": (lambda: laser(SURVEY, "1.4", systems=[US_FT]), "US survey foot"),
@@ -486,7 +486,7 @@ def test_a_point_cloud_in_feet_is_refused(way):
     write, message = CLOUDS[way]
     with pytest.raises(RockfallError, match=f"dem.las: .*{message}") as caught:
         dem_of_points(write(), cell=CELL)
-    problem, _, command = str(caught.value).partition("; convert with: ")
+    problem, _, command = str(caught.value).partition(": convert with: ")
     assert len(problem.split()) <= 25
     if command:
         has_20_degrees(command, "dem_m.las")
@@ -542,7 +542,7 @@ def test_text_with_points_in_feet_is_refused(head, projection):
     write(head, projection, FEET)
     with pytest.raises(RockfallError, match="dem.xyz: z is in .*foot .*metres are nee") as caught:
         dem_of_points("dem.xyz", cell=CELL)
-    has_20_degrees(str(caught.value).partition("; convert with: ")[2], "dem_m.xyz")
+    has_20_degrees(str(caught.value).partition(": convert with: ")[2], "dem_m.xyz")
 
 
 @pytest.mark.parametrize(

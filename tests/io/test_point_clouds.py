@@ -109,7 +109,7 @@ def test_a_header_that_claims_more_than_there_is_is_one_line(tmp_path):
         struct.pack_into(kind, bad, at, value)
         path.write_bytes(bad)
         begin = time.perf_counter()
-        with refused(f"{path}: is cut off: it holds less than its header says"):
+        with refused(f"{path}: is cut off: shorter than its header states"):
             read_clouds([path])
         assert time.perf_counter() - begin < 5
 
@@ -188,7 +188,7 @@ def test_too_many_points_are_refused_with_the_way_out(tmp_path, monkeypatch):
     ):
         read_clouds([path])
     assert len(read_clouds([path], thin=5.0)[0]) == 96
-    with refused("--thin 0.01: leaves more than 1,000 points; use more"):
+    with refused("--thin 0.01: leaves more than 1,000 points: use more"):
         read_clouds([path], thin=0.01)
     with refused("--thin 1e-05: too small for these coordinates"):
         read_clouds([path], thin=1e-5)

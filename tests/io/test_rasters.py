@@ -311,8 +311,11 @@ def test_ascii_does_not_depend_on_where_its_text_is_cut(monkeypatch):
         ("1 2 3\n4 abc 6", "line 7: 'abc' is not a number"),
         ("1 2 3\n4 1,5 6", "line 7: '1,5' is not a number"),
         ("1 2 3\n4 \0 6", r"line 7: '\x00' is not a number"),
-        ("1 2 3\n4 5", "ends after 5 numbers, ncols x nrows = 3 x 2 are due: truncated or damaged"),
-        ("1 2 3\n4 5 6 7", "more than 6 numbers, ncols x nrows = 3 x 2 are due"),
+        (
+            "1 2 3\n4 5",
+            "ends after 5 numbers, ncols x nrows = 3 x 2 expected: truncated or damaged",
+        ),
+        ("1 2 3\n4 5 6 7", "more than 6 numbers, ncols x nrows = 3 x 2 expected"),
         ("1 2 inf\n4 5 6", "row 1, column 3: elevation inf: must be finite or nodata"),
     ],
 )
@@ -422,7 +425,7 @@ def test_more_cells_than_memory():
 
 
 def test_a_raster_that_lies_nowhere():
-    with refused("dem.tif: does not say where it lies (no georeference)"):
+    with refused("dem.tif: has no georeference"):
         read_dem(make_raster("dem.tif", hill(), transform=None))
 
 
@@ -667,7 +670,7 @@ def test_a_mosaic_is_refused_with_the_command_that_converts_it():
     """It may name files anywhere, servers, and code."""
     Path("dem.vrt").write_text(MOSAIC)
     command = "gdal_translate dem.vrt dem_vrt.tif"
-    with refused(f"dem.vrt: is a VRT; make a GeoTIFF of it: {command}"):
+    with refused(f"dem.vrt: is a VRT: make a GeoTIFF of it: {command}"):
         read_dem("dem.vrt")
 
 
@@ -741,7 +744,7 @@ def test_erdas_imagine_with_its_numbers_in_another_file():
             file.write(hill()[None])
         if spill == "NO":
             np.testing.assert_array_equal(read_dem("dem.img")[0], hill())
-    with refused("dem.img: its numbers are in another file; make a GeoTIFF of it"):
+    with refused("dem.img: its numbers are in another file: make a GeoTIFF of it"):
         read_dem("dem.img")
 
 

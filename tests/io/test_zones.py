@@ -85,9 +85,9 @@ def test_columns_that_are_absent_or_empty_are_nan():
         ("", "is empty"),
         ("\n\n", "is empty"),
         ("zone,mean_radius\n", "no rows below the header"),
-        ("id,mean_radius\n1,0.1", "line 1: no column zone; has: id, mean_radius"),
+        ("id,mean_radius\n1,0.1", "line 1: no column zone, has: id, mean_radius"),
         ("zone,radius\n1,0.1", "line 1: none of the columns mean_radius, rg70, rg20, rg10"),
-        ("zone,zone,rg70\n1,1,2", "line 1: column zone: is there twice"),
+        ("zone,zone,rg70\n1,1,2", "line 1: column zone: occurs twice"),
         ("zone,mean_radius\n\n1,0.1\n2,-0.1", "line 4: mean_radius = -0.1: must be > 0 (Inf "
          "absorbs)"),
         ("zone,rg70\n1,nan", "line 2: rg70 = nan: must be > 0 (Inf absorbs)"),
@@ -166,7 +166,7 @@ def test_zones_without_a_row_are_named(blocks):
 
 def test_cells_without_a_zone_are_counted(blocks):
     with refused(
-        "zones.tif: 2 cells of the terrain have no zone; give them one, or set &surface "
+        "zones.tif: 2 cells of the terrain have no zone: give them one, or set &surface "
         "default_zone"
     ):
         material_index(IDS, [3, 7, -5, 900], path="zones.tif")
@@ -350,8 +350,8 @@ def test_geojson_without_a_crs_is_in_degrees_or_refused():
     with pytest.raises(RockfallError) as caught:
         inside(plain_geojson(), utm_grid())
     assert str(caught.value) == (
-        "a.geojson: names no CRS, and its coordinates are not the degrees that GeoJSON then has: "
-        "x 600000 to 600020, y 4999960 to 4999980; if they are in that of the DEM: "
+        "a.geojson: has no CRS, and its coordinates are not degrees: "
+        "x 600000 to 600020, y 4999960 to 4999980. If they are in the CRS of the DEM: "
         "ogr2ogr -a_srs EPSG:32632 a_with_crs.gpkg a.geojson"
     )
     assert inside(plain_geojson(), GRID).sum() == 4
@@ -388,7 +388,7 @@ def test_a_layer_without_a_crs_is_refused():
     with pytest.warns(UserWarning, match="crs"):
         make_layer("my zones.gpkg", [box(0, 0, 9, 9)], None, zone=[3])
     with refused(
-        "my zones.gpkg: names no CRS; if it is that of the DEM: "
+        "my zones.gpkg: has no CRS. If it has the CRS of the DEM: "
         "ogr2ogr -a_srs EPSG:32632 'my zones_with_crs.gpkg' 'my zones.gpkg'"
     ):
         inside("my zones.gpkg", utm_grid())
@@ -401,7 +401,7 @@ def test_an_undefined_crs_of_a_geopackage_is_none(number):
     with closing(sqlite3.connect("a.gpkg")) as database, database:
         for table in "gpkg_contents", "gpkg_geometry_columns":
             database.execute(f"update {table} set srs_id = {number}")
-    with pytest.raises(RockfallError, match=r"^a.gpkg: names no CRS; "):
+    with pytest.raises(RockfallError, match=r"^a.gpkg: has no CRS. If "):
         inside("a.gpkg", utm_grid())
 
 
@@ -451,7 +451,7 @@ def test_attributes_that_are_no_zone_ids(values, message):
 
 def test_a_missing_attribute():
     make_layer("a.gpkg", [box(0, 0, 9, 9)], klass=[1], height=[2.0])
-    with refused("a.gpkg: no attribute zone; has: klass, height"):
+    with refused("a.gpkg: no attribute zone, has: klass, height"):
         burn_polygons("a.gpkg", utm_grid(), "zone")
 
 

@@ -138,7 +138,7 @@ def test_a_barrier_is_no_dashed_line(full):
             )
             assert drawn.get_linestyle() == dashes, name
     barrier = draw(full.assign(barrier_height=("line", [3.0])), "line_speed")
-    assert " come, " in barrier.axes[0].get_title() + barrier.axes[0].get_title("left")
+    assert " arrive, " in barrier.axes[0].get_title() + barrier.axes[0].get_title("left")
 
 
 def test_no_terrain_no_ground(full):
@@ -215,7 +215,7 @@ def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
     assert [*drawn] == ["line_speed_1", "line_speed_2", "line_speed_3"]
     assert [len(one.draw().axes) for one in drawn.values()] == [16, 16, 6]
     some = {one.name: one for one in figures(result, most_lines=8)}
-    assert "8 of 19 lines, those that most boulders pass" in some["line_speed"].caption
+    assert "The 8 of 19 lines that most boulders pass" in some["line_speed"].caption
     assert "of 19 lines" not in drawn["line_speed_1"].caption
     which = drawn_lines(result, 8)
     assert len(which) == 8 and min(passed[which]) >= max(np.delete(passed, which))

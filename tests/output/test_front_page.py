@@ -27,7 +27,7 @@ LINES = [
 ]
 WARNINGS = [  # of three kinds that a run has, and more of them than a page has room for
     f"{1000 + k:,} of 661,645 rebounds (61.9 %) had R_b/R_m outside 0.5 to 5.5, where the set is "
-    "not calibrated: the nearest ratio stood in."
+    "not calibrated: the nearest ratio was used."
     for k in range(12)
 ]
 PEOPLE = Parties("2026-117", "Service of natural hazards", "A. Muster", "2024", "17f2" * 16)
@@ -109,7 +109,7 @@ def test_what_a_signature_needs_is_before_it(result, bare):
     page = text_of(page_1(result).split('id="signature"')[0])
     for word in ("2026-117", "Service of natural hazards", "2026-11-23", "rockfall 1", "17f2" * 16):
         assert word in page
-    assert "How sure this is" in page and "Pass frequency" in page
+    assert "Reliability" in page and "Pass frequency" in page
     older = result.copy()
     del older.attrs["date_created"]
     assert "not recorded" in text_of(report(ReportInputs(older)))

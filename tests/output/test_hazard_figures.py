@@ -151,7 +151,7 @@ def test_the_sheet_names_what_was_read_and_followed(found, tmp_path):
     """Not the sets that a case names by default, but the grounds that rebounds followed."""
     shown = [text.get_text() for text in hazard_sheet(found).texts]
     whole = re.sub(r"\s+", " ", " ".join(shown))
-    assert "frequencies are of the boulders of these scenarios, not of those of &boulder" in whole
+    assert "frequencies refer to the boulders of these scenarios, not to &boulder" in whole
     assert f"rebounds: impact sets {found.attrs['impact_set']}" in shown
     case = make_case(tmp_path, *sets(), release={"x": [150.0], "y": [380.0]})
     case = case.replace(
@@ -169,7 +169,7 @@ def test_the_sheet_names_what_was_read_and_followed(found, tmp_path):
     for name in ("talus", "meadow"):
         assert f"{name} (impact table) " in shown
     assert "rocky-slope" not in shown and "Bourrier" not in shown
-    assert f"rockfall {rockfall.__version__}, tables of impacts of rockfall's laboratory" in shown
+    assert f"rockfall {rockfall.__version__}, impact tables of rockfall's laboratory" in shown
 
 
 def test_the_map_on_the_sheet_has_its_scale(found):

@@ -138,7 +138,7 @@ def test_no_point_is_higher_than_its_leg_allows(moved):
 @pytest.mark.parametrize("moved", ["table"], indirect=True, scope="module")
 def test_trajectories_without_kinds_of_legs_are_flights(moved, tmp_path, capsys):
     """As older versions wrote them; and a line says so, once."""
-    result, line = moved[1].drop_vars("trajectory_leg"), "slides and waits are drawn as flights"
+    result, line = moved[1].drop_vars("trajectory_leg"), "show slides and waits as flights"
     with pytest.warns(UserWarning, match=line):
         motion = motion_of(result)
     assert {*motion.gravity} == {G}

@@ -217,7 +217,7 @@ def test_a_refused_project_leaves_nothing(project, capsys):
     assert main(["export", "out.nc", "new", "--hazard", "hazard_hazard/hazard.nc"]) == 2
     assert capsys.readouterr().err == "rockfall: --hazard requires --qgis\n"
     assert main(["export", "out.nc", "new", "--qgis", "--hazard", "out.nc"]) == 2
-    assert "is no hazard" in capsys.readouterr().err
+    assert "is not a hazard file" in capsys.readouterr().err
     assert main(["export", "out.nc", "new", "--qgis", "--language", "xx"]) == 2
     assert not Path("new").exists()
     assert main(["export", "out.nc", "gis", "--qgis"]) == 2
@@ -261,7 +261,7 @@ def test_points_stay_points(place):
 def test_all_titles_and_labels_have_a_text(site, language):
     with speaking("en"):
         for one in ("en", language):
-            with pytest.warns(UserWarning, match="fractions of the run are of those of &boulder"):
+            with pytest.warns(UserWarning, match="fractions of the run to &boulder"):
                 rockfall.export_project(
                     "out.nc", f"in_{one}", hazard="hazard_hazard/hazard.nc", language=one
                 )

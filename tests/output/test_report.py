@@ -145,9 +145,9 @@ def test_page_1_says_the_numbers_of_the_line_table(result):
     assert cliff[1:] == [["0.0", f"(0.0–{100 * rows['cliff']['speed']['fraction_high']:.1f})"],
                          *[["-"]] * 3]  # fmt: skip
     text = words(result)
-    assert f"road <b>: {road[1][0]} % of the boulders pass; of these one in 20 has" in text
-    assert f"more than {road[2][0]} kJ, and one in 20 is higher than {road[3][0]} m" in text
-    assert "cliff: no boulder passes; the fraction is below" in text
+    assert f"road <b>: {road[1][0]} % of the boulders pass, 5 % of them with" in text
+    assert f"more than {road[2][0]} kJ, 5 % more than {road[3][0]} m above ground" in text
+    assert "cliff: no boulder passes. The fraction is below" in text
     ended = {row[0]: int(row[1]) for row in ends_table(result).rows}
     assert sum(ended.values()) == 300
     assert ended["came to rest on the slope"] == np.count_nonzero(result.status == 1)
@@ -162,7 +162,7 @@ def test_what_too_few_boulders_know_is_marked_and_not_a_number(result):
     (table,) = line_tables(rows)
     about, cells = table.caption, dict(zip(table.head, next(table.texts()), strict=True))
     assert cells["standard deviation"].endswith("\n(–)") and "–" in cells["mean"]
-    assert about.endswith("; a dash where too few boulders give no interval that holds")
+    assert about.endswith(". Dash: too few boulders for a valid interval")
     assert "dash" not in next(line_tables(rows_of(result))).caption
     row = {"q95": 3.0, "q95_low": np.nan, "q95_high": np.nan}
     assert str(estimate(row, "q95", "speed")) == "3.00\n(–)"
@@ -174,7 +174,7 @@ def test_a_dash_on_page_1_is_explained(result):
     none = {name: np.nan for name in ("q95_low", "q95_high")}
     rows = {line: {q: {**row, **none} for q, row in numbers.items()}
             for line, numbers in rows_of(result).items()}  # fmt: skip
-    text = "A dash in brackets: too few boulders pass for an interval that holds."
+    text = "A dash in brackets: too few boulders pass for a valid interval."
     assert text in list(certainty(result, rows, True))
     assert text not in words(result)
 
@@ -224,17 +224,17 @@ def test_each_caution_has_its_number_in_the_order_of_a_decision(result):
         "Terrain, ground, sources and volumes are taken as given",
         "The impact set is the user's own",
         "no trees", "no nets or walls", "no dams",
-        "Boulders are spheres", "do not slide", "do not break", "do not meet each other",
+        "Boulders are spheres", "do not slide", "do not break", "do not collide",
         "Maxima grow",
-        "Return levels: 2 of 4 are given",
+        "2 of 4 return levels are given",
         "7 of 10 reached cells (70.0 %) saw fewer than 30 boulders",
     ]  # fmt: skip
     found = [next(k for k, one in enumerate(text) if part in one) for part in order]
     assert found == sorted(found) and len(text) == len(order)
     assert [one[:40] for one in warnings(changed)] == [
-        "6 of 300 boulders (2.0 %) left the known",  # 24 of the 30 had crossed a line
-        "6 of 300 boulders (2.0 %) were still mov",
-        "450 of 1,000 rebounds (45.0 %) were slow",
+        "Stop: 6 of 300 boulders (2.0 %) left the",  # 24 of the 30 had crossed a line
+        "Stop: 6 of 300 boulders (2.0 %) were sti",
+        "Caution: 450 of 1,000 rebounds (45.0 %) ",
     ]
     drawn = list(technical(changed))
     assert drawn[0].startswith("20 of 1,000 rebounds (2.0 %) needed more than one draw")
@@ -273,7 +273,7 @@ def test_the_origin_of_every_shipped_set_is_known():
 def test_an_interrupted_run_says_so_first(tmp_path):
     part = interrupted(run(tmp_path, release=SOURCES, boulders=100), 120)
     first, second, *_ = warnings(part)
-    assert "interrupted after 120 of 300 boulders; 60.0 % are missing" in first
+    assert "stopped after 120 of 300 boulders (60.0 % missing)" in first
     assert "the last ones are missing" in second
 
 
@@ -382,10 +382,10 @@ def test_the_picture_of_a_large_raster_is_bounded(result, monkeypatch):
 def test_a_map_says_why_it_is_blank(tmp_path):
     some = run(tmp_path, output={"maps": ["reach_probability_high", "energy_q95"]})
     found = maps_of(some)
-    assert "hardly known where fewer than 92 boulders passed" in found["energy_q95"][0].notes
+    assert "uncertain where fewer than 92 boulders passed" in found["energy_q95"][0].notes
     upper, shown = found["reach_probability_high"]
     none = 100 * fraction_interval(np.zeros(300, bool), Sources.alone(300))[2]
-    assert f"blank where none passed; it is {none:.2g} % there" in upper.notes
+    assert f"blank where no boulder passed ({none:.2g} % there)" in upper.notes
     window = window_of(some)
     passed = run(tmp_path)["passages"].values[window.row :, window.column :]
     passed = passed[: window.ny, : window.nx]
@@ -482,7 +482,7 @@ def test_the_case_and_its_origin_are_all_there(page, result):
     assert {"boulder", "line", "output"} <= groups  # those that the case sets, and no others
     assert not groups & {"barrier", "ensemble", "forest", "hazard", "flight"}
     assert result.attrs["impact_set_checksum"] in text and "20090601" in text
-    assert "Rasters came as arrays" in text
+    assert "Rasters were arrays in memory" in text
 
 
 def test_how_to_run_it_again_promises_what_holds(tmp_path, monkeypatch):
@@ -492,12 +492,12 @@ def test_how_to_run_it_again_promises_what_holds(tmp_path, monkeypatch):
     whole = run(tmp_path, boulders=10, line=[]).assign_attrs(
         case=case.text(), case_file="my case.nml"
     )
-    again = "This gives the same numbers again, to the last bit"
+    again = "Reproduces these numbers to the last bit"
     text = report(ReportInputs(whole))
-    assert f"{again}, in the folder" in text and "rockfall run &#39;my case.nml&#39;" in text
+    assert f"{again}, in the run folder" in text and "rockfall run &#39;my case.nml&#39;" in text
     assert "the case file below" in text  # it may have changed since
     text = report(ReportInputs(interrupted(whole, 4)))
-    assert f"{again}, and the boulders that are missing, in the folder" in text
+    assert f"{again}, and adds missing boulders, with files" in text
 
 
 NET = {"name": "net", "x": [0.0, 300.0], "y": [360.0, 360.0], "height": 3.0, "capacity": 9.0}
@@ -927,4 +927,4 @@ def test_what_is_left_out_depends_on_the_case(result):
     case = case.replace(forest=stand, line=case.line[:1], barrier=[net])
     text = " ".join(warned(result.assign_attrs(case=case.text())))
     assert "The case has no dams." in text and "no trees" not in text and "no nets" not in text
-    assert "Stems are vertical" in text and "A barrier takes as much" in text
+    assert "Stems are vertical" in text and "A barrier absorbs as much" in text

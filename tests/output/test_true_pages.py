@@ -18,10 +18,13 @@ from rockfall.plots.figures import figures  # noqa: E402
 from rockfall.plots.rebound_figures import beside_paper  # noqa: E402
 from rockfall.tables.lines import rows_of  # noqa: E402
 
-SPHERES, BLOCKS = "Boulders are spheres.", "By tables of impacts boulders rebound as the blocks"
+SPHERES, BLOCKS = (
+    "Boulders are spheres.",
+    "With impact tables, boulders rebound like the simulated blocks",
+)
 STILL, SLIDES = (
     "Boulders do not slide",
-    "Boulders slide along the ground by tables of impacts only.",
+    "Boulders slide along the ground with impact tables only.",
 )
 WHOLE, SHAPES = "Boulders do not break.", "Boulders have the volume and mean moment of inertia"
 AT_RELEASE = "Boulders break at their release only."

@@ -65,7 +65,7 @@ def test_the_page_has_the_numbers_of_the_comparison(results, tmp_path):
     assert rows["boulders a year that pass"] == ["0.400", "0.100"]
     assert rows["cost"] == ["-", "120,000"]
     assert rows["nets and walls"] == ["-", "net: 4 m, EAD 3"]
-    assert page.count("<img ") == 1 and "With net: what passes" in page
+    assert page.count("<img ") == 1 and "With net: passing fraction" in page
     population = "boulders of the case: volume = &#39;fixed&#39;, volume_mean = 0.8."
     assert population in page and "another population" not in page
 

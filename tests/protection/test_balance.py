@@ -20,7 +20,7 @@ GROUNDS = ("", "soil_4", "rock_face")  # "": the impact set of the case
 
 
 #: A line of the case lies beside the terrain.
-pytestmark = pytest.mark.filterwarnings("ignore:.*no part of it lies over the terrain")
+pytestmark = pytest.mark.filterwarnings("ignore:.*lies entirely outside the terrain")
 
 
 def everything(folder, ground=""):

@@ -85,9 +85,8 @@ def test_more_boulders_pass_on_coarse_cells(tmp_path):
 def test_too_coarse_is_refused_unless_allowed(tmp_path):
     case = plane(tmp_path, 2.0).replace(dam=[DAM])
     with refused(
-        "case: &dam height = 4, slope = 55: its face is 1.8 m wide, 0.91 cells of 2 m, which makes "
-        "a bump of it: resample the terrain to cells of 0.45 m or less, make it about 9 m high, or "
-        "say allow_coarse = .true."
+        "case: &dam height = 4, slope = 55: its face is 0.91 cells wide: "
+        "resample to 0.45 m, raise it to 9 m, or give allow_coarse = .true."
     ):
         read_scene(case)
     allowed = case.replace(dam=[DAM | {"allow_coarse": True}])
@@ -98,7 +97,7 @@ def test_too_coarse_is_refused_unless_allowed(tmp_path):
     assert low.face_cells < COARSE <= high.face_cells
     assert shape_of(allowed).face_cells < COARSE
     assert (
-        "its face is 1.8 m wide, 0.91 cells of 2 m, fewer than 4"
+        "its face is only 0.91 cells wide (1.8 of 2 m), fewer than 4"
         in implausible(read_scene(allowed))[0]
     )
 
@@ -151,8 +150,8 @@ def test_check_run_report_shards_and_the_program_tell_the_same(
         assert other.attrs["input_warnings"] == result.attrs["input_warnings"]
     html = report(ReportInputs(result))
     assert "&amp;dam 1, height = 4, slope = 55" in html
-    assert "Inputs to check" in html and "fewer than 4: more boulders may pass" in html
-    assert "Dams as they came out on the raster" in html and "4 requested" in html
+    assert "Inputs to check" in html and "fewer than 4, so more boulders may pass" in html
+    assert "Dams on the raster" in html and "4 requested" in html
     (about,) = dam_tables(dams_of(result))
     for language in ("de", "fr", "it"):
         with speaking(language):

@@ -129,7 +129,7 @@ def test_the_free_border_is_half_a_metre_of_small_blocks():
 def test_a_design_block_far_from_the_boulders_is_told(result, volume, is_far):
     told = [text for text in design(result, volume=volume).warnings if "block" in text]
     assert len(told) == is_far
-    assert not is_far or told[0].startswith(f"the design block of {volume:g} m3 is far from the ")
+    assert not is_far or told[0].startswith(f"the design block of {volume:g} m3 takes speeds of ")
     assert not [text for text in design(result).warnings if "design block" in text]
 
 
@@ -156,8 +156,8 @@ def test_without_factors_the_sheet_lists_what_to_fill_in(file, tmp_path, capsys)
     conditions = {"gamma_E": "MEL", "energy_share": "MEL", "gamma_tr": "literature"}
     conditions |= dict.fromkeys(("gamma_dp", "gamma_vol"), "poor")
     names = [f"{name} ({conditions[name]})" if name in DECIDES else name for name in NEEDED["UNI"]]
-    for language, begins in (("en", "Requirements of UNI are left open"),
-                             ("de", "Anforderungen nach UNI bleiben"),
+    for language, begins in (("en", "Requirements of UNI not computed"),
+                             ("de", "Anforderungen nach UNI nicht"),
                              ("fr", "Exigences selon UNI non calculées"),
                              ("it", "Requisiti secondo UNI non calcolati")):  # fmt: skip
         with speaking(language):
@@ -167,7 +167,7 @@ def test_without_factors_the_sheet_lists_what_to_fill_in(file, tmp_path, capsys)
     folder = tmp_path / "open"
     assert main(["design", str(file), "-o", str(folder)]) == 0
     said = capsys.readouterr().out
-    assert "Requirements of UNI are left open" in said and "E_d" not in said
+    assert "Requirements of UNI not computed" in said and "E_d" not in said
     table = pd.read_csv(folder / "design_factors.csv")
     assert table["factor"].tolist() == NEEDED["UNI"] and table["value"].isna().all()
     given = pd.read_csv(FACTORS).drop(columns=["value", "source"])
@@ -327,8 +327,8 @@ def test_prices_decide_on_the_cheapest(tmp_path):
 
 
 @pytest.mark.parametrize(("heights", "told", "no"), [
-    ((4.0, 5.0), None, None), ((40.0, 50.0), "prices are of barriers up to 50 m high", None),
-    ((4.0, 60.0), "prices are of barriers up to 60 m high", None),
+    ((4.0, 5.0), None, None), ((40.0, 50.0), "prices are for barriers up to 50 m high", None),
+    ((4.0, 60.0), "prices are for barriers up to 60 m high", None),
     ((400.0, 500.0), None, "line 2: height = 400: must be a number >= 0 and <= 100"),
     ((4.0, 5000.0), None, "line 3: height = 5000: must be a number >= 0 and <= 100"),
 ])  # fmt: skip
@@ -346,7 +346,7 @@ def test_prices_of_heights_in_another_unit(result, heights, told, no, tmp_path):
 
 def test_a_design_says_which_boulders_its_numbers_are_of(result, tmp_path):
     sheet = design(result)
-    own = "Numbers are of the boulders of the case: volume = 'normal', volume_mean = 0.8, "
+    own = "Numbers refer to the boulders of the case: volume = 'normal', volume_mean = 0.8, "
     assert len(sheet.population) == 1 and sheet.population[0].startswith(own)
     assert sheet.population[0] in design_text(sheet)
     scenario = [{"name": "a", "frequency": 0.2, "volume_mean": 2.0}]
@@ -374,7 +374,7 @@ def test_nobody_comes(tmp_path):
 
 
 def test_what_is_refused(result, tmp_path):
-    with refused("along = 'rail': no such line; lines: road"):
+    with refused("along = 'rail': no such line, lines: road"):
         design(result, along="rail")
     for residual in (-0.1, 1.0, math.nan):
         with refused(f"residual = {residual}: must be >= 0 and < 1"):

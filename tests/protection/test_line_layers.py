@@ -139,7 +139,7 @@ def test_standalone_program_takes_what_was_prepared(case):
     done = run_program("ready/case.nml", "--output", "new.nc", cwd=".")
     refused_in_one_line(
         done,
-        "ready/case.nml: &line file = '../site.gpkg': is a layer; "
+        "ready/case.nml: &line file = '../site.gpkg': is a layer: "
         "`rockfall prepare` writes its coordinates into the case",
     )
 
@@ -216,8 +216,8 @@ def test_zones_and_sources_name_a_layer(case, capsys):
     assert (scene.x.size, set(scene.rasters.zone.ravel().tolist())) == (24, {1})
     for group, key, layer, message in (
         ("surface", "zones_layer", None, r"site.gpkg: has 3 .*; name one with zones_layer"),
-        ("surface", "zones_layer", "road", "site.gpkg: no attribute zone; has: none"),
-        ("release", "polygons_layer", "none", "site.gpkg: no layer none; has: ground, cliff, road"),
+        ("surface", "zones_layer", "road", "site.gpkg: no attribute zone, has: none"),
+        ("release", "polygons_layer", "none", "site.gpkg: no layer none, has: ground, cliff, road"),
     ):
         changed = of_site.replace(**{group: {key: layer}})
         (case.folder / "case.nml").write_text(changed.text())
@@ -244,11 +244,11 @@ def refused_cases():
     yield (
         "line",
         {"file": "two.gpkg", "layer": "ground"},
-        "two.gpkg: no layer ground; has: road, net",
+        "two.gpkg: no layer ground, has: road, net",
     )
     yield "line", {"file": "point.gpkg"}, "point.gpkg: feature 1: is a Point, lines are needed"
     yield "line", {"file": "none.gpkg"}, "case.nml: &line file = 'none.gpkg': no such file"
-    yield "line", road | {"field": "id"}, "road.gpkg: no attribute id; has: none"
+    yield "line", road | {"field": "id"}, "road.gpkg: no attribute id, has: none"
     yield "line", {"file": "far.gpkg"}, "far.gpkg: feature 1: EPSG:4326 has no such place in .*"
     yield "line", road | typed(ROAD), f"{case}&line x, y: give these, or file with lines in a layer"
     yield "line", {"name": "a"}, f"{case}&line x, y: give these, or file with lines in a layer"

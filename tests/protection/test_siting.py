@@ -24,7 +24,7 @@ from rockfall.studies.siting import (
     BEST,
     COLUMNS,
     NO,
-    NOT_TOLD_APART,
+    NOT_DISTINGUISHED,
     UNDECIDED,
     YES,
     choose,
@@ -140,11 +140,11 @@ def test_the_choice_is_the_cheapest_and_what_overlaps_is_not_told_apart():
     rows = [row_of(5, 4, 6), row_of(7, 5.5, 9), row_of(9, 7, 12), row_of(1, 1, 1, NO),
             row_of(8), row_of(3, 2, 4, UNDECIDED), row_of(math.nan)]  # fmt: skip
     choose(rows)
-    marks = [BEST, NOT_TOLD_APART, "", "", NOT_TOLD_APART, NOT_TOLD_APART, ""]
+    marks = [BEST, NOT_DISTINGUISHED, "", "", NOT_DISTINGUISHED, NOT_DISTINGUISHED, ""]
     assert [row["choice"] for row in rows] == marks
     few = [row_of(5), row_of(50, 40, 60)]  # too few boulders for an upper limit of the best
     choose(few)
-    assert [row["choice"] for row in few] == [BEST, NOT_TOLD_APART]
+    assert [row["choice"] for row in few] == [BEST, NOT_DISTINGUISHED]
     undecided = [row_of(5, 4, 6, UNDECIDED), row_of(1, 1, 1, NO)]
     choose(undecided)
     assert [row["choice"] for row in undecided] == [BEST, ""]
@@ -188,7 +188,7 @@ def test_runs_in_turn_find_the_same(case, found):
     about = "900 boulders at 6 alignments take 0.00024 GB, more than half of the memory"
     assert turns.notes[0].startswith(f"{about}: 3 runs") and turns.notes[1:] == found.notes
     for given in ({"memory": 2 * 44 * 900}, {"memory": 1.0}):
-        with refused("site: 900 boulders at 2 lines take 7.9e-05 GB: more than half of the memory; "
+        with refused("site: 900 boulders at 2 lines take 7.9e-05 GB: more than half of the memory: "
                      "give fewer boulders"):  # fmt: skip
             site(case, "road", every=40.0, to=220.0, **given, **TERRAIN)
 
@@ -323,9 +323,7 @@ def test_directions(case):
     np.testing.assert_allclose(east.alignments[1].x, [10.0, 310.0])
     np.testing.assert_allclose(east.alignments[1].y, [180.0, 180.0])
     down = site(case, "road", every=50.0, to=50.0, direction=180.0, **TERRAIN)
-    assert "no alignment is higher than road: give the direction in which the slope rises" in (
-        down.notes
-    )
+    assert "no alignment is higher than road: give the uphill direction" in (down.notes)
     beyond = site(case, "road", every=150.0, to=450.0, **TERRAIN)
     assert beyond.table["distance"].tolist() == [0.0, 150.0]  # the terrain ends at 220 m
     assert beyond.notes[0] == "alignments beyond 150 m are outside the terrain: left out"
@@ -334,7 +332,7 @@ def test_directions(case):
 
 def test_refusals(case):
     for given, message in (
-        ({"line": "rail"}, "case: line = 'rail': no such line; lines: road"),
+        ({"line": "rail"}, "case: line = 'rail': no such line, lines: road"),
         ({"every": 0.0}, "every = 0.0: must be > 0 m"),
         ({"every": 0.1}, "every = 0.1: makes 1,000 alignments up to 100 m: must make 1 to 199"),
         ({"every": 200.0}, "every = 200.0: makes 0 alignments up to 100 m: must make 1 to 199"),
@@ -354,8 +352,8 @@ def test_refusals(case):
         with refused(message):
             site(case, given.pop("line", "road"), **given, **TERRAIN)
     ring = [{"name": "ring", "x": [0.0, 9.0, 0.0, 0.0], "y": [180.0, 180.0, 190.0, 180.0]}]
-    with refused("case: line 'ring' does not tell on which side its sources are: give the "
-                 "direction [degree from north] in which it is to be shifted"):  # fmt: skip
+    with refused("case: line 'ring' has sources on both sides: give the "
+                 "direction [degree from north] of its shift"):  # fmt: skip
         site(case.replace(line=ring), "ring", **TERRAIN)
 
 
@@ -377,5 +375,5 @@ def test_command(place, capsys):
     assert main([*words, "-o", "out"]) == 2
     assert "already exists" in capsys.readouterr().err
     assert main(["site", "case.nml", "--line", "M", "--factors", str(FACTORS), "-o", "new"]) == 2
-    assert "line = 'M': no such line; lines: L" in capsys.readouterr().err
+    assert "line = 'M': no such line, lines: L" in capsys.readouterr().err
     assert not (place / "new").exists()

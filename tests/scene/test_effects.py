@@ -240,7 +240,7 @@ def test_numbers_for_missing_ones_are_questioned(key, shape, name, values):
         columns = {n: [v] * len(values) for n, v in ONES.get(key, {}).items()}
         columns |= {name: [*values[:-1], last]}
         warned = read(case_of({}), **{key: geopandas.GeoDataFrame(columns, geometry=shapes)})
-        marks = [line for line in warned if "does it mark missing numbers?" in line]
+        marks = [line for line in warned if "does it mark missing values?" in line]
         assert len(marks) == is_mark, warned
         if is_mark:
             assert f": {name} = {values[-1]:g} in 1 rows, far above all others" in marks[0]
@@ -251,6 +251,6 @@ def test_one_frequency_far_above_the_others_is_questioned():
     for frequencies, ratio in [([2e-4, 0.3, 2e-4], "1,500"), ([1e-3, 0.3, 2e-4], "")]:
         layer = geopandas.GeoDataFrame({"frequency": frequencies}, geometry=points)
         warned = read(case_of({"case": {"boulders": None, "boulders_total": 9}}), sources=layer)
-        questions = [line for line in warned if "next smaller" in line]
+        questions = [line for line in warned if "next lower" in line]
         assert len(questions) == bool(ratio)
         assert all(f"feature 2: frequency {ratio} times the next" in line for line in questions)

@@ -74,7 +74,7 @@ def test_a_table_of_species_that_a_user_wrote(tmp_path):
     [
         ("", "trees.csv: is empty"),
         ("x,y,dbh,species\n", "trees.csv: no rows below the header"),
-        ("x,y,species\n1,2,fir\n", "trees.csv: line 1: no column dbh; has: x, y, species"),
+        ("x,y,species\n1,2,fir\n", "trees.csv: line 1: no column dbh, has: x, y, species"),
         ("x,y,dbh,species\n1,2,nan,fir\n",
          "trees.csv: line 2: dbh = nan: must be a number >= 0 and <= 1000"),
         ("x,y,dbh,species\n1,2,-3,fir\n",
@@ -102,7 +102,7 @@ def test_a_list_with_a_fault(tmp_path, monkeypatch, text, words):
 
 def test_a_species_that_is_not_known(tmp_path):
     (tmp_path / "trees.csv").write_text("x,y,dbh,species\n1,2,3,fir\n1,2,3,bamboo\n")
-    with pytest.raises(RockfallError, match=r"tree 2: species = bamboo: is not in .*; has: .*oak"):
+    with pytest.raises(RockfallError, match=r"tree 2: species = bamboo: is not in .*, has: .*oak"):
         trees_of(tmp_path, {"trees": "trees.csv"})
 
 
@@ -113,7 +113,7 @@ def test_a_species_that_is_not_known(tmp_path):
          r"feature 2: dbh = nan: must be > 0 and at most 1000 \[cm\]"),
         ({"dbh": [-30.0, 3.0], "species": ["fir", "fir"]}, r"feature 1: dbh = -30: must be > 0"),
         ({"dbh": ["30", "30"], "species": ["fir", "fir"]}, "attribute dbh: must be a number"),
-        ({"species": ["fir", "fir"]}, "no attribute dbh; has: species"),
+        ({"species": ["fir", "fir"]}, "no attribute dbh, has: species"),
         ({"dbh": [30.0, 30.0], "species": ["fir", None]}, "feature 2: has no species"),
         ({"dbh": [30.0, 30.0]}, "has no species"),
     ],
@@ -139,7 +139,7 @@ def test_trees_outside_the_terrain_are_left_out_and_counted(tmp_path):
     (tmp_path / "trees.csv").write_text(LIST + "-5,3,3,fir,\n1e9,3,3,fir,\n")
     scene = scene_of(tmp_path, {"trees": "trees.csv"})
     assert scene.trees.x.tolist() == [100, 120.5]
-    assert any("2 of 4 trees stand outside the terrain" in one for one in scene.remarks)
+    assert any("2 of 4 trees are outside the terrain" in one for one in scene.remarks)
 
 
 # ---- made of what is known of a stand
@@ -274,9 +274,7 @@ def test_species_of_a_list_by_the_share_of_conifers(tmp_path):
 
 def test_a_share_of_conifers_in_place_of_a_percentage_is_doubted(tmp_path):
     found = scene_of(tmp_path, MADE | {"uniform_conifers": 0.7})
-    assert any(
-        "conifers: 0.7 % at most: was it meant as a share of one?" in one for one in found.remarks
-    )
+    assert any("conifers: 0.7 % at most: is it a fraction of 1?" in one for one in found.remarks)
     assert not scene_of(tmp_path, MADE).remarks
 
 
@@ -292,7 +290,7 @@ def test_a_stand_is_described_before_it_is_run(tmp_path):
 
 @pytest.mark.parametrize(("dbh", "unit"), [(0.3, "m"), (300.0, "mm")])
 def test_diameters_in_another_unit_are_doubted(tmp_path, dbh, unit):
-    with pytest.warns(UserWarning, match=f"mean diameter of {dbh:g} cm: was it meant in {unit}"):
+    with pytest.warns(UserWarning, match=f"mean diameter of {dbh:g} cm: is it in {unit}"):
         case = scenes.make_case(
             tmp_path, *scenes.sets(), case={"boulders": 1}, release={"x": [150.0], "y": [380.0]},
             forest=MADE | {"uniform_dbh_mean": dbh, "uniform_dbh_std": 0.0},

@@ -230,9 +230,9 @@ BAD_TABLES = {
        for rows, said in BAD_ROWS.items()},
     "": "is empty",
     HEAD: "no rows below the header",
-    "name,model\na,absorbs\n": "line 1: no column source; has: name, model",
+    "name,model\na,absorbs\n": "line 1: no column source, has: name, model",
     "name,model,source,colour\n": f"line 1: column colour: must be {COLUMNS}",
-    "name,model,source,r_n,r_n\n": "line 1: column r_n: is there twice",
+    "name,model,source,r_n,r_n\n": "line 1: column r_n: occurs twice",
     "name,model,r_n,r_n_min,r_n_max,r_t,source\na,constant,0.4,0.5,0.6,0.9,x\n":
         "line 2: &ground r_n = 0.4: must lie between r_n_min and r_n_max",
     f"{IDS}a,-1,absorbs,x\n": "line 2: id = -1: must be an integer from 0 to 999999999",
@@ -250,10 +250,10 @@ def test_bad_tables(tmp_path, table):
 
 
 def test_names_that_nothing_has(tmp_path):
-    known = f"grounds: {', '.join(SHIPPED.rows)}; tables of impacts: {', '.join(table_names())}; "
+    known = f"Grounds: {', '.join(SHIPPED.rows)}. Impact tables: {', '.join(table_names())}. "
     said = (
-        "'mud': no ground of grounds.csv, and no file of a table of impacts or of impact sets; "
-        f"{known}impact sets: bourrier2009-ensemble"
+        "'mud': no ground of grounds.csv, no impact table or set. "
+        f"{known}Impact sets: bourrier2009-ensemble"
     )
     with pytest.raises(RockfallError) as caught:
         read(case_with(tmp_path, ground="mud"))
@@ -304,7 +304,7 @@ def test_a_size_that_no_ground_needs_may_be_empty(tmp_path):
 def test_a_map_and_zones_with_grounds(tmp_path):
     arrays, surface = zones(tmp_path, "1,0.2,\n2,,road\n3,0.3,\n")
     with refused("case: &surface ground_map: the zones have grounds of their own "
-                 f"({tmp_path}/zones.csv: line 3); give one of both"):  # fmt: skip
+                 f"({tmp_path}/zones.csv: line 3): give one of both"):  # fmt: skip
         arrays["ground_map"] = arrays["zones"]
         read(case_with(tmp_path, ground_map="given", **surface), **arrays)
 

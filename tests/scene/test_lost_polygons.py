@@ -14,10 +14,9 @@ from rockfall.scene.rules.plausible import input_warnings
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
 CLIFF = shapely.box(100, 300, 200, 400)  # 20 x 20 cells of 5 m
-LOST = "have no source cell and release nothing: check steep_cells, or use wider polygons or"
+LOST = "have no source cell and release nothing: check steep_cells, or use smaller cells"
 UNKNOWN = (
-    "have no elevation, or too few around them, and release nothing: fill the DEM with rockfall "
-    "dem --fill"
+    "lack elevations in or around them and release nothing: fill the DEM with rockfall dem --fill"
 )
 
 
@@ -135,10 +134,10 @@ def test_parts_of_polygons_without_a_cell_are_named(tmp_path, name):
 @pytest.mark.parametrize(
     ("shapes", "said"),
     [
-        ([shapely.box(-100, 300, 100, 400)], "1 of 1 polygons reach beyond the DEM, in all by 50"),
-        ([CLIFF, shapely.box(250, 300, 310, 400)], "1 of 2 polygons reach beyond the DEM, in all"),
-        ([CLIFF, AWAY], "1 of 2 polygons reach beyond the DEM, in all by 16.7 %"),
-        ([shapely.MultiPolygon([CLIFF, AWAY])], "1 of 1 polygons reach beyond the DEM, in all by"),
+        ([shapely.box(-100, 300, 100, 400)], "1 of 1 polygons extend beyond the DEM by 50"),
+        ([CLIFF, shapely.box(250, 300, 310, 400)], "1 of 2 polygons extend beyond the DEM"),
+        ([CLIFF, AWAY], "1 of 2 polygons extend beyond the DEM by 16.7 %"),
+        ([shapely.MultiPolygon([CLIFF, AWAY])], "1 of 1 polygons extend beyond the DEM by"),
         ([shapely.box(100, 300, 200, 400.5)], None),  # a sliver: drawn along the edge
         ([CLIFF], None),
     ],
@@ -157,9 +156,9 @@ ZONES = {  # polygons: what is said of them
     ),
     "covered": ([CLIFF, ALL], "1 of 2 polygons or parts have no cell"),
     "beyond": (
-        [ALL, shapely.box(290, 0, 390, 400)], "1 of 2 polygons reach beyond the DEM, in all by",
+        [ALL, shapely.box(290, 0, 390, 400)], "1 of 2 polygons extend beyond the DEM by",
     ),
-    "far beyond": ([ALL, AWAY], "1 of 2 polygons reach beyond the DEM, in all by 1.6 %"),
+    "far beyond": ([ALL, AWAY], "1 of 2 polygons extend beyond the DEM by 1.6 %"),
     "a margin": ([ALL.buffer(50)], None),
     "halves": ([shapely.box(0, 0, 152.5, 400), shapely.box(152.5, 0, 300, 400)], None),
 }  # fmt: skip
@@ -184,7 +183,7 @@ def test_clearings_without_a_stem_are_counted(tmp_path):
         "uniform_conifers": 70.0, "clearings": "felled.gpkg",
     }  # fmt: skip
     texts = texts_of(scene_of(tmp_path, terrain(), forest=forest))
-    assert "no stem is in 2 of 3 clearings: are they in the right place?" in texts
+    assert "2 of 3 clearings contain no stem: check their position" in texts
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from rockfall.studies.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from rockfall.studies.hazard import read_study
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
-pytestmark = pytest.mark.filterwarnings("ignore:.*no part of it lies over the terrain")
+pytestmark = pytest.mark.filterwarnings("ignore:.*lies entirely outside the terrain")
 
 W, N = 600000.0, 5000000.0
 X, Y = np.array([120.0, 130.0, 140.0, 180.0]) + W, np.full(4, N - 20.0)
@@ -122,7 +122,7 @@ def test_polygons_that_release_nothing_are_named(case, has_frequency):
     texts = [text for _, text in input_warnings(scene)]
     said = "3 of 5 polygons or parts (narrow; away; 3) have no source cell and release nothing: "
     assert sum(text.startswith(said) for text in texts) == 1, texts
-    lost = "polygons without a source cell have 80.0 % of all frequency"
+    lost = "polygons without a source cell have 80.0 % of the total frequency"
     assert sum(text.startswith(lost) for text in texts) == has_frequency
     make_layer("cliffs2.gpkg", CLIFFS)
     texts = [text for _, text in input_warnings(read_scene(at(case, "cliffs2.gpkg")))]
@@ -142,7 +142,7 @@ def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):
     ground = case.replace(
         release={"points": None, "x": X, "y": Y, "drop_height": 0.0}, case={"boulders": 1}
     )
-    with pytest.warns(UserWarning, match="boulders stay where the ground"):
+    with pytest.warns(UserWarning, match="boulders rest at the source where"):
         heights = result["start_z"].values[::2000] - rockfall.run(ground)["start_z"].values
     assert np.allclose(heights, [1.0, 9.0, 5.0, 0.0])
     assert result["feature_name"].values.tolist() == ["left", "left", "tower", "4"]
@@ -225,7 +225,7 @@ def test_a_polygon_shares_its_frequency_among_its_cells_by_area_if_asked(case):
         assert np.allclose(of, [7500, 2500], atol=scene.x.size)
         west = released(scene)[scene.features.number == 1]
         assert (np.ptp(west) > 1) == by_area
-    with pytest.warns(UserWarning, match="frequency is not used: &case boulders come from each"):
+    with pytest.warns(UserWarning, match="frequency is not used with &case boulders"):
         rockfall.run(at(case.replace(case={"boulders": 1}), "cliff.gpkg"))
 
 
@@ -298,8 +298,8 @@ def refused_cases():
     many = points(velocity=[1.0, 2.0])
     yield {"points": many}, r".*attribute velocity: must be velocity_x, velocity_y, velocity_z .*"
     plain = points()
-    yield {"points": plain, "name_field": "id"}, f"{plain}: no attribute id; has: none"
-    yield {"points": plain, "points_layer": "b"}, f"{plain}: no layer b; has: .*"
+    yield {"points": plain, "name_field": "id"}, f"{plain}: no attribute id, has: none"
+    yield {"points": plain, "points_layer": "b"}, f"{plain}: no layer b, has: .*"
     yield {"points": plain, "polygons": plain}, "case.nml: &release: give one of: points .*"
     yield (
         {"points": plain, "by_area": True},
@@ -319,7 +319,7 @@ def refused_cases():
     yield {"points": "a.csv", "points_layer": "b"}, ".*points_layer: is not valid for a table"
     with open("b.csv", "w") as file:
         file.write("x,z\n600120,1\n")
-    yield {"points": "b.csv"}, "b.csv: line 1: no column y; has: x, z"
+    yield {"points": "b.csv"}, "b.csv: line 1: no column y, has: x, z"
     with open("c.csv", "w") as file:
         file.write("x,y\n600120,\n")
     yield {"points": "c.csv"}, "c.csv: line 2: y = '': must be a number"
@@ -400,7 +400,7 @@ def test_scenarios_give_what_the_layer_does_not(case):
         assert values_of(scene.case, scene.features)[:, 1].tolist() == [1, 9, 2, 3]
     make_layer("q.gpkg", POINTS, volume=[1.0, None, None, 2.0])
     study = read_study(at(both, "q.gpkg"))
-    assert any("2 of 4 have their own in all scenarios" in line for line in study.remarks)
+    assert any("2 of 4 have it from the layer in all scenarios" in line for line in study.remarks)
     scene = replace(study.scene, case=study.scenarios[1].case)
     assert sorted(set(run_scene(scene)["volume"].values)) == [1, 2, 4]
     make_layer("r.gpkg", POINTS, volume=[1.0, 1.5, 1.5, 2.0])
@@ -428,8 +428,8 @@ def test_observed_boulders_are_set_beside_those_of_their_polygon(case, tmp_path)
     ):
         found = compare(one, seen)
         assert found.notes[0] == (
-            f"Run-out is compared with the {n:,} of {mine.size:,} boulders from where those "
-            f"observed came: {names[0]}."
+            f"Run-out is compared with {n:,} of {mine.size:,} boulders, from the starts of the "
+            f"observed boulders: {names[0]}."
         )
         assert found.ks["n_simulated"].tolist() == [n]
         assert set(found.run_out["n_simulated"]) == {n} and set(found.run_out["n_observed"]) == {10}

@@ -189,7 +189,7 @@ def test_sources_of_shape_0_have_no_boulders(tmp_path):
     case = imported(tmp_path, blshape=shape)
     scene = read_scene(case)
     assert scene.x.tolist() == [27.5 * CELL]
-    assert scene.remarks == ("&boulder shape: 0 at 1 of 2 sources: no boulders there",)
+    assert scene.remarks == ("&boulder shape: 0 at 1 of 2 sources, which release nothing",)
     assert "mass 2,550 kg" in preview(scene)
 
 
@@ -279,7 +279,7 @@ def test_branches_of_a_net_are_told(tmp_path):
     folder = make_folder(tmp_path / "rocky", **rasters)
     note, *_ = rockfall.import_rockyfor3d(folder, tmp_path / "case")
     assert note == (
-        "net_number.asc: net 7: 3 cells branch off its line and stop nothing; "
+        "net_number.asc: net 7: 3 cells branch off its line and stop nothing: "
         "give them a number of their own"
     )
 
@@ -291,7 +291,7 @@ def test_what_the_model_is_worth_is_said_of_the_case_that_is_made(tmp_path):
     for said in (
         "rebounds follow the classical model rockyfor3d of the shipped grounds, none the impact",
         "without a fit speeds and energies may be too low",
-        "The forest is not validated:",
+        "Forest is not validated:",
     ):
         assert said in text and said in (tmp_path / "case/case.nml").read_text()
     bare = make_folder(tmp_path / "bare", soiltype=None)
@@ -310,7 +310,7 @@ def test_models_vary_the_soils_that_cover_all_of_an_import(tmp_path):
     assert found.names[:3] == ("grounds of the case", "impact sets, method A", "rockyfor3d")
     assert found.names[2:] == tuple(ROCKS)
     part = 100 * (NX - 8) * (NY - 3) / (NX * NY)
-    assert f"impact sets: hold on {part:.1f} % of the terrain, its own grounds elsewhere" in (
+    assert f"impact sets cover {part:.1f} % of the terrain, its own grounds the rest" in (
         found.notes
     )
     table = found.table.set_index(["model", "line", "quantity", "statistic"])["value"]
@@ -351,8 +351,8 @@ def test_the_command_says_what_it_left(tmp_path, capsys, monkeypatch):
         assert main(["import-rockyfor3d", "rocky", "-o", "case", *again]) == 0
         out = capsys.readouterr().out
     assert everything(folder) == before
-    for words in "soiltype.asc is not there", "dbhstd.asc is not there", "other.asc: not a file", \
-            "conif_percent.asc is not there", "heights are normal":  # fmt: skip
+    for words in "soiltype.asc is missing", "dbhstd.asc is missing", "other.asc: not a file", \
+            "conif_percent.asc is missing", "heights are normal":  # fmt: skip
         assert re.search(rf"^  .*{words}", out, re.M), words
         assert words in Path("case/case.nml").read_text()
     assert out.endswith(f"\n{Path('case/case.nml')}\n")
@@ -378,7 +378,7 @@ NEEDED = "dem.asc, rockdensity.asc, d1.asc, d2.asc, d3.asc, rg70.asc, rg20.asc, 
         ({"rockdensity": np.zeros((NY, NX))},
          "rockdensity.asc: no source cells: must have cells above zero"),
         (net(height=0.0),
-         "net_height.asc: net 7 has cells that are not > 0; give every cell of net_number an "
+         "net_height.asc: net 7 has cells that are not > 0: give every cell of net_number an "
          "energy [kJ] and a height [m]"),
     ],
 )  # fmt: skip

@@ -63,9 +63,15 @@ def test_a_stand_that_covers_the_terrain_has_the_trees_of_rasters(tmp_path, spre
 @pytest.mark.parametrize(
     ("columns", "told"),
     [
-        ({"stems": [500.0, 0.04]}, "stems = 0.04 in stand 2 is far below the other stands (such "),
-        ({"dbh_mean": [0.3, 30.0]}, "dbh_mean = 0.3 in stand 1 is far below the other stands"),
-        ({"conifers": [70.0, 0.7]}, "conifers = 0.7 in stand 2 is far below the other stands"),
+        ({"stems": [500.0, 0.04]}, "stems = 0.04 in stand 2 (1 such stands) is far below the othe"),
+        (
+            {"dbh_mean": [0.3, 30.0]},
+            "dbh_mean = 0.3 in stand 1 (1 such stands) is far below the other stands",
+        ),
+        (
+            {"conifers": [70.0, 0.7]},
+            "conifers = 0.7 in stand 2 (1 such stands) is far below the other stands",
+        ),
         ({"conifers": [70.0, 0.0]}, None),
         ({"stems": [500.0, 0.0]}, None),
         ({"dbh_mean": [30.0, 5.0]}, None),
@@ -179,7 +185,7 @@ def test_remarks_on_stands_are_known_in_every_language(tmp_path, language):
     scene = stands_of(tmp_path, shapes, **columns_of(3) | {"stems": [5.0, 4.0, 3.0]})
     remarks = [one.partition(": ")[2] for one in scene.remarks]
     assert len(remarks) == 3 and any(
-        "1 of 3 polygons reach beyond the DEM" in line for line in remarks
+        "1 of 3 polygons extend beyond the DEM" in line for line in remarks
     )
     with speaking(language):
         assert all(translated(one.values["text"]) not in remarks for one in scene.remarks)
@@ -226,7 +232,7 @@ def test_no_stems_near_the_sources_and_all_others_as_before(tmp_path):
     assert np.array_equal(np.array(full.trees)[:, far], clear.trees)
     same = scene_of(tmp_path, MADE | {"clear_of_sources": 0.0, "density_factor": 1.0})
     assert np.array_equal(same.trees, full.trees)
-    with refused(f"case: &forest: no stem remains of {full.trees.x.size:,}; leave out &forest to "
+    with refused(f"case: &forest: no stem remains of {full.trees.x.size:,}: leave out &forest to "
                  "run without trees"):  # fmt: skip
         scene_of(tmp_path, MADE | {"clear_of_sources": 900.0})
 
@@ -334,7 +340,7 @@ def test_a_log_with_a_fault(tmp_path, keys, said):
 
 @pytest.mark.parametrize("std, told", [
     ([12.0, 0.12], "0.12 cm at a mean of 30 cm"),
-    ([0.12, 0.15], "0.12 cm at a mean of 30 cm (100 % of the stems): was it meant in m"),
+    ([0.12, 0.15], "0.12 cm at a mean of 30 cm (100 % of the stems): is it in m"),
     ([12.0, 40.0], "40 cm at a mean of 30 cm"),
     ([12.0, 29.0], None),
     ([0.0, 0.0], None),  # all of one diameter

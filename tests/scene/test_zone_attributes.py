@@ -113,7 +113,7 @@ def test_what_polygons_cannot_say_is_refused(case, columns, message):
 
 
 def test_a_default_needs_ids_and_a_raster_a_table(case):
-    with refused("default_zone = 1: needs an integer attribute zone that tells zones apart"):
+    with refused("default_zone = 1: needs an integer attribute zone that distinguishes zones"):
         read_scene(polygons(case, **GROUND).replace(surface={"default_zone": 1}))
-    with refused("&surface table is missing: needed to say what the zones are made of"):
+    with refused("&surface table is missing: it gives the ground of the zones"):
         read_scene(case.replace(surface={"table": None}))

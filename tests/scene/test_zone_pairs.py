@@ -135,14 +135,14 @@ def test_what_a_zone_cannot_give_is_refused(case, row):
 def test_numbers_beyond_the_tables_are_remarked(case):
     """The nearest tables serve them; shipped grounds are within."""
     scene = read_scene(write_pairs(case, "4,0.3,talus,,25\n-2,0.3,meadow,3000,5\n"))
-    said = [remark for remark in scene.remarks if "tables of impacts were thrown" in remark]
+    said = [remark for remark in scene.remarks if "impact tables" in remark]
     assert [remark.partition(": ground ")[2] for remark in said] == [
-        "'talus (25 degrees)': tables of impacts were thrown for a relief of 7 to 22 degrees, "
-        "not 25: the nearest serves",
-        "'meadow (3000 Pa, 5 degrees)': tables of impacts were thrown for a relief of 7 to 22 "
-        "degrees, not 5: the nearest serves",
-        "'meadow (3000 Pa, 5 degrees)': softer, at 3,000 Pa, than any for which tables of impacts "
-        "were thrown: the softest serves",
+        "'talus (25 degrees)': relief 25 is outside the impact tables (7 to 22 degrees), "
+        "so the nearest is used",
+        "'meadow (3000 Pa, 5 degrees)': relief 5 is outside the impact tables (7 to 22 degrees), "
+        "so the nearest is used",
+        "'meadow (3000 Pa, 5 degrees)': strength 3,000 Pa is below all impact tables, "
+        "so the softest is used",
     ]
     for name in SHIPPED.yielding:
         rows = f"4,0.3,{name},,\n-2,0.3,,,\n"

@@ -582,8 +582,8 @@ def test_variants_differ_by_shape(tmp_path):
 def test_shapes_are_doubted_where_one_table_is_for_all(tmp_path, table, says, keys):
     case = case_in(tmp_path, impact={"table": table, "sets": None}, boulder=MIX | keys, **place())
     texts = [text for text in implausible(read_scene(case, **terrain())) if "block_shape" in text]
-    assert texts == ["case: &boulder block_shape: has no effect: rocky-slope has one table of "
-                     "impacts for all shapes"] * says  # fmt: skip
+    assert texts == ["case: &boulder block_shape: has no effect: rocky-slope has one impact "
+                     "table for all shapes"] * says  # fmt: skip
 
 
 # ---- files: checkpoints go on, and what cannot be is refused
@@ -674,7 +674,7 @@ def test_tables_of_a_scene_file_that_cannot_be_are_refused(tmp_path, change, wor
 
 def test_a_scene_file_of_an_earlier_layout_names_the_command_that_makes_it_again(tmp_path):
     done = run_changed(tmp_path, lambda file: file.setncattr("scene_layout", np.int64(2)))
-    words = "scene.nc: is no scene file of layout 3; `rockfall prepare` makes one"
+    words = "scene.nc: is no scene file of layout 3: `rockfall prepare` makes one"
     refused_in_one_line(done, words)
 
 

@@ -231,7 +231,7 @@ def test_observations_are_not_those_of_fragments(folder, bare, tmp_path):
     with pytest.raises(rockfall.RockfallError, match="&breakage at = 'both': must be 'none': the"):
         rockfall.back_analysis(case(folder, breakage=BOTH), observed)
     notes = rockfall.compare(bare, observed).notes
-    assert any(note.startswith("Boulders may break: numbers are") for note in notes)
+    assert any(note.startswith("Boulders may break. Distances are") for note in notes)
 
 
 def test_heights_at_a_line_use_the_fragment(bare):

@@ -213,7 +213,7 @@ def test_the_commands_keep_a_checkpoint_until_the_result_is_written(
             main(run)
     assert sorted(os.listdir()) == ["case.nc.checkpoint", "case.nml"]
     assert main(run) == 2
-    assert "go on with --resume, or remove it" in capsys.readouterr().err
+    assert "continue with --resume, or remove it" in capsys.readouterr().err
     assert main([*run, "--resume"]) == 0
     assert sorted(os.listdir()) == ["case.nc", "case.nml"]
     resumed = rockfall.read_result("case.nc")

@@ -113,7 +113,7 @@ def test_boulders_that_fall_too_fast_are_warned_of(folder):
     said = [
         remark
         for remark in model_remarks(result, case_of(result))
-        if "faster than all records of their table" in remark.text
+        if "faster than all impacts of their table" in remark.text
     ]
     assert [remark.is_warning for remark in said] == [True]
     low = fall(folder, "scree", 28.0, 2.0)

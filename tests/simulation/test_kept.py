@@ -242,7 +242,7 @@ def test_a_summary_says_why_it_has_no_outcomes_of_barriers(case):
 
 def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_figures):
     result, file = kept_with_a_net(case), tmp_path / "some.nc"
-    note = "From the 60 of 3,000 boulders that were kept."
+    note = "From the 60 kept of 3,000 boulders."
     assert kept_note(result) == rockfall.design(result).kept == note
     assert f"Warning: {note}" in design_text(rockfall.design(result))
     assert note in summary(result).split("  barrier ")[1]
@@ -296,7 +296,7 @@ def test_a_page_of_variants_says_from_which_boulders_it_is(case, tmp_path, blank
     page = tmp_path / "page.html"
     with pytest.warns(UserWarning, match="elevations of the run came from an array"):
         rockfall.report_variants({"a": some, "b": kept_with_a_net(case)}, page)
-    assert "From the 60 of 3,000 boulders that were kept." in page.read_text()
+    assert "From the 60 kept of 3,000 boulders." in page.read_text()
 
 
 def test_figures_that_need_rows_are_named_and_maps_are_of_all(

@@ -117,7 +117,7 @@ def test_what_is_missing_twice_or_of_another_run_is_named(tmp_path, case):
         f"{other}: is no part of a run, as --shard, checkpoints and rockfall-batch make them"
     ):
         rockfall.merge([other])
-    with refused("merge: needs the parts of a run"):
+    with refused("merge requires the parts of a run"):
         rockfall.merge([])
 
 

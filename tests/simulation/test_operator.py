@@ -116,8 +116,8 @@ def test_rows_of_ones_own_table_come_first(tmp_path):
     own = meadow | {"ground_table": "own.csv"}
     assert models(tmp_path, own) == ["constant"]
     with refused(
-        "case: &ensemble sets = 'meadow-ensemble': has no effect: it stands in for the table of "
-        "impacts meadow, which no ground of the case is; take it out"
+        "case: &ensemble sets = 'meadow-ensemble': has no effect: it replaces the impact "
+        "table meadow, which no ground of the case uses: remove it"
     ):
         uncertain(tmp_path, own, "meadow-ensemble")
 
@@ -167,9 +167,7 @@ def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
 
 def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):
     """They would be alternatives, and not drawn together."""
-    says = (
-        "is a table of impacts, and laboratory-spheres is none: it can stand in for a table alone"
-    )
+    says = "is an impact table, but laboratory-spheres is none: it can replace a table only"
     for others in ([], ["laboratory-spheres"]):
         with refused(f"case: &ensemble sets = 'talus': {says}"):
             uncertain(tmp_path, {}, *others, "talus", sets="laboratory-spheres")

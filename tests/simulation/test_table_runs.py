@@ -218,10 +218,10 @@ def test_contacts_beyond_the_ratios_of_a_table_are_counted_and_reported(tmp_path
     inside, outside = (on_rocks(tmp_path, ratios[end] * f) for f in (1.01**-outward, 1.01**outward))
     counts = [int(one["rebounds_out_of_range"]) for one in (inside, outside)]
     assert counts == [0, int(outside["rebounds"])] and counts[1] > 1000
-    said = f"had R_b/R_m outside those of their table of impacts (rocky-slope: 1 to {ratios[-1]:g})"
+    said = f"had R_b/R_m outside their impact table (rocky-slope: 1 to {ratios[-1]:g})"
     heard = [one for one in model_remarks(outside, case_of(outside)) if said in one.text]
     assert [one.is_warning for one in heard] == [True]
-    assert f"warning: {counts[1]:,} of {counts[1]:,} rebounds (100 %) {said}" in summary(outside)
+    assert f"caution: {counts[1]:,} of {counts[1]:,} rebounds (100 %) {said}" in summary(outside)
     assert not any("R_b/R_m" in one.text for one in model_remarks(inside, case_of(inside)))
 
 
@@ -333,7 +333,7 @@ def test_ensembles_of_several_grounds_come_together(tmp_path):
         tmp_path, impact={"form": "table", "table": "rock"}, output={"maps": None},
         ensemble={"sets": names[:1], "runs": 8}, case={"boulders": 10}, **place(),
     )  # fmt: skip
-    with pytest.raises(rockfall.RockfallError, match="has no effect: it stands in for"):
+    with pytest.raises(rockfall.RockfallError, match="has no effect: it replaces"):
         Uncertain(read_scene(case, **terrain()))
     ids = np.arange(80)[:, None] % len(names) + np.ones((1, 60), np.int32)
     grounds = [one.removesuffix("-ensemble") for one in names]

@@ -273,7 +273,7 @@ export class CaseWindow {
 
   // What is shown
 
-  /** True while what is shown does not belong to the document as it is. */
+  /** True while the results shown do not belong to the present document. */
   get preliminary(): boolean {
     const batch = this.results.header;
     const otherMap = this.chooser && batch?.overlay ? batch.overlay.name !== this.wanted.map : false;
@@ -302,7 +302,7 @@ export class CaseWindow {
     );
     this.view.dim(preliminary || failed);
     this.shell.fitDock(this.results.header?.lines.length || this.store.layer('lines').length);
-    // Without sources the hint says what to do; with errors the warnings are those of an older state.
+    // Without sources the hint shows what to do; with errors the warnings are those of an older state.
     this.messages.update(empty ? [] : errors, failed ? [] : (this.results.header?.warnings ?? []), this.state.warnings);
     this.features.update(errors, this.writer);
     this.settings.update(errors, this.writer);
@@ -498,7 +498,7 @@ export class CaseWindow {
     if (!any && this.writer) this.grounds.open();
   }
 
-  /** Offer runs to go on that were stopped. */
+  /** Offer to continue stopped runs. */
   private offerUnfinished(): void {
     const known = new Set(this.unfinished.map(({ name }) => `unfinished ${name}`));
     this.shell.clearNotices((name) => name.startsWith('unfinished ') && !known.has(name));

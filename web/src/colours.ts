@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Colours that colour-blind readers tell apart: those of Okabe and Ito (2008) for layers, viridis for rasters, plasma for speeds.
+// Colours that colour-blind readers can distinguish: Okabe and Ito (2008) for layers, viridis for rasters, plasma for speeds.
 import type { Layer } from './protocol';
 
 export type Rgb = readonly [number, number, number];

@@ -45,7 +45,7 @@ export class DocumentStore {
     this.listeners.push(listener);
   }
 
-  /** Begin with a document of the server: there is nothing to undo, and no listener to tell. */
+  /** Begin with a document of the server: there is nothing to undo, and no listener to notify. */
   load(document: CaseDocument): void {
     const layers = { ...EMPTY.layers, ...document.layers };
     this.now = { ...document, layers };

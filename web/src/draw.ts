@@ -120,7 +120,7 @@ export class Drawer {
       this.draw.on('drawend', ({ feature }) => this.finish(drawing, feature));
       map.addInteraction(this.draw);
     }
-    if (this.enabled) this.snaps.forEach((snap) => map.addInteraction(snap)); // last: they are asked first
+    if (this.enabled) this.snaps.forEach((snap) => map.addInteraction(snap)); // last: they are queried first
     this.view.target.dataset['tool'] = tool;
     this.activate();
     this.listener.onTool(tool);

@@ -28,7 +28,7 @@ export class Legend {
     this.zones.hidden = true;
   }
 
-  /** Let another map be chosen, or only say which one is shown. */
+  /** Let another map be chosen, or only name the one shown. */
   enable(on: boolean): void {
     this.choice.disabled = !on;
   }

@@ -74,7 +74,7 @@ function welcome(message: Welcome): void {
   else current = new CaseWindow(root, message, connection, variants);
 }
 
-/** The server is gone: say so plainly, above what is shown. */
+/** Report plainly, above the content, that the server is gone. */
 function lost(reason: 'refused' | 'closed'): void {
   // Before the first message the page has no texts: then it speaks English.
   const known = say('app.lost') !== 'app.lost';

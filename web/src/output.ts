@@ -8,7 +8,7 @@ import { duration, say } from './texts';
 export class Output {
   readonly dialog = element('dialog', { class: 'output' });
   private task: Task = 'save';
-  private saved: readonly string[] = []; // by a task that goes on
+  private saved: readonly string[] = []; // by a running task
   private remark = ''; // on what was saved
   private cancelled = false;
   private readonly title = element('h2', { id: uniqueId('dialog') });
@@ -58,7 +58,7 @@ export class Output {
     this.name.select();
   }
 
-  /** Let a run go on that was stopped. */
+  /** Continue a stopped run. */
   resume(name: string): void {
     this.name.value = name;
     this.open('simulate');
@@ -91,7 +91,7 @@ export class Output {
     this.buttons.replaceChildren(this.stop());
   }
 
-  /** The case has been written; a report or an export goes on with it. */
+  /** The case has been written; a report or an export continues with it. */
   written(files: readonly string[], remark: string): void {
     this.remark = remark;
     if (isLong(this.task)) this.saved = files;
@@ -138,7 +138,7 @@ export class Output {
     this.buttons.replaceChildren(this.task === 'save' ? '' : this.stop());
   }
 
-  /** A button that cancels the task, which goes on until its present step is done. */
+  /** A button that cancels the task, which continues until its present step is done. */
   private stop(): HTMLButtonElement {
     const made = button(
       say('app.cancel'),

@@ -32,7 +32,7 @@ export interface ResultListener {
 export class Results {
   terrain: Terrain | null = null;
   shade: Shade | null = null;
-  cell = 1; // of the terrain as it is simulated [m]
+  cell = 1; // of the simulated terrain [m]
   background: Binary<BackgroundMessage> | null = null;
   batch: Binary<BatchMessage> | null = null;
   trajectories: Trajectories | null = null;

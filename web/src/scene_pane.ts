@@ -5,7 +5,7 @@ import type { Layers } from './protocol';
 import { say } from './texts';
 import { View3d, type Frame, type Line3d, type Shade, type Terrain, type Trajectories } from './view3d/view3d';
 
-/** What a scene shows, as it is now. */
+/** Present content of a scene. */
 export interface SceneContent {
   terrain: Terrain | null;
   shade: Shade | null;

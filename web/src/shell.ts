@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Frame of the window: bar on top, tools, map, statistics below it, panel beside it.
+// Frame of the window: bar on top, tools, map, statistics below it, panel next to it.
 import { button, element } from './dom';
 import { icon } from './icons';
 import { say } from './texts';

@@ -62,7 +62,7 @@ export function rounded(value: number, decimals: number): string {
   return decimal(Math.round(value / step) * step, 0);
 }
 
-/** Seconds as a person says them. */
+/** Seconds in words. */
 export function duration(seconds: number): string {
   if (seconds < 10) return `${decimal(seconds, 1)} s`;
   if (seconds < 90) return `${decimal(seconds, 0)} s`;
@@ -70,7 +70,7 @@ export function duration(seconds: number): string {
   return `${decimal(seconds / 3600, 1)} h`;
 }
 
-/** A unit as it is printed. */
+/** A unit in print. */
 export function unitText(unit: string): string {
   const word = texts[`app.unit.${unit}`];
   if (word !== undefined) return word;

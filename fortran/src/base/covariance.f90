@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Roots of covariances: the one rule by which the kernel, the laboratory and the planes accept a covariance and draw
+!> Roots of covariances: the common rule of kernel, laboratory and planes to accept a covariance and draw
 !> from it (theory, chapter 5). LAPACK's Cholesky factor is the root where the correlations are clearly definite.
 !> Libraries disagree on the rank of singular matrices, so rotations in a fixed order decide that, and are the root of
 !> the others.

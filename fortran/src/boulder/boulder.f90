@@ -215,7 +215,7 @@ contains
    pure function usual_volumes(distribution) result(limits)
       type(volume_distribution_t), intent(in) :: distribution
       real(wp) :: limits(2)
-      real(wp), parameter :: few = 3.7_wp  !! one in 10,000 is beyond so many standard deviations [-]
+      real(wp), parameter :: few = 3.7_wp  !! one in 10,000 is beyond this number of standard deviations [-]
 
       select case (distribution%kind)
       case (normal_volume)

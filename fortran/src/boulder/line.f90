@@ -81,7 +81,7 @@ contains
       end if
    end function entry_into_disc
 
-   !> Fraction of a path at which it enters the rectangle within a distance beside a segment, through a long side, 0 if
+   !> Fraction of a path at which it enters the rectangle within a distance of a segment, through a long side, 0 if
    !> it starts there, 2 if it does not.
    pure real(wp) function entry_into_strip(p, q, distance, a, b) result(fraction)
       real(wp), intent(in) :: p(2), q(2)  !! both ends of the segment [m]

@@ -53,7 +53,7 @@ module rockfall_rolling
       real(wp) :: lift = 0.0_wp    !! rise of its centre since it landed, over R_b [-]
       integer :: part = 1          !! part of the table that serves it
       real(wp) :: key = 1.0_wp     !! as in approach_t [-]
-      logical :: beyond = .false.  !! its ratio is outside those of the table
+      logical :: beyond = .false.  !! R_b/R_m is outside the table
    end type touch_t
 
 contains

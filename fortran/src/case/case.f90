@@ -83,7 +83,7 @@ module rockfall_case
       integer(i8) :: kept = keeps_all            !! number of boulders whose rows are kept
       real(wp), allocatable :: thresholds(:)     !! of the maps energy_exceeded and hits_energy_exceeded [J]
       real(wp) :: object_width = 0.0_wp          !! of the maps of hits [m]
-      character(len=:), allocatable :: variants  !! names of its variants, of which a run needs one; "": none
+      character(len=:), allocatable :: variants  !! names of its variants; a run needs one; "": none
    end type case_t
 
 contains
@@ -260,7 +260,7 @@ contains
          call fail(error, group%file//": &surface: give one of: zones with table; mean_radius (method B) or rg70, " &
                    //"rg20, rg10 (method A) rasters; uniform_mean_radius (B) or uniform_rg (A)")
       else if (zones) then
-         call require_key(group, "zones", "to say where the zones of the table are", error)
+         call require_key(group, "zones", "which gives the places of the zones", error)
       else if (by_raster .and. this%method == method_b) then
          call require_key(group, "mean_radius", "for method B", error)
       else if (by_raster) then
@@ -678,7 +678,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call check_polyline(group, error)
-      if (.not. allocated(error)) call require_key(group, "name", "to tell it from others", error)
+      if (.not. allocated(error)) call require_key(group, "name", "to distinguish it from others", error)
       if (allocated(error)) return
       line%name = text_of(group, "name")
       if (has_key(group, "object_width")) line%object_width = real_of(group, "object_width")
@@ -688,7 +688,7 @@ contains
          call refuse(group, "name", "must be at most "//integer_text(max_name)//" characters", error)
    end subroutine read_line
 
-   !> Check that x and y have equal length, with at least two points, different ones but for an object.
+   !> Check that x and y have equal length and at least two points; points differ, except for objects.
    pure subroutine check_polyline(group, error)
       type(group_t), intent(in) :: group
       type(error_t), allocatable, intent(out) :: error

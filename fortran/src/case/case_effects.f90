@@ -36,7 +36,7 @@ contains
    end subroutine check_effects
 
    !> Mark keys that have their default, whether it is written or not, in groups that no layer completes. The form of
-   !> rebounds is not marked beside the name of a table, which has a default of its own.
+   !> rebounds is not marked next to the name of a table, which has a default of its own.
    pure subroutine mark_defaults(list)
       type(namelist_t), intent(inout) :: list
       integer :: e, g
@@ -199,7 +199,7 @@ contains
       end do
    end function any_grounds
 
-   !> Return whether boulders rebound by a table of impacts where nothing else is said.
+   !> Return whether boulders rebound by an impact table by default.
    pure logical function by_table(list)
       type(namelist_t), intent(in) :: list
       integer :: g

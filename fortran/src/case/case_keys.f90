@@ -58,7 +58,7 @@ module rockfall_case_keys
 
    type(key_t), parameter :: site_keys(*) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
-      key_t("case", "question", "text", 1, "''", "", "", "what the client asks, on page 1 of a dossier"), &
+      key_t("case", "question", "text", 1, "''", "", "", "question of the client, on page 1 of a dossier"), &
       key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
       key_t("case", "boulders", "integer", 1, "absent", "1 to 1e15", "", "released from each source"), &
       key_t("case", "boulders_total", "integer", 1, "absent", "1 to 2147483647", "", &
@@ -90,7 +90,7 @@ module rockfall_case_keys
             "A: three obstacle sizes, B: one mean radius", in_scene), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
       key_t("surface", "ground", "text", 1, "absent", "", "", &
-            "what rebounds follow where nothing else is said: a row of its table, a table of impacts, or sets", &
+            "default ground of rebounds: a row of its table, an impact table, or sets", &
             in_scene), &
       key_t("surface", "ground_strength", "real", 1, "absent", strength_range, "Pa", &
             "in place of the strength of that ground, if it has one", in_scene), &
@@ -103,20 +103,20 @@ module rockfall_case_keys
             "of the random operator: the paper's matrix, or a table of impacts; table where only that is named", &
             in_scene), &
       key_t("impact", "table", "text", 1, "'talus'", "", "", &
-            "of impacts, shipped or a file .nc: where nothing else is said", in_scene, "impact_table"), &
+            "of impacts, shipped or a file .nc: the default", in_scene, "impact_table"), &
       key_t("impact", "sets", "text", 1, "'vaujany-observed'", "", "", &
             "shipped impact set, or a file", in_scene, "sets"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
             "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
       key_t("impact", "ratio", "text", 1, "'between'", "nearest, between", "", &
-            "which set serves R_b/R_m: the nearest, or either of the two beside it, the nearer more often"), &
+            "which set serves R_b/R_m: the nearest, or either of its two neighbours, the nearer more often"), &
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", &
             "slower after a rebound: rests, or rolls on where the ground is steeper than rest_angle"), &
       key_t("impact", "rest_angle", "real", 1, "absent", "0 to 90", "degree", &
             "steepest slope, over its radius, on which a boulder rests; 90: any; absent: that of each ground"), &
       key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "contacts of a boulder at most"), &
       key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, pareto, list, source", &
-            "", "distribution; source: what rasters, or attributes of a layer, say at each source"), &
+            "", "distribution; source: from rasters, or attributes of a layer, at each source"), &
       key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "fixed, normal, lognormal"), &
       key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", "normal (truncated at 0), lognormal"), &
       key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "uniform, pareto"), &
@@ -149,12 +149,12 @@ module rockfall_case_keys
       key_t("release", "x", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "y", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "points", "text", 1, "absent", "", "", &
-            "layer of points, or CSV with x, y; their attributes say more: releases.md", in_scene, "points"), &
+            "layer of points, or CSV with x, y; their attributes: releases.md", in_scene, "points"), &
       key_t("release", "points_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("release", "cells", "text", 1, "absent", "", "", &
             "raster: cells above zero are sources", in_scene, "raster"), &
       key_t("release", "polygons", "text", 1, "absent", "", "", &
-            "polygons: cells inside are sources; their attributes say more: releases.md", in_scene, "layer"), &
+            "polygons: cells inside are sources; their attributes: releases.md", in_scene, "layer"), &
       key_t("release", "polygons_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("release", "name_field", "text", 1, "absent", "", "", &
             "attribute of points or polygons with the name; absent: name", in_scene), &
@@ -192,8 +192,8 @@ module rockfall_case_keys
             "layer"), &
       key_t("forest", "polygons_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
       key_t("forest", "stems", "text", 1, "absent", "", "", &
-            "raster of stems a hectare, of which trees are made", in_scene, "raster"), &
-      key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "as many everywhere", in_scene), &
+            "raster of stems a hectare, for random trees", in_scene, "raster"), &
+      key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "stems a hectare everywhere", in_scene), &
       key_t("forest", "dbh_mean", "text", 1, "absent", "", "", &
             "raster of mean diameters at breast height [cm]", in_scene, "raster"), &
       key_t("forest", "uniform_dbh_mean", "real", 1, "absent", "> 0", "cm", &
@@ -207,7 +207,7 @@ module rockfall_case_keys
       key_t("forest", "uniform_conifers", "real", 1, "absent", "0 to 100", "%", &
             "one percentage everywhere", in_scene), &
       key_t("forest", "spread", "text", 1, "'random'", "random, even", "", &
-            "random: stems anywhere; even: each cell has as many as its raster says", in_scene), &
+            "random: stems anywhere; even: each cell has the number of its raster", in_scene), &
       key_t("forest", "seed", "integer", 1, "1", ">= 0", "", "of the trees that are made", in_scene), &
       key_t("forest", "clear_of_sources", "real", 1, "0.0", "0 to 1000", "m", &
             "no stems within this distance of a source, in plan", in_scene), &
@@ -227,8 +227,8 @@ module rockfall_case_keys
             "place on the stem from which a hit is a scratch"), &
       key_t("forest", "turn_frontal", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", &
             "how often a frontal hit turns by 0-22.5, 22.5-67.5, 67.5-76 degrees, in any unit"), &
-      key_t("forest", "turn_lateral", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a lateral hit"), &
-      key_t("forest", "turn_scratch", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "the same of a scratch")]
+      key_t("forest", "turn_lateral", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "turn by a lateral hit"), &
+      key_t("forest", "turn_scratch", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "turn by a scratch")]
 
    type(key_t), parameter :: run_keys(*) = [ &
       key_t("flight", "gravity", "real", 1, "9.81", "> 0", "m/s2", "acceleration of gravity"), &
@@ -257,7 +257,7 @@ module rockfall_case_keys
             "in place of x and y: lines, whose attributes give what the group does not", file="layer"), &
       key_t("barrier", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
       key_t("barrier", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
-      key_t("dam", "name", "text", 1, "absent", "", "", "by which a variant knows it"), &
+      key_t("dam", "name", "text", 1, "absent", "", "", "for variants"), &
       key_t("dam", "x", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
       key_t("dam", "y", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
       key_t("dam", "height", "real", 1, "absent", "0.001 to 100", "m", "of the crest above the terrain below it", &
@@ -278,7 +278,7 @@ module rockfall_case_keys
       key_t("output", "energy_balance", "logical", 1, ".false.", "", "", &
             "what became of the energy of each boulder: ground, trees, barriers, left"), &
       key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", &
-            "record so many boulders, the first of each source in proportion to what it releases"), &
+            "number of boulders recorded, the first of each source in proportion to what it releases"), &
       key_t("output", "kept", "count", 1, "'all'", "all, none, 1 to 2147483647", "", &
             "boulders whose own numbers are kept; without all, statistics at lines are from sums and counts"), &
       key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "draws of all that is uncertain"), &
@@ -320,13 +320,13 @@ module rockfall_case_keys
             "of all cliffs together, for frequency_per = 'm'"), &
       key_t("scenario", "volume", "text", 1, "absent", "fixed, normal, uniform, lognormal, pareto, list", "", &
             "with its own keys, in place of all volume keys of &boulder"), &
-      key_t("scenario", "volume_mean", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
-      key_t("scenario", "volume_std", "real", 1, "absent", ">= 0", "m3", "in place of that of &boulder"), &
-      key_t("scenario", "volume_min", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
-      key_t("scenario", "volume_max", "real", 1, "absent", "> 0", "m3", "in place of that of &boulder"), &
-      key_t("scenario", "volume_exponent", "real", 1, "absent", "0.05 to 10", "", "in place of that of &boulder"), &
-      key_t("scenario", "volumes", "real", many, "absent", "> 0", "m3", "in place of those of &boulder"), &
-      key_t("scenario", "density", "real", 1, "absent", "> 0", "kg/m3", "in place of that of &boulder"), &
+      key_t("scenario", "volume_mean", "real", 1, "absent", "> 0", "m3", "instead of the key of &boulder"), &
+      key_t("scenario", "volume_std", "real", 1, "absent", ">= 0", "m3", "instead of the key of &boulder"), &
+      key_t("scenario", "volume_min", "real", 1, "absent", "> 0", "m3", "instead of the key of &boulder"), &
+      key_t("scenario", "volume_max", "real", 1, "absent", "> 0", "m3", "instead of the key of &boulder"), &
+      key_t("scenario", "volume_exponent", "real", 1, "absent", "0.05 to 10", "", "instead of the key of &boulder"), &
+      key_t("scenario", "volumes", "real", many, "absent", "> 0", "m3", "instead of the key of &boulder"), &
+      key_t("scenario", "density", "real", 1, "absent", "> 0", "kg/m3", "instead of the key of &boulder"), &
       key_t("hazard", "thresholds", "real", max_thresholds, "30.0, 300.0", "0 to 100000", "kJ", &
             "of energy, rising: of the maps ..._exceeded, and between classes of intensity"), &
       key_t("hazard", "return_periods", "real", max_periods, "30.0, 100.0, 300.0", "0.1 to 1e6", "year", &
@@ -339,16 +339,16 @@ module rockfall_case_keys
       key_t("hazard", "object_width", "real", 1, "10.0", "0 to 100", "m", &
             "of an object in the middle of each cell, for maps of hits; 0: a point"), &
       key_t("hazard", "minimum_area", "real", 1, "0.0", ">= 0", "m2", &
-            "of a zone: a smaller patch takes the class of the largest beside it"), &
+            "of a zone: a smaller patch takes the class of its largest neighbour"), &
       key_t("hazard", "minimum_width", "real", 1, "10.0", "0 to 1000", "m", &
             "of a zone: narrower parts are widened or take the next higher class; 0: zones follow cells"), &
       key_t("variant", "name", "text", 1, "required", "", "", "of a variant; that of its result's file, too"), &
       key_t("variant", "without", "text", 7, "absent", "barrier, dam, forest, surface, impact, boulder, release", "", &
             "groups of the case that it leaves out"), &
       key_t("variant", "barriers", "text", max_names, "absent", "", "", &
-            "names of those that it has; of a layer, its name or file's; absent: all"), &
+            "names of those included; of a layer, its name or file; absent: all"), &
       key_t("variant", "dams", "text", max_names, "absent", "", "", &
-            "names of those that it has; of a layer, its name or file's; absent: all"), &
+            "names of those included; of a layer, its name or file; absent: all"), &
       key_t("variant", "cost", "real", 1, "absent", ">= 0", "", "in any unit, for the report")]
 
    type(key_t), parameter :: own_keys(*) = [site_keys, run_keys]
@@ -378,7 +378,7 @@ contains
    end subroutine read_keys
 
    !> Add defaults for absent groups and keys, and check all against the table: an error has all faults of names and
-   !> values. A key is not called missing beside an unknown one, which may be that key misspelled.
+   !> values. No key is reported as missing next to an unknown key, which may be its misspelling.
    pure subroutine complete_keys(list, file, error)
       type(namelist_t), intent(inout) :: list
       character(len=*), intent(in) :: file  !! file name, for messages

@@ -23,7 +23,7 @@ module rockfall_grounds
    public :: read_ground, table_ground, read_yielding, read_stochastic, rest_angle_of_rocks, ground_parameter
    public :: model_names, table_model, max_grounds, rocks_of_model
 
-   integer, parameter :: max_grounds = huge(1_i1)  !! of a scene: their numbers are bytes
+   integer, parameter :: max_grounds = huge(1_i1)  !! of a scene, numbered in one byte
 
    !> Models, in the order of their numbers. The last two are of rows of a table of grounds, which a plane of tables
    !> serves (theory, chapter 5).

@@ -129,12 +129,12 @@ contains
 
       if (group%name /= "impact_set") then
          call fail(error, group%file//": line "//integer_text(group%line)//": &"//trim(group%name) &
-                   //": unknown group; known: &impact_set")
+                   //": unknown group, known: &impact_set")
          return
       end if
       do k = 1, size(group%entry)
          if (.not. any(keys == group%entry(k)%key)) then
-            call refuse(group, trim(group%entry(k)%key), "unknown key; known: "//joined(keys, ", "), error)
+            call refuse(group, trim(group%entry(k)%key), "unknown key, known: "//joined(keys, ", "), error)
             return
          end if
       end do

@@ -38,7 +38,7 @@ contains
       do g = 1, size(list%group)
          associate (group => list%group(g))
             if (.not. any(groups == group%name)) then
-               call fail(fault, location(group%line)//": unknown group; nearest: &" &
+               call fail(fault, location(group%line)//": unknown group, nearest: &" &
                          //joined(nearest(group%name, pack(groups, is_first(groups))), ", &"))
             else if (group%repeated .and. .not. (any(repeatable == group%name) .or. &
                                                  any(list%group(:g - 1)%name == group%name))) then
@@ -51,7 +51,7 @@ contains
             do e = 1, size(group%entry)
                if (any(groups == group%name .and. keys == group%entry(e)%key)) cycle
                call fail(fault, location(group%entry(e)%line)//" "//trim(group%entry(e)%key) &
-                         //": unknown key; nearest: " &
+                         //": unknown key, nearest: " &
                          //joined(nearest(group%entry(e)%key, pack(keys, groups == group%name)), ", "))
                call gather(fault, error)
             end do

@@ -404,7 +404,7 @@ contains
       fault = fault_of_values(name, values)
    end subroutine value_fault
 
-   !> What differs between two runs, of which theirs must begin ours; blank if nothing. Texts are joined by character 1
+   !> Difference between two runs; theirs must begin ours. Blank if none. Texts are joined by character 1
    !> in the order of identity_t; numbers are its integers, first those of boulders.
    subroutine run_difference(our_case, their_case, ours, theirs, numbers, corners, what)
       integer(c_int64_t), intent(in) :: our_case, their_case
@@ -664,7 +664,7 @@ contains
                       object_reach(opened%scene, opened%case))
    end subroutine reachable_box
 
-   !> Side length in cells of the blocks of which `scan_rows` takes the minimum elevation.
+   !> Side length in cells of the blocks whose minimum elevation `scan_rows` takes.
    subroutine block_of(nodes, side)
       integer(c_int), intent(in) :: nodes(2)
       integer(c_int), intent(out) :: side
@@ -788,7 +788,7 @@ contains
       slope = usual_threshold(cell)
    end subroutine slope_threshold
 
-   !> Set cells above zero to zero, in rows `first` (1..) and following, if they are not steep; of terrain_of.
+   !> Set cells above zero to zero from row `first` (1..) on if they are not steep; terrain of terrain_of.
    subroutine steep_cells(handle, threshold, first, cells, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nx, ny, first
@@ -939,7 +939,7 @@ contains
 
    !> Read a text in namelist format, by a form as in rockfall_handles: its handle, and the length of its values. Facts
    !> of a case, 1 or 0: it has trees; its sources are points; its boulders are those of the layer of sources; those of
-   !> rasters; rebounds follow a table of impacts where nothing else is said; boulders can have each block shape.
+   !> rasters; rebounds follow an impact table by default; boulders can have each block shape.
    subroutine read_values(form, text, name, handle, facts, length, code, message)
       character(len=*), intent(in) :: form, text, name
       integer(c_int64_t), intent(out) :: handle  !! 0 on error
@@ -1058,7 +1058,7 @@ contains
       call give_error(error, code, message)
    end subroutine refusal
 
-   !> Range of R_b of all but few boulders of a case, where it alone says their volumes [m].
+   !> Range of R_b of all but few boulders of a case, where it alone gives their volumes [m].
    subroutine usual_radii(case, radii)
       integer(c_int64_t), intent(in) :: case
       real(c_double), intent(out) :: radii(2)

@@ -49,7 +49,7 @@ contains
       type(error_t), allocatable, intent(inout) :: error
 
       if (case%variants == "") return
-      call fail(error, case%file//": &variant: has the variants "//case%variants//"; `rockfall prepare CASE DIR " &
+      call fail(error, case%file//": &variant: has the variants "//case%variants//": `rockfall prepare CASE DIR " &
                 //"--variant NAME` makes the case of one")
    end subroutine check_single
 

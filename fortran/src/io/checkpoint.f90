@@ -41,9 +41,9 @@ contains
       if (.not. path_exists(name)) return
       boulders = boulders_in(name)
       if (boulders < 0) then
-         call fail(error, name//": exists but is not a readable checkpoint; remove it, or choose another output")
+         call fail(error, name//": exists but is not a readable checkpoint: remove it, or choose another output")
       else if (.not. resume) then
-         call fail(error, name//": holds "//integer_text(boulders)//" boulders of a run that was stopped; go on with " &
+         call fail(error, name//": holds "//integer_text(boulders)//" boulders of a stopped run: continue with " &
                    //"--resume, or remove it")
       end if
    end subroutine check_checkpoint
@@ -92,7 +92,7 @@ contains
       if (status == 0) return
       if (this%kept > 0) then
          call fail(error, "interrupted: "//this%name//" holds "//integer_text(this%kept)//" of " &
-                   //integer_text(run%boulders)//" boulders; --resume goes on", status)
+                   //integer_text(run%boulders)//" boulders, --resume continues", status)
       else
          call fail(error, "interrupted; nothing was kept", status)
       end if

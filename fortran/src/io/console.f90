@@ -11,7 +11,7 @@ module rockfall_console
    private
    public :: arguments_t, read_arguments, stem, one_line, decimal
 
-   character(len=*), parameter :: see_help = "; see rockfall-batch --help"
+   character(len=*), parameter :: see_help = ": see rockfall-batch --help"
    character(len=*), parameter :: names(*) = [character(len=14) :: "output", "scene", "boulders", "boulders-total", &
                                               "seed", "threads", "shard", "checkpoint"]  !! options with a value
 

@@ -196,7 +196,7 @@ contains
       end associate
    end function described
 
-   !> Transfer all arrays of a part, of which the rows of the boulders done.
+   !> Transfer all arrays of a part, and the rows of the boulders done.
    subroutine pass_arrays(file, run, part)
       type(netcdf_file_t), intent(inout) :: file
       type(run_t), intent(in), target :: run
@@ -297,7 +297,7 @@ contains
       value = sum(integers_of(file, name, 1))
    end function integer_of
 
-   !> Return whether a file is a part with all boulders of a run of which none are done.
+   !> Return whether a file is a part with all boulders of a run and none of them done.
    logical function is_finished(name, inputs, run)
       character(len=*), intent(in) :: name
       type(inputs_t), intent(in) :: inputs
@@ -341,7 +341,7 @@ contains
          if (.not. good) call mark_damaged(file, "tally_shared_cell")
       end if
       if (.not. is_ok(file)) call fail_damaged(file, error)
-      if (allocated(error)) error%message = error%message//"; remove it to start again"
+      if (allocated(error)) error%message = error%message//": remove it to start again"
       call close_netcdf(file)
    end subroutine read_part
 
@@ -388,7 +388,7 @@ contains
       what = "layout"
       if (integer_of(file, "part_layout") == layout) what = difference(ours, theirs)
       if (what /= "") then
-         call fail(error, file%name//": belongs to a different run ("//what//" differs); remove it, or choose " &
+         call fail(error, file%name//": belongs to a different run ("//what//" differs): remove it, or choose " &
                    //"another output")
          return
       end if

@@ -82,12 +82,12 @@ contains
       associate (file => inputs%file)
          if (any(integers_of(file, "scene_layout", 1) /= layout)) then
             call fail(error, file%name//": is no scene file of layout "//integer_text(layout) &
-                      //"; `rockfall prepare` makes one")
+                      //": `rockfall prepare` makes one")
             return
          end if
          key = differing_key(keys_of(text_of(file, nf90_global, "case")), inputs%keys, of_arrays=.true.)
          if (key /= "") call fail(error, case%file//": "//key//": is not as in the case that "//file%name &
-                                  //" was made of; prepare again")
+                                  //" was made of: prepare again")
          inputs%case_file = text_of(file, nf90_global, "case_file")
          inputs%feature_names = ""
          inputs%input_warnings = text_of(file, nf90_global, "input_warnings")

@@ -689,7 +689,7 @@ contains
       end do
    end subroutine draw_set_rebounds
 
-   !> Go on redrawing a rebound that was not admissible.
+   !> Continue to redraw a rebound that was not admissible.
    subroutine redraw_single(scene, sets, k, c)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets

@@ -214,7 +214,7 @@ contains
    !> along the normal have no tangent; `table_contact` handles them.
    subroutine sort_contacts(b, first)
       type(table_batch_t), intent(inout) :: b
-      integer, intent(out) :: first(:)  !! first contact of each: 2*ground - 1 by a flight, 2*ground of those that roll
+      integer, intent(out) :: first(:)  !! first contact of each: 2*ground - 1 by a flight, 2*ground of rolls
       integer :: kind(lanes), place(size(first)), number(size(first)), landing(lanes), m, k
 
       number = 0

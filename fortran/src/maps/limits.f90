@@ -63,7 +63,7 @@ contains
             call fail(error, "&output maps: "//trim(names(k))//": the sum of "//integer_text(boulders) &
                       //" boulders can reach "//three_digits(max_total(k))//" "//trim(units(k)) &
                       //explanation(volume, fall)//": must be at most "//three_digits(limit(k)) &
-                      //"; use fewer or smaller boulders"//advice)
+                      //": use fewer or smaller boulders"//advice)
             return
          end if
       end do

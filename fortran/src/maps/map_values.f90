@@ -16,7 +16,7 @@ module rockfall_map_values
    integer, parameter :: min_for_mean = 10  !! passages below which the interval of a mean is not reliable
    integer, parameter :: min_for_std = 100  !! passages below which the interval of a standard deviation is not reliable
    integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! of bin counts, so that one more can still be counted
-   integer, parameter :: halvings = 5  !! of the number of columns, before the initial number is too small
+   integer, parameter :: halvings = 5  !! times that the number of columns may be halved
 
    !> Index of each tally in its stack of layers; 0 = not requested.
    type :: map_plan_t

@@ -43,7 +43,7 @@ module rockfall_maps
    type :: maps_t
       integer(i4), pointer, contiguous :: passages(:, :) => null()    !! boulders that passed
       integer(i4), pointer, contiguous :: deposits(:, :) => null()    !! boulders that came to rest there
-      integer(i4), pointer, contiguous :: sources(:, :) => null()     !! sources of which a boulder passed
+      integer(i4), pointer, contiguous :: sources(:, :) => null()     !! sources with a passing boulder
       integer(i4), pointer, contiguous :: released(:, :) => null()    !! boulders of these sources
       !> Last source counted here boulder by boulder (nx, ny, layers); see rockfall_source_maps.
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()
@@ -286,8 +286,8 @@ contains
       call raise_values(visits, speed2, spin, jump_height)
    end subroutine visit_cell
 
-   !> Raise the maxima of twice the energy in cells, of which the boulder visited many not long ago. Branchless: which
-   !> ones is unpredictable.
+   !> Raise the maxima of twice the energy in cells, many of them visited recently. Branchless, because the cells are
+   !> unpredictable.
    pure subroutine visit_nearby(visits, cell, energy)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: cell(:, :)    !! (column and row, cells), at most `spare_visits`

@@ -103,7 +103,7 @@ contains
       end if
    end subroutine count_source
 
-   !> Sources of which the range first..last contains some but not all boulders: none, one or two.
+   !> Sources with some but not all boulders in the range first..last: none, one or two.
    pure function partial_sources(release, first, last) result(sources)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: first, last
@@ -121,7 +121,7 @@ contains
       sources = pack(ends, partial)
    end function partial_sources
 
-   !> Source in the middle of which a range of boulders begins, 0 if none: later sources must not overwrite it in
+   !> Source that the beginning of a range of boulders cuts, 0 if none: later sources must not overwrite it in
    !> `last_source`.
    pure integer(i8) function first_partial(release, first)
       type(release_t), intent(in) :: release

@@ -43,9 +43,9 @@ module rockfall_impact_table
    real(wp), parameter, public :: usual_density = 2700         !! of boulders [kg/m3]
    real(wp), parameter, public :: usual_weight = usual_density*9.81_wp  !! [N/m3]
    integer, parameter :: window = 6      !! 1/window of a bin is eligible for a slow contact: see find_window
-   integer, parameter :: fewest = 16     !! or so many: boulders that land alike are not to hang on one or two
+   integer, parameter :: fewest = 16     !! fewest eligible records, so that identical landings differ
    integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken
-   !> A bin has at most so many parts, of which only one is searched. With 16, gfortran unrolls the loop, all scalar.
+   !> Maximum number of parts of a bin; only one is searched. With 16, gfortran unrolls the loop, all scalar.
    integer, parameter :: marks = 32
    integer, parameter :: edge_vector = 4 !! edges compared by one instruction
    integer, parameter :: vector = 8      !! records compared by one instruction; parts are multiples of it
@@ -234,9 +234,9 @@ contains
       beyond_ratios = ratio < table%size(1) .or. ratio > table%size(size(table%size))
    end function beyond_ratios
 
-   !> Find the part of a table that serves a boulder: of the two columns beside its size one, and of the two rows beside
-   !> its relief one, with probabilities that interpolate linearly in the logarithm of the size and in the relief. A
-   !> boulder that meets strong ground does so on its whole way, and on all grounds (theory, eq. 5.25).
+   !> Find the part of a table that serves a boulder: one of the two nearest columns for its size and one
+   !> of the two nearest rows for its relief, with probabilities that interpolate linearly in the logarithm of the size
+   !> and in the relief. A boulder on strong ground is so on its whole path, and on all grounds (theory, eq. 5.25).
    pure subroutine find_part(table, radius, density, gravity, ratio, soil, part, key)
       type(impact_table_t), intent(in) :: table
       real(wp), intent(in) :: radius, density, gravity  !! R_b [m], of the boulder [kg/m3], [m/s2]

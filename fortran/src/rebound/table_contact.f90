@@ -157,7 +157,7 @@ contains
       touch%rolling = rolls
    end subroutine end_touch
 
-   !> Return 1 if the sequence of records of the laboratory goes on, else 0.
+   !> Return 1 if the next contact follows the recorded sequence, else 0.
    elemental real(wp) function keeps_sequence(off, rolled, rolls)
       real(wp), intent(in) :: off            !! from find_slide: 1 or 0
       real(wp), intent(in) :: rolled, rolls  !! stays on the ground, in the laboratory and here: 1 or 0

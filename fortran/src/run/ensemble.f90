@@ -278,7 +278,7 @@ contains
       end do
    end function last_small_source
 
-   !> Trace one boulder and keep its trajectory in `scratch%record`, which has space for so many vertices, and counts
+   !> Trace one boulder and keep its trajectory in `scratch%record`, which has space for them, and counts
    !> all.
    subroutine trace_boulder(scene, number, max_vertices, result, scratch)
       type(scene_t), intent(in) :: scene

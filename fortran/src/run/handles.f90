@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Cases, scenes and runs behind handles, for callers in other languages: a case is read once, others are made of it by
 !> changes; an empty scene receives its arrays by name and is built once; runs of it advance in chunks and list their
-!> arrays. What callers may ask for is checked here.
+!> arrays. Requests of callers are checked here.
 module rockfall_handles
    use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
    use rockfall_kinds, only: wp, sp, i4, i8
@@ -31,7 +31,7 @@ module rockfall_handles
    private
    public :: case_handle_t, scene_handle_t, run_handle_t, case_at, scene_at, run_at, new_scene, close_handle
 
-   !> Case behind a handle, or another text in namelist format, of which only the groups are read.
+   !> Case behind a handle, or another text in namelist format, for its groups alone.
    type :: case_handle_t
       type(namelist_t) :: list
       type(case_t) :: case
@@ -282,7 +282,7 @@ contains
       associate (last => this%run%before + this%run%boulders)
          if (n < 0 .or. first <= this%run%before .or. first + (n - 1)*step > last) then
             done = 0
-            call fail(error, "the run does not have so many boulders left")
+            call fail(error, "the run has fewer boulders left")
             return
          end if
       end associate

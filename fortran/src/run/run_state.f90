@@ -192,7 +192,7 @@ contains
       if (.not. fit) call report_memory(run, error)
    end subroutine continue_run
 
-   !> Add a part to a run. Where not all rows are kept, those of the part follow those of earlier arrivals.
+   !> Add a part to a run. If not all rows are kept, rows of the part follow the rows of earlier parts.
    subroutine merge_run(run, part, error)
       type(run_t), intent(inout) :: run
       type(run_t), intent(in) :: part
@@ -671,7 +671,7 @@ contains
       call table%add("sample", "group_part", ["sample_group"], run%layout%group_part)
    end subroutine add_sample_arrays
 
-   !> Add the stacks of maps (columns, rows, layers), of which files contain the cells reached by boulders; and, after
+   !> Add the stacks of maps (columns, rows, layers); files contain the cells reached by boulders. Also add, after
    !> `settle_partial_sources`, the cells of partial sources.
    subroutine add_map_arrays(run, table)
       type(run_t), intent(in), target :: run

@@ -88,7 +88,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (case%unread /= "") then
-         call fail(error, case%unread//": is a layer; `rockfall prepare` writes its coordinates into the case")
+         call fail(error, case%unread//": is a layer: `rockfall prepare` writes its coordinates into the case")
          return
       end if
       scene%key = random_key(case%seed)

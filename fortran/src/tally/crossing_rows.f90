@@ -234,7 +234,7 @@ contains
       end do
    end function end_of
 
-   !> Merge the first `n` of an order with the others, each of which rise.
+   !> Merge the first `n` of an order with the others; both parts rise.
    pure subroutine merge_two(number, order, n, merged)
       integer(i8), intent(in) :: number(:), order(:), n
       integer(i8), intent(out) :: merged(:)

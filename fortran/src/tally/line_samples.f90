@@ -13,7 +13,7 @@ module rockfall_line_samples
    public :: layout_t, layout_of, add_end, add_crossings, line_quantities, place_along, point_along
    public :: line_quantity, end_quantity, units_of, n_quantities, tails
 
-   !> Quantities at a line, of which the first may have a tail; quantities at the end of a boulder.
+   !> Quantities at a line; the first may have a tail; quantities at the end of a boulder.
    character(len=20), parameter :: line_quantity(*) = [character(len=20) :: &
       "speed", "jump_height", "passing_height", "energy_translational", "energy_rotational", "energy_total", "omega", &
       "rotational_share", "upper_edge", "normal_height", "normal_upper_edge", "position"]
@@ -116,7 +116,7 @@ contains
       type(line_t), intent(in) :: line
       real(wp), intent(in) :: origin(2)         !! of local coordinates [m]
       real(wp), intent(in) :: volumes(:)        !! of the boulders [m3]
-      integer, intent(in) :: sources(:)         !! numbers
+      integer, intent(in) :: sources(:)         !! source numbers
       real(wp), intent(in) :: crossings(:, :)   !! (line_fields, boulders)
       real(wp) :: values(size(volumes), n_quantities)
       integer :: k

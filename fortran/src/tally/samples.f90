@@ -159,7 +159,7 @@ contains
       end do
       do n = 1, samples%blocks
          if (from(n) == n) cycle
-         moved = samples%counts(:, n)  ! begin of a cycle of blocks, each of which takes the place of another
+         moved = samples%counts(:, n)  ! begin of a cycle of blocks, each block replaces another
          place = n
          do
             next = from(place)

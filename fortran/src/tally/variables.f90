@@ -38,13 +38,13 @@ module rockfall_variables
    character(len=*), parameter :: ends = "the first and the last bin also hold what lies beyond"
    character(len=*), parameter :: in_classes = "from counts of classes 14 to 25 % wide"
    character(len=*), parameter :: order_statistics = &
-      "of independent boulders; holds 95 % or more for given sources; none if too few"
+      "independent boulders, coverage 95 % or more for given sources, none if too few"
    character(len=*), parameter :: lower = "lower limit of the 95 % interval of "
    character(len=*), parameter :: upper = "upper limit of the 95 % interval of "
    character(len=*), parameter :: by_cell = "jump height + R / cos(slope of the cell)"
    character(len=*), parameter :: to_middle = "below the horizontal, to the ground in the middle of the cell"
    character(len=*), parameter :: given_sources = &
-      "Wilson (1927): of independent boulders; holds 95 % or more for given sources"
+      "Wilson (1927), independent boulders, coverage 95 % or more for given sources"
 
    character(len=*), parameter :: energies = " of the passing boulders' maximum energies"
    character(len=*), parameter :: speeds = " of the passing boulders' maximum speeds"
@@ -267,13 +267,13 @@ module rockfall_variables
       variable_t("status", "absorbed", "word", "", "met material that absorbs"), &
       variable_t("status", "left_domain", "word", "", "left the terrain between its outer cell centres"), &
       variable_t("status", "impact_limit", "word", "", &
-                 "still moving after as many contacts as allowed"), &
+                 "still moving at the limit of contacts"), &
       variable_t("status", "hit_nodata", "word", "", "met terrain without elevation"), &
       variable_t("status", "stopped_by_tree", "word", "", "lost its energy at a tree"), &
       variable_t("status", "stopped_by_barrier", "word", "", "lost its energy at a barrier"), &
       variable_t("outcome", "stopped", "word", "", &
                  "came to rest there: the barrier took all energy or left less than the stop speed"), &
-      variable_t("outcome", "broken_through", "word", "", "went on with what the barrier did not take"), &
+      variable_t("outcome", "broken_through", "word", "", "continued with the remaining energy"), &
       variable_t("outcome", "passed_over", "word", "", "its centre was above the top edge each time"), &
       variable_t("leg", "flight", "word", "", "in the air"), &
       variable_t("leg", "ground", "word", "", "rolls or slides along the ground"), &

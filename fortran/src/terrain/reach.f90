@@ -22,7 +22,7 @@ module rockfall_reach
 
 contains
 
-   !> Side length in cells of the blocks, of which only the minimum elevation is stored.
+   !> Side length in cells of the blocks; only their minimum elevation is stored.
    pure integer function block_side(nodes)
       integer, intent(in) :: nodes(2)  !! columns, rows of the raster
 

@@ -68,7 +68,7 @@ contains
       result%breakages = result%breakages + 1
    end subroutine break_boulder
 
-   !> Fragment k of the broken piece in the work space, ready to set out. Its path goes on with that of the piece; its
+   !> Fragment k of the broken piece in the work space, ready to set out. Its path continues that of the piece; its
    !> counts begin at zero. The speed of its centre and W are those of the piece times sqrt(kept_energy).
    pure type(piece_t) function fragment_piece(scene, scratch, k, number) result(piece)
       type(scene_t), intent(in) :: scene

@@ -34,7 +34,7 @@ module rockfall_crossings
       integer, allocatable :: place(:)        !! of each line among these; 0: none; not allocated once it has ended
    end type crossings_t
 
-   integer, parameter :: first_room = 4  !! for so many crossings
+   integer, parameter :: first_room = 4  !! initial capacity [crossings]
 
 contains
 
@@ -91,7 +91,7 @@ contains
       crossings%at(k)%line = line
    end subroutine record_crossing
 
-   !> Allocate crossings of so many lines.
+   !> Allocate crossings of this number of lines.
    pure subroutine start_crossings(lines, crossings)
       integer, intent(in) :: lines
       type(crossings_t), intent(out) :: crossings

@@ -50,7 +50,7 @@ module rockfall_fragments
       integer(i8), allocatable :: by_ground(:)
       type(crossings_t), allocatable :: crossings
       real(wp), allocatable :: raised(:, :)  !! (3, lines): highest jump, centre and upper edge of those there [m]
-      real(wp), allocatable :: energy(:)     !! largest of those that crossed, per line [J]
+      real(wp), allocatable :: energy(:)     !! largest of the crossing fragments, per line [J]
       type(record_t) :: path         !! of the one that came farthest
    end type all_pieces_t
 
@@ -305,7 +305,7 @@ contains
       all%fragments = fragments
    end subroutine add_crossing
 
-   !> The outcome of two at a barrier that says more of what lies below it.
+   !> Outcome at a barrier, of two, that is more severe for what lies below it.
    pure integer(i1) function more_severe(a, b)
       integer(i1), intent(in) :: a, b
 

@@ -15,7 +15,7 @@ module rockfall_outcome
    !> Status codes, in the order of the table of rockfall_variables; 0 while a boulder moves.
    integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5, &
                          stopped_by_tree = 6, stopped_by_barrier = 7
-   integer, parameter :: broken = -2       !! broke into fragments, which go on; never in results
+   integer, parameter :: broken = -2       !! broke into fragments, which continue; never in results
    integer, parameter :: left_window = -1  !! reached the edge of the loaded window: traced again; never in results
 
    !> Energy balance of a boulder: released = ground + trees + barriers + left + breakage [J].

@@ -76,7 +76,7 @@ class DesignBlock:
 
     `levels`: a row for each return period; `volume` is NaN where `refused` gives a reason, and
     `extrapolated` where it is larger than any surveyed block; `power_law` is the volume by that
-    distribution. `scenario` holds the keys of `&scenario`, None if the power law has none.
+    distribution. `scenario` has the keys of `&scenario`, None if the power law gives no scenario.
     """
 
     survey: Survey
@@ -186,7 +186,7 @@ def _fit(survey: Survey, threshold: float | None) -> Fit:
             best = max(fit.p_value for fit in tried) if tried else 0.0
             raise RockfallError(
                 f"{survey.name}: above no threshold a generalised Pareto distribution fits (p = "
-                f"{best:.2g}); give the threshold"
+                f"{best:.2g}): give the threshold"
             )
         fit = lowest
     if not -MAX_SHAPE < fit.shape < HEAVIEST:
@@ -216,7 +216,7 @@ def _fit_above(ordered: np.ndarray, threshold: float) -> Fit:
 
 
 def _tried(survey: Survey) -> Iterator[Fit]:
-    """Fits above increasing thresholds, from the smallest dated block on: the dates do not tell
+    """Fits above increasing thresholds, from the smallest dated block on: the dates do not show
     about smaller ones."""
     ordered = survey.volumes
     most = min(int((ordered > survey.dated.min()).sum()), ordered.size - 1)
@@ -357,7 +357,7 @@ class _Likelihood:
 def _scenario(
     survey: Survey, fit: Fit, law: PowerLaw, period: float, volume_max: float | None
 ) -> tuple[dict[str, Any] | None, list[str]]:
-    """Keys of `&scenario` for the power law, and what is to be known about them."""
+    """Keys of `&scenario` for the power law, and notes on them."""
     largest = float(survey.volumes.max())
     top = volume_max or max(largest, law.volume(BEYOND * period))
     scenario = {
@@ -408,7 +408,7 @@ def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> It
     if (p := _same_volumes(survey, fit.threshold)) < REJECTED:
         yield (
             f"dated blocks have other volumes than the others (p = {p:.2g}): one of the lists "
-            "lacks blocks; try a higher threshold"
+            "lacks blocks: try a higher threshold"
         )
     if rate.dispersion > 1:
         yield (

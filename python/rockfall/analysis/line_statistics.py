@@ -86,7 +86,7 @@ def line_statistics(
     for chosen_quantity in chosen_quantities:
         if chosen_quantity not in known_quantities:
             all_ = ", ".join(known_quantities)
-            raise RockfallError(f"quantities: no quantity '{chosen_quantity}'; there are {all_}")
+            raise RockfallError(f"quantities: no quantity '{chosen_quantity}', there are {all_}")
     samples = LineSamples(result)
     parts = samples.groups(by, classes) if by else [("", None)]
     rows = []
@@ -159,7 +159,7 @@ def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
 
 
 def withheld(row: Mapping[str, float]) -> list[str]:
-    """Numbers of a row for which too few boulders give an interval, or one of its limits."""
+    """Numbers of a row without an interval, or without one of its limits: too few boulders."""
     return [
         name
         for name in ("mean", "std", *map(quantile_name, QUANTILES))

@@ -15,7 +15,7 @@ OF_VOLUMES = (  # keys of &boulder, without the list of volumes, which may be lo
 
 
 def population_notes(case: Case, yearly: bool = False) -> Iterator[Text]:
-    """Notes on the boulders that numbers of a case are of, of which some are `yearly` ones over
+    """Notes on the boulders behind the numbers of a case; some numbers are `yearly`, over
     its scenarios."""
     given = {key: case.boulder[key] for key in keys_of("boulder") if key in case.boulder}
     volumes = [f"{key} = {literal(value)}" for key, value in given.items() if key in OF_VOLUMES]

@@ -221,7 +221,7 @@ def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str |
 
 
 def _rising(levels: dict[int, Level]) -> dict[int, Level]:
-    """Levels of which no value and no limit is below that of a more frequent one: some are from the
+    """Levels whose values and limits do not fall from more to less frequent: some are from the
     sample, others from its tail."""
     least: tuple[float, ...] = (-np.inf,) * 3
     rising = dict(levels)

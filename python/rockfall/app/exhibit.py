@@ -78,7 +78,7 @@ class Exhibit:
             self._tell(kind, message)
 
     def close(self) -> None:
-        """End nothing: nothing goes on."""
+        """End nothing: nothing is running."""
 
     def look(self, view: View) -> None:
         """Change what is shown."""

@@ -155,13 +155,13 @@ class Live:
                 self._wake.notify()
 
     def compare(self, variant: str) -> None:
-        """Run a variant of the case as opened besides the document, to compare it."""
+        """Run a variant of the opened case in addition to the document, for a comparison."""
         with self._wake:
             self._compared.append(self.site.variants.documents[variant])
             self._wake.notify()
 
     def run(self, running: bool) -> None:
-        """Go on, or pause."""
+        """Continue or pause the run."""
         with self._wake:
             self.running = running
             self._wake.notify()
@@ -175,8 +175,8 @@ class Live:
             self._session.close()
 
     def _works(self, work: Callable[[], None]) -> bool:
-        """Return True if some work ends without an error, of which the page is to know: it may go
-        on with another edit."""
+        """Run `work`; report an error to the page and return False, so that the next edit can still
+        run."""
         try:
             work()
             return True
@@ -193,7 +193,7 @@ class Live:
         self._send("terrain", self._ground.message())
 
     def _step(self) -> None:
-        """Take what is pending, or go on with the run."""
+        """Do pending work, or continue the run."""
         with self._wake:
             while not self._closed and not self._has_work():
                 self._wake.wait()
@@ -222,7 +222,7 @@ class Live:
         return goes_on or bool(self._compared) or any(work is not None for work in wanted)
 
     def _take(self, document: Document, revision: int, error: Refused | None) -> None:
-        """Take over a document, tell its errors, and begin its run if there are none."""
+        """Take over a document, report its errors, and start its run if there are none."""
         self._progress = None
         errors: list[dict[str, str]] = []
         warnings: list[str] = []
@@ -338,11 +338,11 @@ class _Progress:
         self._told = 0  # boulders of the last message
 
     def has_work(self, running: bool) -> bool:
-        """Return True if there is something to simulate, or to tell."""
+        """Return True if there is something to simulate or to report."""
         return (running and not self.over) or self.told_running != running
 
     def step(self, running: bool) -> bool:
-        """Advance the run, and send results if they are due, at last those of lines that are not in
+        """Advance the run, and send results when it is time, at last those of lines that are not in
         view; False at its end."""
         if not running:
             self._tell(running)

@@ -66,7 +66,7 @@ class Room:
 
     @property
     def is_empty(self) -> bool:
-        """Return True if no page is there."""
+        """Return True if no page is open."""
         return not self._clients
 
     @property
@@ -75,7 +75,7 @@ class Room:
         return self._task is not None
 
     def close(self) -> None:
-        """End the live run, and what else goes on."""
+        """End the live run and all other work."""
         if (task := self._task) is not None:
             task.cancel()
             task.wait()
@@ -105,7 +105,7 @@ class Room:
                     self._set_writer(self._clients[0])
 
     def take(self, client: Client, text: str) -> None:
-        """Do what a page asks for, or tell it why not."""
+        """Run a request of a page, or report why not."""
         with speaking(client.language):
             task = ""
             try:

@@ -58,7 +58,7 @@ def bind(port: int) -> socket.socket:
 
 
 def check_page(page: Path) -> None:
-    """Refuse to go on without the page, which is built and not stored."""
+    """Refuse to start without the page, which is built and not stored."""
     if not (page / "app.js").is_file():
         raise RockfallError("the page of the window has not been built: `./run page` builds it")
 
@@ -111,7 +111,7 @@ class Server:
         self._opening.set_result(room)
 
     def refuse(self, error: RockfallError) -> None:
-        """Tell the first page that comes why there is no room, and stop; from any thread."""
+        """Report to the first page why there is no room, and stop; from any thread."""
         self._opening.set_exception(error)
 
     def _app(self, page: Path) -> Starlette:
@@ -198,7 +198,7 @@ class Server:
 
 
 async def _listen(socket: WebSocket, room: Room, client: Client) -> None:
-    """Do what a page asks for, one message after the other."""
+    """Run the requests of a page, one message after the other."""
     while True:
         text = await _text(socket)
         await asyncio.to_thread(room.take, client, text)

@@ -143,7 +143,7 @@ class Task:
         raise Stopped
 
     def _phase(self, text: str, done: int = 0, total: int = 0, left: float | None = None) -> None:
-        """Tell how far the work is; total 0: not known."""
+        """Report the progress of the work; total 0: not known."""
         self._send(*self._about("progress", phase=text, done=done, total=total, seconds_left=left))
 
     def _refusal(self, text: str) -> tuple[str, str]:
@@ -162,18 +162,18 @@ class _Clock:
         self._begun, self._before = time.perf_counter(), 0
 
     def start(self, done: int) -> None:
-        """Begin a run of which some boulders are done."""
+        """Begin a run with some boulders done."""
         self._begun, self._before = time.perf_counter(), done
 
     def tell(self, done: int, total: int) -> None:
-        """Tell how far the run is."""
+        """Report the progress of the run."""
         spent = time.perf_counter() - self._begun
         left = spent / (done - self._before) * (total - done) if done > self._before else None
         self._tell(self.what, done, total, left)
 
 
 class _Watched(Checkpoint):
-    """Checkpoint of a run whose progress is told."""
+    """Checkpoint of a run whose progress is reported."""
 
     def __init__(self, output: Path, clock: _Clock) -> None:
         super().__init__(output, SAVE_SECONDS, self._note)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The case: what a run is told. The kernel reads, completes and checks it; here are a view of it, a
-writer, and what other rooms ask of it."""
+"""The case: the inputs of a run. The kernel reads, completes and checks it; here are a view of it,
+a writer, and functions for other packages."""
 
 from rockfall.case.case import (
     FROM_ARRAY,

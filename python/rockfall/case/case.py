@@ -251,9 +251,9 @@ class Facts(NamedTuple):
 
     has_forest: bool
     has_points: bool  # sources are points, not cells
-    by_layer: bool  # the layer of sources says what its boulders are
-    by_raster: bool  # rasters say it
-    by_table: bool  # a table of impacts is the operator where nothing else is said
+    by_layer: bool  # attributes of the source layer give the boulders
+    by_raster: bool  # rasters give the boulders
+    by_table: bool  # an impact table is the default operator
     is_compact: bool  # boulders of the case can have this block shape
     is_elongated: bool
     is_platy: bool

@@ -50,7 +50,7 @@ def read_names(case: Case) -> list[str]:
 
 
 def group_files(case: Case, group: str) -> Iterator[Path]:
-    """All files that one group of a case names, with those that may come to lie beside them."""
+    """All files that one group of a case names, with possible companion files."""
     for key, name in case.files():
         if key.group != group or name == FROM_ARRAY:
             continue

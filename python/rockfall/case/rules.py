@@ -123,8 +123,8 @@ def _scenario(groups: Groups, number: int, at_points: bool) -> Broken:
 
 
 def _variant(variants: list[Groups], number: int) -> Broken:
-    """A variant must not contradict itself; the case that it makes is checked when it is made. Its
-    name is that of a file."""
+    """Check that a variant does not contradict itself, and that its name can be a file name. The
+    case of the variant is checked when it is made."""
     *earlier, given = variants[:number]
     name = given["name"]
     if len(name.encode()) > MAX_NAME:
@@ -145,5 +145,5 @@ def _variant(variants: list[Groups], number: int) -> Broken:
 
 
 def _lower(name: str) -> bytes:
-    """Name in lower case (ASCII): file systems may not tell A from a."""
+    """Name in lower case (ASCII): file systems may ignore case."""
     return name.encode().lower()

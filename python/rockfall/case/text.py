@@ -70,7 +70,7 @@ def read_values(text: bytes, name: str, form: str = "any") -> KernelValues:
 
 
 def remember(text: bytes, name: str, form: str, values: KernelValues) -> None:
-    """Keep the values of a text, as that of a result's case, which is often asked for."""
+    """Keep the values of a text, as that of a result's case, which is often needed."""
     _READ[text, name, form] = values
     for oldest in [*_READ][:-KEPT]:
         _READ.pop(oldest, None)
@@ -85,7 +85,7 @@ def changed_values(
 
 
 def read_groups(text: str, name: str) -> dict[str, dict[str, Any]]:
-    """Values of a text in which each group is there once."""
+    """Values of a text with each group once."""
     return {group.name: group.given for group in read_values(text.encode(), name).groups}
 
 

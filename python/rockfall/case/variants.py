@@ -61,7 +61,7 @@ def chosen_variant(case: Case, name: str | None) -> Case:
 
 
 def check_single(case: Case) -> None:
-    """Refuse a case with variants, of which a run needs one."""
+    """Refuse a case with variants: a run needs one of them."""
     if case.variant:
         names = ", ".join(variant["name"] for variant in case.variant)
         raise RockfallError(

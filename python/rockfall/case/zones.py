@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones of the surface of a case: the rows of their table, or what their polygons say of
+"""Zones of the surface of a case: the rows of their table, or the attributes of
 themselves."""
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ def polygon_zones(
     path = case.path(surface["zones"])
     if surface["zones"] == FROM_ARRAY or path.suffix.lower() not in EXTENSIONS:
         raise RockfallError(
-            f"{case.name}: &surface table is missing: needed to say what the zones are made of"
+            f"{case.name}: &surface table is missing: it gives the ground of the zones"
         )
     columns = read_attributes(path, "polygons", surface.get("zones_layer"), "zones_layer")
     ids, zones, own = zones_of_polygons(columns, str(path), surface["zone_field"], remarks)
     if "default_zone" in surface and not own:
         raise RockfallError(
             f"{case.name}: &surface default_zone = {surface['default_zone']}: needs an integer "
-            f"attribute {surface['zone_field']} that tells zones apart, or a table"
+            f"attribute {surface['zone_field']} that distinguishes zones, or a table"
         )
     return ids, zones

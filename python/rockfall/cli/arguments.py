@@ -49,7 +49,7 @@ class _Parser(argparse.ArgumentParser):
         for option in (word.partition("=")[0] for word in message.split()):
             if option in _GONE:
                 raise RockfallError(f"{option}: {_GONE[option]}")
-        raise RockfallError(f"{message}; see {self.prog} --help")
+        raise RockfallError(f"{message}: see {self.prog} --help")
 
 
 class _Step(argparse.Action):
@@ -144,11 +144,11 @@ def _add_draft(commands: _Commands) -> None:
     new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=text)
     _option(new, "-o --output CASE.nml", Path, required=True)
     text = (
-        "of the zone with this name or id, or of those that say none: talus, rocky-slope, rock, "
-        "meadow, vegetated-soil, compact, soft-soil or another ground; several times"
+        "of this zone, or of zones without one: talus, rocky-slope, rock, meadow, vegetated-soil, "
+        "compact, soft-soil or another ground (repeatable)"
     )
     _option(new, "--ground [ZONE=]GROUND", str, text, action="append")
-    text = "make a DEM of surveyed points, or edit one: edits in the order in which they are given"
+    text = "make a DEM of surveyed points, or edit one: edits are applied in the given order"
     dem = _add(commands, "draft", "dem", text)
     text = "points.csv with x, y, z; point clouds (.las, .laz, .xyz), several too; or a DEM"
     dem.add_argument("input", metavar="FILE", type=Path, nargs="+", help=text)
@@ -157,7 +157,7 @@ def _add_draft(commands: _Commands) -> None:
     text = "side of a cell; default: spacing of a grid, else 1, 2, 5..., at most the mean spacing"
     _option(points, "--cell M", float, text)
     _option(points, "--power P", float, "points weigh 1/distance**P; default: 2")
-    _option(points, "--neighbours N", int, "points of which a cell is made, at most; default: 12")
+    _option(points, "--neighbours N", int, "maximum number of points per cell; default: 12")
     _option(
         points,
         "--within M",
@@ -191,7 +191,7 @@ def _add_app(commands: _Commands) -> None:
     app.add_argument("path", metavar="PATH", type=Path, nargs="?", help=text)
     _option(app, "--language XX", str, "de, en, fr or it; default: that of the browser", default="")
     _option(app, "--port N", int, "port on this machine; default: any that is free", default=0)
-    _switch(app, "--keep", "go on when the last page has closed, until Ctrl-C")
+    _switch(app, "--keep", "keep running when the last page has closed, until Ctrl-C")
     _switch(app, "--no-browser", "print the address only")
 
 
@@ -235,7 +235,7 @@ def _add_memory(command: argparse.ArgumentParser) -> None:
 
 
 def _add_resume(command: argparse.ArgumentParser, place: str) -> None:
-    _switch(command, "--resume", "go on from the last checkpoint, if any")
+    _switch(command, "--resume", "continue from the last checkpoint, if any")
     text = f"between checkpoints, in {place}; default: 60, 0 = none"
     _option(command, "--checkpoint SECONDS", float, text, default=60.0)
 
@@ -250,7 +250,7 @@ def _add_overrides(command: argparse.ArgumentParser) -> None:
 
 
 def _add_studies(commands: _Commands) -> None:
-    text = "run a case over its uncertain inputs, and say which of them matter"
+    text = "run a case over its uncertain inputs, and rank them by effect"
     vary = _add(commands, "studies", "ensemble", text, "CASE")
     _option(vary, "-o --output OUT", Path, "OUT.nc, or a table OUT.csv")
     _option(vary, "--runs M", int, "draws of the uncertain inputs")
@@ -288,18 +288,18 @@ def _add_studies(commands: _Commands) -> None:
     text = "run a case by every rebound model, with common random numbers"
     every = _add(commands, "studies", "models", text, "CASE")
     _option(every, "-o --output DIR", Path, "default: CASE_models")
-    text = "a ground, in place of those that stand for rocks; several: --ground A --ground B"
+    text = "a ground, in place of the grounds for rocks; several: --ground A --ground B"
     _option(every, "--ground NAME", str, text, action="append", default=[])
     text = "a table of impacts as well; several: --table A --table B"
     _option(every, "--table NAME", str, text, action="append", default=[])
     _add_overrides(every)
-    text = "set a case by every law of rebound beside what was observed at its site"
+    text = "compare a case by every rebound model with observations at its site"
     site = _add(commands, "studies", "validate", text, "CASE")
     site.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
     _option(site, "-o --output TABLE.csv", Path, "all numbers as CSV")
     text = "a table of impacts; several: --table A --table B; default: all that are shipped"
     _option(site, "--table NAME", str, text, action="append", default=[])
-    text = "runs of each law, by seeds after the case's; default: %(default)s"
+    text = "runs of each model, by seeds after the case's; default: %(default)s"
     _option(site, "--seeds N", int, text, default=5)
     _add_overrides(site)
     text = "measure how a case's numbers converge, and the cost"
@@ -403,7 +403,7 @@ def _add_results(commands: _Commands) -> None:
     _add_design(commands)
     for verb in figures, report:
         _option(verb, "--dem FILE", Path, "default: the case's, if found")
-        _option(verb, "--observed CSV", Path, "drawn beside it", nargs="+")
+        _option(verb, "--observed CSV", Path, "drawn next to it", nargs="+")
         _option(verb, "--basemap FILE", Path, "a picture below the maps")
         _option(verb, "--limits UNIT=LIMITS", str, "of classes: kJ=30,300 m=1,5", nargs="+")
 
@@ -431,7 +431,7 @@ def _add_imprint(command: argparse._ActionsContainer, where: str, what: str = ""
     _option(command, "--language XX", str, help_text, default="en")
     for name, help_text in (
         ("project", "its name or number"),
-        ("client", "who asked"),
+        ("client", "client of the report"),
         ("author", "who signs"),
     ):
         command.add_argument(f"--{name}", metavar="TEXT", default="", help=f"{help_text}; {where}")
@@ -453,7 +453,9 @@ def _add_design(commands: _Commands) -> None:
     _option(sheet, "--width M", float, "of windows along the line; default: 10")
     _option(sheet, "--min-boulders N", int, "boulders that a window needs; default: 50")
     block = sheet.add_argument_group("block of a return period")
-    text = "print the block that is exceeded once in so many years, from the survey --blocks; of a "
+    text = (
+        "print the block that is exceeded once in a return period, from the survey --blocks; of a "
+    )
     text += "hazard: in which a barrier may let one boulder pass (default: 100)"
     _option(block, "--return-period YEARS", float, text)
     _option(block, "--years YEARS", float, "in which each fall of a block was recorded")
@@ -493,7 +495,7 @@ def _add_site(commands: _Commands) -> None:
 
 
 def _add_conditions(command: argparse.ArgumentParser) -> None:
-    """Add the options that decide on what a standard asks for."""
+    """Add the options for the requirements of a standard."""
     for key, default, does in (
         ("standard", "UNI", "UNI (11211-4) or ONR (24810)"),
         ("survey", "poor", "of the topography: good or poor"),
@@ -504,7 +506,7 @@ def _add_conditions(command: argparse.ArgumentParser) -> None:
     ):
         text = f"{does}; default: {default}"
         command.add_argument(f"--{key}", metavar=key.upper().replace("-", "_"), help=text)
-    text = "of the design block; default: a quantile of those that come"
+    text = "of the design block; default: a quantile of the arriving boulders"
     _option(command, "--volume M3", float, text)
     _option(command, "--factors CSV", Path, FACTORS)
     _option(command, "--costs CSV", Path, COSTS)

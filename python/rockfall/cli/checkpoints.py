@@ -53,7 +53,7 @@ def study_checkpoints(
         checkpoint = Checkpoint(output, arguments.checkpoint or math.inf, warn, keep=True)
         if (done := checkpoint.found()) and not arguments.resume:
             raise RockfallError(
-                f"{checkpoint.path}: holds {done:,} boulders of {study} that was stopped; go on "
+                f"{checkpoint.path}: holds {done:,} boulders of {study}, stopped: continue "
                 "with --resume, or remove it"
             )
         paths.append(checkpoint)
@@ -66,5 +66,6 @@ def study_interrupted(checkpoints: Iterable[Checkpoint]) -> int:
     if not kept:
         raise KeyboardInterrupt
     return say(
-        f"interrupted: {', '.join(kept)}: hold what is done; --resume goes on", exit_status()
+        f"interrupted: {', '.join(kept)}: boulders done are saved, --resume continues",
+        exit_status(),
     )

@@ -22,7 +22,7 @@ from rockfall.interrupts import exit_status, stoppable
 
 #: Objects between two collections of garbage: with the default, they take a tenth of a report.
 RARELY = 50_000, 20, 20
-_NO_MEMORY = "not enough memory for this case; `rockfall check` says what it needs"
+_NO_MEMORY = "not enough memory for this case: `rockfall check` lists the need"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -81,7 +81,7 @@ def _check_names(arguments: argparse.Namespace) -> None:
 
 def _leave_out(*packages: str) -> None:
     """Let packages seem missing that nobody uses here: pyogrio would import GeoPandas, and xarray
-    Dask, which only `run` uses, in a quarter of a second, to ask whether data are theirs."""
+    Dask, which only `run` uses, in a quarter of a second, to check whether data are theirs."""
     for package in packages:
         sys.modules.setdefault(package, None)  # type: ignore[arg-type]
 
@@ -90,7 +90,7 @@ def _fault(error: Exception) -> int:
     if os.environ.get("ROCKFALL_TRACEBACK"):
         traceback.print_exc()
     text = f"internal error: {type(error).__name__}: {error}"
-    return say(f"{text} (please report; set ROCKFALL_TRACEBACK=1 for the trace)", FAULT)
+    return say(f"{text} (please report: set ROCKFALL_TRACEBACK=1 for the trace)", FAULT)
 
 
 def _open_closed_streams() -> None:

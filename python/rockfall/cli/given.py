@@ -74,7 +74,7 @@ def _warn_of(scene: Scene) -> None:
 
 
 def warn_of_models(*paths: Path, told: Collection[str] = ()) -> None:
-    """Print the warnings on the models of results, each once, without those that were told."""
+    """Print the warnings on the models of results, each once, without those already printed."""
     with ExitStack() as opened:
         results = {path.stem: opened.enter_context(open_result(path)) for path in paths}
         for text in joint_warnings(results):

@@ -48,7 +48,7 @@ PIT = 3.0  # [m] errors of a survey are shallower; hollows, ditches and quarries
 BEYOND = 50.0  # [m] of --fill: across larger holes the ground is unknown
 BLURRED = 5.0  # [cells] of --smooth: noise of a survey needs two
 
-MAX_LEFT_OUT = 1_000_000  # points of which the leave-one-out error is taken, at most about
+MAX_LEFT_OUT = 1_000_000  # at most about this many points give the leave-one-out error
 FAR = 3.0  # point spacings beyond which elevations are unknown
 NICE = (1.0, 2.0, 5.0, 10.0)  # leading digits of cell sides
 STEEPEST = 10.0  # rise over extent of points in metres, at most
@@ -179,7 +179,7 @@ def _may_be_degrees(low: np.ndarray, high: np.ndarray) -> bool:
 
 
 def _check_places(path: str | Path, points: np.ndarray) -> None:
-    """Refuse points most of which lie in plan where others do."""
+    """Refuse points if most coincide in plan."""
     places = len(np.unique(points[:, 0] + 1j * points[:, 1]))
     if places < len(points) / 2 and len(np.unique(points[:, 2])) > places:
         raise RockfallError(
@@ -251,7 +251,7 @@ def _read_points(path: str | Path) -> np.ndarray:
     where, columns, rows = read_table(path)
     for axis in "xyz":
         if columns.count(axis) != 1:
-            raise RockfallError(f"{where}: must have one column {axis}; has: {', '.join(columns)}")
+            raise RockfallError(f"{where}: must have one column {axis}, has: {', '.join(columns)}")
     limits = {"x": MAX_REAL, "y": MAX_REAL, "z": MAX_ELEVATION}
     return np.array([[row.number(axis, -far, far) for axis, far in limits.items()] for row in rows])
 

@@ -58,7 +58,7 @@ Ask = Callable[[str], str]
 
 
 def recognised(name: str) -> str:
-    """Ground that a name says in a term of the field; "" for none, or for several."""
+    """Ground that a name gives by a term of the field; "" for none, or for several."""
     words = re.split(r"[\W\d_]+", name.lower())
     grounds = {ground for word in words if (ground := _of_word(word))}
     return grounds.pop() if len(grounds) == 1 else ""
@@ -91,7 +91,7 @@ def needs_rocks(ground: str) -> bool:
 class Grounds:
     """Grounds given for a draft, and the zones that follow them."""
 
-    usual: str = ""  # for zones that do not say theirs, or for the case
+    usual: str = ""  # for zones without a ground, or for the case
     by_zone: Mapping[str, str] = field(default_factory=dict)  # by name, or by id as text
     ask: Ask | None = None
     used: set[str] = field(default_factory=set)  # zones of `by_zone` that exist
@@ -109,8 +109,8 @@ class Grounds:
         return self.usual or self._asked("the slope", where, "GROUND")
 
     def of_zone(self, layer: Layer, k: int) -> str:
-        """Ground of a polygon: as given for its zone, as its attribute or its name says, the usual
-        one, or asked for."""
+        """Ground of a polygon: as given for its zone, by its attribute or name, the usual
+        one, or by a question."""
         labels = _labels(layer, k)
         self.used |= self.by_zone.keys() & {*labels}
         given = next((self.by_zone[label] for label in labels if label in self.by_zone), "")
@@ -131,7 +131,7 @@ class Grounds:
         return ground
 
     def notes(self) -> Iterator[str]:
-        """Zones by their ground, for those whose attribute does not say it."""
+        """Zones by their ground, for zones whose attribute does not give it."""
         for (ground, reason), zones in self.zones.items():
             yield f"{', '.join(zones)}: ground {ground} ({reason})"
 
@@ -146,7 +146,7 @@ class Grounds:
             raise RockfallError(f"{text}: not in {layer}, which has {has or 'no names and ids'}")
 
     def _asked(self, what: str, where: str, option: str) -> str:
-        """Answer to a question, asked once; refused if nobody can be asked."""
+        """Answer to a question, shown once; refused without a terminal."""
         if what not in self.answers:
             if self.ask is None or not (ground := self.ask(what)):
                 raise RockfallError(f"{where}: no ground: give --ground {option}, of {CHOICES}")

@@ -81,9 +81,9 @@ def _layer(layer: Layer, group: str, key: str) -> Iterator[Entry]:
 
 
 def _head(new: New) -> Iterator[str]:
-    yield f"A first case for {new.dem.name}, by `rockfall new`. It runs as it is; what is marked"
+    yield f"A first case for {new.dem.name}, by `rockfall new`. It runs unchanged; what is marked"
     yield "CHOOSE is a guess that only you can better. Keys in comments are off. All keys:"
-    yield "docs/case.md, or `rockfall check` for what this case says."
+    yield "docs/case.md, or `rockfall check` for this case."
     yield from (f"- {note}" for note in new.notes)
 
 
@@ -145,11 +145,9 @@ def _surface(new: New, place: Path) -> Group:
 def _boulder(new: New) -> Group:
     density = _entry("boulder", "density", 2800.0, "CHOOSE")
     if new.volumes and new.volumes == new.sources:
-        why = f"As the attributes of {new.used[SOURCES][0]} say"
+        why = f"From the attributes of {new.used[SOURCES][0]}"
         return Group("boulder", [_entry("boulder", "volume", "source", why), density])
-    remainder = (
-        f", of {new.sources - new.volumes:,} sources that do not say it" if new.volumes else ""
-    )
+    remainder = f", of {new.sources - new.volumes:,} sources without it" if new.volumes else ""
     return Group(
         "boulder",
         [
@@ -191,7 +189,7 @@ def _forest(new: New, place: Path) -> Iterator[Group]:
         for key, value in STAND.items():
             also = ("species",) if key == "conifers" else ()
             if not any(matching(names, layer.columns) for names in (key, *also)):
-                why = "CHOOSE: the layer does not say it"
+                why = "CHOOSE: the layer does not give it"
                 entries.append(_entry("forest", f"uniform_{key}", value, why))
         yield Group("forest", entries)
 

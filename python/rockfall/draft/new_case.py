@@ -49,7 +49,7 @@ def new_case(
     """Write a commented case for a DEM and the layers of some files, with a table of zones next to
     it if there are any, without overwriting files; returns its contents.
 
-    `grounds` are those of zones by their name or id, `ground` that of zones which say none by their
+    `grounds` are those of zones by their name or id, `ground` is for zones without one by their
     attributes or names, or of a case without zones. `ask` takes a zone that is still open and
     returns its ground; without it, or for "", such a case is refused.
 

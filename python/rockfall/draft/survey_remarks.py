@@ -16,7 +16,7 @@ from rockfall.scene.rules.terrain import GAP, USUAL, USUAL_GAP, is_too_steep
 
 HIGHER = 1.0  # [m] between points at one place: more than the error of a survey
 AROUND = 16  # neighbours that a spike rises or falls from; eight may all lie across a cliff
-SAMPLES = 1000  # rows and columns of which slopes are taken
+SAMPLES = 1000  # rows and columns sampled for slopes
 COARSE, FINE = 5.0, 10.0  # cells per spacing, and the reverse, that hold less, or no more
 FINEST = 100.0  # cells per spacing beyond which the cell is a mistake
 
@@ -79,7 +79,7 @@ def spike_remarks(points: np.ndarray, errors: np.ndarray, spacing: float) -> Ite
         return
     _, which = cKDTree(points[:, :2]).query(points[odd, :2], AROUND + 1)
     own = which == odd[:, None]
-    own[~own.any(axis=1), -1] = True  # more points coincide than are asked for
+    own[~own.any(axis=1), -1] = True  # more points coincide than requested
     around = points[which[~own].reshape(odd.size, AROUND), 2]
     rise = points[odd, 2, None] - around
     apart = np.maximum(rise.min(axis=1), -rise.max(axis=1))

@@ -23,7 +23,7 @@ def fetch(name: str, folder: str | Path | None = None) -> dict[str, Path]:
     different files.
     """
     if name not in ARCHIVES:
-        raise RockfallError(f"no archive {name!r}; known: {', '.join(ARCHIVES)}")
+        raise RockfallError(f"no archive {name!r}, known: {', '.join(ARCHIVES)}")
     archive = ARCHIVES[name]
     given = folder or os.environ.get(FOLDER)
     if given:

@@ -91,7 +91,7 @@ def read_hazard(path: str | Path) -> xr.Dataset:
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read as a hazard: {error.strerror}") from error
     if "hazard_class" not in dataset:
-        raise RockfallError(f"{path}: is no hazard: it has no hazard_class")
+        raise RockfallError(f"{path}: is not a hazard file: hazard_class is missing")
     return dataset
 
 
@@ -100,12 +100,12 @@ def is_hazard(path: str | Path) -> bool:
     try:
         with open_netcdf(path) as file:
             return "hazard_class" in file.variables
-    except (OSError, RockfallError):  # whoever reads it as a result says what is wrong
+    except (OSError, RockfallError):  # reading it as a result reports the error
         return False
 
 
 def in_folder(path: Path) -> Path:
-    """Path of the hazard in the folder of a hazard; any other path is as it is."""
+    """Path of the hazard in the folder of a hazard; any other path is unchanged."""
     return path / HAZARD if path.is_dir() and (path / HAZARD).is_file() else path
 
 

@@ -31,9 +31,8 @@ def write_kml(
 ) -> Path:
     """Write layers as folders of one file, atomically: places in degrees, heights unchanged."""
     text = (
-        f"Heights of trajectories are those of the DEM in metres (vertical datum: {way.heights}); "
-        "KML takes them for heights above the geoid EGM96. All else lies on the ground. "
-        f"Places: {way.crs} to WGS 84."
+        f"Trajectory heights: DEM in metres (vertical datum: {way.heights}), read by KML as above "
+        f"EGM96. All else on the ground. Places: {way.crs} to WGS 84."
     )
     with atomic_write(path) as part, open(part, "w", encoding="utf-8") as file:
         file.write(f"{HEAD}<Document><name>{_text(title)}</name>")

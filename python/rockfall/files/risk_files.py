@@ -25,7 +25,7 @@ SYMBOLS = {"Point": marker, "LineString": thick, "Polygon": fill}
 
 
 def has_risk(hazard: xr.Dataset) -> bool:
-    """Return True if the objects of a hazard say what is exposed."""
+    """Return True if the objects of a hazard have exposure."""
     return "object_individual_risk" in hazard
 
 

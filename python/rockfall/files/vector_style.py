@@ -40,7 +40,7 @@ class Symbol(NamedTuple):
 
 class Style(NamedTuple):
     """Style of a layer's features: uniform, by the values of a field, or by intervals of an
-    expression; each with a label and a symbol. Names from the field `named` are written beside
+    expression; each with a label and a symbol. Names from the field `named` are written next to
     them; `times` are the fields between which a feature is shown by the temporal controller."""
 
     field: str

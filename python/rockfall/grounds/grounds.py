@@ -159,7 +159,7 @@ class GroundTable:
         check_columns(where, columns, allowed)
         for needed in "name", "model", "source":
             if needed not in columns:
-                raise RockfallError(f"{where}: no column {needed}; has: {', '.join(columns)}")
+                raise RockfallError(f"{where}: no column {needed}, has: {', '.join(columns)}")
         self.rows: dict[str, Row] = {}
         self.names: dict[int, str] = {}  # by id
         for row in rows:
@@ -349,9 +349,8 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
     if path is None:
         rows, tables, sets = map(", ".join, (table.rows, table_names(), shipped_sets()))
         raise RockfallError(
-            f"{where} = '{name}': no ground of {table.path.name}, and no file of a table of "
-            f"impacts or of impact sets; grounds: {rows}; tables of impacts: {tables}; "
-            f"impact sets: {sets}"
+            f"{where} = '{name}': no ground of {table.path.name}, no impact table or set. Grounds: "
+            f"{rows}. Impact tables: {tables}. Impact sets: {sets}"
         )
     if name in ensemble_names():
         raise RockfallError(
@@ -409,8 +408,7 @@ def usual_key(case: Case) -> str:
 
 
 def named_ground(case: Case) -> NamedGround:
-    """Return what rebounds follow where no zone and no cell says it: a ground, sets or a
-    table."""
+    """Ground, sets or table of rebounds for places without a zone or cell ground."""
     surface = case.surface
     pair = {key.removeprefix("ground_"): surface[key] for key in PAIR if key in surface}
     return NamedGround(surface.get("ground", case.impact[usual_key(case)]), pair)

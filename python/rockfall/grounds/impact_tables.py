@@ -162,7 +162,7 @@ def _around(values: np.ndarray, low: float, high: float) -> slice:
 
 
 def joined_rows(rows: Sequence[ImpactTable], ground: YieldingGround) -> ImpactTable:
-    """Table of a ground with these rows, of equal columns and bins."""
+    """Join rows with equal columns and bins to the table of a ground."""
     before = np.cumsum([0, *(len(row.record) for row in rows)])
     records = [row.record.copy() for row in rows]
     for record, start in zip(records, before, strict=False):

@@ -37,7 +37,7 @@ COLUMNS = (
     "speed_error",
 )  # fmt: skip
 ONE_SLOPE = (
-    "One slope alone cannot tell a factor of 2 in strength from 4 to 5 degrees of relief: their "
+    "One slope cannot separate a factor of 2 in strength from 4 to 5 degrees of relief: their "
     "heights differ."
 )
 
@@ -209,7 +209,7 @@ def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -
     of_square = spread * math.sqrt(2 / (n - 1)) if n > 1 else math.nan
     sigma_error = math.sqrt(sigma**2 + of_square) - sigma
     error = math.sqrt(max(read_error, spread if n > 1 else 0.0) / n)
-    remarks = () if n > 1 else ("One scar tells no scatter: strength_sigma is 0 in the row.",)
+    remarks = () if n > 1 else ("One scar gives no scatter: strength_sigma is 0 in the row.",)
     return _Strength(
         np.exp(logs), errors, attitude, float(np.exp(logs.mean())), error, sigma, sigma_error,
         remarks,

@@ -87,13 +87,13 @@ def measure(
     if longest > side / WAVES_OF_PATCH:
         raise RockfallError(
             f"{name}: {side:.4g} m wide: waves of {longest:.4g} m ({band.longest:g} R_b) need "
-            f"{WAVES_OF_PATCH * longest:.4g} m; --longest {side / WAVES_OF_PATCH / radius:.3g} fits"
+            f"{WAVES_OF_PATCH * longest:.4g} m: --longest {side / WAVES_OF_PATCH / radius:.3g} fits"
         )
     if shortest < CELLS_OF_MEASURED_WAVE * cell:
         least = CELLS_OF_MEASURED_WAVE * cell
         raise RockfallError(
             f"{name}: cells of {cell:.4g} m: waves of {shortest:.4g} m ({band.shortest:g} R_b) "
-            f"need {shortest / CELLS_OF_MEASURED_WAVE:.4g} m; --shortest {least / radius:.3g} fits"
+            f"need {shortest / CELLS_OF_MEASURED_WAVE:.4g} m: --shortest {least / radius:.3g} fits"
         )
     y, x = np.indices(heights.shape)
     terms = np.column_stack([x.ravel(), y.ravel(), np.ones(heights.size)])
@@ -105,7 +105,7 @@ def measure(
     inside = (wave >= 1 / longest) & (wave <= 1 / shortest)
     squares = (power * (2 * np.pi * wave) ** 2)[inside]
     slope = np.sqrt(squares.sum() / 2)
-    # of exponential powers, whose measured squares are twice those of the means; a wave is there
+    # of exponential powers, whose measured squares are twice those of the means; a wave exists
     # with both signs, and the window makes neighbours alike
     variance = WINDOWED**2 * (squares**2).sum() / max(squares.sum(), 1e-300) ** 2
     error = np.degrees(slope / (1 + slope**2)) * np.sqrt(variance) / 2

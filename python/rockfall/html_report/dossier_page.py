@@ -93,8 +93,7 @@ def _fitted(page: str, content: dict[str, Any], hazard: xr.Dataset, terrain: Ter
 
 
 def _cut(section: Section, most: int) -> Section:
-    """Section whose tables of places have at most so many rows, with a note where some are left
-    out."""
+    """Section whose tables of places have at most this number of rows, with a note on omissions."""
     is_of_places = section.name in ("variants", "places")
     if not is_of_places or all(len(table.rows) <= most for table in section.tables):
         return section
@@ -142,7 +141,7 @@ def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -
 
 
 def first_tables(dossier: Dossier) -> Iterator[Table]:
-    """Tables of page 1: the first places of those that follow in full."""
+    """Tables of page 1: the first places of the full tables that follow."""
     yield answer_table(dossier.first, dossier.period, MOST)
     if len(dossier.hazards) > 1:
         yield variants_table(dossier, MOST)

@@ -166,7 +166,7 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
 
 
 def _polygon_zones(zones: dict[int, Zone]) -> Table:
-    """Table of zones whose polygons say what they are made of."""
+    """Table of zones whose polygons have ground attributes."""
     cells = []
     for number_, zone in zones.items():
         sizes = {key: f"{size:g}" for key, size in zip(RADII, zone.sizes, strict=True)}

@@ -17,6 +17,7 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.observed.compare import DISAGREES, compare, disagreement
 from rockfall.analysis.population import scenario_note
 from rockfall.analysis.return_levels import return_levels
+from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
@@ -190,6 +191,7 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     grounds = ground_figure(result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))
     doubts = doubtful_inputs(result, hazard)
+    remarks = model_remarks(result, case_of(result))
     compared = None if observed is None else compare(result, observed)
     agreement = [] if compared is None else [disagreement(compared)]
     outside = [
@@ -253,7 +255,10 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
         hazard=endangered[1:],
         hazard_warnings=[]
         if hazard is None
-        else [say("hazard.two_populations"), *hazard_warnings(hazard)],
+        else [
+            say("hazard.two_populations"),
+            *hazard_warnings(hazard, {remark.text.key for remark in remarks}),
+        ],
         hazard_figures=_pictures(
             [] if hazard is None else hazard_figures(hazard, terrain), on_paper
         ),

@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
 from rockfall.grounds import BLOCK_TABLE, TABLES
-from rockfall.language import say, say_count
+from rockfall.language import say, say_count, word
 from rockfall.quantities import percent
 from rockfall.result.grounds import rebounds_by_ground, sets_followed
 from rockfall.result.samples import is_ensemble, simulated
@@ -50,12 +50,11 @@ BREAKS = {  # by &breakage at
 
 
 def warnings(result: xr.Dataset) -> list[str]:
-    """Most important warnings: missing boulders, and large parts of a run outside the data of its
-    model."""
+    """Most important warnings: missing boulders, then warnings on the model by grade."""
     return [
         *missing(result),
         *(
-            f"{remark.text}."
+            say("join.colon", before=word(remark.grade).capitalize(), after=f"{remark.text}.")
             for remark in model_remarks(result, case_of(result))
             if remark.is_warning
         ),

@@ -38,7 +38,7 @@ def start_of(path: str | Path) -> bytes:
 
 
 def reason(error: OSError, path: str | Path) -> str:
-    """Why a file cannot be read; Windows says of a folder that permission is denied."""
+    """Reason why a file cannot be read; Windows reports a denied permission for a folder."""
     return "Is a directory" if os.path.isdir(path) else error.strerror or str(error)
 
 

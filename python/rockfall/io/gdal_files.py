@@ -23,7 +23,7 @@ from rockfall.io.tables import plain_decimal
 
 #: Rasters without text in their headers, where GDAL would read invalid numbers as zero.
 BINARY = ("GTiff", "HFA", "GSBG", "GS7BG")
-#: The same of SRTM tiles, which are known by their names, such as N46E007.hgt.
+#: Driver of SRTM tiles, which are recognised by their names, such as N46E007.hgt.
 TILE = ("SRTMHGT",)
 SURFER = (b"DSBB", b"DSRB")
 _TILE_NAME = re.compile(r"[NS]\d\d[EW]\d{3}(\.SRTM\w*)?\.hgt", re.IGNORECASE)
@@ -72,7 +72,7 @@ def check_imagine(path: str) -> None:
     """Refuse an Erdas Imagine file whose numbers are stored in another file."""
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         if content.find(b"ExternalRasterDMS") >= 0:
-            raise RockfallError(f"{path}: its numbers are in another file; make a GeoTIFF of it")
+            raise RockfallError(f"{path}: its numbers are in another file: make a GeoTIFF of it")
 
 
 def check_nodata(path: str) -> None:
@@ -134,4 +134,4 @@ def check_vrt(path: str, start: bytes) -> None:
     if b"<VRTDataset" in start.split(b"\0")[0]:
         tiff = Path(path).with_name(f"{Path(path).stem}_vrt.tif")
         command = shlex.join(["gdal_translate", path, str(tiff)])
-        raise RockfallError(f"{path}: is a VRT; make a GeoTIFF of it: {command}")
+        raise RockfallError(f"{path}: is a VRT: make a GeoTIFF of it: {command}")

@@ -44,7 +44,7 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
     name = os.path.abspath(path)
 
     class Named(netCDF4.Dataset):
-        """A file whose name xarray can ask for."""
+        """A file whose name xarray can read."""
 
         def filepath(self, encoding: str | None = None) -> str:
             return super().filepath(encoding or NETCDF_NAMES)
@@ -58,7 +58,7 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
         if has_locks(name if os.path.exists(name) else os.path.dirname(name)):
             raise
         raise RockfallError(
-            f"{path}: HDF5 cannot lock files on this file system; set {_LOCKING}=FALSE"
+            f"{path}: HDF5 cannot lock files on this file system: set {_LOCKING}=FALSE"
         ) from error
     for variable in file.variables.values():
         if variable.dimensions == ("crossing",):

@@ -108,7 +108,7 @@ def _identity(path: str | Path) -> tuple[int, int]:
 
 
 def why_unwritten(error: Exception, folder: Path) -> str:
-    """Reason why a library could not write a file in a folder: most do not tell that the disk is
+    """Reason why a library could not write a file in a folder: most do not report that the disk is
     full."""
     full = shutil.disk_usage(folder).free < LEFT_FREE
     return os.strerror(errno.ENOSPC) if full else str(error)

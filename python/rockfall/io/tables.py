@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MAX_COLUMNS = 1000
-#: First line by which a spreadsheet is told the separator of a CSV.
+#: First line that gives spreadsheets the separator of a CSV.
 SEPARATOR_LINE = re.compile(r'"?sep=([,;\t|])"?', re.IGNORECASE)
 # Texts that a spreadsheet would run as formulas, or that look like escaped ones: some programs skip
 # blanks and invisible marks, and accept full-width East Asian signs.
@@ -117,7 +117,7 @@ def read_columns(
     where, columns, rows = read_table(path)
     for column in needed:
         if column not in columns:
-            raise RockfallError(f"{where}: no column {column}; has: {', '.join(columns)}")
+            raise RockfallError(f"{where}: no column {column}, has: {', '.join(columns)}")
     check_columns(where, columns, columns)
     read = list(rows)
     values = {name: np.array([row.cells[name] for row in read], object) for name in columns}
@@ -128,7 +128,7 @@ def check_columns(where: str, columns: list[str], allowed: Iterable[str]) -> Non
     """Refuse unknown and duplicate columns."""
     for name in columns:
         if columns.count(name) > 1:
-            raise RockfallError(f"{where}: column {name}: is there twice")
+            raise RockfallError(f"{where}: column {name}: occurs twice")
         if name not in allowed:
             raise RockfallError(f"{where}: column {name}: must be {', '.join(allowed)}")
 

@@ -23,7 +23,7 @@ from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
 #: Columns of a ground's own strength [Pa] and relief [degree].
 PAIR = ("ground_strength", "ground_relief")
-MATERIAL = (*RADII, "ground", *PAIR)  # columns of which a zone has at least one
+MATERIAL = (*RADII, "ground", *PAIR)  # a zone has at least one of these columns
 NAMES = ("name", "description")  # columns of free text that name a zone
 
 _INTEGER = re.compile(r"[+-]?[0-9]+")
@@ -79,13 +79,13 @@ def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[
 
     Cells are separated by commas or semicolons; unknown columns are ignored, with one of the
     `remarks`. An empty size is not given, and is refused where it is needed. A zone with its own
-    ground may have no rocks: sizes of zero. A strength and relief take the place of those that the
+    ground may have no rocks: sizes of zero. A strength and relief replace those that the
     ground has.
     """
     where, columns, rows = read_table(path)
     names = ("zone", *MATERIAL)
     if "zone" not in columns:
-        raise RockfallError(f"{where}: no column zone; has: {', '.join(columns)}")
+        raise RockfallError(f"{where}: no column zone, has: {', '.join(columns)}")
     if set(names[1:]).isdisjoint(columns):
         raise RockfallError(f"{where}: none of the columns {', '.join(RADII)}")
     check_columns(where, [name for name in columns if name in names], names)
@@ -114,8 +114,8 @@ def zones_of_polygons(
     """Id of each polygon (int32), the zones by id, and whether ids are those of the layer, for
     polygons whose attributes are the columns of a table of zones.
 
-    Polygons that say the same are one zone. Its id is that of an integer attribute `field` if this
-    tells zones apart, else its number in the order of the file, from 1.
+    Polygons with equal attributes are one zone. Its id is that of an integer attribute `field` if
+    this distinguishes zones, else its number in the order of the file, from 1.
     """
     texts_of = {name: attribute(columns, name) for name in (*MATERIAL, *NAMES)}
     given = {
@@ -123,7 +123,7 @@ def zones_of_polygons(
     }
     if not {*MATERIAL} & given.keys():
         raise RockfallError(
-            f"{path}: no attribute {', '.join(RADII)} or ground; give polygons one, or a &surface "
+            f"{path}: no attribute {', '.join(RADII)} or ground: give polygons one, or a &surface "
             "table"
         )
     if remarks is not None:
@@ -236,7 +236,7 @@ def _without_row(unknown: dict[int, int], path: str, table: str, what: str) -> s
     """Message about cells whose zone is missing or not in the table."""
     if NO_ID in unknown:
         return (
-            f"{path}: {unknown[NO_ID]} cells of the terrain have no zone; "
+            f"{path}: {unknown[NO_ID]} cells of the terrain have no zone: "
             "give them one, or set &surface default_zone"
         )
     zones = [f"{what} {zone} ({unknown[zone]} cells)" for zone in islice(sorted(unknown), 10)]

@@ -121,7 +121,7 @@ def _facts(result: xr.Dataset, checksum: str) -> Table:
 
 
 def _fact_sheet(facts: Iterable[Table], notes: Iterable[str]) -> Sheet:
-    """Sheet that says what was run, what units and intervals are, and notes on numbers."""
+    """Sheet with the run, units, intervals, and notes on numbers."""
     rows: list[Sequence[str]] = [(say("office.units"),), (say("office.intervals"),)]
     rows += [(note,) for note in notes]
     for table in facts:

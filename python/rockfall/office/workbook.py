@@ -99,7 +99,7 @@ def _widen(page: Any, is_table: bool) -> None:
 
 
 def _shown(cell: Any) -> str:
-    """Text of a cell, about as wide as it is shown."""
+    """Text of a cell, about as wide as on screen."""
     if cell.data_type != "n" or cell.value is None:
         return str(cell.value or "")
     _, _, decimals = cell.number_format.partition(".")

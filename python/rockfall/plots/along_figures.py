@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 @styled
 def line_profile_figure(profile: pd.DataFrame) -> Figure:
     """Figure of a `rockfall.line_profile`: fraction of all boulders that pass each metre of the
-    line, 95 % quantiles of the total energy and of the passing height of those that do, with 95 %
-    bands."""
+    line, 95 % quantiles of the total energy and of the passing height of these boulders, with
+    95 % bands."""
     figure = new_figure(WIDE, 5.2)
     panels = figure.subplots(3, 1, sharex=True)
     _draw_windows(panels[0], profile, "per_metre", 100.0)

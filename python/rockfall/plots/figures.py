@@ -230,7 +230,7 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
 
 
 def section_entry(section: Section) -> Figure:
-    """Figure of a section along a drawn line, which says what each of its curves is of."""
+    """Figure of a section along a drawn line, whose caption explains each curve."""
     unknown, left_out = section.unknown_energies, section.not_kept
     captions = [
         say_count(

@@ -133,7 +133,7 @@ def _kept(axis: Axis, make: Callable[[], list[Tick]]) -> Callable[[], list[Tick]
 
 
 def _room(axis: Axis) -> tuple[float, ...]:
-    """What ticks depend on: the view, and the space for them."""
+    """Return what ticks depend on: the view, and the space for them."""
     return *axis.get_view_interval(), min(axis.get_tick_space(), MOST_TICKS)
 
 

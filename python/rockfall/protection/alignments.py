@@ -103,7 +103,7 @@ def vertices_of(case: Case, line: str) -> np.ndarray:
         if entry["name"] == line:
             return np.array(entry["x"]) + 1j * np.array(entry["y"])
     names = ", ".join(entry["name"] for entry in case.lines) or "none"
-    raise RockfallError(f"{case.name}: line = '{line}': no such line; lines: {names}")
+    raise RockfallError(f"{case.name}: line = '{line}': no such line, lines: {names}")
 
 
 def alignment(
@@ -152,7 +152,7 @@ def _direction(scene: Scene, line: str, vertices: np.ndarray, azimuth: float | N
     side = (to_sources * np.conj(normal)).real
     if abs(chord) < 1e-6 * lengths(vertices)[-1] or side == 0:
         raise RockfallError(
-            f"{scene.case.name}: line '{line}' does not tell on which side its sources are: give "
-            "the direction [degree from north] in which it is to be shifted"
+            f"{scene.case.name}: line '{line}' has sources on both sides: give "
+            "the direction [degree from north] of its shift"
         )
     return complex(normal / abs(normal) * np.sign(side))

@@ -67,7 +67,7 @@ class Design:
     `checks`: of each barrier; `choices`: for each line and EAD class the height that leaves at most
     `residual`; `along`: as `demand`, for windows of a line; None unless requested. Their column
     `unconfirmed` names the unconfirmed assumptions of the loads (rebounds, forest, logs): a check
-    that passes under them is not proven. `warnings` are the remarks on the model. `kept` says of
+    that passes under them is not proven. `warnings` are the remarks on the model. `kept` states of
     which boulders the numbers are where a run did not keep all; else "".
     """
 

@@ -116,7 +116,7 @@ def _rows(path: str | Path, standard: str) -> dict[str, dict[str, tuple[float, s
             continue
         name, condition = row.text("factor"), row.cells["condition"]
         if condition in factors.setdefault(name, {}):
-            row.refuse("factor", "is there twice")
+            row.refuse("factor", "occurs twice")
         value = row.number("value", 0.0, 1.0 if name.startswith("quantile") else math.inf)
         if not value or (value == 1 and name.startswith("quantile")):
             row.refuse("value", "must be > 0, of a quantile also < 1")

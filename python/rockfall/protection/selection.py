@@ -83,7 +83,7 @@ def read_costs(path: str | Path) -> Costs:
         ead_class = int(row.choice("class", [str(k) for k in range(len(EAD_ENERGY))]))
         key = ead_class, row.number("height", 0.0, MAX_HEIGHT)
         if key in costs:
-            row.refuse("height", "is there twice for this class")
+            row.refuse("height", "occurs twice for this class")
         costs[key] = row.number("cost", 0.0)
     return costs
 

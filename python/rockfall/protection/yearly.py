@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-YEARS = 100.0  # return period, if none is asked for
+YEARS = 100.0  # return period, if none is given
 HIGHEST = 10.0  # [m] of a barrier that is advised: higher ones are not built
 _BEHIND = [f"behind{end}" for end in ENDS]
 _THROUGH = [f"through{end}" for end in ENDS]

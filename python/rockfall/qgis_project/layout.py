@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""XML of a layout for printing on A3: the map at a round scale, and beside it a block with title,
+"""XML of a layout for printing on A3: the map at a round scale, and next to it a block with title,
 legend, north arrow, scale bar, coordinate system, data and date.
 
 All positions are in millimetres, from the upper left corner of the paper.

@@ -49,7 +49,7 @@ def line_index(result: Held, line: str | int) -> int:
         return names.index(line)
     if isinstance(line, int | np.integer) and 0 <= line < len(names):
         return int(line)
-    raise RockfallError(f"line {line}: no such line; lines: {', '.join(names) or 'none'}")
+    raise RockfallError(f"line {line}: no such line, lines: {', '.join(names) or 'none'}")
 
 
 def chosen_lines(result: Held, lines: Sequence[str | int] | None = None) -> list[tuple[int, str]]:
@@ -67,7 +67,7 @@ def rows_at(result: Known, line: int) -> slice:
 
 
 class AtLine:
-    """Crossings of the line of this index by the boulders that a result has, of which some may have
+    """Crossings of the line of this index by the boulders of a result; some may have
     been selected; what is read or computed is kept."""
 
     def __init__(self, result: Known, line: int) -> None:

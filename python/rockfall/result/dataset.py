@@ -88,7 +88,7 @@ def open_result(path: str | Path) -> xr.Dataset:
     if "part_layout" in data.attrs:
         data.close()
         raise RockfallError(
-            f"{path}: is a part of a run; `rockfall merge` makes the result of one or many"
+            f"{path}: is a part of a run: `rockfall merge` makes the result of one or many"
         )
     return data
 

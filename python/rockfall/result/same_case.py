@@ -77,7 +77,7 @@ def _crs_name(data: xr.Dataset) -> str:
 
 def _extent(result: xr.Dataset) -> np.ndarray:
     """Extent of its boulders: minimum and maximum x and y [m], (2, 2); that of all places where
-    neither maps nor rows tell it."""
+    neither maps nor rows show it."""
     if "x" in result.sizes:
         half = corner_of(result["crs"].attrs)[2] / 2
         ends = [

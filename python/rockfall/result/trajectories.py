@@ -47,8 +47,8 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
     their contacts.
 
     A parabola is fixed by the velocity after a contact, the time and gravity. A boulder rolls and
-    slides along the terrain at a mean speed; where it stands, time goes on at speed 0. A result has
-    the trajectories that its case asks for (`&output trajectories`); each is a named tuple of
+    slides along the terrain at a mean speed; where it rests, time passes at speed 0. A result has
+    the trajectories requested by its case (`&output trajectories`); each is a named tuple of
     arrays x, y, z, distance [m], speed [m/s] and time [s], the boulder's number, and gravity
     [m/s2], which is 0 on the ground and at rest.
 

@@ -47,7 +47,7 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
         )
     missing = sorted({*variables.BOULDER, *variables.COUNT, "crs"} - set(data.variables))
     if missing := missing + [name for name in ALWAYS if name not in data.attrs]:
-        raise RockfallError(f"{path}: is not a whole result of rockfall: has no {missing[0]}")
+        raise RockfallError(f"{path}: incomplete rockfall result: variable {missing[0]} is missing")
     for name in NUMBERS:
         value = np.asarray(data.attrs[name])
         if value.dtype.kind not in "iuf" or value.size != 1 or not np.isfinite(value).all():
@@ -55,14 +55,14 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
     check_dimensions(data, path)
     _check_groups(data, path)
     if "threshold" not in data.variables and {*variables.EXCEEDED} & {*data.variables}:
-        raise RockfallError(f"{path}: is not a whole result of rockfall: has no threshold")
+        raise RockfallError(f"{path}: incomplete rockfall result: variable threshold is missing")
     ours = (*variables.BOULDER, *variables.COUNT, *variables.MAP)
     for name in (name for name in ours if name in data.variables):
         attrs = data.variables[name].attrs
         words = [attrs.get(word) for word in ("units", "long_name")]
         fewest = np.asarray(attrs.get("min_passages", 0))  # of a map that is blank below this count
         if not all(isinstance(word, str) for word in words) or fewest.dtype.kind not in "iu":
-            raise RockfallError(f"{path}: {name}: does not say what it is")
+            raise RockfallError(f"{path}: {name}: has no type")
 
 
 def check_dimensions(data: xr.Dataset, path: str | Path) -> None:
@@ -78,7 +78,9 @@ def _check_groups(data: xr.Dataset, path: str | Path) -> None:
         if any(name in data.variables or name in data.dims for name in group):
             for name in group:
                 if name not in data.variables:
-                    raise RockfallError(f"{path}: is not a whole result of rockfall: has no {name}")
+                    raise RockfallError(
+                        f"{path}: incomplete rockfall result: variable {name} is missing"
+                    )
 
 
 def known_variables() -> _Group:
@@ -134,7 +136,7 @@ def _check_variable(
         values = np.atleast_1d(variable.attrs.get("flag_values", []))
         words = str(variable.attrs.get("flag_meanings", "")).split()
         if not words or len(values) != len(words) or values.dtype.kind not in "iu":
-            raise RockfallError(f"{path}: {name}: does not say what its numbers mean")
+            raise RockfallError(f"{path}: {name}: has no meaning of its numbers")
 
 
 def check_values(data: xr.Dataset, path: str | Path) -> None:

@@ -36,7 +36,7 @@ MAPS = (
     "travel_time_min",
 )  # fmt: skip
 LEFT = (  # inputs that no folder holds, or that have no counterpart here
-    "Numbers that Rockyfor3D asks for when it starts: boulders, drop_height, volume_spread; set "
+    "Numbers that Rockyfor3D requests at its start: boulders, drop_height, volume_spread: set "
     "them above.",
     "Its heights are normal to the slope; ours are vertical (docs/rockyfor3d.md).",
     "Its choice of the height at which a tree is hit has no counterpart; see &forest stem_height.",
@@ -119,11 +119,11 @@ def _surface(made: Import) -> Group:
         unsure = f"{say('model.quoted_coefficients')}; {say('model.understated')}"
         made.model.append(
             "soiltype.asc: rebounds follow the classical model rockyfor3d of the shipped grounds, "
-            f"none the impact sets; {unsure}; `rockfall models` sets other rebounds beside them"
+            f"none the impact sets; {unsure}: `rockfall models` compares other rebounds"
         )
     else:
         made.notes.append(
-            "soiltype.asc is not there: all rebounds follow the stochastic impact sets, by which "
+            "soiltype.asc is missing: all rebounds follow the stochastic impact sets, by which "
             "obstacles of 100 m stop nothing"
         )
     return Group("surface", entries)
@@ -135,7 +135,7 @@ def _boulder(made: Import) -> Group:
     if "blshape" in made.folder:
         entries.append(Entry("shape", made.path("blshape")))
     else:
-        made.notes.append("blshape.asc is not there: all boulders are spheres")
+        made.notes.append("blshape.asc is missing: all boulders are spheres")
     entries.append(Entry("rock_density", made.path("rockdensity")))
     entries.append(Entry("volume_spread", 0.1, "for volumes that vary by 10 %", on=False))
     return Group("boulder", entries)
@@ -176,7 +176,7 @@ def _forest(made: Import) -> Iterator[Group]:
         if "dbhstd" in folder:
             deviation = Entry("dbh_std", made.path("dbhstd"))
         else:
-            made.notes.append("dbhstd.asc is not there: stems of a cell are alike")
+            made.notes.append("dbhstd.asc is missing: stems of a cell are alike")
         text = "nrtrees.asc a hectare in place of a cell"
         entries = [
             Entry("stems", STEMS, text), Entry("spread", "even", "as many in each cell"),
@@ -191,7 +191,7 @@ def _forest(made: Import) -> Iterator[Group]:
             made.notes.append(f"{missing}: not there, so there is no forest")
         return
     if "conif_percent" not in folder:
-        made.notes.append("conif_percent.asc is not there: all trees are conifers")
+        made.notes.append("conif_percent.asc is missing: all trees are conifers")
     made.model.append(forest_text())
     yield Group("forest", entries)
 
@@ -208,7 +208,7 @@ def _nets(made: Import) -> Iterator[Group]:
         if off:
             made.notes.append(
                 f"net_number.asc: {keys['name']}: {off} cells branch off its line and "
-                "stop nothing; give them a number of their own"
+                "stop nothing: give them a number of their own"
             )
         within = f"through the cells of net_number, within {TOLERANCE * made.folder.grid.cell:g} m"
         yield Group(

@@ -52,7 +52,7 @@ def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float
     """Minimum value among the cells of a net."""
     if not (values > 0).all():  # including no data
         raise RockfallError(
-            f"{folder.rasters[raster]}: {name} has cells that are not > 0; give every cell of "
+            f"{folder.rasters[raster]}: {name} has cells that are not > 0: give every cell of "
             "net_number an energy [kJ] and a height [m]"
         )
     return float(values.min())

@@ -172,7 +172,7 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
 
 
 def _says_ground(frame: Any, field: str) -> bool:
-    """Return True if zones say what they are made of, and have no id that a table would need."""
+    """Return True if zones have ground attributes, and no id for a table."""
     columns = {str(column).lower() for column in frame.columns}
     return field.lower() not in columns and not columns.isdisjoint(MATERIAL)
 

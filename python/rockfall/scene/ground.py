@@ -13,7 +13,10 @@ from rockfall.scene.parts import ExtremeCount, Rasters
 
 SAMPLES = 100_000  # approximate number of cells, evenly spaced, whose slope is sampled
 QUANTILES = (0.1, 0.5, 0.9)
-MIDDLE = (20.0, 45.0)  # [degree] slopes on which boulders go on or stop; neither plains nor cliffs
+MIDDLE = (
+    20.0,
+    45.0,
+)  # [degree] slopes on which boulders continue or stop; neither plains nor cliffs
 MIN_MIDDLE = 0.05  # fraction of the cells: edges of cliffs and terraces are fewer
 NORMAL_MEDIAN = 0.6745  # of the absolute value of a standard normal number
 LOWEST_LAND = -450.0  # [m] the shore of the Dead Sea is at -430 m

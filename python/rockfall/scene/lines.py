@@ -123,7 +123,7 @@ def _names(
 
 
 def numbered(names: Sequence[str]) -> Iterator[str]:
-    """Names, of which those that occur more than once are numbered."""
+    """Names; repeated names are numbered."""
     often, count = Counter(names), Counter[str]()
     for name in names:
         count[name] += 1

@@ -41,7 +41,7 @@ ABOUT = {  # dimensions, units, long name
     "source_frequency": ("source", "1/year", "how often boulders come from the source"),
     "source_feature": ("source", "1", "polygon or point of the layer, counted from 1"),
     "feature_law": ("feature", "1",
-        "law of its volumes: fixed, normal, uniform, lognormal; 0: the case's"),
+        "distribution of its volumes: fixed, normal, uniform, lognormal; 0: the case's"),
     "feature_value": ("feature feature_field", "1",
         "mean, std, min, max of volumes, density, drop height, velocity east, north, up"),
     "source_volume": ("source", "m3", "volume of the boulders of the source"),
@@ -89,7 +89,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     input_warnings(scene)
     with atomic_folder(folder, inputs, last="case.nml") as part:
         put_netcdf(_scene_file(scene), part / "scene.nc", folder / "scene.nc")
-        head = f"{MARK} from {case.name}, for rockfall-batch and the scene file beside it."
+        head = f"{MARK} from {case.name}, for rockfall-batch and the scene file next to it."
         text = f"{' '.join(head.splitlines())}\n{scene.case.text()}"
         (part / "case.nml").write_text(text, encoding="utf-8")
     return files

@@ -62,7 +62,7 @@ def read_scene(
     `frame_store` from one reading to the next: only what changed is then read.
     """
     if not isinstance(case, Case):
-        raise RockfallError(f"case = {case!r}: must be a Case; rockfall.read_case(path) reads one")
+        raise RockfallError(f"case = {case!r}: must be a Case: rockfall.read_case(path) reads one")
     check_single(case)
     frames = {name: frame for name, frame in rasters.items() if is_frame(frame)}
     if frames:
@@ -162,18 +162,18 @@ def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
     if by_source:
         raise RockfallError(
             f"{case.name}: &output maps = '{min(by_source)}': needs the whole terrain in memory, "
-            "and it does not fit; leave it out, or raise --memory"
+            "and it does not fit: leave it out, or raise --memory"
         )
     if case.dam:
         raise RockfallError(
-            f"{case.name}: &dam: needs the whole terrain in memory, and it does not fit; "
+            f"{case.name}: &dam: needs the whole terrain in memory, and it does not fit: "
             "raise --memory"
         )
     for key, file in case.files():
         if key.file == "layer" or ("layer" in key.file and Path(file).suffix.lower() in EXTENSIONS):
             raise RockfallError(
                 f"{case.name}: &{key.group} {key.name} = '{file}': polygons need the whole terrain "
-                "in memory, and it does not fit; make a raster of them, or raise --memory"
+                "in memory, and it does not fit: make a raster of them, or raise --memory"
             )
     inputs.checksums["dem"] = file_checksum(case.path(case.terrain["dem"]))
     inputs.remarks += packing_note(case.path(case.terrain["dem"]))

@@ -112,7 +112,7 @@ class Scene(Sources):
     @property
     def source_shape(self) -> np.ndarray | None:
         """Number of the block shape of the boulders of each source, from 1; 0: the case's; None if
-        no source says any, or no ground has a table of impacts."""
+        no source gives a shape, or no ground has an impact table."""
         features, own = self.features, self.source_boulders
         if all(ground.model not in TABLES for ground in self.grounds):
             return None
@@ -136,7 +136,7 @@ class Scene(Sources):
 
     @cached_property
     def coefficients(self) -> Coefficients:
-        """Numbers of its impact sets."""
+        """Coefficients of the impact sets of the case."""
         return self.sets.read(self.case.impact["turning"])[0]
 
     @cached_property

@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 class Stages:
-    """Stages of a single reading, of which nothing is kept."""
+    """Stages of a single reading; nothing is kept."""
 
     def take(
         self,
@@ -100,7 +100,7 @@ class KeptStages(Stages):
 
 class WatchedCase(Case):
     """A case that notes which of its groups are looked at, and, for a stage that `reads` files, the
-    states of those that these groups name, before they are read."""
+    states of the files that these groups name, before they are read."""
 
     def __init__(self, case: Case, reads: bool) -> None:
         self.__dict__ |= case.__dict__

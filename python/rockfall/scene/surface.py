@@ -79,7 +79,7 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
     if named and "ground_map" in surface:
         raise RockfallError(
             f"{case.name}: &surface ground_map: the zones have grounds of their own "
-            f"({named[0].where}); give one of both"
+            f"({named[0].where}): give one of both"
         )
     table = GroundTable(table_path(case))
     inputs.checksums.setdefault("ground_table", file_checksum(table.path))
@@ -153,7 +153,7 @@ def _read_zones(
     """Read zones as indices into the table of sizes."""
     case, surface = inputs.case, inputs.case.surface
     path = case.path(surface["zones"])
-    table_path_, numbers = path, None  # polygons say themselves what they are made of
+    table_path_, numbers = path, None  # polygons have their own ground
     if "table" in surface:
         table_path_ = case.path(surface["table"])
         inputs.checksums.setdefault("table", file_checksum(table_path_))

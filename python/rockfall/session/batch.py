@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results of a run that goes on."""
+"""Results of a run that continues."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Batch:
     from all sources alike (with maps of sources, from the first of them). The last batch of a run
     is complete, with the bits of `rockfall.run`.
 
-    Statistics and trajectories may be asked for at any time; a Dataset, which has the maps, only
-    until the run goes on.
+    Statistics and trajectories may be taken at any time; a Dataset, which has the maps, only
+    until the run continues.
 
     >>> import rockfall
     >>> session = rockfall.open(rockfall.read_case("case.nml"))
@@ -191,7 +191,7 @@ class Batch:
 
     def dataset(self) -> xr.Dataset:
         """Result so far, with maps, as of `rockfall.run`; `complete` in its attributes is 0 until
-        the last batch. A RockfallError once the run has gone on, which changes the maps.
+        the last batch. A RockfallError once the run has continued, which changes the maps.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -215,8 +215,8 @@ class Batch:
         tally = self._tally
         if self._run.begun != self._begun and tally.scene.case.output.get("maps"):
             raise RockfallError(
-                "the run has gone on since this batch, and its maps have changed: ask a batch for "
-                "its dataset before the next"
+                "the run has continued since this batch and changed its maps: take the dataset of "
+                "a batch before the next batch"
             )
         recorded = self._recorded(tally.scene.case.output["trajectories"])
         tally.settle()

@@ -193,7 +193,7 @@ class Session:
         if scene.windows:
             raise RockfallError(
                 f"{case.name}: &terrain dem = '{case.terrain['dem']}': needs more than half of the "
-                "memory, and an open session keeps it there; use rockfall.run"
+                "memory, and an open session keeps it there: use rockfall.run"
             )
         check_team(self._team(scene))
         check_tallies(scene, scene.survey())

@@ -17,7 +17,7 @@ from rockfall.simulation.maps import tells_sources
 from rockfall.simulation.tally import Tally
 
 PIECE_SECONDS = 0.012  # between looks at a cancel, which is to be answered within 0.05 s
-FIRST_PIECE = int(_core.constant("first_chunk"))  # boulders, which may be slow ones
+FIRST_PIECE = int(_core.constant("first_chunk"))  # boulders, few in case they are slow
 LANES = int(_core.constant("lanes"))  # boulders of a thread in a call: fewer leave some empty
 RECOVERY = 1.5  # growth of the rate that is expected, after a slow piece
 
@@ -56,7 +56,7 @@ class Batches:
             yield range(self.tally.done, stop)
 
     def _spread(self) -> Iterator[range]:
-        """Every n-th boulder, then others halfway between these, and so on, in pieces of which each
+        """Every n-th boulder, then others halfway between these, and so on, in pieces that each
         is spread over all as well."""
         boulders = range(self.tally.boulders)
         for part in spread_parts(boulders, -(-len(boulders) // (LANES * self._threads))):

@@ -127,7 +127,7 @@ def _counted(sample: Scene, boulders: int) -> tuple[float, float]:
 
 
 def _all_reached(passages: np.ndarray, more: float) -> float:
-    """Number of cells that so many times more boulders would reach, if passages per cell follow a
+    """Number of cells that this multiple of boulders would reach, if passages per cell follow a
     gamma distribution: counts are then negative binomial (Fisher, Corbet & Williams 1943). Its mean
     and shape reproduce the numbers of cells passed at all, and passed once, by the few boulders."""
     total, cells, once = passages.sum(dtype="i8"), (passages > 0).sum(), (passages == 1).sum()
@@ -194,7 +194,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 def _sample_bytes(tally: Tally, pilot: Pilot, more: float) -> float:
     """Bytes of counts in bins, of where they are, and of the largest values at lines, if the run
-    has so many times more boulders than its pilot."""
+    has this multiple of the boulders of its pilot."""
     passed = np.zeros(0)
     if tally.scene.case.lines:
         passed = np.bincount(pilot.tally.array("crossing_line")) * more

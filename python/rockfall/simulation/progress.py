@@ -118,7 +118,7 @@ _work: ContextVar[_Work | None] = ContextVar("work", default=None)
 
 @contextmanager
 def working(shown: bool = True) -> Iterator[None]:
-    """Show the progress of the work within the block, of which `add_steps` gives the steps."""
+    """Show the progress of the work within the block; `add_steps` adds its steps."""
     with progress_bar(0, shown, "steps", PATIENCE) as advance:
         token = _work.set(_Work(advance))
         try:
@@ -141,7 +141,7 @@ def step(*_: Any) -> None:
 
 
 def stepped(items: Iterable[Item]) -> Iterator[Item]:
-    """Items, each of which is a step of work."""
+    """Items; each is a step of work."""
     for item in items:
         yield item
         step()

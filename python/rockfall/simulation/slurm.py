@@ -32,7 +32,7 @@ RUN = Template(
 #SBATCH --output=$folder/%a.log
 #SBATCH --open-mode=append
 #SBATCH --requeue
-# One part of the run for each job of the array; a job that is started again goes on.
+# One part of the run for each job of the array; a job that is started again continues.
 set -eu
 mkdir -p $folder/parts
 part=$$SLURM_ARRAY_TASK_ID
@@ -129,5 +129,5 @@ def _batch(path: str | Path) -> str:
     if not program:
         raise RockfallError("--program batch: no rockfall-batch is found on the PATH")
     if not Path(path).with_name("scene.nc").is_file():
-        raise RockfallError(f"{path}: no scene.nc beside it; `rockfall prepare` makes such a case")
+        raise RockfallError(f"{path}: no scene.nc next to it: `rockfall prepare` makes such a case")
     return shlex.quote(str(Path(program).absolute()))

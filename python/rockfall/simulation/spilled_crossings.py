@@ -38,7 +38,7 @@ class SpilledCrossings:
         self._lines = lines
 
     def take(self, run: RunArrays, least: int | None = None) -> None:
-        """Take the crossings of a run over, if there are at least so many (default: a block)."""
+        """Take over the crossings of a run, if there are at least this many (default: a block)."""
         if run.array("crossing_line").size < (BLOCK if least is None else least):
             return
         run.sort_crossings()
@@ -57,7 +57,7 @@ class SpilledCrossings:
             self._file.flush()
         except OSError as error:
             raise RockfallError(
-                f"{self._folder}: cannot keep the crossings of lines: {error.strerror}; "
+                f"{self._folder}: cannot keep the crossings of lines: {error.strerror}: "
                 "free disk space, or take fewer lines"
             ) from error
 

@@ -58,7 +58,7 @@ class Origin:
         return what.decode().strip()
 
     def _identity(self, numbers: range) -> tuple[bytes, list[int], tuple[float, ...]]:
-        """Texts, integers and reals of the kernel's identity_t; numbers are of boulders, from 1."""
+        """Texts, integers and reals of the kernel's identity_t, for these boulders (from 1)."""
         sums = (json.dumps(by_name, sort_keys=True) for by_name in (self.checksums, self.decoded))
         texts = "\1".join((self.version, *sums)).encode(errors="replace")
         grid, ends = self.grid, (numbers.start, numbers.stop - 1)
@@ -87,14 +87,14 @@ class Tally:
     crs: dict[str, Any] = field(default_factory=dict)  # attributes of a grid without a CRS
     marks: np.ndarray | None = None  # bool, of each boulder: done; None: the first `done` are
     spilled: SpilledCrossings | None = None  # crossings that are in a file, not in the run
-    goes_on: bool = False  # results are made while the run goes on: they are copies
+    goes_on: bool = False  # results are made while the run continues: they are copies
 
     def array(self, file_name: str) -> np.ndarray:
         """A view of an array of the run, by its name in files."""
         return self.run.array(file_name)
 
     def differs_in(self, arrays: Mapping[str, np.ndarray], *names: str) -> str:
-        """First of the named arrays, of those that the run has, that differs; "" if none."""
+        """First of the named arrays of the run that differs; "" if none."""
         own = {array.file_name: array.values for array in self.run.arrays()}
         differ = (
             name for name in names if name in own and not np.array_equal(own[name], arrays[name])

@@ -34,7 +34,7 @@ MAXIMA = {
 
 def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Complete results of a run, named as in `variables`; with or without its maps, whose tallies
-    are used up (`settle` comes before) unless the run goes on."""
+    are used up (`settle` comes before) unless the run continues."""
     groups = "boulder", "count", "energy", "feature", "shape", "mass", "tree", "breakage"
     data = table_variables(tally, *groups)
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])

@@ -143,7 +143,7 @@ def advise(
     progress: bool = False,
 ) -> Advice | None:
     """The first of some barriers with which at most `acceptable` boulders a year come to the line,
-    by the upper limit, as it is, or higher or of a higher class; if there is none, the one that
+    by the upper limit: unchanged, higher, or of a higher class. If none suffices, the barrier that
     leaves least. None without barriers. `result`: of the case without them."""
     if not barriers:
         return None
@@ -170,8 +170,8 @@ def advise(
 def _stronger(
     case: Case, barrier: Wanted, after: Sequence[_Came], most: Most, acceptable: float
 ) -> Wanted | None:
-    """The cheapest higher barrier, or of a higher class, that would have left at most so many of
-    the boulders that came past one; None if there is none."""
+    """The cheapest barrier, higher or of a higher class, that would have left at most this number
+    of the boulders that passed a barrier; None if there is none."""
 
     def is_enough(height: float, ead_class: int) -> bool:
         would = (

@@ -69,7 +69,7 @@ class Convergence:
     cost: pd.DataFrame
     numerical: pd.DataFrame
     sources: int
-    reference: int  # boulders; as many in blocks
+    reference: int  # boulders; equal numbers in blocks
     paired: int  # boulders on each terrain
     seconds: float  # of CPU per boulder
     refused: dict[str, str]  # variant of the terrain -> reason for refusal
@@ -86,10 +86,10 @@ def converge(
     """Measure the convergence of the numbers at the lines of a case, as in `Convergence`.
 
     The study simulates the first boulders of the case itself (as Bourrier et al. 2009 do for
-    their site; by default as many from each source, or as a million in all allow). Statistical
+    their site; by default a million in all, in equal numbers from each source). Statistical
     errors are those of blocks out of `reference` boulders from each source (a million in all, where
-    it is not given), against as many others; each has seeds of its own.
-    Numerical errors are changes of the numbers of a tenth as many boulders, the same ones on each
+    it is not given), against an equal number of others; each has its own seeds.
+    Numerical errors are changes of the numbers of a tenth of the boulders, the same ones on each
     terrain. What boulders did at the lines is kept in memory, 24 bytes a line and boulder, and
     nothing else.
 
@@ -111,7 +111,7 @@ def converge(
     many = max(fewest, -(-REFERENCE // sources)) if reference is None else reference
     if many < fewest:
         raise RockfallError(
-            f"reference = {many}: must be at least {fewest} boulders from each source; there are "
+            f"reference = {many}: must be at least {fewest} boulders from each source, there are "
             f"{sources:,}"
         )
     paired = -(-many // 10)
@@ -314,10 +314,10 @@ def _terrains(
 
 
 def other_digits(scene: Scene) -> tuple[str, Scene]:
-    """Scene with elevations of the other precision, and the name of that.
+    """Name of the other floating-point precision, and the scene with elevations in it.
 
-    float64 elevations are rounded. float32 ones receive random digits in place of those lost by
-    rounding: up to half of their last binary digit.
+    float64 elevations are rounded. float32 elevations receive random digits for the rounding:
+    up to half of their last binary digit.
     """
     z = scene.rasters.z
     if z.dtype == np.float64:

@@ -99,8 +99,8 @@ def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
     if not _same_cells(first, other):
         ours, theirs = (grid_of(data["passages"])[0] for data in (first, other))
         raise RockfallError(
-            f"{name}: maps of difference need the cells of the first variant, of {ours.cell:g} m; "
-            f"its terrain has others, of {theirs.cell:g} m: compare without maps"
+            f"{name}: difference maps require the cells of the first variant ({ours.cell:g} m), "
+            f"not {theirs.cell:g} m: compare without maps"
         )
 
 

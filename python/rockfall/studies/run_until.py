@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs that end when the confidence intervals at the lines reach a requested width.
 
-This is no study of several scenes (`rockfall.studies.study`): it is one run, whose tallies go on
+This is no study of several scenes (`rockfall.studies.study`): it is one run, whose tallies continue
 with more boulders until they are enough.
 """
 
@@ -68,7 +68,7 @@ class Verdict(NamedTuple):
     """Verdict of a result on a rule.
 
     `width` is the half-width over the number, NaN if there is none. `need` is the number of
-    boulders from each source that the rule needs: NaN if too few cross the line to tell, inf if no
+    boulders from each source that the rule needs: NaN if too few cross the line, inf if no
     number is enough.
     """
 
@@ -93,7 +93,7 @@ class Verdict(NamedTuple):
 def run_until(
     case: Case, rules: str, cap: int | None = None, *, progress: bool = False, **arrays: Any
 ) -> xr.Dataset:
-    """Run a case with as many boulders from each source as `rules` need, `cap` at most.
+    """Run a case with the boulders from each source that `rules` need, `cap` at most.
 
     `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
     result is that of `run` with the final number of boulders, which replaces the case's own; its
@@ -251,16 +251,16 @@ def _rule(text: str, lines: list[str]) -> Rule:
     elif quantity not in QUANTITIES:
         names = ", ".join(QUANTITIES)
         raise RockfallError(
-            f"{prefix}: no quantity '{quantity}'; there are {names}, or fraction alone"
+            f"{prefix}: no quantity '{quantity}', there are {names}, or fraction alone"
         )
     elif statistic not in STATISTICS:
         names = ", ".join(STATISTICS)
         raise RockfallError(
-            f"{prefix}: no interval for the statistic '{statistic}'; there are {names}"
+            f"{prefix}: no interval for the statistic '{statistic}', there are {names}"
         )
     if line not in lines:
         names = ", ".join(lines) or "none"
-        raise RockfallError(f"{prefix}: no line '{line}'; the lines of the case: {names}")
+        raise RockfallError(f"{prefix}: no line '{line}', the lines of the case: {names}")
     if not re.fullmatch(r"\d+\.?\d*|\.\d+", percent) or not 0 < float(percent) < 100:
         raise RockfallError(f"{prefix}: {percent} %: must be a number above 0 and below 100")
     return Rule(text, lines.index(line), quantity, statistic, float(percent) / 100)

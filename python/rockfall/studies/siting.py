@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
 YES, NO, UNDECIDED = "yes", "no", "undecided"
-BEST, NOT_TOLD_APART = "best", "not told apart"
+BEST, NOT_DISTINGUISHED = "best", "not distinguished"
 LEVEL = 0.95  # of the loads
 CONDITIONS = {field.name for field in fields(Conditions)}
 NUMBERS = ("fraction", "energy_q95", "height_q95", "bypass", "E_d", "height_needed", "ead_class",
@@ -70,12 +70,12 @@ class Siting:
 
     `table` has COLUMNS, a row for each alignment. Of the boulders that cross it: `energy_q95`
     (total) and `height_q95` (of the centre, vertical); E_d, height and EAD class that the standard
-    asks for. Of those that come to the protected line: `bypass`, the fraction that does not cross
-    the alignment before, and `remaining`, the fraction that still comes if a barrier of that height
-    and class stands there. `cost` is that of its length. `fits` tells whether it is within the
-    limits, `fails` which are exceeded or undecided, and which assumptions are unconfirmed;
-    `choice` tells which alignment is best under these assumptions. `advice` is the barrier that
-    follows, verified by a run with it; None where no alignment is within the limits.
+    requires. Of the boulders that reach the protected line: `bypass`, the fraction that does not
+    cross the alignment before, and `remaining`, the fraction that still comes with a barrier of
+    that height and class there. `cost` is for its length. `fits` is True if it is within the
+    limits; `fails` lists limits that are exceeded or undecided, and unconfirmed assumptions.
+    `choice` gives the best alignment under these assumptions. `advice` is the barrier that follows,
+    verified by a run with it; None where no alignment is within the limits.
     """
 
     line: str
@@ -201,7 +201,7 @@ def in_batches(
     if most < 1:
         raise RockfallError(
             f"site: {scene.boulders:,} boulders at {others + 1} lines take "
-            f"{each * (others + 1) / 1e9:.2g} GB: more than half of the memory; give fewer boulders"
+            f"{each * (others + 1) / 1e9:.2g} GB: more than half of the memory: give fewer boulders"
         )
     number = -(-len(alignments) // most)
     parts = np.array_split(np.arange(len(alignments)), number)
@@ -225,8 +225,7 @@ def _memory_note(
     need = BYTES_AT_LINE * scene.boulders * len(alignments) / 1e9
     return (
         f"{scene.boulders:,} boulders at {len(alignments)} alignments take {need:.2g} GB, more "
-        f"than half of the memory: {len(batches)} runs by the same boulders, and the result has "
-        "the best alignment only"
+        f"than half of the memory: {len(batches)} runs, and only the best alignment is kept"
     )
 
 
@@ -337,9 +336,9 @@ def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
 
 def choose(rows: list[dict[str, Any]]) -> None:
     """Mark the alignment of the lowest cost among those within the limits (those undecided if there
-    are no others), and those that its interval does not tell apart from it. Intervals that overlap
-    decide nothing, though the same boulders are behind them: this errs on the side of "not told
-    apart"."""
+    are no others), and those whose difference is not significant. Intervals that overlap
+    decide nothing, though the same boulders are behind them: this errs on the side of "not
+    significant"."""
     for row in rows:
         row["choice"] = ""
     open_ones = [row for row in rows if row["fits"] != NO and not math.isnan(row["cost"])]
@@ -350,7 +349,7 @@ def choose(rows: list[dict[str, Any]]) -> None:
     highest = math.inf if math.isnan(best["cost_high"]) else best["cost_high"]
     for row in open_ones:
         if not row["cost_low"] > highest:  # unknown limits decide nothing
-            row["choice"] = NOT_TOLD_APART
+            row["choice"] = NOT_DISTINGUISHED
     best["choice"] = BEST
 
 
@@ -364,6 +363,6 @@ def _notes(
         yield "barriers of the case are in the run: alignments below them see what they let pass"
     own = next((alignment for alignment in alignments if alignment.name == line), None)
     if own is not None and all(alignment.elevation <= own.elevation for alignment in alignments):
-        yield f"no alignment is higher than {line}: give the direction in which the slope rises"
+        yield f"no alignment is higher than {line}: give the uphill direction"
     if all(row["fits"] == NO for row in rows):
         yield "no alignment is within the limits"

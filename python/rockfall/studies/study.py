@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The engine of all studies: named scenes with common random numbers, run one after the other.
 
-A study says which scenes it runs and which numbers it takes of each result. A boulder has the same
-random words in all of them, so that results can be compared boulder by boulder (see
+A study lists the scenes that it runs and the numbers that it takes of each result. A boulder has
+the same random words in all of them, so that results can be compared boulder by boulder (see
 `rockfall.analysis.precision.paired`). Progress, checkpoints and warnings are here; each result is
 gone before the next run, unless it is itself the number that is taken.
 """
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Name = TypeVar("Name", bound=Hashable)
     Numbers = TypeVar("Numbers")
 
-#: Changes of &output for scenes of which only boulders are compared.
+#: Changes of &output for scenes whose boulders alone are compared.
 ROWS_ONLY: dict[str, Any] = {"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"}
 NO_CHECKPOINTS: Mapping[Any, Checkpoint] = {}
 
@@ -80,9 +80,9 @@ class Study:
     ) -> Iterator[tuple[Name, Numbers]]:
         """Names of the scenes, and the numbers of the result of each.
 
-        Scenes may be made as they are asked for: each is gone before the next is made. Those that
+        Scenes may be made when they are needed: each is gone before the next is made. Those that
         are `compared` have the seed of the first, and their warnings are collected; others, such as
-        members of a sample, keep their own. A result in place of a scene is taken as it is. Ctrl-C
+        members of a sample, keep their own. A result in place of a scene is taken unchanged. Ctrl-C
         raises `Interrupted`, with the result of the run that it stopped.
         """
         seed: int | None = None

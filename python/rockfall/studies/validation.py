@@ -86,7 +86,7 @@ def validate(
     """Run a case by its own rebound model, its impact sets, each classical model, and each table of
     impacts (those of these names, by default all shipped ones), over seeds following the case's,
     and compare each with the observations: places or distances of rest, samples and numbers at
-    lines. Models differ on the same ground as in `run_models`; the notes say where not.
+    lines. Models differ on the same ground as in `run_models`; the notes list exceptions.
 
     Raises a RockfallError if no observation can be compared with a run, no ground can have another
     model, or a table of these names needs sizes of rocks that the case lacks.
@@ -115,8 +115,8 @@ def validate(
     rows = [{"law": name, **row} for name, own in runs.items() for row in over_runs(own)]
     if not rows:
         raise RockfallError(
-            f"{case.name}: nothing that was observed can be set beside it: places or distances of "
-            "rest (with start_x, start_y where there are several sources), or lines of the case"
+            f"{case.name}: no observation to compare with: give places or distances of rest (with "
+            "start_x, start_y for several sources), or lines of the case"
         )
     return Validation(
         case.case["title"] or case.name, own_scene.boulders, numbers, tuple(laws),

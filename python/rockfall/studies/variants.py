@@ -121,7 +121,7 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
         if differing := [key for key, value in starts.items() if not _same(value, first[1][key])]:
             raise RockfallError(
                 f"{case.name}: &variant name = '{name}': its {differing[0]} are not those of "
-                f"'{first[0]}', with which it is compared boulder by boulder"
+                f"'{first[0]}', the first variant, boulder by boulder"
             )
         for line in implausible(scene):
             remarks.append(f"variant {name}: {line.removeprefix(f'{case.name}: ')}")
@@ -168,8 +168,8 @@ def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     those that pass, mean and 95 % quantile of speed, highest point and total energy; and the
     difference from the first variant, with the limits of its 95 % interval.
 
-    Protection selects: few may pass a net, but fast ones. Numbers of those that pass may rise where
-    each boulder is slower or stopped; fractions above an energy do not mislead so.
+    Protection selects: few may pass a net, but fast ones. Numbers of passing boulders may rise
+    where each boulder is slower or stopped; fractions above an energy do not mislead so.
 
     A boulder that a barrier stops at the line does not pass it. `verdict` is less, more, or
     undecided if the interval contains 0 or too few boulders pass to have one. Lines of some

@@ -51,7 +51,7 @@ def _label(key: tuple[str, str, str]) -> str:
 
 
 def study_table(study: pd.DataFrame) -> Table:
-    """Numbers after so many boulders."""
+    """Numbers by boulders run."""
     rows = []
     for key, group in study.groupby(KEYS, sort=False):
         factor = QUANTITIES[key[2] if key[1] == "boulders" else key[1]].factor
@@ -110,10 +110,10 @@ def _cost_says(convergence: Convergence) -> Iterator[str]:
     cost = convergence.cost.set_index(KEYS)
     for key in (cost[percent].idxmin(), cost[percent].idxmax()):
         cpu, more = (number(cost.loc[key, name], 2) for name in (percent, tenth))
-        yield f"{_rule(key)} to 1 % costs {cpu} s of CPU; one more digit costs 100 times, {more} s."
+        yield f"{_rule(key)} to 1 % costs {cpu} s of CPU, one more digit {more} s."
     yield (
-        "Errors are root mean squares; half an interval of 95 %, as of --until and reports, is "
-        "twice as wide: boulders for +- 2 % are for such an interval, over all sources."
+        "Errors are root mean squares. Half a 95 % interval, as in --until and reports, is twice "
+        "as wide: boulders for +- 2 % are for it."
     )
     if convergence.sources > 1:
         yield "The sources are as given: what they differ by is not in these errors."

@@ -142,8 +142,8 @@ def more_needed(data: xr.Dataset) -> str:
 
 
 def orders_reversed(data: xr.Dataset) -> Iterator[str]:
-    """Warnings of a first-order index above the total, which is impossible in theory, with the
-    significance of the difference, for the result with the largest one."""
+    """Warnings of first-order indices above the total, which is impossible in theory: for each line
+    the result with the most significant difference."""
     for index, line in enumerate(line_names(data)):
         within: list[str] = []
         beyond: list[str] = []

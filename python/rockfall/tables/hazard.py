@@ -156,8 +156,8 @@ def risk_table(hazard: xr.Dataset) -> Table:
 
 
 def assumptions(hazard: xr.Dataset) -> list[str]:
-    """Assumptions of the risk, a line each; none if the objects do not say what is exposed. Those
-    of older files are in English only."""
+    """Assumptions of the risk, a line each; none if the objects have no exposure. Assumptions of
+    older files are in English only."""
     if not has_risk(hazard):
         return []
     texts = str(hazard.attrs["risk_assumptions"]).splitlines()

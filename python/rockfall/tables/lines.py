@@ -64,7 +64,7 @@ def estimate(row: Mapping[Any, Any], name: str, quantity: str, **how: Any) -> Es
 
 
 def rising_estimates(row: Row, names: Sequence[str], quantity: str) -> Iterator[Estimate]:
-    """Estimates of numbers that do not fall, of which none is rounded below the one before it."""
+    """Estimates of numbers that do not fall, rounded so that none is below the one before it."""
     before, decimals = -math.inf, 0
     for name in names:
         cell = estimate(row, name, quantity)

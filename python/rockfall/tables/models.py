@@ -157,7 +157,7 @@ def validation_text(validation: Validation) -> str:
     mean, std = (percent(BOUNDS[name]) for name in ("mean", "std"))
     seeds = f"seeds {validation.seeds[0]} to {validation.seeds[-1]}"
     parts = [
-        f"{validation.title}: {validation.boulders:,} boulders by each law, {seeds}; bounds: mean "
+        f"{validation.title}: {validation.boulders:,} boulders per model, {seeds}; bounds: mean "
         f"within {mean}, std within {std}"
     ]
     for _, rows in validation.table.groupby(["line", "quantity"], sort=False):

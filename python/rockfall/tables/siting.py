@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.quantities import number
 from rockfall.studies.barrier_advice import ROUND, Advice
-from rockfall.studies.siting import BEST, NOT_TOLD_APART, YES
+from rockfall.studies.siting import BEST, NOT_DISTINGUISHED, YES
 from rockfall.table import Column, Estimate, Table, as_text, in_line
 from rockfall.tables.design import class_name, factor_lines, needed, shown
 
@@ -85,9 +85,9 @@ def _choice(siting: Siting) -> Iterator[str]:
         f"Best: {best['alignment']}, of the lowest cost{state}: class {class_name(best)}, "
         f"{in_line(needed(best, 'height_needed'))} m"
     )
-    if NOT_TOLD_APART in chosen:
-        names = ", ".join(chosen[NOT_TOLD_APART]["alignment"])
-        yield f"Not told apart from it by so few boulders: {names}"
+    if NOT_DISTINGUISHED in chosen:
+        names = ", ".join(chosen[NOT_DISTINGUISHED]["alignment"])
+        yield f"Not significantly different with these boulders: {names}"
 
 
 def advice_lines(siting: Siting) -> Iterator[str]:
@@ -112,7 +112,7 @@ def advice_lines(siting: Siting) -> Iterator[str]:
         yield "No effect is shown: the difference is within the error of the simulation"
     if advice.ways:
         shares = (f"{100 * part:.0f} % {WAYS[way]}" for way, part in advice.ways.items())
-        yield f"Of those that still come {', '.join(shares)}"
+        yield f"Remaining boulders: {', '.join(shares)}"
     if advice.is_enough is not None:
         yield f"At most {advice.acceptable:g} a year acceptable: {_acceptance(advice)}"
 

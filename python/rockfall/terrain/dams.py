@@ -77,9 +77,8 @@ def with_dam(
             )
         raise RockfallError(
             f"{name}: &dam height = {dam['height']:g}, slope = {dam['slope']:g}: its face is "
-            f"{shape.face:.2g} m wide, {shape.face_cells:.2g} cells of {grid.cell:g} m, which "
-            f"makes a bump of it: resample the terrain to cells of {finer(shape):g} m or less, "
-            f"make it about {higher(shape)} m high, or say allow_coarse = .true."
+            f"{shape.face_cells:.2g} cells wide: resample to {finer(shape):g} m, raise it to "
+            f"{higher(shape)} m, or give allow_coarse = .true."
         )
     return raised, shape
 

@@ -125,7 +125,7 @@ def _axis(values: np.ndarray) -> _Axis | None:
 
 
 def _dense(has_point: np.ndarray) -> float:
-    """Fraction of nodes with a point of which at least two of four neighbours have one."""
+    """Fraction of nodes with a point that have at least two of four neighbours with a point."""
     around = np.zeros(has_point.shape, np.int8)
     around[1:] += has_point[:-1]
     around[:-1] += has_point[1:]

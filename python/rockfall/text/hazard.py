@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 from rockfall.analysis.hazard.classes import CLASSES, RESIDUAL, boulders_needed, unseen
@@ -61,11 +61,14 @@ def _more(hazard: xr.Dataset, name: str) -> list[str]:
     return [f"  and {count(more, f'more {name}')}, in {name}s.csv"] * (more > 0)
 
 
-def hazard_warnings(hazard: xr.Dataset) -> Iterator[str]:
+def hazard_warnings(hazard: xr.Dataset, shown: Collection[str] = ()) -> Iterator[str]:
     """Model remarks of `run` for each scenario, merged if all are equal; warnings of too few
-    boulders to identify safe cells, and of zones that show less than the map."""
+    boulders to identify safe cells, and of zones that show less than the map; without messages of
+    these ids, which a document has `shown` already."""
     for group in warning_groups(hazard):
         for sentence in group.texts:
+            if isinstance(sentence, Text) and sentence.key in shown:
+                continue
             yield f"{group.scenarios}: {sentence}" if group.scenarios else sentence
 
 

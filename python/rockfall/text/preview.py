@@ -33,7 +33,7 @@ from rockfall.text.breakage import breakage_lines
 from rockfall.text.summary import MOST_STANDS
 
 MAX_LINES = 20  # names that `check` lists
-LARGE_RESULT = 2e9  # bytes of rows of boulders of which it is said that they go to the file, too
+LARGE_RESULT = 2e9  # bytes of rows of boulders from which their size in the file is printed
 MAX_ZONES = 12  # listed individually
 DRAWS = 101  # of the sizes of rocks by boulder, for their quantiles
 
@@ -69,7 +69,7 @@ def preview(scene: Scene) -> str:
     title = f"{case.name}: {case.case['title']}".removesuffix(": ")
     warnings = [
         (
-            "warning",
+            remark.grade,
             f"in a pilot run {remark.text}" if remark.is_counted else remark.text,
         )
         for remark in model_remarks(values, case)
@@ -191,7 +191,7 @@ def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
             " ..." if len(features.names) > 4 else ""
         )
         if what:
-            text = f"their layer says {', '.join(what)}; {len(features.names):,} features: {names}"
+            text = f"their layer gives {', '.join(what)}; {len(features.names):,} features: {names}"
             yield "", text
 
 

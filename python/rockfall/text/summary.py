@@ -94,6 +94,6 @@ def _rebounds(result: Held) -> Iterator[str]:
 
 
 def remark_lines(result: Held) -> Iterator[str]:
-    """Remarks on the model of a run, warnings marked."""
+    """Remarks on the model of a run, with their grades."""
     for remark in model_remarks(result, case_of(result)):
-        yield f"  {'warning: ' if remark.is_warning else ''}{remark.text}"
+        yield f"  {remark.grade}: {remark.text}"

@@ -86,7 +86,7 @@ function makeStyles(layer: Exclude<Layer, 'dams'>, wide: number): Style[] {
 
 const made = new Map<string, Style[]>();
 
-/** Styles of a shape; those of a layer are the same objects, of which each would have a picture of its own. */
+/** Styles of a shape; shapes of a layer share them, because each style has its own picture. */
 function shapeStyles(
   layer: Layer,
   properties: Readonly<Record<string, Value>>,

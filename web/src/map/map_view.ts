@@ -30,7 +30,7 @@ export type Shown =
   | 'drawn_zones';
 
 const PADDING = 28; // pixels around what the view is fitted to
-const TAG = 44; // and above it, where it says preliminary
+const TAG = 44; // and above it, where preliminary is written
 const LEGEND = 156; // and on a phone, where the legend is
 
 export class MapView {

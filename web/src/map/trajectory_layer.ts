@@ -110,7 +110,7 @@ export interface DotStyle {
   halo: boolean;
 }
 
-/** Points in rows of some numbers, of which the first two are metres east and north of an origin. */
+/** Points in rows of numbers; the first two are metres east and north of an origin. */
 export class DotLayer extends PlotLayer {
   private rows: Float32Array | Float64Array = new Float32Array();
   private columns = 2;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What the case and the model have to say: errors and the model's warnings in red, likely mistakes in amber.
+// Messages on the case and the model: errors and the model's warnings in red, likely mistakes in amber.
 import { button, element } from '../dom';
 import { icon } from '../icons';
 import type { CaseError } from '../protocol';
@@ -19,7 +19,7 @@ export class MessagePanel {
 
   update(errors: readonly CaseError[], model: readonly string[], checks: readonly string[]): void {
     const next = JSON.stringify([errors, model, checks]);
-    if (next === this.shown) return; // a screen reader would say it again
+    if (next === this.shown) return; // a screen reader would repeat it
     this.shown = next;
     const open = this.root.querySelector('details[open].red') !== null;
     const red: Message[] = [

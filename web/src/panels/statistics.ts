@@ -5,7 +5,7 @@ import { hasStatistics, type Estimate, type Line, type LineStatistics, type Quan
 import { decimal, rounded, say, sayOr, supportedDecimals } from '../texts';
 
 const FEW = 30; // lines whose numbers are all written
-const MOST = 200; // lines in view of which the server is told
+const MOST = 200; // lines in view, reported to the server
 const PAUSE = 80; // ms in which the table stands still before it is
 
 export const QUANTITIES = ['speed', 'energy_total', 'passing_height'] as const;

@@ -230,7 +230,7 @@ function resampled({ points, first }: Trajectories): { points: Float32Array<Arra
       kept = at;
       mixed = false;
     }
-    // A second point, later, or the next path would seem to go on from the first.
+    // A second point, later, or the next path would seem to continue from the first.
     if (begin === last) add(points, begin, 1e-3);
     firsts[path + 1] = used / STRIDE;
   }

@@ -13,7 +13,7 @@ import type { Extent, Line3d, Say, Shade, Terrain, Trajectories } from './types'
 
 export type { Line3d, Shade, Terrain, Trajectories } from './types';
 
-const FRAMES = 120; // of which times are kept
+const FRAMES = 120; // whose times are kept
 const MAX_RATIO = 2; // pixels of the picture in a CSS pixel
 
 /** View that fills its parent. Hidden at first; draws only while shown, and only when something moved. */
@@ -270,7 +270,7 @@ class Stage {
     this.lines?.setViewport(width, height, ratio, this.camera.eye.fov);
   }
 
-  /** Ask for a frame, once until it is drawn. */
+  /** Request a frame, once until it is drawn. */
   private request(): void {
     if (this.shown && this.frame === 0) this.frame = requestAnimationFrame((now) => {
       this.frame = 0;

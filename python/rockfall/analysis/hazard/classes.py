@@ -45,8 +45,8 @@ def frequencies(
     """Combine scenarios, each given as counts, number of boulders, number of boulders that count as
     one (`boulders_per_cluster`), and annual frequency.
 
-    The limits are sums of those of the scenarios (Wilson's). Scenarios share random numbers, so
-    their errors may have the same sign, for which other rules would be too narrow. They include
+    The limits are sums of the limits of the scenarios (Wilson's). Scenarios share random numbers,
+    so their errors may have the same sign, for which other rules would be too narrow. They include
     the lowest and highest `factor` on the annual frequencies.
     """
     value = low = high = np.zeros(())
@@ -87,7 +87,7 @@ class Classes(NamedTuple):
 
 
 def classify(rates: Frequencies, matrix: Matrix) -> Classes:
-    """Classify frequencies (intensities, ...), of which the first is that of all passages."""
+    """Classify frequencies (intensities, ...); the first is for all passages."""
     passed = rates.value[0] > 0
     value, low, high = (hazard_classes(rate, matrix, passed) for rate in rates)
     return Classes(value, low, high)
@@ -109,8 +109,8 @@ def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1
 
 
 def boulders_needed(yearly: float, period: float) -> int:
-    """Number of boulders per scenario that shows that an event seen in none of them is rarer than
-    once in a period: the upper limit of none in n is z2/(n + z2)."""
+    """Number of boulders per scenario needed to show that an event without a simulated occurrence
+    is rarer than once in a period: the upper limit of 0 in n is z2/(n + z2)."""
     upper = unseen([(1, 1.0)])  # z2/(1 + z2)
     z2 = upper / (1 - upper)
     return max(1, int(np.ceil(z2 * (yearly * period - 1))))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A hazard that is finished already, which `--resume` leaves as it is."""
+"""A hazard that is finished already, which `--resume` leaves unchanged."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def return_period(
 def period_table(hazard: xr.Dataset) -> pd.DataFrame:
     """One row for each line, object and segment, and each return period: `place` (line, object or
     segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with their limits. 0:
-    no boulder as often as that; an empty or infinite upper limit: too few boulders to tell."""
+    no boulder as often as that; an empty or infinite upper limit: too few boulders for one."""
     import pandas as pd
 
     rows = [
@@ -133,8 +133,8 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
     kind, k = find_place(hazard, place)
     if np.isnan(hazard[f"{kind}_{quantity}_by_period"].values[k]).any():
         raise RockfallError(
-            f"{place}: is a point without a width, of which only counts above &hazard thresholds "
-            "are known: give it a width"
+            f"{place}: is a point without a width, with counts above &hazard thresholds "
+            "only: give it a width"
         )
     above = hazard[f"{kind}_{quantity}_counts"].values[:, k]
     counts = np.column_stack([hazard[f"{kind}_passages"].values[:, k], above])

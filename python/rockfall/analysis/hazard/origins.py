@@ -33,14 +33,14 @@ class Starts(NamedTuple):
 
 
 class Origins(NamedTuple):
-    """Starts of all boulders of a run, and of those that come to each place, by its kind."""
+    """Starts of all boulders of a run, and of the boulders that reach each place, by its kind."""
 
     released: Starts
     at: Mapping[str, Sequence[Starts]]
 
     @classmethod
     def of(cls, result: xr.Dataset, grid: Grid, at: Mapping[str, Sequence[np.ndarray]]) -> Origins:
-        """Origins of the boulders of a result, of which those with these indices come to places."""
+        """Origins of the boulders of a result; `at`: indices of boulders that reach each place."""
         rows, columns = grid.cells(*(result[f"start_{axis}"].values for axis in "xy"))
         cells = rows * grid.nx + columns
         places = {kind: [_starts(cells[here]) for here in each] for kind, each in at.items()}

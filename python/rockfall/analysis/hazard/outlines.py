@@ -2,7 +2,7 @@
 """Generalised outlines of hazard zones: smooth, and no part of a zone narrower than a width.
 
 Every step errs on the safe side: an outline encloses all cells of its class and of higher ones, and
-what is too narrow is widened, or takes the next higher class if it lies beside it.
+what is too narrow is widened, or takes the next higher class if it is adjacent.
 """
 
 from __future__ import annotations

@@ -77,8 +77,8 @@ def scenario_remarks(scene: Scene) -> Iterator[str]:
             place = f"&scenario name = '{scenario['name']}'"
             if given.all():
                 raise RockfallError(
-                    f"{case.name}: {place}: gives a {what}, and the layer of the sources gives "
-                    "that of every source, which comes first: take it out of one of the two"
+                    f"{case.name}: {place}: gives a {what}, but the layer gives it for every "
+                    "source and takes precedence: remove one of the two"
                 )
             attrs = {"what": word(what), "part": np.count_nonzero(given), "n": given.size}
             yield remark(case.name, "input.scenario_and_layer", place=place, **attrs)

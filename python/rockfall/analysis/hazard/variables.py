@@ -135,7 +135,7 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield "boulders", Variable(("scenario",), PART, "boulders that were simulated")
     what = "boulders that count as one in the intervals: those of a place of a sample of sources"
     yield "boulders_per_cluster", Variable(("scenario",), PART, what)
-    what = "what must be said of the model in the scenario, a line each"
+    what = "warnings on the model in the scenario, a line each"
     yield "scenario_warnings", Variable(("scenario",), "", what)
     what = "the same as ids of messages and their values, a JSON list"
     yield "scenario_messages", Variable(("scenario",), "", what)

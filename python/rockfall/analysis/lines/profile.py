@@ -38,10 +38,10 @@ def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> p
 
     `start` and `end` [m]; `n` and `fraction` of all boulders that first cross the line there;
     `per_metre` is that fraction over the length of the window [1/m]; mean and 95 % quantile of the
-    total energy [J] and of the passing height (centre, vertical) [m] of those that cross. `..._low`
-    and `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`; NaN where
-    too few cross. Raises RockfallError for an unknown line, and for a width that is not above 0 or
-    gives more than 10,000 windows.
+    total energy [J] and of the passing height (centre, vertical) [m] of crossing boulders.
+    `..._low` and `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`;
+    NaN where too few cross. Raises RockfallError for an unknown line, and for a width that is not
+    above 0 or gives more than 10,000 windows.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -74,7 +74,7 @@ def line_number(result: xr.Dataset, line: str) -> int:
     if not names or not result.sizes.get("boulder"):
         raise RockfallError("the result has no evaluation lines, or no boulders")
     if line not in names:
-        raise RockfallError(f"along = '{line}': no such line; lines: {', '.join(names)}")
+        raise RockfallError(f"along = '{line}': no such line, lines: {', '.join(names)}")
     return names.index(line)
 
 

@@ -53,7 +53,7 @@ class Section:
     `passages` has a row for each recorded boulder at each station: distance along the section,
     boulder, elevation of its point, and QUANTITIES. `paths` are up to 200 of the trajectories
     within the corridor: distance along the section and elevation (2, n), NaN outside. `recorded`
-    trajectories are behind it, of `boulders`; `has_maps` tells whether the result has maps of these
+    trajectories are behind it, of `boulders`; `has_maps` is True if the result has maps of these
     quantities. `not_kept` more trajectories are recorded of boulders whose rows are not kept, and
     left out: their sizes and masses are not known.
     """
@@ -91,7 +91,7 @@ class _Known(NamedTuple):
 def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = None) -> Section:
     """Section of a result along a line. Without terrain, or beyond it, elevations and heights of
     trajectories are unknown (NaN), heights also above terrain that is coarser than that of the
-    run; energies are unknown where neither the case nor a crossing of a line tells the mass. A
+    run; energies are unknown where neither the case nor a crossing of a line gives the mass. A
     RockfallError refuses a result that has neither trajectories of boulders that moved nor maps
     of speeds, energies or heights."""
     import pandas as pd
@@ -159,7 +159,7 @@ def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
 
 
 def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Paths of some of these boulders beside a section, not beyond its ends."""
+    """Paths of some of these boulders near a section, not beyond its ends."""
     paths, length = [], lengths(line.vertices)[-1]
     drawn = np.isin(motion.boulder, spread(np.unique(boulders).tolist(), PATHS))
     for curve in curves(motion.take(drawn)):

@@ -26,13 +26,13 @@ RANGES = {  # of the others: lowest and highest value
 }
 
 USUAL = {  # of sound layers: lowest and highest value, and what else may be meant
-    "width": (0.0, 50.0, "was it meant in cm?"),  # [m]
-    "speed": (25.0, 300.0, "was it meant in m/s?"),  # [km/h]
-    "vehicle_length": (1.5, 420.0, "was it meant in cm?"),  # [m] bicycle, train
-    "aadt": (10.0, 1e5, "vehicles a day: were they meant for an hour, a year, or in thousands?"),
-    "trips": (0.0, 50.0, "passages of a person a day: were they meant for a year?"),
-    "persons_per_vehicle": (0.5, 500.0, "persons in a vehicle: were they meant for a day?"),
-    "persons": (0.0, 1e4, "persons in one object: were they meant for all?"),
+    "width": (0.0, 50.0, "is it in cm?"),  # [m]
+    "speed": (25.0, 300.0, "is it in m/s?"),  # [km/h]
+    "vehicle_length": (1.5, 420.0, "is it in cm?"),  # [m] bicycle, train
+    "aadt": (10.0, 1e5, "vehicles a day: are they for an hour, a year, or in thousands?"),
+    "trips": (0.0, 50.0, "passages of a person a day: are they for a year?"),
+    "persons_per_vehicle": (0.5, 500.0, "persons in a vehicle: are they for a day?"),
+    "persons": (0.0, 1e4, "persons in one object: are they for all?"),
 }
 
 NEEDED = {  # attributes without effect, unless the layer has one of these

@@ -17,7 +17,7 @@ from rockfall.errors import RockfallError
 from rockfall.language import Text, remark, say
 
 QUANTITIES = ("damage", "individual_risk", "collective_risk")
-PRESENCE, LETHALITY, VEHICLE_LENGTH, TRIPS = 1.0, 1.0, 5.0, 2.0  # where the layer says nothing
+PRESENCE, LETHALITY, VEHICLE_LENGTH, TRIPS = 1.0, 1.0, 5.0, 2.0  # without an attribute
 HOURS, METRES = 24.0, 1000.0  # of a day, of a kilometre
 MAX_NAMED = 5  # objects in an assumption
 ALWAYS = (  # messages
@@ -67,7 +67,7 @@ def read_exposure(
     curves: Mapping[str, Curve],
     without_energy: Iterable[int],
 ) -> Exposure:
-    """Exposure of the objects of a layer, empty if it does not say who or what is exposed. Of those
+    """Exposure of the objects of a layer, empty if it has no persons or values. Of those
     `without_energy` only counts above the thresholds [J] are known."""
     kinds = layer.texts("kind")
     buildings = layer.has("value") and any(map(_is_building, kinds))
@@ -270,7 +270,7 @@ def _named_curves(layer: Layer, name: str, curves: Mapping[str, Curve]) -> list[
         if text and text not in curves:
             raise RockfallError(
                 f"{layer.path}: feature {number}: {name} = {text}: must be one of: "
-                f"{', '.join(curves)}; --vulnerability adds those of a table"
+                f"{', '.join(curves)}: --vulnerability adds curves of a table"
             )
         named.append(curves[text] if text else None)
     return named

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Layers of objects at risk: files or frames with the names of their layers, and names of objects
-that say which layer they are of where several have the same."""
+that give their layer where several have the same."""
 
 from __future__ import annotations
 

@@ -91,8 +91,8 @@ def read_objects(
 
 
 def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
-    """Remarks on values that no vulnerability multiplies, and on objects that are in the layer
-    twice: flats of a house may be, so only those with the same attributes, too."""
+    """Remarks on values without a vulnerability, and on objects that occur twice with the same
+    attributes; objects that differ may be flats of a house."""
     if layer.has("value") and objects.vulnerability is None and not objects.exposed:
         yield remark(layer.path, "input.value_unused")
     columns = [column for name, column in layer.columns.items() if name not in {"name", "fid"}]
@@ -213,9 +213,8 @@ def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
     need = BYTES_AT_LINE * lines * boulders
     if need > ROOM * machine_memory():
         raise RockfallError(
-            f"{', '.join(paths)}: {lines:,} lines and outlines, of {boulders:,} boulders each, "
-            f"take {need / 1e9:.1f} GB: more than half of the memory; give fewer objects or "
-            "boulders, or longer segments"
+            f"{', '.join(paths)}: {lines:,} lines and outlines with {boulders:,} boulders take "
+            f"{need / 1e9:.1f} GB, more than half of the memory: give fewer objects or boulders"
         )
 
 

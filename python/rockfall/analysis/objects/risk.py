@@ -101,7 +101,7 @@ class RunRisk:
 
 
 class Points:
-    """Objects of which only counts are known: (intensities, objects), above thresholds [J]."""
+    """Mask (intensities, objects) of objects with counts only, above thresholds [J]."""
 
     def __init__(self, numbers: np.ndarray, counts: np.ndarray, thresholds: np.ndarray) -> None:
         self.numbers, self.counts, self.thresholds = numbers, counts, thresholds

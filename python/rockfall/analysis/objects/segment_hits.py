@@ -57,7 +57,7 @@ def hit_counts(hits: Sequence[Hits], thresholds: np.ndarray) -> np.ndarray:
 
 
 class Weighted(NamedTuple):
-    """Hits of a run, each of which stands for so many a year."""
+    """Hits of a run, each with its number a year."""
 
     hits: Sequence[Hits]  # of each segment
     weight: float  # of a boulder [1/year]

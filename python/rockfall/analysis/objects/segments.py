@@ -166,21 +166,21 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
 def _remarks(
     segments: Segments, pieces: Sequence[_Piece], layer: Layer, scene: Scene
 ) -> Iterator[str]:
-    """Reasons for which frequencies of segments err low."""
+    """Reasons why frequencies of segments are too low."""
     if np.isnan(layer.numbers("width", np.nan, missing=True)).any():
         yield (
-            f"{layer.path}: lines have no width: boulders count that touch the axis, and more "
-            "touch the road; give the attribute width"
+            f"{layer.path}: lines have no width, so only boulders that touch the axis count: give "
+            "the attribute width"
         )
     if beyond := np.count_nonzero(~segments.within):
         yield (
-            f"{layer.path}: {beyond:,} of {len(segments):,} segments reach beyond the elevations "
+            f"{layer.path}: {beyond:,} of {len(segments):,} segments extend beyond the elevations "
             "of the terrain, where no boulder meets them: their frequencies err low"
         )
     if on_road := _sources_on([piece.ground for piece in pieces if piece.stretch.width], scene):
         yield (
-            f"{layer.path}: {on_road:,} of the sources lie on the road: of their boulders those "
-            "that stay there are not counted, so frequencies err low; move the sources off it"
+            f"{layer.path}: {on_road:,} of the sources lie on the road: boulders that stay there "
+            "are not counted, so frequencies err low, move the sources"
         )
 
 
@@ -189,15 +189,15 @@ def _unequal(stretches: Sequence[_Stretch], path: str) -> Iterator[str]:
     lengths = [stretch.axis.length for stretch in stretches]
     if max(lengths) > UNEQUAL * min(lengths):
         yield (
-            f"{path}: segments are {min(lengths):,.4g} to {max(lengths):,.4g} m long: the longer, "
-            "the more often they are hit, so their classes do not compare; --segment-length cuts "
-            "them alike"
+            f"{path}: segments are {min(lengths):,.4g} to {max(lengths):,.4g} m long, and longer "
+            "ones are hit more often, so classes do not compare: use --segment-length"
         )
 
 
 def _stretches(parts: Sequence[Sequence[np.ndarray]], layer: Layer) -> Iterator[_Stretch]:
     """The lines of a layer in turn. A line that begins where the one before it ends belongs to the
-    same road, and its chainage goes on; with the attribute `chainage`, so does one of its name."""
+    same road, and its chainage continues; with the attribute `chainage`, so does one of its
+    name."""
     import shapely
 
     given, names = layer.numbers("chainage", np.nan, missing=True), layer.texts("name")

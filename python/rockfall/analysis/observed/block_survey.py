@@ -87,8 +87,8 @@ def _period(years: float | None, fallen: _Blocks) -> float:
     """Observation period, checked against the dates."""
     if years is None:
         raise RockfallError(
-            "years: must be given: the time in which each fall of a block was recorded (from the "
-            "first to the last dated block is too short, and the frequency too high)"
+            "years: must be given: the time with records of all falls (the time between the first "
+            "and last dated block is too short)"
         )
     if not 0 < years <= MAX_YEARS:
         raise RockfallError(f"years = {years:g}: must be > 0 and <= {MAX_YEARS:g}")
@@ -109,21 +109,18 @@ def survey_remarks(survey: Survey) -> Iterator[str]:
     """Likely mistakes in the units of a survey, one line each."""
     largest, years = float(survey.volumes.max()), survey.years
     if largest > LARGE:
-        yield (
-            f"the largest block has {largest:.3g} m3: were volumes meant in dm3 or kg, or axes in "
-            "dm?"
-        )
+        yield (f"the largest block has {largest:.3g} m3: are volumes in dm3 or kg, or axes in dm?")
     elif largest > 1 and (survey.volumes == survey.volumes.round()).all():
-        yield "all volumes are whole numbers of m3: were they meant in dm3 or kg?"
+        yield "all volumes are whole numbers of m3: are they in dm3 or kg?"
     dates = survey.dates[~np.isnan(survey.dates)]
     part = float(np.ptp(dates)) / years if dates.size > 1 else 1.0
     if part ** (dates.size - 1) * (dates.size - (dates.size - 1) * part) < UNLIKELY:
         yield (
-            f"all dated blocks fell within {part * years:.0f} of {years:g} years: was the "
-            "observation period meant in months, or is the record incomplete?"
+            f"all dated blocks fell within {part * years:.0f} of {years:g} years: is the "
+            "observation period in months, or is the record incomplete?"
         )
     elif years > LONG:
-        yield f"an observation period of {years:g} years: was it meant in months?"
+        yield f"an observation period of {years:g} years: is it in months?"
 
 
 def _read(given: Volumes, name: str) -> _Blocks:
@@ -148,7 +145,7 @@ def _read_file(path: str | Path) -> _Blocks:
     has_volume, has_axes = "volume" in columns, all(name in columns for name in AXES)
     if not has_volume and not has_axes:
         raise RockfallError(
-            f"{where}: no column volume, and not a, b, c either; has: {', '.join(columns)}"
+            f"{where}: no column volume, and not a, b, c either, has: {', '.join(columns)}"
         )
     if has_volume and has_axes:
         raise RockfallError(f"{where}: columns volume and a, b, c cannot be combined")

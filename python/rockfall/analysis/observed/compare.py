@@ -125,7 +125,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     units += distance_notes(ours["plan_distance"].values, distances, seen)
     units += [difference] if difference else []
     done = Comparison(
-        title=f"{result.attrs['title'] or 'rockfall'}, beside what was observed",
+        title=f"{result.attrs['title'] or 'rockfall'}, compared with observations",
         errors=errors,
         ks=_ks(result, seen, method, distances, names, ours["plan_distance"].values, share),
         passing=_passing(ours, seen, distances, sources(ours)),
@@ -149,7 +149,7 @@ def observed_files(case: Case) -> list[Path]:
 
 def disagreement(comparison: Comparison) -> Text:
     """Number of the tested numbers of a comparison that differ beyond the sampling error of both:
-    no more than chance makes of so many tests, or with the one of the largest error, of a mean if
+    no more than by chance in this number of tests, or with the number of largest error, a mean if
     any differs."""
     tested, differing = 0, []
     tables = [name for name in TABLES if name != "passing" or not len(comparison.run_out)]
@@ -167,7 +167,7 @@ def disagreement(comparison: Comparison) -> Text:
 
 
 def _by_chance(tested: int) -> int:
-    """Most of so many independent tests at LEVEL that reject by chance, with 95 % probability."""
+    """Maximum number of rejections by chance in independent tests at LEVEL (95 % probability)."""
     below = 0.0
     for n in range(tested + 1):
         below += math.comb(tested, n) * LEVEL**n * (1 - LEVEL) ** (tested - n)

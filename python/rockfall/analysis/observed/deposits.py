@@ -8,8 +8,8 @@ at y is
 
 with the weight a = 1 of one boulder that may lie anywhere in the area A of the deposits: the mean
 of a Dirichlet process (Ferguson 1973), smoothed. So where no boulder was simulated the density is
-not zero, but less than that of a single boulder: as low as the run can tell. A block is *outside of
-all deposits* where the kernels give less than a/A.
+not zero, but less than that of a single boulder: the lowest that the run resolves. A block is
+*outside of all deposits* where the kernels give less than a/A.
 
 K_j is normal, as wide as the k boulders nearest to x_j lie: half the distance of the k-th, so that
 it covers about k boulders, where they lie close and where they lie far apart (Breiman et al. 1977);
@@ -18,7 +18,7 @@ each predicted from the others by the same formula (leave-one-out, Habbema et al
 chooses it. Of runs with other numbers of boulders it goes as N^(2/3), for which a width goes as
 N^(-1/6) (Silverman 1986). Of a block whose volume is known the boulders count by a normal kernel of
 the logarithm of their volume, of Silverman's width: so that the place is judged, given the size;
-that such sizes were mapped says nothing. Of a block whose shape is known only boulders of this
+the mapped sizes carry no information. Of a block whose shape is known only boulders of this
 shape count, of a run with several.
 
 Breiman, L., Meisel, W., Purcell, E. (1977): Variable kernel estimates of multivariate densities.
@@ -51,15 +51,15 @@ if TYPE_CHECKING:
 ANYWHERE = 1.0  # boulders that may lie anywhere in the area of the deposits: a
 MAX_FITTED = 1000  # boulders to which the kernels are fitted
 MIN_FITTED = 20  # boulders at rest, below which there is no density
-MIN_COMPARED = 2 * MIN_FITTED  # of which half make it
+MIN_COMPARED = 2 * MIN_FITTED  # half of them make it
 PIECE = 2_000_000  # distances at a time
 ROUNDING = 1e-9  # of squared distances
 LOW = 0.05  # below this quantile of as many boulders of a run, blocks differ from it
-ALL = ""  # source of blocks of which it is not known
+ALL = ""  # source of blocks whose source is not known
 
 
 class Blocks(NamedTuple):
-    """Blocks mapped at rest, of which one source, or any, is known: places (n, 2) [m] and volumes
+    """Blocks mapped at rest, with one known source or none: places (n, 2) [m] and volumes
     [m3], NaN where not known; the area in which all were mapped (shapely), None: everywhere; block
     shapes, 0 where not known, None: of none."""
 
@@ -111,7 +111,7 @@ class Sums(NamedTuple):
 
 
 def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
-    """Blocks at rest without a known release, by their source; those of which it is not known come
+    """Blocks at rest without a known release, by their source; blocks of unknown source come
     last. None where the release of all is known: that of the columns, or the only one.
 
     Raises a RockfallError for a source that the result does not have.
@@ -127,7 +127,7 @@ def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
     for k in np.flatnonzero(~np.isin(sources, [ALL, *origins.names]))[:1].tolist():
         raise RockfallError(
             f"{seen.where['stops'][k]}: source = {sources[k]}: no boulder starts from a source of "
-            f"this name; has: {_some(origins.names)}"
+            f"this name, has: {_some(origins.names)}"
         )
     names = [
         *dict.fromkeys(name for name in sources if name != ALL),
@@ -265,7 +265,7 @@ def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.n
 def log_densities_again(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Sums of log-densities (times,) of as many boulders of a run as there are blocks, of like
+    """Sums of log-densities (times,) of boulders of a run, in the number of the blocks, of like
     volumes, each given the others."""
     if not len(rest.place):
         return np.full(times, np.log(kernel.floor) * len(blocks.place))
@@ -337,7 +337,7 @@ def outside(kernel: Kernel, near: np.ndarray) -> np.ndarray:
 
 
 class Agreement(NamedTuple):
-    """Blocks at rest of a source beside a result: mean log-density at the blocks and that of as
+    """Blocks at rest of a source compared with a result: mean log-density at the blocks and of as
     many boulders of the result, its 5 % quantile, and the blocks outside of all deposits."""
 
     source: str
@@ -350,9 +350,9 @@ class Agreement(NamedTuple):
 
 
 def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
-    """Blocks at rest without a known release beside the boulders of a result, by source; empty
-    where too few of these came to rest. Every other boulder makes the density, those between stand
-    for what the result itself would leave: neither they nor the blocks had a part in it."""
+    """Blocks at rest without a known release, compared with the boulders of a result, by source;
+    empty where too few of these came to rest. Every other boulder makes the density, those between
+    stand for what the result itself would leave: neither they nor the blocks had a part in it."""
     random, agreements = np.random.default_rng(0), []
     for blocks in witnesses(result, seen):
         rest = at_rest(result, blocks)

@@ -3,24 +3,24 @@
 boulders pass there.
 
 A boulder hits a trunk with its side, at the height of its centre above the ground: the middle of
-the scar. What a run says of it are the passing heights at the first crossing of a short line
+the scar. A run gives the passing heights at the first crossing of a short line
 through the mark, across the mean direction of the boulders that come there. The line is as long as
 the trunk and the mean boulder are wide. Where fewer than `ENOUGH` boulders of the case touch the
-trunk, the line is that of the narrowest wider object in `WIDTHS` that so many touch, or the widest.
+trunk, the line is that of the narrowest wider object in `WIDTHS` that enough touch, or the widest.
 
-Of N boulders of which n cross the line (those that could strike its side, if the side is known) at
+When n of N boulders cross the line (those that could strike its side, if the side is known) at
 heights H_j, the predictive density of a mark at height s is
 
     f(s) = (sum_j K(s - H_j) + a/top) / (n + a)
 
 with a normal kernel K of the width of Silverman's rule, at least `ACCURACY`, and the weight a = 1
 of one boulder at any height below `top`, twice the greatest height observed or simulated: as at
-rest (`rockfall.analysis.observed.deposits`). A mark tells that at least one block passed at that
+rest (`rockfall.analysis.observed.deposits`). A mark shows that at least one block passed at that
 height: f is that of one hit. Of the highest of k marks it is k f F^(k - 1), F being the
 distribution function (David and Nagaraja 2003). How many blocks passed, and which trees were not
 hit, is not known, so that many boulders at a mark speak for a run no more than some: what counts
-beside f is the probability 1 - (1 - (n + 1/2)/(N + 1))^N that of as many blocks as were simulated
-at least one comes there (0.39 where none came, 0.78 for one, 0.99 for four).
+in addition to f is the probability 1 - (1 - (n + 1/2)/(N + 1))^N that at least one of N blocks
+comes there (0.39 where none came, 0.78 for one, 0.99 for four).
 
 David, H. A., Nagaraja, H. N. (2003): Order Statistics. Wiley.
 """
@@ -65,7 +65,7 @@ class Mark:
 
 
 class Passing(NamedTuple):
-    """Boulders at a mark: passing heights [m] of those that could make it."""
+    """Boulders that could make a mark: passing heights [m]."""
 
     heights: np.ndarray
     boulders: int  # of the run

@@ -57,12 +57,12 @@ class Observed:
     contacts: pd.DataFrame | None = None  # CONTACT, NaN where not known: impacts
     kept: dict[str, pd.DataFrame] = field(default_factory=dict)  # other columns of each kind
     passing_n: float = np.nan  # boulders behind `passing`
-    notes: tuple[str, ...] = ()  # for readers of tables made of them
+    notes: tuple[str, ...] = ()  # shown with tables of the observations
     sources: tuple[str, ...] = ()  # source of each of `stops` by name, "" if not known; or none
     volumes: np.ndarray | None = None  # of each of `stops` [m3], NaN if not known
     shapes: np.ndarray | None = None  # block shape of each of `stops`, from 1; 0 if not known
     where: dict[str, tuple[str, ...]] = field(default_factory=dict)  # stops, contacts: their rows
-    area: Any = None  # polygons (shapely) in which all blocks at rest were mapped; None: everywhere
+    area: Any = None  # polygons (shapely) that were searched for blocks at rest; None: everywhere
 
 
 def read_observed(*given: str | Path | Observed, grid: Grid | None = None) -> Observed:

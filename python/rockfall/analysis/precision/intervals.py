@@ -4,7 +4,7 @@
 The sources of a case are the complete set: other boulders would come from the same ones, with the
 same number from each. Boulders are then a stratified sample (Cochran 1977, chapter 5), and
 intervals cover only the variation within sources. With &release sources = 'sample' the sources are
-some of many: the boulders of each are a cluster, and few sources say little about others (Student's
+some of many: the boulders of each are a cluster, and few sources represent others poorly (Student's
 distribution; with two, the intervals are 6.5 times as long as those of a normal distribution).
 """
 
@@ -80,7 +80,7 @@ class Sources:
         return Sums(self._numbers, total, squares, self.released, self.sampled)
 
     def indicator(self, holds: np.ndarray) -> Sums:
-        """Sums of what is 1 for boulders of which something holds, a mask or indices, 0 for the
+        """Sums of an indicator: 1 for the chosen boulders (a mask or indices), 0 for the
         others, less its mean."""
         size, n = self.released.size, self._numbers
         if size > 1:
@@ -92,7 +92,7 @@ class Sources:
         return Sums(n, held - n * fraction, squares, self.released, self.sampled)
 
     def effective_number(self, holds: np.ndarray) -> float:
-        """Effective number of independent boulders for the fraction of those of which something
+        """Effective number of independent boulders for the fraction of chosen
         holds, (boulders,) of bool."""
         return self.indicator(holds).effective_number(float(holds.mean()))
 
@@ -296,7 +296,7 @@ def are_sampled(result: Held) -> bool:
 
 
 def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float, float]:
-    """Fraction of the boulders for which something holds, and the limits of its 95 % interval
+    """Fraction of the chosen boulders, and the limits of its 95 % interval
     (Wilson 1927)."""
     fraction = float(holds.mean())
     return fraction, *fraction_limits(fraction, source.effective_number(holds))

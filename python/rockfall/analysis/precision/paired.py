@@ -94,7 +94,7 @@ def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -
 
 
 def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
-    """Difference of the fractions of boulders of which something holds. If boulders change sides in
+    """Difference of the fractions of chosen boulders. If boulders change sides in
     one direction only, it is that fraction: unlike normal intervals, this one is bounded by 0 and
     1."""
     gained, lost = here & ~before, before & ~here
@@ -107,7 +107,7 @@ def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Diff
 
 
 def difference_of_fractions(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
-    """Difference of the fractions of boulders of which something holds (Newcombe 1998, method 10),
+    """Difference of the fractions of chosen boulders (Newcombe 1998, method 10),
     with their correlation within sources."""
     (p, p_low, p_high), (q, q_low, q_high) = (
         fraction_interval(holds, source) for holds in (here, before)

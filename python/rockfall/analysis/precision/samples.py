@@ -129,7 +129,7 @@ class Values(Sample):
     """Values of boulders."""
 
     def __init__(self, values: np.ndarray, source: Sources | Passing) -> None:
-        """Values of those that have one, or of all from these sources, NaN for those without."""
+        """Values of the boulders that have one, or of all from these sources with NaN for none."""
         if isinstance(source, Sources):
             has = ~np.isnan(values)
             values, source = values[has], Passing(source, has)

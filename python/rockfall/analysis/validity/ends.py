@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on boulders whose ends, or passages of a line, say little of a slope."""
+"""Remarks on boulders whose ends or passages do not represent the slope."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _radius(volumes: np.ndarray) -> np.ndarray:
 
 
 def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on boulders that count as released but tell little of the slope: that left the known
+    """Remarks on boulders that count as released but do not represent the slope: left the known
     terrain before a line, reached the limit of contacts, or stayed at their source. Fractions and
     frequencies err low by them. That nothing is known of these if no rows are kept."""
     if "status" not in values:
@@ -92,9 +92,9 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iterator[Text]:
-    """Lines that few boulders cross, beside those that ended while moving and would meet them if
-    they went straight on: with these the fraction would be above its 95 % interval. Boulders that
-    come far are the few that leave the terrain, too."""
+    """Lines that few boulders cross, compared with those that ended while moving and would meet
+    them if they went straight on: with these the fraction would be above its 95 % interval.
+    Boulders that come far are the few that leave the terrain, too."""
     if not (is_moving.any() and case.lines and "row_size" in values):
         return
     n = is_moving.size
@@ -125,8 +125,8 @@ def _ends(values: Variables, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _misses_line(values: Variables, case: Case, chosen: np.ndarray) -> np.ndarray:
-    """Mask (chosen boulders,) of those that crossed no line, or that would meet one that they did
-    not cross if they went straight on; all without lines."""
+    """Mask (chosen boulders,): True if a boulder crossed no line, or would meet an uncrossed line
+    on a straight path; all True without lines."""
     if not case.lines or "row_size" not in values:
         return np.ones(int(chosen.sum()), bool)
     start, stop = _ends(values, chosen)

@@ -142,8 +142,8 @@ def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def _largest_thrown(tables: Iterable[GroundRebounds], case: Case) -> Iterator[float]:
-    """R_b [m] of the largest blocks that each table was thrown with, as the result says; of a
-    result without this, as the table at hand says."""
+    """Largest block radius R_b [m] behind each table: from the result, else from the table
+    file."""
     for table in tables:
         radius, path = table.block_radius, own_table(case, table.name)
         if np.isnan(radius) and path:

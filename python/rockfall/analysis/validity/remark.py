@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
     Variables = Held | Mapping[str, ArrayLike]
 
+GRADES = ("stop", "caution", "note")  # in the order in which remarks are shown
+#: Messages that numbers are wrong until their cause is removed.
+STOPS = {"model.cut_short", "model.impact_limit", "model.lost", "model.max_fragments"}
+
 
 class Remark(NamedTuple):
     """A remark on the validity of a run's model."""
@@ -24,6 +28,14 @@ class Remark(NamedTuple):
     text: Text
     is_warning: bool
     is_counted: bool = True  # of the boulders of the run
+
+    @property
+    def grade(self) -> str:
+        """Return `stop` if numbers are wrong until the cause is removed, else `caution` for a
+        warning, else `note`."""
+        if not self.is_warning:
+            return "note"
+        return "stop" if self.text.key in STOPS else "caution"
 
 
 def sum_of(values: Variables, name: str) -> int:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Remarks on the validity of a run's model: the rebounds behind its numbers and their reliability,
-the unvalidated forest, conditions outside the data of the model, and boulders whose end says little
+the unvalidated forest, conditions outside the data of the model, and boulders whose end does not
 of a slope.
 
 They are printed by `rockfall check` for its pilot run; by every command that shows or writes
@@ -16,7 +16,7 @@ from rockfall.analysis.validity.ends import end_remarks, roll_remarks
 from rockfall.analysis.validity.extrapolation import extrapolations
 from rockfall.analysis.validity.obstacles import breakage_remarks, forest_remarks, log_remarks
 from rockfall.analysis.validity.rebounds import rebound_remarks, set_remarks, table_remarks
-from rockfall.analysis.validity.remark import Remark
+from rockfall.analysis.validity.remark import GRADES, Remark
 from rockfall.analysis.validity.site import angle_remarks
 from rockfall.language import Text, say
 
@@ -25,9 +25,14 @@ if TYPE_CHECKING:
     from rockfall.case import Case
 
 
-def model_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """All remarks on the model, from the case and the variables of a result, or of boulders by
-    name."""
+def model_remarks(values: Variables, case: Case) -> list[Remark]:
+    """All remarks on the model, each once and in the order of their grades, from the case and the
+    variables of a result, or of boulders by name."""
+    remarks = dict.fromkeys(_found(values, case))
+    return sorted(remarks, key=lambda remark: GRADES.index(remark.grade))
+
+
+def _found(values: Variables, case: Case) -> Iterator[Remark]:
     yield from end_remarks(values, case)
     yield from rebound_remarks(values, case)
     yield from set_remarks(values, case)

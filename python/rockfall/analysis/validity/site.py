@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on whether a run agrees with what `&observed` says of its site."""
+"""Remarks on whether a run agrees with `&observed` of its site."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from rockfall.case import Case
 
 FARTHEST = 0.01  # fraction of the boulders that comes to the lowest energy-line angles
-MIN_BOULDERS = 1000  # of which these are ten
+MIN_BOULDERS = 1000  # then the fraction is ten
 
 
 def angle_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remark on the energy-line angle that 1 % of the boulders come below, beside the lowest one
-    observed: a warning where the interval of the first does not contain the second."""
+    """Remark on the energy-line angle that 1 % of the boulders come below, compared with the lowest
+    observed angle: a warning if its interval does not contain the observed angle."""
     observed = case.observed.get("energy_line_angle")
     if observed is None or "start_x" not in values or np.size(values["start_x"]) < MIN_BOULDERS:
         return

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Result = TypeVar("Result", bound=xr.Dataset)
 
-TELLING = "line", "names"  # values that tell warnings of one message apart
+TELLING = "line", "names"  # values that distinguish warnings of one message
 MAX_NAMED = 3  # results that a warning names
 
 
@@ -34,7 +34,7 @@ def joint_warnings(results: Mapping[str, Held]) -> list[Text]:
 
 def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
     """Warnings of several results by name, each once: with the numbers of the first that it
-    concerns, and the names of those if it does not concern all."""
+    concerns, and the names of these results if it does not concern all."""
     texts: dict[tuple[str, ...], Text] = {}
     names: dict[tuple[str, ...], list[str]] = {}
     for name, own in by_name.items():

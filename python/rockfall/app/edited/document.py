@@ -21,7 +21,7 @@ from rockfall.language import say
 from rockfall.scene.frames import GROUPS
 
 Settings = dict[str, dict[str, Any]]
-#: Keys of &release that say where boulders come from if no sources are drawn.
+#: Keys of &release with the places of release if no sources are drawn.
 OTHER_SOURCES = ("x", "y", "points", "points_layer", "cells", "polygons", "polygons_layer")
 OF_CELLS = ("steep_cells", "slope_threshold", "by_area")  # not valid for points
 SIZES = ("uniform_mean_radius", "uniform_rg")
@@ -51,7 +51,7 @@ class Variants:
     groups: list[dict[str, Any]] = field(default_factory=list)  # as given
     cases: dict[str, Case] = field(default_factory=dict)
     base: Document | None = None  # of the case without them
-    documents: dict[str, Document] = field(default_factory=dict)  # of those that can be shown
+    documents: dict[str, Document] = field(default_factory=dict)  # of variants that can be shown
     others: dict[str, str] = field(default_factory=dict)  # groups that keep one from being shown
 
 
@@ -191,7 +191,7 @@ def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list
 
 
 def _numbered(zones: list[Feature]) -> list[Feature]:
-    """Zones of which each has a number: those without one get new ones."""
+    """Zones with a number each: zones without a number get new ones."""
     new = max((zone.properties.get("zone", 0) for zone in zones), default=0)
     numbered = []
     for zone in zones:

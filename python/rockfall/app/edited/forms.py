@@ -20,7 +20,7 @@ from rockfall.scene.releases.source_attributes import AXES, LAWS, VELOCITY, VOLU
 MAX_TEXT = 200  # characters of a value
 MAX_VALUES = 1000  # of a list
 MAX_INTEGER = 2**53  # up to which numbers of JSON are exact in a browser
-#: Keys of places that the layers of a document hold.
+#: Keys of places that layers of a document replace.
 DRAWN = {
     "release": {"x", "y", "points", "points_layer", "polygons", "polygons_layer", "name_field"},
     "surface": {"zones_layer", "zone_field"},

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Opening of a case or a DEM: what of it becomes a document, and what stays as it is."""
+"""Opening of a case or a DEM: the part that becomes a document, and the part that stays
+unchanged."""
 
 from __future__ import annotations
 
@@ -123,7 +124,7 @@ def _differs(
 def _read(
     case: Case, grid: Grid, grounds: tuple[str, ...]
 ) -> tuple[Document, dict[str, Any], dict[str, Form]]:
-    """Document of a case, what of it is kept as it is, and the forms of its layers."""
+    """Document of a case, the part that is kept unchanged, and the forms of its layers."""
     settings, document = given_groups(case), Document()
     kept: dict[str, Any] = {name: getattr(case, name) for name in REPEATABLE}
     inputs = Inputs(case, grid)
@@ -248,7 +249,7 @@ def _properties(columns: dict[str, Any], form: Form, size: int) -> Iterator[dict
 
 
 def _typed(kind: str, value: Any) -> Any:
-    """Attribute in the type of a field; as it is if it is of another, which its reader refuses."""
+    """Attribute in the type of a field; unchanged if of another type, which its reader refuses."""
     if kind == "text":
         return str(value).strip()
     number = decimal(value) if isinstance(value, str) else float(value)

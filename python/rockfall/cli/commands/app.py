@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rockfall.app.room import Room
 
 LOOK_SECONDS = 0.1  # between looks for Ctrl-C
-TELL_SECONDS = 5.0  # for the browser to come and be told of an error
+TELL_SECONDS = 5.0  # for the browser to connect and show an error
 
 
 def app_command(arguments: argparse.Namespace) -> int:

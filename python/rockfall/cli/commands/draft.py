@@ -43,7 +43,7 @@ def new_command(arguments: argparse.Namespace) -> int:
 
 
 def _grounds(options: Iterable[str]) -> tuple[str, dict[str, str]]:
-    """Ground for zones that say none, and grounds by zone, of `--ground [ZONE=]GROUND`."""
+    """Ground for zones without one, and grounds by zone, of `--ground [ZONE=]GROUND`."""
     usual, by_zone = "", {}
     for option in options:
         zone, equals, ground = option.rpartition("=")
@@ -57,7 +57,7 @@ def _grounds(options: Iterable[str]) -> tuple[str, dict[str, str]]:
 
 
 def _ask(what: str) -> str:
-    """Ask on the terminal for a ground, by its number or name; "" at the end of input."""
+    """Read a ground from the terminal, by its number or name; "" at the end of input."""
     print(f"What would a boulder hit? Ground of {what}:", file=sys.stderr)
     for number, (name, (meaning, _)) in enumerate(GROUNDS.items(), start=1):
         print(f"  {number} {name:<15} {meaning}", file=sys.stderr)
@@ -98,9 +98,9 @@ def _source(arguments: argparse.Namespace, remarks: list[str]) -> Dem:
         for key in given:
             raise RockfallError(f"--{key}: is for points (.csv, .las ...), {path} is a raster")
         if others:
-            raise RockfallError(f"{path}: is a raster, of which there can be only one")
+            raise RockfallError(f"{path}: is a raster: give only one")
         if not arguments.steps and crs is None:
-            raise RockfallError(f"{path}: no edit; see rockfall dem --help")
+            raise RockfallError(f"{path}: no edit: see rockfall dem --help")
         return read_source(path, crs, remarks)
     dem, survey = dem_of_points(*arguments.input, **given)
     remarks += survey.remarks

@@ -127,7 +127,7 @@ def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
         if getattr(arguments, key) is not None:
             raise RockfallError(f"--{key.replace('_', '-')} {rule} --return-period")
     if not is_block and not arguments.results:
-        raise RockfallError("OUT.nc is required, or --return-period; see rockfall design --help")
+        raise RockfallError("OUT.nc is required, or --return-period: see rockfall design --help")
 
 
 def site_command(arguments: argparse.Namespace) -> int:
@@ -144,7 +144,7 @@ def site_command(arguments: argparse.Namespace) -> int:
     check_outputs([folder / name for name in (*SITING_FILES, ADVISED)], inputs)
     warn_of_inputs(case)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # said above, in lines
+        warnings.simplefilter("ignore", UserWarning)  # printed above, in lines
         siting = site(case, arguments.line, progress=not arguments.quiet, **given)
     with atomic_folder(folder, inputs) as part:
         write_csv(siting.table, part / "siting.csv")

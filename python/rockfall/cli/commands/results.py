@@ -77,7 +77,7 @@ def _export_hazard(arguments: argparse.Namespace, path: Path, folder: Path) -> l
     """Export a hazard as drawings: it has no trajectories, tables or project."""
     for key, why in (
         ("tolerance", "is for trajectories, a hazard has none"),
-        ("qgis", "is for results; give them the hazard by --hazard"),
+        ("qgis", "is for results: give them the hazard by --hazard"),
         ("tables", "is for results"),
     ):
         if getattr(arguments, key):

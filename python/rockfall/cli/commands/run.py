@@ -58,7 +58,7 @@ def _refuse_contradictions(arguments: argparse.Namespace) -> None:
             option = word.replace("_", "-")
             raise RockfallError(f"--{option}: --until finds their number; limit it with --cap")
     if arguments.until is None and arguments.cap is not None:
-        raise RockfallError("--cap: is of use with --until only")
+        raise RockfallError("--cap requires --until")
     for word in "shard", "resume", "dask":
         if arguments.until is not None and getattr(arguments, word) not in (None, False):
             raise RockfallError(f"--{word}: --until decides on all boulders together")
@@ -82,7 +82,7 @@ def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
     checkpoint = Checkpoint(path, arguments.checkpoint or math.inf, warn)
     if (done := checkpoint.found()) and not arguments.resume:
         raise RockfallError(
-            f"{checkpoint.path}: holds {done:,} boulders of a run that was stopped; go on with "
+            f"{checkpoint.path}: holds {done:,} boulders of a stopped run: continue with "
             "--resume, or remove it"
         )
     return checkpoint
@@ -135,7 +135,7 @@ def _simulate(
     checkpoint: Checkpoint | None,
     folder: Path,
 ) -> Contents:
-    """Simulate as many boulders as the case specifies, or as the rules of `--until` need."""
+    """Simulate the boulders of the case, or the number that the rules of `--until` need."""
     shown = not arguments.quiet
     if arguments.dask is not None:
         return run_on_cluster(scene, arguments.dask, progress=shown)
@@ -155,5 +155,5 @@ def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
         holds = f"{path} holds {done:,} boulders of the part"
     else:
         holds = f"{path} holds the first {done:,} of {requested:,} boulders and is a valid result"
-    holds += "; --resume goes on" if checkpoint and checkpoint.saved else ""
+    holds += ", --resume continues" if checkpoint and checkpoint.saved else ""
     return say(f"interrupted: {holds}", exit_status())

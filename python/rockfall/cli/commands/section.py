@@ -60,8 +60,8 @@ def drawn(given: Sequence[str], option: str) -> Path | list[tuple[float, float]]
     if len(given) == 1 and (not all(map(math.isfinite, numbers)) or Path(given[0]).exists()):
         return Path(given[0])
     raise RockfallError(
-        f"{option} {' '.join(given)}: must be X,Y X,Y ... or a file with one line: two vertices or "
-        "more, with a space between them and a comma in each"
+        f"{option} {' '.join(given)}: must be X,Y X,Y ... (two vertices or more, separated by "
+        "blanks), or a file with one line"
     )
 
 

@@ -203,7 +203,7 @@ def check_metres(
     grid: Grid, path: str, stated: Iterable[Stated] = (), cure: Cure | None = None
 ) -> None:
     """Refuse units other than the metre, of plan coordinates and of elevations; `stated` are those
-    that the file gives beside its CRS."""
+    that the file gives in addition to its CRS."""
     system = None if grid.crs is None else _pyproj(grid.crs)
     plan = METRE
     if system is not None:
@@ -222,7 +222,7 @@ def check_metres(
         assert wrong is not None
         problem = f"{path}: elevations are in {wrong.unit.name} ({wrong.where}), metres are needed"
         if cure is not None and math.isfinite(wrong.unit.factor):
-            problem += f"; convert with: {cure(None, wrong.unit.factor)}"
+            problem += f": convert with: {cure(None, wrong.unit.factor)}"
         raise RockfallError(problem)
     raise _plan_refusal(grid, path, plan, wrong.unit if wrong else None, bool(stated), cure)
 
@@ -241,7 +241,7 @@ def _plan_refusal(
     if cure is None:
         return RockfallError(f"{problem}; reproject to {utm}")
     if heights:
-        return RockfallError(f"{problem}; convert with: {cure(utm, heights.factor)}")
+        return RockfallError(f"{problem}: convert with: {cure(utm, heights.factor)}")
     alone = cure(utm, 1.0)
     if is_stated or not math.isfinite(plan.factor):
         return RockfallError(f"{problem}; reproject with: {alone}")
@@ -366,8 +366,8 @@ def length_scale(grid: Grid) -> float:
 
 
 def grid_mapping(crs: CRS) -> dict[str, Any]:
-    """Attributes of a CF grid mapping variable for the horizontal part of a system: that of
-    heights would make readers scale counts and energies. The complete system is in `crs_wkt`
+    """Attributes of a CF grid mapping variable for the horizontal part of a system. With the
+    vertical part, readers would scale counts and energies. The complete system is in `crs_wkt`
     (WKT 2), and in `spatial_ref` (WKT 1, for older programs); CF parameters are added where they
     are equivalent. `vertical_datum` is the name of the system of heights, if there is one."""
     texts = crs.to_wkt(version="WKT2_2019"), crs.to_wkt()

@@ -59,7 +59,7 @@ def check_plan(path: str, keys: Sequence[Key]) -> None:
     own, stated = _axis_unit(system, ("east", "north", "west", "south")), unit_of_code(code)
     if own and stated and abs(own.factor - stated.factor) > 1e-9:
         raise RockfallError(
-            f"{path}: EPSG:{system} is in {own.name}, GeoKey {_PLAN_UNIT} says {stated.name}: "
+            f"{path}: EPSG:{system} is in {own.name}, GeoKey {_PLAN_UNIT} gives {stated.name}: "
             "correct one"
         )
 

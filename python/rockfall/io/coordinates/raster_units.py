@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Units of elevations that a raster file gives beside its CRS."""
+"""Units of elevations that a raster file gives in addition to its CRS."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class AsciiCells:
     path: str
     shape: tuple[int, int]
     transform: Transform
-    nodata: float | None  #: as the header says
+    nodata: float | None  #: from the header
     start: tuple[int, int]  #: where the numbers begin: byte, and line
     dtype = np.dtype(np.float64)
     packing = 1.0, 0.0
@@ -65,7 +65,7 @@ class AsciiCells:
         Lines may be wrapped. Invalid, missing and surplus tokens are errors.
         """
         (ny, nx), path = self.shape, self.path
-        due = f"ncols x nrows = {nx} x {ny} are due"
+        due = f"ncols x nrows = {nx} x {ny} expected"
         held, done = np.empty(0), 0
         with open(path, "rb") as file:
             file.seek(self.start[0])

@@ -338,7 +338,7 @@ def _check_place(path: str, source: DatasetReader) -> None:
     if not source.transform.is_identity:
         return
     if source.driver != "netCDF":
-        raise RockfallError(f"{path}: does not say where it lies (no georeference)")
+        raise RockfallError(f"{path}: has no georeference")
     raise RockfallError(
         f"{path}: its coordinates are not marked as such: give x the attribute axis = 'X' and "
         "y the attribute axis = 'Y'"

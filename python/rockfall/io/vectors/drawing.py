@@ -110,7 +110,7 @@ def read_drawing(path: str | Path) -> Drawing:
     return _read(str(path), file, status.st_mtime_ns, status.st_size)
 
 
-@lru_cache(maxsize=1)  # each layer of a drawing is asked for alone
+@lru_cache(maxsize=1)  # each layer of a drawing is read alone
 def _read(path: str, file: str, *_: int) -> Drawing:
     import ezdxf
     from ezdxf import units

@@ -233,7 +233,7 @@ def named_attribute(path: str | Path, columns: dict[str, np.ndarray], name: str)
     """Column with the name given by a case."""
     if (values := attribute(columns, name)) is None:
         has = ", ".join(columns) or "none"
-        raise RockfallError(f"{path}: no attribute {name}; has: {has}")
+        raise RockfallError(f"{path}: no attribute {name}, has: {has}")
     return values
 
 
@@ -409,7 +409,7 @@ def _read(
         for name in names:
             if name not in info["fields"]:
                 raise RockfallError(
-                    f"{path}: no attribute {name}; has: {', '.join(info['fields']) or 'none'}"
+                    f"{path}: no attribute {name}, has: {', '.join(info['fields']) or 'none'}"
                 )
         about_read, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=names)
         shapes = shapely.from_wkb(wkb)
@@ -427,7 +427,7 @@ def _layer(path: str, layers: Iterable[Any], what: str, asked: str | None, key: 
     if not names:
         raise RockfallError(f"{path}: has no layer with {what}")
     if asked is not None and asked not in names:
-        raise RockfallError(f"{path}: no layer {asked}; has: {', '.join(names)}")
+        raise RockfallError(f"{path}: no layer {asked}, has: {', '.join(names)}")
     if asked is None and len(names) > 1:
         advice = f"name one with {key}" if key else "keep one layer in the file"
         raise RockfallError(f"{path}: has {len(names)} layers ({', '.join(names)}); {advice}")
@@ -467,13 +467,13 @@ def _crs_of(path: str, metadata: dict[str, Any], bounds: np.ndarray, dem: str) -
 
     cure = f"ogr2ogr -a_srs {shlex.join([dem, f'{Path(path).stem}_with_crs.gpkg', path])}"
     if not metadata["crs"] or _UNDEFINED.search(metadata["crs"]):
-        raise RockfallError(f"{path}: names no CRS; if it is that of the DEM: {cure}")
+        raise RockfallError(f"{path}: has no CRS. If it has the CRS of the DEM: {cure}")
     crs = CRS.from_user_input(metadata["crs"])
     if metadata["driver"] == "GeoJSON" and crs.is_geographic:
         if not np.all(np.abs(bounds) <= (180.0, 90.0, 180.0, 90.0)):
             raise RockfallError(
-                f"{path}: names no CRS, and its coordinates are not the degrees that GeoJSON "
-                f"then has: {extent(*bounds)}; if they are in that of the DEM: {cure}"
+                f"{path}: has no CRS, and its coordinates are not degrees: {extent(*bounds)}. "
+                f"If they are in the CRS of the DEM: {cure}"
             )
     return crs
 

@@ -130,7 +130,7 @@ def _averaged(chunks: Iterable[np.ndarray], side: float) -> np.ndarray:
             waiting = []
     squares, sums = _together([(squares, sums), *waiting])
     if len(squares) > MAX_POINTS:
-        raise RockfallError(f"--thin {side:g}: leaves more than {MAX_POINTS:,} points; use more")
+        raise RockfallError(f"--thin {side:g}: leaves more than {MAX_POINTS:,} points: use more")
     east, north = np.divmod(squares, 2 * MAX_INDEX)
     corner = np.column_stack([east, north - MAX_INDEX, np.zeros(len(squares))]) * side
     return corner + sums[:, :3] / sums[:, 3:]
@@ -216,8 +216,8 @@ def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any])
 
 
 def _in_metres(path: Path, factor: str) -> str:
-    """Command that makes a cloud with heights multiplied by a factor, without what it says of its
-    systems, in which readers would convert again: --crs gives that of the plan."""
+    """Command that makes a cloud with heights multiplied by a factor, without its statement of
+    systems, which readers would convert again: --crs gives that of the plan."""
     made = str(path.with_name(f"{path.stem}_m{path.suffix}"))
     code = f"import laspy; p = laspy.read({str(path)!r}); p.z = p.z * {factor}; p.vlrs = []; "
     code += f"p.evlrs = []; p.write({made!r})"
@@ -272,16 +272,16 @@ def _check_header(path: str | Path) -> None:
         needed = _chunk_points(path, offset, size) if compressed else points
         claims = needed < 0 or offset + needed * length > size
     if claims:
-        raise RockfallError(f"{path}: is cut off: it holds less than its header says")
+        raise RockfallError(f"{path}: is cut off: shorter than its header states")
 
 
 def _chunk_points(path: str | Path, offset: int, size: int) -> int:
     """Number of points that a LAZ file holds uncompressed, the first of each of its chunks; -1 if
-    it says nothing that can be so."""
+    it contains nothing valid."""
     with open(path, "rb") as file:
         file.seek(offset)
         (table,) = _PLACE.unpack(file.read(_PLACE.size).ljust(_PLACE.size, b"\0"))
-        if table == -1:  # written without going back: the place is at the end
+        if table == -1:  # written as a stream: the offset is at the end of the file
             file.seek(max(0, size - _PLACE.size))
             (table,) = _PLACE.unpack(file.read(_PLACE.size))
         if not offset < table <= size - _TABLE.size:

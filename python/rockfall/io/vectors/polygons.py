@@ -53,7 +53,7 @@ def disjoint(shapes: np.ndarray, where: str) -> tuple[np.ndarray, float]:
 
 
 def any_overlap(shapes: np.ndarray) -> bool:
-    """Return True if polygons share area, or may: none of those that are apart or only touch."""
+    """Return True if polygons share area, or may; False if all are apart or only touch."""
     import shapely
 
     earlier, later = shapely.STRtree(shapes).query(shapes, predicate="intersects")

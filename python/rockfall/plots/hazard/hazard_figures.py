@@ -44,7 +44,7 @@ LOOKS = {False: LINE, True: NET}  # of lines; of barriers
 
 def hazard_figures(hazard: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
     """Figures of the zones of a hazard, of the intensity at each return period, of the risk of
-    objects, if they say what is exposed, and of each road that was cut into segments."""
+    objects, if they have exposure, and of each road that was cut into segments."""
     minimum_area = case_in(hazard.attrs).hazard["minimum_area"]
     key = "hazard.classes_of_area" if minimum_area else "hazard.classes"
     shown = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard map on a sheet of A3, as authorities publish them: zones, with a title block that says
+"""Hazard map on a sheet of A3, as authorities publish them: zones, with a title block that gives
 what they mean and what they were made of; and pages with all warnings.
 
 All positions are in inches, from the lower left corner of the paper.
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from rockfall.result.trajectories import Terrain
 
 WIDE, HIGH = 420 / 25.4, 297 / 25.4
-MARGIN, BLOCK, GAP = 10 / 25.4, 95 / 25.4, 6 / 25.4  # of the paper; title block; beside the map
+MARGIN, BLOCK, GAP = 10 / 25.4, 95 / 25.4, 6 / 25.4  # of the paper; title block; next to the map
 SMALL, NORMAL, LARGE = 7.0, 8.0, 13.0  # sizes of letters [pt]
 LETTER = 0.52  # width of a letter on average, of its size
 BOX, ROW = 0.2, 0.24  # side of a colour of the legend; height of a row of a table
@@ -112,7 +112,7 @@ def _place_on_paper(sheet: Sheet) -> None:
 
 
 def wrapped(text: str, wide: float, size: float, most: int = 0) -> list[str]:
-    """Lines of a paragraph of this width, at most so many."""
+    """Lines of a paragraph of this width, up to a maximum."""
     letters = int(wide * 72 / (LETTER * size))
     how: dict[str, Any] = {"max_lines": most or None, "placeholder": " ..."}
     return textwrap.wrap(text, letters, break_on_hyphens=False, **how) or [""]
@@ -137,7 +137,7 @@ class _Block:
         self.y -= high
 
     def write(self, text: str, size: float = NORMAL, weight: str = "normal", most: int = 0) -> None:
-        """Write a paragraph, of at most so many lines."""
+        """Write a paragraph, up to a maximum of lines."""
         for line in wrapped(text, self.wide, size, most):
             self.put(self.left, line, size, fontweight=weight)
             self.skip(1.35 * size / 72)

@@ -29,7 +29,7 @@ def difference_figure(
     maps: Mapping[str, xr.DataArray], variant: str, terrain: Terrain | None = None
 ) -> Figure:
     """Map of where fewer or more boulders pass in a variant, from `difference_maps`: where the
-    verdict says so, and in grey where it is undecided."""
+    verdict is decided, and in grey elsewhere."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 

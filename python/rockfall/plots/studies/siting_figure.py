@@ -11,7 +11,7 @@ from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.plots.style import BLUE, GREY, INK, VERMILION, WIDE, new_figure, plain, styled
 from rockfall.protection.demand import usable
 from rockfall.result.variables import ENDS
-from rockfall.studies.siting import BEST, NOT_TOLD_APART
+from rockfall.studies.siting import BEST, NOT_DISTINGUISHED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,7 +26,7 @@ LIMIT: dict[str, Any] = {"color": VERMILION, "lw": 0.9, "linestyle": (0, (5, 2))
 @styled
 def siting_figure(siting: Siting) -> Figure:
     """Energy, height and boulders around each alignment with 95 % intervals, limits as lines; the
-    best alignment is marked, and those that are not told apart from it."""
+    best alignment is marked, and those not significantly different from it."""
     figure = new_figure(WIDE, 6.2)
     energy, high, round_it = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 1])
     _draw(energy, siting.table, "energy_q95", 1e-3, BLUE, "95 % quantile, total")
@@ -68,7 +68,7 @@ def _draw(
 
 
 def _mark(axes: Axes, table: pd.DataFrame) -> None:
-    """Mark the best alignment, and those that are not told apart from it."""
-    for choice, linestyle in ((BEST, "-"), (NOT_TOLD_APART, ":")):
+    """Mark the best alignment, and those not significantly different from it."""
+    for choice, linestyle in ((BEST, "-"), (NOT_DISTINGUISHED, ":")):
         for distance in table["distance"][table["choice"] == choice]:
             axes.axvline(distance, color=INK, lw=0.8, linestyle=linestyle, zorder=0)

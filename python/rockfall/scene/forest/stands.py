@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Stands of trees: polygons with stems a hectare, diameters, and conifers or species.
 
-Each cell that a polygon touches draws as many stems as the densest of its polygons has, anywhere in
+Each cell that a polygon touches draws the number of stems of its densest polygon, anywhere in
 the cell. A stem then stands if it lies in a polygon, with the probability of that polygon's density
 over that of the densest: a thinned Poisson process is a Poisson process (Lewis and Shedler 1979),
-so cells cut by an edge hold what the areas of their parts say. Where all of a cell lies in one
+so cells cut by an edge contain stems by the areas of their parts. Where all of a cell lies in one
 polygon, stems are those of a raster with its values.
 """
 
@@ -106,7 +106,7 @@ def read_stands(inputs: Inputs, table: Species) -> Stands | None:
     density = attributes.numbers("stems", everywhere)
     if density is None:
         raise RockfallError(
-            f"{path}: no attribute stems [1/ha] ({', '.join(NAMES['stems'][1:])}); has: "
+            f"{path}: no attribute stems [1/ha] ({', '.join(NAMES['stems'][1:])}), has: "
             f"{', '.join(columns) or 'none'}"
         )
     with_trees = density > 0
@@ -172,7 +172,7 @@ def _check_given_once(
     if values is None and needed and not given:
         also = " or species" if key == "conifers" else ""
         raise RockfallError(
-            f"{path}: no attribute {key}{also}: add it, or set &forest uniform_{key}; has: "
+            f"{path}: no attribute {key}{also}: add it, or set &forest uniform_{key}, has: "
             f"{', '.join(attributes.columns) or 'none'}"
         )
 

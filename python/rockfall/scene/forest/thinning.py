@@ -45,7 +45,7 @@ def thinned(inputs: Inputs, planted: Planted, x: np.ndarray, y: np.ndarray) -> P
         return planted
     if not remain.any():
         raise RockfallError(
-            f"{inputs.case.name}: &forest: no stem remains of {remain.size:,}; leave out &forest "
+            f"{inputs.case.name}: &forest: no stem remains of {remain.size:,}: leave out &forest "
             "to run without trees"
         )
     stand = None if planted.stand is None else planted.stand[remain]

@@ -256,7 +256,7 @@ def _check_source(case: Case, table: Table, law: np.ndarray, given: np.ndarray) 
     if says.by_raster and (law.any() or density.any()):
         k = int(np.argmax((law > 0) | density))
         raise RockfallError(
-            f"{table.where(k)}: says what its boulders are, and so do the rasters of &boulder: "
+            f"{table.where(k)}: both its attributes and the rasters of &boulder give its boulders: "
             "give one of the two"
         )
     if says.by_layer and not law.all():

@@ -55,11 +55,11 @@ def refuse_by_area(case: Case, sources: Sources, what: str) -> None:
     """Refuse an option that requires the same number of boulders from each source."""
     if sources.frequency is not None:
         raise RockfallError(
-            f"{case.name}: sources have a frequency: {what} needs as many boulders from each"
+            f"{case.name}: sources have a frequency: {what} needs equal numbers from each"
         )
     if case.release["by_area"]:
         text = f"{case.name}: &release by_area = .true."
-        raise RockfallError(f"{text}: {what} needs as many boulders from each source")
+        raise RockfallError(f"{text}: {what} needs equal numbers from each source")
 
 
 def read_sources(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources:

@@ -267,7 +267,7 @@ def _order(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _operator(scene: Scene) -> Iterator[InputWarning]:
-    """A table of impacts, or impact sets, that a case names beside a ground for all."""
+    """A table of impacts, or impact sets, that a case gives in addition to a ground for all."""
     key = usual_key(scene.case)
     name, ground = scene.case.impact[key], scene.case.surface.get("ground", "")
     if ground not in ("", name) and is_given(scene.case, "impact", key):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Keys of a case that its files leave without effect. The kernel refuses those of which the case
-alone says so."""
+"""Keys of a case that its files leave without effect. The kernel refuses keys without effect by the
+case alone."""
 
 from __future__ import annotations
 

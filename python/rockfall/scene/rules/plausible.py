@@ -22,7 +22,7 @@ from rockfall.scene.rules.protection import protection_rules
 from rockfall.scene.rules.terrain import dem_rules
 from rockfall.scene.scene import Scene
 
-FAR_SIDES = 3.0  # longer sides of the terrain: roads and valleys go on beyond it, but not so far
+FAR_SIDES = 3.0  # longer sides of the terrain: roads and valleys extend beyond it, but not so far
 
 Rules: TypeAlias = Callable[[Scene], Iterator[InputWarning]]
 
@@ -58,7 +58,7 @@ def warn_of(scene: Scene) -> None:
 
 
 def _lines(scene: Scene) -> Iterator[InputWarning]:
-    """Lines off the terrain, and those of which a vertex is; the kernel refuses one farther off."""
+    """Lines off the terrain, or with a vertex off it; the kernel refuses farther ones."""
     barriers, outside = {barrier["name"] for barrier in scene.case.barrier}, scene.lines_outside()
     grid = scene.grid
     far = FAR_SIDES * grid.cell * max(grid.shape)

@@ -54,7 +54,7 @@ class Checkpoint:
         boulders = boulders_in(self.path)
         if boulders is None:
             raise RockfallError(
-                f"{self.path}: exists but is not a readable checkpoint; remove it, or choose "
+                f"{self.path}: exists but is not a readable checkpoint: remove it, or choose "
                 "another output"
             )
         return boulders
@@ -74,7 +74,7 @@ class Checkpoint:
         theirs = range(part.first, part.last + 1)
         if what := origin_of(tally).difference(part.origin, own, theirs):
             raise RockfallError(
-                f"{self.path}: belongs to a different run ({what} differs); remove it, or choose "
+                f"{self.path}: belongs to a different run ({what} differs): remove it, or choose "
                 "another output"
             )
         part.load(tally.run)

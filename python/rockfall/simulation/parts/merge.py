@@ -68,13 +68,13 @@ class Joined:
         """Result of the complete run; uses up the parts."""
         tally = self.tally
         if tally is None:
-            raise RockfallError("merge: needs the parts of a run")
+            raise RockfallError("merge requires the parts of a run")
         _check_whole(sorted(self.ranges), tally)
         numbers = sorted(self.trajectories)
         wanted = min(tally.boulders, tally.scene.case.output["trajectories"])
         if len(numbers) != wanted:
             raise RockfallError(
-                "merge: trajectories are missing: a run that was stopped ends with --resume"
+                "merge: trajectories are missing: finish stopped runs with --resume"
             )
         if self.shared:
             join_sources(tally.scene.case, tally.array("tally_counts"), self.shared)

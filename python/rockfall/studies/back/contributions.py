@@ -2,7 +2,7 @@
 """Contribution of each set of data to the posterior, and conflicts between them.
 
 Of set k with the log-likelihood l_k, the posterior by this set alone weights the same members by
-its own likelihood. What it loses beside the others is E_alone(l_k) - E(l_k). Where the likelihoods
+its own likelihood. Its loss with the others is E_alone(l_k) - E(l_k). Where the likelihoods
 are normal and the sets agree, its expectation is 0 and twice the loss, plus d, is at most
 chi-square distributed with d degrees of freedom, the number of parameters: beyond the 95 % quantile
 of that the set is in conflict with the others. Each member has boulders of its own, so that the
@@ -26,7 +26,7 @@ AGREES, CONFLICT, UNDECIDED = "agrees", "conflict", "undecided"
 
 
 class Contribution(NamedTuple):
-    """Weights of the members by a set of data alone, its loss beside the others with standard
+    """Weights of the members by a set of data alone, its loss with the others and standard
     error, and the verdict, "" for a single set."""
 
     alone: np.ndarray
@@ -77,7 +77,7 @@ def loss_of(values: np.ndarray, alone: np.ndarray, weight: np.ndarray) -> tuple[
 
 
 def verdict_of(loss: float, error: float, parameters: int) -> str:
-    """Verdict on the loss of a set of data beside the others.
+    """Verdict on the loss of a set of data with the others.
 
     >>> verdict_of(9.0, 1.0, 2), verdict_of(0.1, 0.2, 2), verdict_of(2.0, 1.0, 2)
     ('conflict', 'agrees', 'undecided')

@@ -102,8 +102,8 @@ class Deposited(Witnesses):
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-density of the blocks below that of as many boulders of the same run (a discrepancy
-        that depends on the parameters, Gelman, Meng and Stern 1996)."""
+        """Log-density of the blocks below that of an equal number of boulders of the same run (a
+        discrepancy that depends on the parameters, Gelman, Meng and Stern 1996)."""
         near, _, boulders = self._sums(runs[picked])
         densities = np.log((near + self._floor) / (boulders + ANYWHERE)).sum(axis=1)
         which = random.integers(self.AGAIN, size=picked.size)

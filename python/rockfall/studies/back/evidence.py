@@ -63,7 +63,7 @@ class Counted:
     """Observed values of boulders, as counts in bins.
 
     Methods: `kept` is the data kept of a run, `counted` that of its values, `log_likelihood` that
-    of each run (runs, numbers kept), `remarks` says what a reader must know of the data beside the
+    of each run (runs, numbers kept), `remarks` has notes on the data besides the
     weighted runs, `discrepancy` the distance of the data, and of an equal number of boulders
     from selected runs, from the weighted prediction of all runs.
     """
@@ -265,9 +265,8 @@ def _of_witnesses(result: xr.Dataset, seen: Observed, notes: list[str]) -> Itera
         if (n := len(at_rest(result, blocks).place)) < MIN_FITTED:
             place = f" of source {blocks.source}" if blocks.source else ""
             raise RockfallError(
-                f"{n} boulders{place} of a run come to rest on the terrain: at least "
-                f"{MIN_FITTED} are needed beside blocks at rest: more --boulders, or a terrain "
-                "that reaches farther"
+                f"{n} boulders{place} of a run come to rest on the terrain, at least {MIN_FITTED} "
+                "are needed: give more --boulders, or a larger terrain"
             )
     if sets:
         deposited = Deposited.of_run(sets, result, cell_of(result))

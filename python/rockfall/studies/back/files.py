@@ -64,7 +64,7 @@ def _contents(analysis: Back) -> Contents:
     variables["data"] = ("data", data["data"].to_numpy(object), {"long_name": "set of data"})
     for name, what in (("n", "boulders"), ("counts", "what it counts, since data hang together"),
                        ("predictive_p", "posterior predictive probability"),
-                       ("loss", "log-likelihood lost beside the other data"),
+                       ("loss", "log-likelihood lost with the other data"),
                        ("loss_error", "its standard error")):  # fmt: skip
         column_attrs = {"units": "1", "long_name": what}
         variables[f"data_{name}"] = ("data", data[name].to_numpy(float), column_attrs)

@@ -92,8 +92,8 @@ class Marked(Witnesses):
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-density of the marks below that of as many hits by the same run, where at least two
-        of its boulders pass."""
+        """Log-density of the marks below that of an equal number of hits by the same run, where at
+        least two of its boulders pass."""
         which = random.integers(Marked.AGAIN, size=picked.size)
         both = runs[:, -2 * Marked.AGAIN :].reshape(len(runs), 2, Marked.AGAIN)[picked, :, which]
         return -both[:, 0], -both[:, 1]
@@ -108,7 +108,7 @@ class Marked(Witnesses):
             where = ", ".join(self.marks[k].where for k in few[:5].tolist())
             notes.append(
                 f"{few.size} of {count(self.n, 'mark')}: fewer than {FEW} boulders of a run pass "
-                f"there, and say little of the height: {where}."
+                f"there, and constrain the height little: {where}."
             )
         return notes
 

@@ -196,8 +196,8 @@ def warnings(analysis: Back) -> Iterator[str]:
     if not analysis.is_enough:
         more = "--boulders" if analysis.noise > NOISY else "--members"
         yield (
-            f"undecided: {analysis.effective:.0f} effective members, {analysis.asked} were asked "
-            f"for; the ranges are those of few: more {more}"
+            f"undecided: {analysis.effective:.0f} effective members of {analysis.asked} requested, "
+            f"so ranges are uncertain: raise {more}"
         )
     limit = CONTRADICTED / len(analysis.data)
     for row in analysis.data.to_dict("records"):
@@ -209,7 +209,7 @@ def warnings(analysis: Back) -> Iterator[str]:
     for row in analysis.data.to_dict("records"):
         if row["agreement"] == CONFLICT:
             yield (
-                f"conflict: {row['data']}: less likely beside the other data than alone, by "
+                f"conflict: {row['data']}: less likely with the other data than alone, by "
                 f"exp({row['loss']:.1f} +- {row['loss_error']:.1f}); {ALONE} has each alone"
             )
     edge = [row["parameter"] for row in posterior_table(analysis).to_dict("records")

@@ -22,7 +22,7 @@ class Ridge(NamedTuple):
 
 
 def ridges(analysis: Back) -> Iterator[Ridge]:
-    """Ridge of each ground of which both strength and relief are sought."""
+    """Ridge of each ground whose strength and relief are both sought."""
     inputs, sought = analysis.inputs, {*analysis.sought.tolist()}
     weight, first = analysis.weight, int(inputs.ends[-2])
     for i, k in enumerate(inputs.pairs):

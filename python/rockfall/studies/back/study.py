@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MEMBERS, EFFECTIVE = 1024, 100
-ROUND = 128  # members; twice as many in the first
+ROUND = 128  # members; double in the first
 REPLICATES = 24  # runs of the unchanged case, with new draws of inputs that are not parameters
 NOT_MEMBERS = 2**30  # draw numbers from here on are not members
 STREAM = 1  # of random numbers, in addition to those of the ensemble
@@ -139,8 +139,8 @@ def _check_request(case: Case, members: int, enough: int) -> None:
         raise RockfallError(f"{case.name}: &ensemble draws: must be absent: they have no density")
     if case.breakage["at"] != "none":
         raise RockfallError(
-            f"{case.name}: &breakage at = '{case.breakage['at']}': must be 'none': the end of a "
-            "boulder is that of the fragment that came farthest, and no block that was found"
+            f"{case.name}: &breakage at = '{case.breakage['at']}': must be 'none': a "
+            "boulder ends with its farthest fragment, which is no observed block"
         )
 
 
@@ -222,7 +222,7 @@ class _Rounds:
         self.weight, self.ahead = self.sampler.weights(), self.sampler.log_prior_weights()
 
     def _scenes(self) -> Iterator[tuple[int, Scene]]:
-        """Scenes of the members of a round, by their numbers; what is drawn for each is noted."""
+        """Scenes of the members of a round, by their numbers; adds the draws of each to `rows`."""
         scene, inputs = self.read.scene, self.read.inputs
         for number in range(len(self.rows), len(self.cube)):
             draws = [inputs.at(name, self.cube[number], number) for name in inputs.names]
@@ -249,8 +249,8 @@ class _Rounds:
             raise KeyboardInterrupt
         if not weight.any():
             raise RockfallError(
-                f"{read.case.name}: in none of {done} members as many as 20 boulders come to "
-                "where some were observed: the case, the prior or the number of boulders is wrong"
+                f"{read.case.name}: in none of {done} members do 20 boulders reach observations: "
+                "check the case, the prior and the number of boulders"
             )
         table = pd.DataFrame(self.rows[:done]).assign(
             log_likelihood=sampler.log_likelihood, smooth=sampler.smooth, weight=weight
@@ -343,7 +343,7 @@ def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
     if not reached:
         raise RockfallError(
             f"{scene.case.name}: &ensemble radius_factor: has no effect: boulders come to no zone "
-            "with rocks (R_m > 0); take it out"
+            "with rocks (R_m > 0): take it out"
         )
     return reached
 

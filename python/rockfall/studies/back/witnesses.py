@@ -10,7 +10,7 @@ import numpy as np
 
 
 def worth_of(times: float) -> float:
-    """Worth of a simulated boulder, where frequencies of runs of the same inputs vary so many times
+    """Weight of a simulated boulder when run-to-run scatter exceeds the binomial scatter by this
     as by their boulders: a member and the field each have such a deviation."""
     return 1 / (2 * max(times, 1.0) - 1)
 
@@ -21,7 +21,7 @@ class Witnesses:
     are, for each witness, sums over boulders; and log-densities of its own boulders instead."""
 
     SUMS: ClassVar[int]  # over boulders, of each witness
-    AGAIN: ClassVar[int]  # samples of as many boulders from each run, for predictive probabilities
+    AGAIN: ClassVar[int]  # samples of equal size from each run, for predictive probabilities
 
     noise_alone: float = 0.0  # variance of the log-likelihood by the boulders of a run
     worth: float = 1.0

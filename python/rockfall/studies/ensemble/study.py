@@ -210,12 +210,12 @@ def _dataset(
     fraction_of = "fraction of the epistemic variance: an input "
     return data | {
         "value": table(y, "results of the runs"),
-        "case_value": table(own, "result of the case as it is"),
+        "case_value": table(own, "result of the unchanged case"),
         "mean": table(two.mean(axis=0), "mean over the runs A and B"),
         "q05": table(np.quantile(two, 0.05, axis=0), "5 % of the runs A and B lie below"),
         "q95": table(np.quantile(two, 0.95, axis=0), "5 % of the runs A and B lie above"),
         "monte_carlo_std": table(
-            np.sqrt(indices.parts.monte_carlo), "standard deviation of a run with so many boulders"
+            np.sqrt(indices.parts.monte_carlo), "standard deviation of a run of this size"
         ),
         "epistemic_std": table(
             np.sqrt(indices.parts.epistemic.clip(0)), "standard deviation by the uncertain inputs"

@@ -114,7 +114,7 @@ class Uncertain:
             )
 
     def _operators(self) -> list[Operator]:
-        """Random operators of the names in `sets`, one per draw: impact sets in place of those of
+        """Random operators of the names in `sets`, one per draw: impact sets instead of the set of
         the case, together with tables in place of its grounds: of `talus` each draw of a
         `talus-ensemble`, of the default ground any other table."""
         case, files = self.scene.case, list[SetFile]()
@@ -131,11 +131,11 @@ class Uncertain:
             grounds = [rule.name for rule in self.scene.grounds if rule.model in TABLES]
             if ground not in grounds:
                 raise RockfallError(
-                    f"{case.name}: &ensemble sets = '{name}': has no effect: it stands in for the "
-                    f"table of impacts {ground}, which no ground of the case is; take it out"
+                    f"{case.name}: &ensemble sets = '{name}': has no effect: it replaces the "
+                    f"impact table {ground}, which no ground of the case uses: remove it"
                     if of_ground
-                    else f"{case.name}: &ensemble sets = '{name}': is a table of impacts, and "
-                    f"{ground} is none: it can stand in for a table alone"
+                    else f"{case.name}: &ensemble sets = '{name}': is an impact table, but "
+                    f"{ground} is none: it can replace a table only"
                 )
             stand_ins.setdefault(ground, []).extend(ensemble_grounds(case, name))
         if not (files or stand_ins):
@@ -154,7 +154,7 @@ class Uncertain:
             names = ", ".join((*ensemble_names(), *table_names()))
             raise RockfallError(
                 f"{case.name}: &ensemble sets = '{name}': no such table of impacts, and impact "
-                f"sets have no effect in a case by tables; known: {names}"
+                f"sets have no effect in a case by tables, known: {names}"
             )
         return path if is_table else None
 
@@ -176,7 +176,7 @@ class Uncertain:
             if not any(map(has_rocks, scene.rasters.sizes)):
                 raise RockfallError(
                     f"{scene.case.name}: &ensemble radius_factor: has no effect: no zone has rocks "
-                    "(R_m > 0); take it out"
+                    "(R_m > 0): take it out"
                 )
 
     def _check_pairs(self) -> None:
@@ -188,7 +188,7 @@ class Uncertain:
             where = f"{self.scene.case.name}: &ensemble {key}"
             if not self.pairs:
                 raise RockfallError(
-                    f"{where}: has no effect: no ground has strength and relief; take it out"
+                    f"{where}: has no effect: no ground has strength and relief: take it out"
                 )
             if any(operator.grounds for operator in self.sets):
                 raise RockfallError(
@@ -208,7 +208,7 @@ class Uncertain:
 
     def _design(self) -> np.ndarray:
         """Uniform numbers (runs, 2, numbers) of the inputs in A and B: a scrambled Sobol' sequence
-        (Owen 1998), independent of which inputs are uncertain, and extended by more runs."""
+        (Owen 1998), independent of the choice of uncertain inputs, and extended by more runs."""
         from scipy.stats import qmc
 
         numbers, runs = int(self.ends[-1]), self.given["runs"]
@@ -383,7 +383,7 @@ def read_draws(path: Path, radii: int, sets: int, pairs: int) -> list[dict[str, 
     for group in groups:
         if 0 < len({*group} & {*columns}) < len(group):
             missing = ", ".join(name for name in group if name not in columns)
-            raise RockfallError(f"{where}: {missing}: missing beside the others")
+            raise RockfallError(f"{where}: {missing}: missing, the others are given")
     if "set" in columns and not sets:
         raise RockfallError(f"{where}: column set: the case has no &ensemble sets")
     drawn = []
