@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Figures of any result: which there are, that they show its numbers, and what is refused."""
 
+import base64
 import re
 import shutil
 import warnings
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 import rockfall
 from crossed import STORED, crossed
@@ -18,6 +21,7 @@ from made import make_raster
 from programs import refuses
 from rockfall.cli import main
 from rockfall.errors import RockfallError
+from rockfall.html_report import render
 from rockfall.io.rasters.grid import Grid
 from rockfall.plots import extent, style, terrain
 from rockfall.plots import map_figures as mapfigures
@@ -569,3 +573,16 @@ def test_minor_ticks_of_logarithms_are_where_matplotlib_has_them(full, monkeypat
         drawn = ours.lines[-1].get_xdata()
         np.testing.assert_allclose(drawn, places[(places >= low) & (places <= high)])
         assert drawn.size > 8 and (ours.lines[-1].get_ydata() == 0).all()
+
+
+def test_a_dense_figure_is_dots_on_white(full, monkeypatch):
+    monkeypatch.setattr(render, "MAX_VERTICES", 100)
+    drawn = render.picture(draw(full, "profile", TERRAIN), "profile", "")
+    kind, content = drawn.uri.split(",")
+    assert kind == "data:image/png;base64"
+    dots = np.asarray(Image.open(BytesIO(base64.b64decode(content))).convert("RGB"))
+    wide, high = (round(inches * render.DOTS_PER_INCH / 96) for inches in (drawn.wide, drawn.high))
+    assert dots.shape == (pytest.approx(high, abs=2), pytest.approx(wide, abs=2), 3)
+    assert (dots[0] == 255).all() and (dots == 255).all(axis=2).mean() > 0.5
+    blue = np.array([0x00, 0x72, 0xB2])
+    assert (np.abs(dots.astype(int) - blue).max(axis=2) < 60).sum() > 500
