@@ -19,8 +19,6 @@ LEVELS = [
         "case",
         "evidence",
         "grounds",
-        "impact_sets",
-        "impact_tables",
         "quantities",
         "result",
         "table",

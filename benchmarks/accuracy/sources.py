@@ -26,8 +26,8 @@ from rockfall.analysis.precision.intervals import (
     half_width,
     sources,
 )
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import write_geotiff
 from rockfall.kernel_rules import Z
 from rockfall.studies.convergence import KEYS, MIN_REFERENCE, MIN_TURNS, converge
 from rockfall.studies.run_until import evaluate, read_rules

@@ -24,7 +24,7 @@ import replay
 import rockfall
 from benchmarks.machine import ROOT, machine
 from benchmarks.stability.real_terrain import steep_cells
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 from rockfall.result.crossings import at_lines
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene

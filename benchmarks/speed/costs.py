@@ -34,8 +34,8 @@ import numpy as np
 import rockfall
 from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine
 from benchmarks.variant import build, copy_sources, go_one_by_one, replace
+from rockfall.io.rasters.dem import read_dem
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import read_dem
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene

@@ -50,8 +50,8 @@ from benchmarks.machine import VAUJANY, machine
 from benchmarks.speed.valley import CELL, SAME, relief
 from rockfall.app.room import Room
 from rockfall.app.server import FILES, Server, bind
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import write_geotiff
 
 BOULDERS = 10_000
 STARTS = 3

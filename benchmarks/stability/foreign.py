@@ -35,8 +35,8 @@ from rasterio.io import DatasetWriter
 
 from benchmarks.machine import machine
 from rockfall.errors import RockfallError
+from rockfall.io.rasters.dem import read_dem
 from rockfall.io.rasters.grid import NO_ID, Grid
-from rockfall.io.rasters.raster import read_dem
 from rockfall.io.vectors.layers import burn_polygons
 
 LONGEST = 60.0  # seconds for one file

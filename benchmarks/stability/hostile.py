@@ -40,8 +40,8 @@ from benchmarks.stability import mutators
 from made import write_ascii
 from rockfall import cli
 from rockfall.grounds.impact_sets import shipped_sets
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import write_geotiff
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 from rockfall.simulation.parts.checkpoint import Checkpoint

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import rockfall
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import fields, run_scene, trajectory
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import write_geotiff
 from rockfall.terrain.synthetic import relief
 
 CELL, NX, NY = 2.0, 120, 150  # [m]: 240 m along the slope, 300 m down it

@@ -32,8 +32,8 @@ import numpy as np
 from rockfall.errors import RockfallError, need
 from rockfall.field.download import fetch
 from rockfall.io.files import atomic_write
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import write_geotiff
 
 HERE = Path(__file__).parent
 ARCHIVE = "mel_de_la_niva_2015"

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import write_geotiff
 from rockfall.terrain.synthetic import relief
 
 CELL, NX, NY = 4.0, 110, 150  # [m]: 440 m along the slope, 600 m down it

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import write_geotiff
 
 CELL, NX, NY = 2.0, 100, 110  # [m]: 200 m along the slope, 220 m down it, in plan
 GRID = Grid(0.0, CELL * NY, CELL, NX, NY)

@@ -10,7 +10,7 @@ import rockfall
 from rockfall.analysis.observed.compare import compare
 from rockfall.analysis.observed.observations import read_observed
 from rockfall.html_report.page import ReportInputs, write_report
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 from rockfall.plots.figures import figures, write_figures
 from rockfall.tables.comparison import comparison_text
 from rockfall.text.summary import summary

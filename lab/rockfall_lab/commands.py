@@ -17,7 +17,7 @@ from rockfall.grounds.impact_tables import save_table, shipped_tables
 from rockfall.grounds.relief import Spectrum, measure
 from rockfall.interrupts import exit_status
 from rockfall.io.output_files import check_output, overwriting
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 from rockfall.scene.rebounds.sets import read_sets
 from rockfall.simulation.parts.finished import FINISHED
 from rockfall.simulation.parts.lock import locked

@@ -39,3 +39,11 @@ def fraction_limits(fraction: float, n: float) -> tuple[float, float]:
     """Limits of the 95 % interval of a fraction of n (Wilson 1927)."""
     low, high = _core.fraction_limits(fraction, n)
     return float(low[0]), float(high[0])
+
+
+def count_limits(
+    counts: np.ndarray, boulders: int, per_cluster: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Limits of the 95 % intervals of fractions of the boulders, computed by the kernel."""
+    low, high = _core.fraction_limits(np.ravel(counts) / boulders, boulders / per_cluster)
+    return low.reshape(np.shape(counts)), high.reshape(np.shape(counts))

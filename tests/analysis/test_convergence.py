@@ -11,8 +11,8 @@ import pytest
 import rockfall
 from programs import refuses
 from rockfall.cli import main
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import write_geotiff
 from rockfall.scene.read import read_scene
 from rockfall.studies import convergence
 from rockfall.studies.convergence import (

@@ -235,7 +235,7 @@ def test_a_case_without_lines_and_a_bad_cap_are_refused(tmp_path):
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     """A folder with a case file on a plane, made the current one."""
-    from rockfall.io.rasters.raster import write_geotiff
+    from rockfall.io.rasters.geotiff import write_geotiff
 
     monkeypatch.chdir(tmp_path)
     write_geotiff("dem.tif", rough(dtype="f4"), grid(rough()))

@@ -11,7 +11,7 @@ import scenes
 from made import PLACE, hill, make_layer, make_raster
 from rockfall.cli import main
 from rockfall.draft.dem import dem_of_points
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 from rockfall.terrain.inverse_distance import Weights, interpolated, left_out
 from rockfall.terrain.repairs import smoothed, without_holes, without_pits
 

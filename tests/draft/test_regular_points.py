@@ -11,7 +11,7 @@ from made import PLACE
 from programs import refuses
 from rockfall.cli import main
 from rockfall.draft.dem import dem_of_points
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 
 NX, NY = 30, 20
 W, N = PLACE.c, PLACE.f - NY  # UTM 32

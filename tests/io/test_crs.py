@@ -20,8 +20,9 @@ from rockfall.io.coordinates.crs import (
     same_crs,
     vertical_datum,
 )
+from rockfall.io.rasters.aligned import aligned_blocks
+from rockfall.io.rasters.dem import read_dem
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import aligned_blocks, read_dem
 from rockfall.io.vectors.layers import read_points
 
 WKT = "crs_wkt", "spatial_ref"

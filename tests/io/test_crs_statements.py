@@ -11,7 +11,7 @@ from made import PLACE, hill, refused
 from rockfall.errors import RockfallError
 from rockfall.io.coordinates.crs import same_crs
 from rockfall.io.rasters.arrays import from_array
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 
 UTM, OTHER, LOCAL = "EPSG:32632", "EPSG:32633", "EPSG:2056"
 FEET = "EPSG:32632+6360"  # NAVD88 height (ftUS)

@@ -18,7 +18,7 @@ from rasterio.rio.main import main_group
 from made import PLACE, UTM, hill, make_ascii, make_layer, refused
 from rockfall.draft.dem import dem_of_points
 from rockfall.errors import RockfallError
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 from rockfall.io.rasters.raster_file import open_raster
 from rockfall.io.tables import read_columns
 

@@ -21,9 +21,10 @@ from rasterio.rio.main import main_group
 from rockfall.draft.dem import dem_of_points
 from rockfall.errors import RockfallError
 from rockfall.io.coordinates.length_units import unit_in_words, unit_of
+from rockfall.io.rasters.aligned import aligned_blocks
 from rockfall.io.rasters.arrays import from_array
+from rockfall.io.rasters.dem import read_dem
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import aligned_blocks, read_dem
 
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 FEET = 0.3048

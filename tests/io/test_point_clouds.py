@@ -12,7 +12,7 @@ from made import refused
 from rockfall.cli import main
 from rockfall.draft.dem import dem_of_points
 from rockfall.errors import RockfallError
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 from rockfall.io.vectors.point_clouds import read_clouds
 
 laspy = pytest.importorskip("laspy", reason="the points extra is not installed")

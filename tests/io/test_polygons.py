@@ -8,8 +8,8 @@ import scenes
 from made import make_layer, make_raster
 from rockfall.analysis.objects.segments import _sources_on
 from rockfall.cli import main
+from rockfall.io.rasters.dem import read_dem
 from rockfall.io.rasters.grid import NO_ID, Grid
-from rockfall.io.rasters.raster import read_dem
 from rockfall.io.vectors.layers import burn_polygons, numbered_polygons
 from rockfall.io.vectors.polygons import held_cells, points_inside
 from rockfall.scene.read import read_scene

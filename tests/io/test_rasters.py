@@ -20,9 +20,11 @@ from rasterio.rio.main import main_group
 from made import PLACE, UTM, hill, make_ascii, make_raster, refused, write_ascii
 from rockfall.errors import RockfallError
 from rockfall.io.rasters import grid as grid_module
+from rockfall.io.rasters.aligned import aligned_blocks
 from rockfall.io.rasters.arrays import from_array
+from rockfall.io.rasters.dem import read_dem
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import NO_ID, Grid
-from rockfall.io.rasters.raster import aligned_blocks, read_dem, write_geotiff
 from rockfall.result.dataset import read_result
 
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")

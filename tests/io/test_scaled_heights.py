@@ -8,7 +8,7 @@ import rasterio
 
 from made import PLACE, UTM, hill
 from rockfall.errors import RockfallError
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 
 FOOT, SURVEY = 0.3048, 1200 / 3937
 

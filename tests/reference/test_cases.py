@@ -15,7 +15,7 @@ import rockfall
 from rockfall.case import read_case
 from rockfall.case.text import read_values
 from rockfall.evidence import only
-from rockfall.io.rasters.raster import write_geotiff
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.result.crossings import at_lines, has_crossed
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import implausible

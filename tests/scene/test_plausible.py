@@ -20,7 +20,7 @@ import scenes
 from made import PLACE, UTM, make_raster, refused
 from programs import refuses
 from rockfall.cli import main
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 from rockfall.language import speaking, translated
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import implausible, input_warnings

@@ -6,7 +6,7 @@ import pytest
 
 import rockfall
 from rockfall.scene.read import read_scene
-from rockfall.simulation.simulate import check_tallies, run_scene, start
+from rockfall.simulation.simulate import check_overflow, run_scene, start
 from scenes import grid, make_case, rough, sets
 
 Z = rough()
@@ -22,7 +22,7 @@ def scene_of(folder, maps=("energy_mean", "energy_max"), boulders=1, **groups):
 
 
 def check(scene):
-    check_tallies(scene, scene.survey())
+    check_overflow(scene, scene.survey())
 
 
 def fall(scene):

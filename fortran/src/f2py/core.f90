@@ -40,10 +40,11 @@ module rockfall_f2py
    use rockfall_random, only: random_key, normal_table_t, normal_table
    use rockfall_boulder, only: soil_draw_t
    use rockfall_draws, only: drawn_soil
-   use rockfall_sources, only: usual_threshold, keep_steep_cells, surface_ratios, proportional_part
+   use rockfall_steep_cells, only: usual_threshold, keep_steep_cells, surface_ratios
+   use rockfall_shares, only: proportional_part
    use rockfall_map_values, only: map_plan_t, plan_maps => map_plan, stack_layers, map_min_count, map_thin_below, &
                                    fraction_limit, limit_rank, z_95, min_for_mean, min_for_std, max_columns
-   use rockfall_limits, only: check_tallies
+   use rockfall_map_overflow, only: check_overflow
    use rockfall_threads, only: team_size, check_team, release_team
    use rockfall_ensemble, only: trace_boulder, recorded_boulders
    use rockfall_rows, only: boulder_row, boulder_count_row, vertex_row
@@ -704,7 +705,7 @@ contains
 
       opened => scene_of(handle)
       associate (scene => opened%scene)
-         call check_tallies(plan_of(opened%case), max_volumes(scene), scene%gravity, fall, boulder_count(scene), &
+         call check_overflow(plan_of(opened%case), max_volumes(scene), scene%gravity, fall, boulder_count(scene), &
                             max_tree_hits(scene), error)
       end associate
       call give_error(error, code, message)

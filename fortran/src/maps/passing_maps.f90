@@ -5,7 +5,7 @@
 module rockfall_passing_maps
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
-   use rockfall_sources, only: surface_ratios
+   use rockfall_steep_cells, only: surface_ratios
    use rockfall_bins, only: passing_height
    use rockfall_maps, only: maps_t, visits_t, visit_cell, next_visits, add_values, is_requested, unlock_band
    implicit none

@@ -13,7 +13,7 @@ module rockfall_ensemble
    use rockfall_scratch, only: scratch_t
    use rockfall_trajectory, only: trace_full, choose_tracer
    use rockfall_fragments, only: trace_fragments
-   use rockfall_sources, only: proportional_part
+   use rockfall_shares, only: proportional_part
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
    use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
    use rockfall_lanes, only: run_in_lanes

@@ -7,12 +7,12 @@ module rockfall_run_loop
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t
    use rockfall_scratch, only: scratch_t
-   use rockfall_limits, only: check_tallies
+   use rockfall_map_overflow, only: check_overflow
    use rockfall_variables, only: vertex_fields
    use rockfall_rows, only: vertex_row
    use rockfall_threads, only: team_size
    use rockfall_ensemble, only: trace_boulder, recorded_boulders
-   use rockfall_sources, only: proportional_part
+   use rockfall_shares, only: proportional_part
    use rockfall_case, only: case_t
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: set_window
@@ -109,7 +109,7 @@ contains
          side = block_side([dem%nx, dem%ny])
          allocate (minima((dem%nx - 1)/side + 1, (dem%ny - 1)/side + 1), source=huge(1.0_wp))
          call update_block_minima(dem, 1, dem%ny, minima)
-         call check_tallies(plan_of(case), max_volumes(scene), case%gravity, max_head - minval(minima), &
+         call check_overflow(plan_of(case), max_volumes(scene), case%gravity, max_head - minval(minima), &
                             boulder_count(scene), max_tree_hits(scene), error)
          if (allocated(error) .or. case%full_maps) return
          box = reach_box(dem, minima, max_head, release%x, release%y, object_reach(scene, case))

@@ -10,7 +10,7 @@ module rockfall_scene
    use rockfall_grid, only: grid_t
    use rockfall_terrain, only: terrain
    use rockfall_surface, only: method_a
-   use rockfall_sources, only: last_boulders, last_boulders_by_weight, proportional_part
+   use rockfall_shares, only: last_boulders, last_boulders_by_weight, proportional_part
    use rockfall_line, only: line, object_line
    use rockfall_line_index, only: line_index, worth_indexing
    use rockfall_barrier, only: barrier_t

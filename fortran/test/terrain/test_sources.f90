@@ -5,7 +5,8 @@ program test_sources
    use rockfall_kinds, only: wp, sp, i2, i8
    use rockfall_terrain, only: terrain_t, terrain
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
-   use rockfall_sources, only: usual_threshold, keep_steep_cells, surface_ratios, last_boulders
+   use rockfall_steep_cells, only: usual_threshold, keep_steep_cells, surface_ratios
+   use rockfall_shares, only: last_boulders
    use check_m, only: check, check_close, finish
    implicit none
 

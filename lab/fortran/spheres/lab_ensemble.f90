@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many layers, many impacts. Only this file and `lab_throws` use threads in the laboratory. A layer is a pure function
-!> of (seed, ratio, layer), an impact of (seed, layer, point, impact), so threads and chunks cannot change a bit.
+!> Many layers, many impacts. A layer is a pure function of (seed, ratio, layer), an impact of (seed, layer, point,
+!> impact), so threads and chunks cannot change a bit.
 module lab_ensemble
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail

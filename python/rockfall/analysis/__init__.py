@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Analysis of results: statistics, return levels, comparison, convergence, uncertainty."""
+"""Analysis of results: statistics, return levels, comparison, validity, hazard."""

@@ -29,7 +29,7 @@ from rockfall.case import REPEATABLE, Case, key_table
 from rockfall.case.variants import BASE
 from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 from rockfall.language import say, speaking, translated
 from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.scene.rules.plausible import input_warnings

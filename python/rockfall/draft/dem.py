@@ -25,8 +25,9 @@ from rockfall.errors import RockfallError
 from rockfall.io.coordinates.crs import check_area, check_metres, crs_name
 from rockfall.io.output_files import check_output
 from rockfall.io.rasters.arrays import check_elevations
+from rockfall.io.rasters.dem import read_dem
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import read_dem, write_geotiff
 from rockfall.io.rasters.raster_file import open_raster, raster_files
 from rockfall.io.tables import read_table
 from rockfall.io.vectors.layers import read_features

@@ -28,7 +28,7 @@ from rockfall.draft.zones import zones_of
 from rockfall.errors import RockfallError
 from rockfall.io.files import relative_name
 from rockfall.io.output_files import atomic_folder
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 from rockfall.scene.read import read_scene
 from rockfall.scene.releases.sources import threshold
 from rockfall.scene.rules.plausible import implausible

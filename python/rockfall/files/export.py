@@ -35,7 +35,7 @@ from rockfall.io.coordinates.crs import in_plan, plan_wkt
 from rockfall.io.files import atomic_write
 from rockfall.io.output_files import atomic_folder, why_unwritten
 from rockfall.io.rasters.arrays import grid_of
-from rockfall.io.rasters.raster import write_geotiff
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.tables import spreadsheet_text
 from rockfall.quantities import SHOWN
 from rockfall.result.crossings import HEIGHTS, columns_at, line_names

@@ -20,7 +20,7 @@ from rockfall.grounds.impact_tables import CONSTANTS, YieldingGround
 from rockfall.grounds.relief import Spectrum, measure, slope_between
 from rockfall.grounds.shapes import SHAPES, Surface, hull, random_block, refine, volume
 from rockfall.grounds.uniform import Uniform
-from rockfall.io.rasters.raster import read_dem
+from rockfall.io.rasters.dem import read_dem
 from rockfall.io.tables import Row, check_columns, read_table
 from rockfall.kernel_rules import USUAL_DENSITY
 from rockfall.limits import MAX_NAME

@@ -14,7 +14,7 @@ from rockfall.case import case_of
 from rockfall.case.files import read_names
 from rockfall.files.export import crs_wkt
 from rockfall.files.qgis_style import contour_style, write_relief
-from rockfall.io.rasters.raster import write_geotiff
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.language import Number, say, speaking, word
 from rockfall.plots.cartography.relief import INDEX, contours_of
 from rockfall.plots.cartography.sheet import crs_text, named_crs

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.io.rasters.aligned import aligned_blocks
+from rockfall.io.rasters.dem import dem_header
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import aligned_blocks, dem_header
 
 RASTERS = (
     "dem", "rockdensity", "d1", "d2", "d3", "blshape", "rg70", "rg20", "rg10", "soiltype",

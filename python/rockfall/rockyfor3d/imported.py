@@ -18,7 +18,7 @@ from rockfall.draft.dem import read_source
 from rockfall.errors import RockfallError
 from rockfall.io.files import read_text, relative_name
 from rockfall.io.output_files import atomic_folder
-from rockfall.io.rasters.raster import write_geotiff
+from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.tables import plain_decimal
 from rockfall.language import say
 from rockfall.rockyfor3d.folder import Folder

@@ -15,9 +15,9 @@ from rockfall.case import Case, file_keys
 from rockfall.errors import RockfallError
 from rockfall.io.coordinates.crs import crs_name, same_crs
 from rockfall.io.files import check_regular, reason
+from rockfall.io.rasters.aligned import aligned_blocks
 from rockfall.io.rasters.arrays import as_plan, grid_of
 from rockfall.io.rasters.grid import NO_ID, Box, Grid, row_blocks
-from rockfall.io.rasters.raster import aligned_blocks
 from rockfall.io.rasters.raster_file import raster_file
 from rockfall.io.vectors.layers import REPROJECTED, name_of
 from rockfall.scene.stages import Stages

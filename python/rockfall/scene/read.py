@@ -17,8 +17,8 @@ from rockfall.errors import FAULT_MARK, RockfallError
 from rockfall.grounds import other_tables
 from rockfall.grounds.impact_sets import set_path
 from rockfall.io.rasters.arrays import check_known, from_array
+from rockfall.io.rasters.dem import dem_header, packing_note, read_dem
 from rockfall.io.rasters.grid import Box, Grid
-from rockfall.io.rasters.raster import dem_header, packing_note, read_dem
 from rockfall.io.rasters.raster_file import raster_file
 from rockfall.io.vectors.layers import EXTENSIONS
 from rockfall.io.zone_table import RADII

@@ -27,8 +27,8 @@ from rockfall.grounds.impact_tables import (
     reliefs_thrown,
     softest_thrown,
 )
+from rockfall.io.rasters.dem import read_elevations
 from rockfall.io.rasters.grid import NO_ID, Box, row_blocks
-from rockfall.io.rasters.raster import read_elevations
 from rockfall.io.vectors.layers import EXTENSIONS, burn_polygons
 from rockfall.io.zone_table import RADII, Zone, index_blocks
 from rockfall.language import remark

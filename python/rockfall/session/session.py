@@ -19,7 +19,7 @@ from rockfall.scene.stages import KeptStages
 from rockfall.session.batch import Batch
 from rockfall.simulation.batches import Batches
 from rockfall.simulation.memory import machine_memory
-from rockfall.simulation.simulate import check_tallies, check_team, start
+from rockfall.simulation.simulate import check_overflow, check_team, start
 from rockfall.studies.run_until import Rule, read_rules
 
 BATCH_SECONDS = 0.1
@@ -196,7 +196,7 @@ class Session:
                 "memory, and an open session keeps it there: use rockfall.run"
             )
         check_team(self._team(scene))
-        check_tallies(scene, scene.survey())
+        check_overflow(scene, scene.survey())
         implausible(scene)
         self._case, self._arrays, self._boulders = case, arrays, boulders
         self._stages, self._scene = stages, scene

@@ -13,7 +13,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import OUR_FAULT, RockfallError
 from rockfall.scene.scene import Scene
-from rockfall.simulation.maps import tells_sources
+from rockfall.simulation.map_plan import tells_sources
 from rockfall.simulation.tally import Tally
 
 PIECE_SECONDS = 0.012  # between looks at a cancel, which is to be answered within 0.05 s

@@ -13,7 +13,7 @@ from rockfall.kernel_rules import SAMPLE_BINS, SAMPLE_COARSE, SAMPLE_TAILS
 from rockfall.limits import CORES
 from rockfall.scene.releases.source_attributes import values_of
 from rockfall.scene.scene import Scene
-from rockfall.simulation.maps import HITS, plan_of
+from rockfall.simulation.map_plan import HITS, plan_of
 from rockfall.simulation.memory import BYTES_AT_LINE, BYTES_IN_FILE
 from rockfall.simulation.simulate import CHUNK_CROSSINGS, check_team, run_chunks, start
 from rockfall.simulation.spilled_crossings import BLOCK

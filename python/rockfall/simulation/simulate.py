@@ -149,13 +149,13 @@ def check_team(threads: int) -> None:
 def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
     """Empty tallies for the outputs of the case."""
     numbers, survey = shard_range(scene, shard), scene.survey()
-    check_tallies(scene, survey)
+    check_overflow(scene, survey)
     box = survey.box(scene.kernel)
     run = Run.of_scene(scene, numbers, box, threads)
     return Tally(scene, run, box, len(numbers), numbers.start, threads=threads)
 
 
-def check_tallies(scene: Scene, survey: Survey) -> None:
+def check_overflow(scene: Scene, survey: Survey) -> None:
     """Refuse a run whose boulders could overflow the numbers in a cell of a map."""
     if "maps" in scene.case.output:
         kernel = scene.kernel

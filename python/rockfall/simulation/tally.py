@@ -21,7 +21,7 @@ from rockfall.result.run_arrays import Array, window
 from rockfall.scene.forest.trees import Stand
 from rockfall.scene.parts import Features
 from rockfall.scene.scene import Scene
-from rockfall.simulation.maps import tells_sources
+from rockfall.simulation.map_plan import tells_sources
 from rockfall.simulation.run_state import Run
 from rockfall.simulation.spilled_crossings import GROUPS as CROSSINGS
 from rockfall.simulation.spilled_crossings import SpilledCrossings

@@ -18,10 +18,11 @@ from rockfall.result import variables
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import CONVENTIONS, centre_variables, feature_names, provenance
 from rockfall.result.grounds import source_text
+from rockfall.result.maps.clusters import boulders_per_cluster
 from rockfall.result.names import distinct_words
 from rockfall.result.run_arrays import Array
 from rockfall.result.variables import fields
-from rockfall.simulation.maps import HITS, boulders_per_cluster, plan_of
+from rockfall.simulation.map_plan import HITS, plan_of
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
 

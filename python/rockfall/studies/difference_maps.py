@@ -16,8 +16,9 @@ from rockfall.files.export import write_map
 from rockfall.io.output_files import atomic_folder
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.io.tables import write_csv
+from rockfall.kernel_rules import count_limits
+from rockfall.result.maps.clusters import boulders_per_cluster
 from rockfall.result.samples import simulated
-from rockfall.simulation.maps import boulders_per_cluster, count_limits
 from rockfall.studies.variants import check_variants
 
 if TYPE_CHECKING:

@@ -29,9 +29,9 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.releases.sources import refuse_by_area
 from rockfall.scene.rules.plausible import warn_of
 from rockfall.scene.scene import Scene
-from rockfall.simulation.maps import tells_sources
+from rockfall.simulation.map_plan import tells_sources
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import Interrupted, check_tallies, run_chunks, start, trace
+from rockfall.simulation.simulate import Interrupted, check_overflow, run_chunks, start, trace
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import make_result
 from rockfall.studies.study import with_numbers
@@ -161,7 +161,7 @@ def _next_tally(scene: Scene, last: Tally | None) -> Tally:
         if last is not None:
             tally.wall, tally.cpu = last.wall, last.cpu
         return tally
-    check_tallies(scene, scene.survey())
+    check_overflow(scene, scene.survey())
     last.go_on(scene)
     return last
 

@@ -17,8 +17,8 @@ from rockfall.analysis.precision.paired import difference_of_fractions
 from rockfall.case import Case, case_of
 from rockfall.case.variants import variants
 from rockfall.result.crossings import line_names
+from rockfall.result.maps.clusters import boulders_per_cluster
 from rockfall.scene.read import read_scene
-from rockfall.simulation.maps import boulders_per_cluster
 from rockfall.studies.study import NO_CHECKPOINTS, ROWS_ONLY, Study
 from rockfall.studies.variants import COLUMNS, at_line, verdict_on
 

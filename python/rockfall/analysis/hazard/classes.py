@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rockfall.case import Case, keys_of
-from rockfall.simulation.maps import count_limits
+from rockfall.kernel_rules import count_limits
 
 #: By number; the first if no boulder passes.
 CLASSES = ("none", *keys_of("hazard")["matrix"].allowed.split(", "))

@@ -47,10 +47,10 @@ from rockfall.language import Text, packed
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import boulders_at, line_names
 from rockfall.result.grounds import rebounds_by_ground, source_text
+from rockfall.result.maps.clusters import boulders_per_cluster
 from rockfall.result.samples import simulated
 from rockfall.result.variables import ENDS
 from rockfall.scene.scene import Scene
-from rockfall.simulation.maps import boulders_per_cluster
 
 if TYPE_CHECKING:
     import xarray as xr

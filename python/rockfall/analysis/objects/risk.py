@@ -11,8 +11,8 @@ import numpy as np
 
 from rockfall.analysis.hazard.classes import Frequencies
 from rockfall.analysis.objects.exposure import QUANTITIES, Exposure, Harm
+from rockfall.kernel_rules import count_limits
 from rockfall.result.variables import ENDS
-from rockfall.simulation.maps import count_limits
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -21,8 +21,8 @@ from rockfall.draft.groups import RADIUS, VOLUME
 from rockfall.errors import RockfallError
 from rockfall.io.files import NETCDF, start_of
 from rockfall.io.netcdf import open_netcdf
+from rockfall.io.rasters.dem import dem_header
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import dem_header
 from rockfall.io.tables import decimal, read_columns
 from rockfall.io.vectors.layers import (
     EXTENSIONS,

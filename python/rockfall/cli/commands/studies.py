@@ -17,8 +17,8 @@ from rockfall.cli.messages import DONE, say, warn_each
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status
 from rockfall.io.output_files import atomic_folder, check_outputs
+from rockfall.io.rasters.dem import dem_header
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.rasters.raster import dem_header
 from rockfall.io.tables import write_csv
 from rockfall.io.vectors.point_rows import is_point_layer
 from rockfall.plots.studies.convergence_figure import figure

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.simulation.maps import join_sources
 from rockfall.simulation.parts.part_file import LAYOUT_OF, Part, read_part, when
+from rockfall.simulation.parts.split_sources import join_sources
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import make_result
 

@@ -29,7 +29,7 @@ from rockfall.result.contents import Contents
 from rockfall.result.dataset import DAMAGED, georeference
 from rockfall.scene.forest.trees import Stand
 from rockfall.scene.parts import Features
-from rockfall.simulation.maps import SHARED
+from rockfall.simulation.parts.split_sources import SHARED
 from rockfall.simulation.run_state import Run
 from rockfall.simulation.tally import Origin
 from rockfall.simulation.tally_dataset import described, run_attributes, trajectory_variables

@@ -1,15 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Sources derived from the terrain: cells as steep as rock faces, and the number of boulders per source from the
-!> surface area of its cell. Shared by both programs.
-module rockfall_sources
+!> Cells as steep as rock faces, and their surface areas.
+module rockfall_steep_cells
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
-   use rockfall_kinds, only: wp, i2, i8
+   use rockfall_kinds, only: wp, i2
    use rockfall_math, only: exponential, logarithm, tangent
    use rockfall_terrain, only: terrain_t, patch_t, locate, read_patch, gradient, cell_of, cell_descent
    implicit none
    private
-   public :: usual_threshold, keep_steep_cells, surface_ratios, last_boulders, last_boulders_by_weight, &
-             proportional_part
+   public :: usual_threshold, keep_steep_cells, surface_ratios
 
 contains
 
@@ -70,47 +68,4 @@ contains
          ratio(k) = sqrt(1 + descent(1)**2 + descent(2)**2)
       end do
    end function surface_ratios
-
-   !> Last boulder of each source for n boulders per unit of `ratio`: cumulative sums of n*ratio, rounded down, so that
-   !> totals are correct even with n = 1.
-   pure function last_boulders(ratio, n) result(last)
-      real(wp), intent(in) :: ratio(:)  !! surface over plan area [-]
-      integer(i8), intent(in) :: n
-      integer(i8) :: last(size(ratio))
-      real(wp) :: total
-      integer :: k
-
-      total = 0
-      do k = 1, size(ratio)
-         total = total + ratio(k)
-         last(k) = int(min(n*total, 0.5_wp*huge(1_i8)), i8)  ! excessive numbers are rejected later, not wrapped
-      end do
-   end function last_boulders
-
-   !> Last boulder of each source for n boulders distributed in proportion to weights: n*w rounded down, where w is the
-   !> cumulative fraction of the weights.
-   pure function last_boulders_by_weight(weight, n) result(last)
-      real(wp), intent(in) :: weight(:)  !! > 0
-      integer(i8), intent(in) :: n
-      integer(i8) :: last(size(weight))
-      real(wp) :: total, part
-      integer :: k
-
-      total = 0
-      do k = 1, size(weight)
-         total = total + weight(k)
-      end do
-      part = 0
-      do k = 1, size(weight)
-         part = part + weight(k)
-         last(k) = int(n*(part/total), i8)
-      end do
-   end function last_boulders_by_weight
-
-   !> Compute n*part/of without overflow: the number of boulders in the first of equal ranges.
-   pure integer(i8) function proportional_part(n, part, parts)
-      integer(i8), intent(in) :: n, part, parts
-
-      proportional_part = n/parts*part + mod(n, parts)*part/parts
-   end function proportional_part
-end module rockfall_sources
+end module rockfall_steep_cells

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Upper bounds of the sums and maxima of maps, so that a run that could overflow them is rejected before it starts.
 !> No rebound adds energy (theory, chapter 5): the release and the lowest elevation bound all speeds.
-module rockfall_limits
+module rockfall_map_overflow
    use rockfall_kinds, only: wp, sp, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text
@@ -13,7 +13,7 @@ module rockfall_limits
    use rockfall_map_values, only: map_plan_t
    implicit none
    private
-   public :: check_tallies
+   public :: check_overflow
 
    !> Maximum sum [J], [mm/s], [mm]: below 2**63 with a margin for rounding to integers.
    real(wp), parameter :: max_sum = 9.0e18_wp
@@ -28,7 +28,7 @@ module rockfall_limits
 contains
 
    !> Reject a run whose tallies could overflow.
-   pure subroutine check_tallies(plan, distribution, gravity, fall, boulders, max_hits, error)
+   pure subroutine check_overflow(plan, distribution, gravity, fall, boulders, max_hits, error)
       type(map_plan_t), intent(in) :: plan
       type(volume_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: gravity        !! [m/s2]
@@ -71,7 +71,7 @@ contains
          call fail(error, "&output maps: energy_max: can reach "//three_digits(max_single(energy))//" J" &
                    //explanation(volume, fall)//": must be at most 3.4e38")
       end if
-   end subroutine check_tallies
+   end subroutine check_overflow
 
    !> Bound of the sum of n independent volumes [m3], by Chernoff: from 2e times its mean on, it exceeds k times the
    !> maximum of one volume with a probability below 2**-k; k = 128 means practically never.
@@ -99,4 +99,4 @@ contains
       write (buffer, "(es9.2e2)") value
       text = trim(adjustl(buffer))
    end function three_digits
-end module rockfall_limits
+end module rockfall_map_overflow

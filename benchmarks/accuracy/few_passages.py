@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Do intervals hold where few boulders pass, and on which side does the truth lie where not?
 
-    python -m benchmarks.few_passages [--repetitions 1000] [--boulders 200000]
+    python -m benchmarks.accuracy.few_passages [--repetitions 1000] [--boulders 200000]
 
 With `--boulders 0` the known laws alone.
 

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Elevations of a raster file.
+
+In memory rasters are north-up and C-ordered, `array[row, column]`, row 0 the northernmost. Files
+are read in blocks of rows, so a large raster needs no memory beyond its final array.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from rockfall.errors import RockfallError
+from rockfall.io.coordinates.crs import check_metres
+from rockfall.io.coordinates.raster_units import stated_units
+from rockfall.io.rasters.arrays import check_elevations
+from rockfall.io.rasters.grid import Box, Grid
+from rockfall.io.rasters.raster_file import GdalCells, RasterFile, open_raster
+from rockfall.language import remark
+
+SAME_UNIT = 1e-3  # relative: rounded factors of a unit
+
+
+def read_dem(path: str | Path, remarks: list[str] | None = None) -> tuple[np.ndarray, Grid]:
+    """Elevations [m], NaN where missing, and their grid; `remarks` gets a `packing_note`.
+
+    float32 stays float32; integers of 8 and 16 bits become float32, which represents them exactly;
+    all other types, and every ESRI ASCII grid, become float64. `path` may be `file.nc:variable`.
+    """
+    with open_raster(path) as raster:
+        _check_dem(raster)
+        z = _elevations(raster, raster.grid.box)
+        add_packing_note(raster, remarks)
+    check_elevations(str(path), z)
+    return z, raster.grid
+
+
+def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
+    """Grid of a DEM, and the type of its elevations in memory."""
+    with open_raster(path) as raster:
+        _check_dem(raster)
+        return raster.grid, raster.dtype
+
+
+def packing_note(path: str | Path) -> list[str]:
+    """A remark if stored numbers are not the values because of a companion file, which a look at
+    the raster alone would not reveal. Packing in netCDF files is explicit."""
+    remarks: list[str] = []
+    with open_raster(path) as raster:
+        add_packing_note(raster, remarks)
+    return remarks
+
+
+def read_elevations(path: str | Path, box: Box) -> np.ndarray:
+    """Elevations of some cells [m], NaN where missing."""
+    with open_raster(path) as raster:
+        return _elevations(raster, box)
+
+
+def _elevations(raster: RasterFile, box: Box) -> np.ndarray:
+    z = np.empty(box.shape, raster.dtype)
+    for rows, block, valid in raster.blocks(box):
+        z[rows] = block
+        z[rows][~valid] = np.nan
+    return z
+
+
+def _check_dem(raster: RasterFile) -> None:
+    """Refuse a raster that cannot be a terrain."""
+    stated = stated_units(raster)
+    for unit, where in stated:
+        scale = raster.cells.packing[0]
+        if not unit.is_metre and math.isclose(scale, unit.factor, rel_tol=SAME_UNIT):
+            raise RockfallError(
+                f"{raster.path}: elevations are in {unit.name} ({where}), and its scale of "
+                f"{scale:g} makes metres of them already: correct one"
+            )
+    check_metres(raster.grid, raster.path, stated, raster.in_metres)
+    raster.check_cells()
+
+
+def add_packing_note(raster: RasterFile, remarks: list[str] | None) -> None:
+    """Add the remark of `packing_note` to some, unless these are not wanted."""
+    if remarks is None or not isinstance(raster.cells, GdalCells):
+        return
+    scale, offset = raster.cells.packing
+    if (scale, offset) == (1.0, 0.0):
+        return
+    beside = Path(f"{raster.path}.aux.xml")
+    said_by = f" ({beside.name})" if beside.exists() else ""
+    numbers = {"scale": float(scale), "offset": float(offset)}
+    remarks.append(remark(f"{raster.path}{said_by}", "input.packing", **numbers))

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Plan of the maps of a run: which layers the kernel's stacks have for a case."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+from rockfall._core import rockfall_f2py as _core
+from rockfall.case import Case
+from rockfall.result.variables import EXCEEDED
+
+HITS = "tree_impacts"  # a map of counts, kept among the sums because they hold larger numbers
+
+
+class Plan(NamedTuple):
+    """Tallies needed for the maps of a case: layers by name, from 1 in their stacks; 0: not
+    needed."""
+
+    #: passages, deposits, sources; released: boulders of these sources; hits; energy_exceeded and
+    #: hits_energy_exceeded: the first of those for thresholds
+    counts: dict[str, int]
+    sums: dict[str, int]  # of the quantities below, by name, followed by their squares
+    maxima: dict[str, int]
+    bins: int  # count bins for quantiles
+    layers: dict[str, int]  # number of layers of each stack (counts, sums, maxima)
+
+
+def plan_of(case: Case) -> Plan:
+    """Tallies needed for the maps of a case."""
+    return _plan(" ".join(case.output.get("maps", [])), len(case.hazard["thresholds"]))
+
+
+@lru_cache(maxsize=16)
+def _plan(names: str, thresholds: int) -> Plan:
+    counts, sums, maxima, bins, layers = _core.map_plan(names, thresholds)
+    quantities = (
+        "energy", "speed", "jump_height", "passing_height", "tree_height", "tree_energy", HITS,
+    )  # fmt: skip
+    kinds = "passages", "deposits", "sources", "released", "hits", *EXCEEDED
+    return Plan(
+        dict(zip(kinds, counts.tolist(), strict=True)),
+        dict(zip(quantities, sums.tolist(), strict=True)),
+        dict(zip(quantities[:5], maxima.tolist(), strict=True)),
+        int(bins),
+        dict(zip(("counts", "sums", "maxima"), layers.tolist(), strict=True)),
+    )
+
+
+def tells_sources(case: Case) -> bool:
+    """Return True if a map needs the source of each boulder."""
+    plan = plan_of(case).counts
+    return bool(plan["sources"] or plan["released"])

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sources that parts of a run split between them: counted once in the maps of sources."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rockfall.case import Case
+from rockfall.simulation.map_plan import plan_of
+
+SHARED = ("shared_cell", "shared_source", "shared_boulders")  # of the sources that a range cuts
+
+
+def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
+    """Count each source that parts split once per cell, with all its boulders: the counts of the
+    parts are removed from the stack, and one joint count is added."""
+    plan = plan_of(case).counts
+    cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in SHARED)
+    layers = counts.reshape(len(counts), -1)
+    cells = layers.shape[1]
+    once_source, once_cell = np.divmod(np.unique(source * np.int64(cells) + cell), cells)
+    if plan["sources"]:
+        layer = layers[plan["sources"] - 1]
+        np.subtract.at(layer, cell, np.int32(1))
+        np.add.at(layer, once_cell, np.int32(1))
+    if plan["released"]:
+        numbers, total = _boulders_of(parts)
+        layer = layers[plan["released"] - 1]
+        np.subtract.at(layer, cell, boulders)
+        np.add.at(layer, once_cell, total[np.searchsorted(numbers, once_source)])
+
+
+def _boulders_of(parts: Sequence[Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the split sources, and the boulders of each over all parts."""
+    rows = []
+    for part in parts:
+        source, first = np.unique(part["shared_source"], return_index=True)
+        rows.append((source, part["shared_boulders"][first]))
+    source, boulders = (np.concatenate(column) for column in zip(*rows, strict=True))
+    numbers, which = np.unique(source, return_inverse=True)
+    total = np.zeros(numbers.size, "i4")
+    np.add.at(total, which, boulders)
+    return numbers, total
