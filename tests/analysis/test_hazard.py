@@ -168,7 +168,8 @@ def test_activity_needs_all_of_its_distribution(tmp_path, key):
 def test_a_scenario_changes_boulders(tmp_path):
     """One key of &boulder, or with a distribution of its own all keys of volumes."""
     boulder = {"volume": "normal", "volume_mean": 1.0, "volume_std": 0.2, "density": 2600.0}
-    boulder |= {"block_shape": ["compact"]}
+    alike = {"block_shape": ["compact"], "mean_radius_sigma": 0.0}
+    boulder |= alike
     case = make_case(
         tmp_path,
         ONE | {"name": "as they are"},
@@ -180,7 +181,6 @@ def test_a_scenario_changes_boulders(tmp_path):
     one, two, three = (scenario.case.boulder for scenario in study.scenarios)
     assert one == boulder
     assert two == boulder | {"volume_mean": 3.0}
-    alike = {"block_shape": ["compact"]}
     assert three == {"volume": "fixed", "volume_mean": 0.5, "density": 2700.0} | alike
 
 

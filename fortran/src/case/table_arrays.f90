@@ -20,8 +20,8 @@ module rockfall_table_arrays
       integer, pointer, contiguous :: shape(:, :) => null()   !! (table_counts, tables)
       real(wp), pointer, contiguous :: scale(:, :) => null()  !! (table_scales, tables)
       real(wp), pointer, contiguous :: size(:) => null(), relief(:) => null()  !! of the columns, of the rows
-      !> Edges of bins, for flights and then for rolls. First key: by part. Second key: by part and first bin. Third key:
-      !> by part, first and second bin.
+      !> Edges of bins, for flights and then for rolls. First key: by part. Second key: by part and first bin. Third
+      !> key: by part, first and second bin.
       real(wp), pointer, contiguous :: edge(:) => null()
       integer, pointer, contiguous :: first(:) => null()      !! first record of each bin, from 1, and end
       real(wp), pointer, contiguous :: map(:, :) => null()    !! (map_fields, bins)
