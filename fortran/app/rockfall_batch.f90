@@ -28,6 +28,7 @@ program rockfall_batch
    use rockfall_namelist, only: namelist_t
    use rockfall_case_file, only: read_case_file
    use rockfall_system, only: start_process, end_at_once, is_folder, is_regular, path_exists, same_file, folder_of, &
+                              hidden_name, &
                               temporary_name, take_lock, give_lock_back, check_place
    use rockfall_threads, only: check_team
    use rockfall_console, only: arguments_t, read_arguments, stem, one_line, decimal
@@ -35,6 +36,8 @@ program rockfall_batch
    use rockfall_scene_type, only: n_grounds
    use rockfall_scene_file, only: inputs_t, read_scene
    use rockfall_part_file, only: write_part
+   use rockfall_crossing_rows, only: crossing_rows_t
+   use rockfall_crossing_store, only: crossing_store_t
    use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, name_checkpoint, remove_checkpoint
    use rockfall_run_state, only: run_t
    use rockfall_run_loop, only: run_case
@@ -128,6 +131,7 @@ contains
       if (lines_outside(case, inputs%arrays%grid) /= "") &
          call warn("no boulder can cross "//lines_outside(case, inputs%arrays%grid)//": outside the terrain")
       checkpoint%output = output
+      checkpoint%store%name = hidden_name(output)//".crossings"
       checkpoint%name = output//".checkpoint"
       checkpoint%case => case
       checkpoint%text = text
@@ -138,14 +142,14 @@ contains
       checkpoint%say => warn
       call run_case(case, inputs%arrays%grid, inputs%scene, arguments%shard, checkpoint, state, error)
       if (.not. allocated(error)) then
-         call write_part(output, temporary_name(output), case, text, inputs, state, error)
+         call write_part(output, temporary_name(output), case, text, inputs, state, checkpoint%store, error)
          if (allocated(error)) call name_checkpoint(checkpoint, error)
       end if
       if (allocated(error)) return
       call remove_checkpoint(checkpoint)
       call warn_of_breakage(case, state)
       if (arguments%quiet) return
-      call summary(case, state)
+      call summary(case, state, checkpoint%store)
       if (allocated(inputs%scene%grounds)) &
          call ground_summary(inputs%scene%grounds(:n_grounds(inputs%scene)), state%by_ground)
       write (output_unit, "(3a)") output, ": `rockfall merge ... --output OUT.nc` makes the result of it"
@@ -215,9 +219,10 @@ contains
    end function lines_outside
 
    !> Print the main results.
-   subroutine summary(case, state)
+   subroutine summary(case, state, store)
       type(case_t), intent(in) :: case
       type(run_t), intent(in) :: state
+      type(crossing_store_t), intent(in) :: store
       integer(i8) :: ended(size(statuses))
       integer :: k
 
@@ -226,7 +231,7 @@ contains
       if (case%title /= "") write (output_unit, "(a)") case%title
       write (output_unit, "(i0,a,*(4a))") state%boulders, " boulders", &
          (merge(": ", ", ", k == 1), percent(ended(k), state%boulders), " ", trim(statuses(k)), k=1, size(statuses))
-      call line_summaries(case%lines, state)
+      call line_summaries(case%lines, state, store)
       associate (counts => state%count)
          write (output_unit, "(i0,a,5(i0,a))") counts(1), " rebounds; ", counts(2), " redrawn, ", &
             counts(3), " forced, ", counts(4), &
@@ -271,14 +276,15 @@ contains
    end function percent
 
    !> Print what crossed each line.
-   subroutine line_summaries(lines, state)
+   subroutine line_summaries(lines, state, store)
       type(case_line_t), intent(in) :: lines(:)
       type(run_t), intent(in) :: state
+      type(crossing_store_t), intent(in) :: store
       integer(i8) :: n(size(lines))           !! boulders
       real(wp) :: total(2, size(lines))       !! speeds [m/s], passing heights [m]
       integer :: k
 
-      call add_up_crossings(state, n, total)
+      call add_up_crossings(state, store, n, total)
       do k = 1, size(lines)
          if (n(k) == 0) then
             write (output_unit, "(3a)") "line ", lines(k)%name, ": no boulder"
@@ -291,16 +297,16 @@ contains
    end subroutine line_summaries
 
    !> Count and add up what crossed each line, by the rows of boulders in one pass, or by samples.
-   subroutine add_up_crossings(state, n, total)
+   subroutine add_up_crossings(state, store, n, total)
       type(run_t), intent(in) :: state
+      type(crossing_store_t), intent(in) :: store
       integer(i8), intent(out) :: n(:)
       real(wp), intent(out) :: total(:, :)
-      integer, parameter :: along_x = findloc(crossing_fields, "velocity_x", dim=1), &
-                            passing = findloc(crossing_fields, "passing_height", dim=1)
       integer, parameter :: quantity(2) = [findloc(line_quantity, "speed", dim=1), &
                                            findloc(line_quantity, "passing_height", dim=1)]
-      integer(i8) :: j
+      type(crossing_rows_t) :: rows
       integer :: k, q
+      logical :: good
 
       n = 0
       total = 0
@@ -311,13 +317,28 @@ contains
          end do
          return
       end if
-      associate (rows => state%crossings)
-         do j = 1, rows%n
-            k = rows%line(j) + 1
-            n(k) = n(k) + 1
-            total(:, k) = total(:, k) + [norm2([(real(rows%real(along_x + q)%of(j), wp), q=0, 2)]), &
-                                         real(rows%real(passing)%of(j), wp)]
-         end do
-      end associate
+      do k = 1, merge(size(store%size), 0, store%n > 0)
+         call store%read_block(k, state%crossings, rows, good)
+         if (good) call add_rows(rows, n, total)
+      end do
+      call add_rows(state%crossings, n, total)
    end subroutine add_up_crossings
+
+   !> Count and add up rows.
+   subroutine add_rows(rows, n, total)
+      type(crossing_rows_t), intent(in) :: rows
+      integer(i8), intent(inout) :: n(:)
+      real(wp), intent(inout) :: total(:, :)
+      integer, parameter :: along_x = findloc(crossing_fields, "velocity_x", dim=1), &
+                            passing = findloc(crossing_fields, "passing_height", dim=1)
+      integer(i8) :: j
+      integer :: k, q
+
+      do j = 1, rows%n
+         k = rows%line(j) + 1
+         n(k) = n(k) + 1
+         total(:, k) = total(:, k) + [norm2([(real(rows%real(along_x + q)%of(j), wp), q=0, 2)]), &
+                                      real(rows%real(passing)%of(j), wp)]
+      end do
+   end subroutine add_rows
 end program rockfall_batch

@@ -10,6 +10,7 @@ module rockfall_checkpoint
    use rockfall_scene_file, only: inputs_t
    use rockfall_part_file, only: write_part, read_part, is_finished, row_bytes, boulders_in
    use rockfall_run_state, only: run_t
+   use rockfall_crossing_store, only: crossing_store_t
    use rockfall_run_loop, only: run_observer_t, save_rest
    implicit none
    private
@@ -22,6 +23,7 @@ module rockfall_checkpoint
       type(inputs_t), pointer :: inputs => null()
       real(wp) :: every = 0                         !! [s]; 0 = never
       logical :: resumes = .false., overwrites = .false.  !! as requested
+      type(crossing_store_t) :: store               !! of the crossings of the run
       procedure(say_to), pointer, nopass :: say => null()
       integer(i8), private :: next = 0              !! time of the next save [ticks]
       integer(i8), private :: kept = 0              !! boulders in the last save
@@ -78,7 +80,7 @@ contains
       this%kept = run%done
    end subroutine on_start
 
-   !> Save if it is due, or after a signal, which also stops the run.
+   !> Keep crossings in a file, and save if it is due, or after a signal, which also stops the run.
    subroutine on_chunk(this, run, error)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run
@@ -86,6 +88,8 @@ contains
       integer(i8) :: now
       integer :: status
 
+      call this%store%take(run%crossings, error)
+      if (allocated(error)) return
       status = interrupt_status()
       call system_clock(now)
       if (status /= 0 .or. now >= this%next) call save(this, run)
@@ -107,7 +111,8 @@ contains
 
       if (this%every <= 0 .or. run%done == this%kept) return
       call system_clock(begun)
-      call write_part(this%name, hidden_name(this%name), this%case, this%text, this%inputs, run, error)
+      call write_part(this%name, hidden_name(this%name), this%case, this%text, this%inputs, run, this%store, &
+                      error)
       call system_clock(end, rate)
       call wait_for(this, max(this%every, save_rest*real(end - begun, wp)/rate))
       this%kept = run%done

@@ -17,10 +17,12 @@ module rockfall_netcdf_file
    implicit none
    private
    public :: netcdf_file_t, axis_t, definition_t, open_netcdf, create_netcdf, close_netcdf
-   public :: record_status, is_ok, mark_damaged, fail_damaged, check_shape, transfer
+   public :: record_status, is_ok, mark_damaged, fail_damaged, check_shape, transfer, define, &
+             write_rows
    public :: length_of, kind_of, text_of, integers_of, real_of
 
    character(len=*), parameter :: head = char(137)//"HDF"
+   integer, parameter :: cache = int(2*8*piece/2**20)  !! of a variable [MiB], two pieces; by default it has ten
 
    !> Open file.
    type :: netcdf_file_t
@@ -195,6 +197,30 @@ contains
       end if
    end subroutine transfer
 
+   !> Define a variable, whose values are written later.
+   subroutine define(file, definition, axes)
+      type(netcdf_file_t), intent(inout) :: file
+      type(definition_t), intent(in) :: definition
+      type(axis_t), intent(in) :: axes(:)
+      integer :: id
+
+      file%at = trim(definition%name)
+      if (is_ok(file)) id = variable(file, definition, axes)
+   end subroutine define
+
+   !> Write n rows of a variable of one dimension, after the first ones.
+   subroutine write_rows(file, name, first, n, values)
+      type(netcdf_file_t), intent(inout) :: file
+      character(len=*), intent(in) :: name
+      integer(i8), intent(in) :: first, n
+      type(*), intent(in) :: values(*)
+      integer :: id
+
+      file%at = name
+      if (is_ok(file)) call record_status(file, nf90_inq_varid(file%id, name, id))
+      if (is_ok(file)) call record_status(file, c_put_values(file%id, id - 1, [first], [n], values))
+   end subroutine write_rows
+
    !> Mark the file as damaged if a variable does not have this type and these axes.
    subroutine check_shape(file, definition, axes)
       type(netcdf_file_t), intent(inout) :: file
@@ -235,7 +261,7 @@ contains
          call record_status(file, nf90_def_var(file%id, trim(definition%name), definition%kind, id))
       else
          call record_status(file, nf90_def_var(file%id, trim(definition%name), definition%kind, dims, id, &
-                                               chunksizes=pieces, fletcher32=.true.))
+                                               chunksizes=pieces, fletcher32=.true., cache_size=cache))
       end if
       call record_status(file, nf90_put_att(file%id, id, "units", trim(definition%units)))
       call record_status(file, nf90_put_att(file%id, id, "long_name", trim(definition%long_name)))

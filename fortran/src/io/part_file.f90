@@ -12,7 +12,8 @@ module rockfall_part_file
    use rockfall_version, only: version
    use rockfall_system, only: replace_file, remove_file
    use rockfall_netcdf_file, only: netcdf_file_t, axis_t, definition_t, open_netcdf, create_netcdf, close_netcdf, &
-                                   record_status, is_ok, mark_damaged, fail_damaged, transfer, length_of, text_of, &
+                                   record_status, is_ok, mark_damaged, fail_damaged, transfer, define, write_rows, &
+                                   length_of, text_of, &
                                    integers_of, real_of
    use rockfall_variables, only: variable_of, stored_as, name_in_files, layout => part_layout, statuses, &
                                  outcomes
@@ -25,7 +26,9 @@ module rockfall_part_file
    use rockfall_same_run, only: identity_t, difference, keys_of
    use rockfall_scene_file, only: inputs_t
    use rockfall_state_table, only: array_t, table_t
-   use rockfall_run_state, only: run_t, arrays_of, rows_of, settle_run, restore_run
+   use rockfall_run_state, only: run_t, arrays_of, rows_of, settle_run, restore_run, add_crossing_arrays
+   use rockfall_crossing_rows, only: crossing_rows_t
+   use rockfall_crossing_store, only: crossing_store_t
    use rockfall_part, only: part_t, part_lengths_t, pack_part, make_room, unpack_part, part_arrays
    implicit none
    private
@@ -37,12 +40,13 @@ module rockfall_part_file
 contains
 
    !> Put the boulders done into a file, whole and on disk before it takes its name, by way of `part`.
-   subroutine write_part(name, part, case, text, inputs, run, error)
+   subroutine write_part(name, part, case, text, inputs, run, store, error)
       character(len=*), intent(in) :: name, part
       type(case_t), intent(in) :: case
       character(len=*), intent(in) :: text  !! of the case, with options of the command line
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout), target :: run
+      type(crossing_store_t), intent(in) :: store  !! of its first crossings
       type(error_t), allocatable, intent(out) :: error
       type(netcdf_file_t) :: file
       type(part_t), target :: packed
@@ -53,7 +57,8 @@ contains
       if (.not. allocated(error)) call create_netcdf(part, file)
       if (.not. allocated(error) .and. is_ok(file)) then
          call describe(file, case, text, inputs, run)
-         call pass_arrays(file, run, packed)
+         call pass_arrays(file, run, packed, store%n)
+         call write_blocks(file, run, store)
       end if
       call settle_run(run, inputs%scene%release, -1)
       if (allocated(error)) then
@@ -196,25 +201,56 @@ contains
       end associate
    end function described
 
-   !> Transfer all arrays of a part, and the rows of the boulders done.
-   subroutine pass_arrays(file, run, part)
+   !> Transfer all arrays of a part, and the rows of the boulders done; crossings after `before` others.
+   subroutine pass_arrays(file, run, part, before)
       type(netcdf_file_t), intent(inout) :: file
       type(run_t), intent(in), target :: run
       type(part_t), intent(in), target :: part
+      integer(i8), intent(in) :: before
       type(table_t) :: table
       integer :: k
 
       table = part_arrays(run, part)
       do k = 1, size(table%row)
-         call pass_array(file, table%row(k), rows_of(run))
+         call pass_array(file, table%row(k), rows_of(run), before)
       end do
    end subroutine pass_arrays
 
-   !> Transfer an array; of rows only the first ones.
-   subroutine pass_array(file, row, rows)
+   !> Write the crossings of a store before those of the run.
+   subroutine write_blocks(file, run, store)
+      type(netcdf_file_t), intent(inout) :: file
+      type(run_t), intent(in) :: run
+      type(crossing_store_t), intent(in) :: store
+      type(crossing_rows_t), target :: rows
+      type(table_t) :: table
+      integer(i1), pointer, contiguous :: bytes(:)
+      integer(i8) :: first
+      integer :: block, k
+      logical :: good
+
+      if (store%n == 0) return
+      first = 0
+      do block = 1, size(store%size)
+         call store%read_block(block, run%crossings, rows, good)
+         if (.not. good) call mark_damaged(file, "the crossings of lines")
+         if (.not. is_ok(file)) return
+         table = table_t()
+         call add_crossing_arrays(rows, table)
+         do k = 1, size(table%row)
+            associate (row => table%row(k))
+               call c_f_pointer(row%at, bytes, [bytes_of(row)*row%length(1)])
+               call write_rows(file, name_in_files(row%variable), first, row%length(1), bytes)
+            end associate
+         end do
+         first = first + rows%n
+      end do
+   end subroutine write_blocks
+
+   !> Transfer an array; of rows only the first ones, of crossings those after others.
+   subroutine pass_array(file, row, rows, before)
       type(netcdf_file_t), intent(inout) :: file
       type(array_t), intent(in) :: row
-      integer(i8), intent(in) :: rows
+      integer(i8), intent(in) :: rows, before
       type(axis_t), allocatable :: axes(:)
       type(definition_t) :: definition
       integer(i1), target :: none(0)
@@ -232,6 +268,10 @@ contains
          do k = 1, int(row%length(2))
             call transfer(file, definition, axes, bytes((k - 1)*step + 1:), k)
          end do
+      else if (row%axis(1) == "crossing" .and. before > 0) then
+         axes%length = axes%length + before
+         call define(file, definition, axes)
+         call write_rows(file, trim(definition%name), before, row%length(1), bytes)
       else
          call transfer(file, definition, axes, bytes)
       end if
@@ -332,7 +372,7 @@ contains
       if (allocated(error)) return
       if (is_ok(file)) then
          call make_room(run, part, lengths_of(file, run), error)
-         if (.not. allocated(error)) call pass_arrays(file, run, part)
+         if (.not. allocated(error)) call pass_arrays(file, run, part, 0_i8)
          if (.not. allocated(error) .and. is_ok(file)) call unpack_part(run, part, inputs%arrays%grid, error)
          if (allocated(error)) error%message = name//": "//error%message
       end if

@@ -34,7 +34,7 @@ module rockfall_run_state
    private
    public :: run_t, open_run, open_joined_run, continue_run, merge_run, close_run, advance
    public :: arrays_of, rows_of, row_kept, no_row, plan_of, settle_run, restore_run, forget_tallies
-   public :: sort_crossings, forget_crossings
+   public :: sort_crossings, forget_crossings, add_crossing_arrays
 
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
    integer, parameter :: passing_height = findloc(crossing_fields, "passing_height", dim=1)
@@ -633,6 +633,7 @@ contains
       call table%add("work", "left_at", [character(len=4) :: "left", "axis"], run%left_at, "f8")
    end function arrays_of
 
+   !> Add the columns of crossings.
    subroutine add_crossing_arrays(rows, table)
       type(crossing_rows_t), intent(in), target :: rows
       type(table_t), intent(inout) :: table
