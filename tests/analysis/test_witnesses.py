@@ -266,8 +266,8 @@ def test_where_no_boulder_comes_a_mark_is_less_likely_and_never_impossible():
     assert found[0] > found[1] > found[2] and np.isfinite(found).all()
     assert log_reach(np.zeros(1), 20)[0] == pytest.approx(np.log(1 - (1 - 0.5 / 21) ** 20))
     said = data.remarks(runs[1:2], np.ones(1))
-    assert said[1].endswith("fewer than 20 boulders of a run pass there, and say little of the "
-                            "height: o.csv: line 2.")  # fmt: skip
+    assert said[1].endswith("fewer than 20 boulders of a run pass there, and constrain the "
+                            "height little: o.csv: line 2.")  # fmt: skip
 
 
 # ---- contributions

@@ -129,7 +129,7 @@ def test_layers_are_named():
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     make_layer("a.gpkg", [shapely.Point(1, 2)])
     with refused(
-        "a.gpkg: is a GeoPackage, no raster that is read: make a GeoTIFF of it: "
+        "a.gpkg: is a GeoPackage, no raster that is read; make a GeoTIFF of it: "
         "rio convert a.gpkg a_gpkg.tif"
     ):
         read_dem("a.gpkg")

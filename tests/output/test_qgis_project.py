@@ -131,7 +131,7 @@ def test_groups_lie_as_on_a_map_and_trajectories_are_visible_on_top(project):
     root, _ = project
     groups = root.find("layer-tree-group")
     names = [one.get("name") for one in groups]
-    assert names == ["Sturzbahnen", "Auswertelinien", "Schutz", "Ablösegebiete", "Gefahrenzonen",
+    assert names == ["Sturzbahnen", "Auswertelinien", "Schutz", "Ablösestellen", "Gefahrenzonen",
                      "Karten", "Gelände"]  # fmt: skip
     first = groups[0][0]
     assert first.get("checked") == "Qt::Checked" and "trajectories" in first.get("source")

@@ -404,9 +404,7 @@ def test_scenarios_give_what_the_layer_does_not(case):
     scene = replace(study.scene, case=study.scenarios[1].case)
     assert sorted(set(run_scene(scene)["volume"].values)) == [1, 2, 4]
     make_layer("r.gpkg", POINTS, volume=[1.0, 1.5, 1.5, 2.0])
-    with pytest.raises(
-        rockfall.RockfallError, match="gives a volume, and the layer of the sources"
-    ):
+    with pytest.raises(rockfall.RockfallError, match="gives a volume, but the layer gives it"):
         read_study(at(both, "r.gpkg"))
 
 

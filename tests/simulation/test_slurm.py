@@ -107,7 +107,7 @@ def test_arrays_beyond_what_slurm_usually_takes_are_reported(
     words = ["slurm", str(few_boulders), str(tmp_path / "jobs"), "--shards", str(shards)]
     few_boulders.write_text(few_boulders.read_text().replace("boulders = 50", "boulders = 10000"))
     assert main(words) == 0
-    told = f"rockfall: warning: --shards {shards}: Slurm usually takes arrays of 1,000 jobs; "
+    told = f"rockfall: warning: --shards {shards}: Slurm usually takes arrays of 1,000 jobs: "
     told += "`scontrol show config` lists MaxArraySize, which must be larger than --shards\n"
     assert capsys.readouterr().err == (told if warns else "")
     assert f"#SBATCH --array=1-{shards}\n" in (tmp_path / "jobs/run.sh").read_text()
