@@ -280,7 +280,14 @@ def _write_lines(folder: Path, data: xr.Dataset) -> Iterator[Path]:
     """One table for each evaluation line: the boulders that crossed it."""
     if "line" in data.dims:
         for k, name in enumerate(distinct_words(line_names(data))):
-            yield _write_table(folder / f"line_{name}.csv", [_crossings(data, k)])
+            yield _write_table(folder / f"line_{name}.csv", _parts(_crossings(data, k)))
+
+
+def _parts(columns: dict[str, xr.DataArray]) -> Iterator[dict[str, xr.DataArray]]:
+    """Columns in chunks of rows, at least one."""
+    for first in range(0, max(1, next(iter(columns.values())).size), _ROWS):
+        rows = slice(first, first + _ROWS)
+        yield {name: column[rows] for name, column in columns.items()}
 
 
 def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
@@ -413,6 +420,8 @@ def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
 
 def _joined(parts: Sequence[Features]) -> Features:
     """Features of a layer from parts with the same fields."""
+    if len(parts) == 1:
+        return parts[0]
     points = np.concatenate([points for points, _ in parts])
     names = parts[0][1]
     return points, {name: np.concatenate([fields[name] for _, fields in parts]) for name in names}
