@@ -29,7 +29,6 @@ MAPS = [
     "hits",
     "hits_energy_exceeded",
 ]
-BY_SOURCE = ["sources", "reach_probability_by_source", "hits"]
 TREES = ["tree_impacts", "tree_impact_height_mean", "tree_energy"]
 ROLLS = {"sets": "sets.nml", "rest_angle": 10.0, "stop_speed": 3.0, "impact_limit": 60}
 STAND = {"uniform_stems": 800, "uniform_dbh_mean": 12.0, "uniform_dbh_std": 4.0}
@@ -115,17 +114,6 @@ def test_what_is_asked_for_is_the_same_in_lanes(tmp_path, groups):
     assert "barrier" not in groups or {1, 2, 3} <= {*np.unique(at_lines(alone)["barrier_outcome"])}
     for lanes in (NARROW, WIDE, MASKED):
         same_numbers(carried(scene, lanes), alone)
-
-
-@pytest.mark.parametrize("threads", [1, 4])
-@pytest.mark.parametrize("how", [{}, {"chunk": 65}])
-def test_maps_by_source_are_the_same_in_lanes(tmp_path, how, threads):
-    """Sources of 300 boulders each, which go in lanes, also where a chunk cuts them."""
-    scene = slope(tmp_path, case={"boulders": 300}, output=BARE | {"maps": BY_SOURCE})
-    alone = carried(scene, ONE_BY_ONE, threads=1)
-    assert alone["sources"].max() > 1
-    for lanes in (NARROW, WIDE, MASKED):
-        same_numbers(carried(scene, lanes, threads=threads, **how), alone)
 
 
 @pytest.mark.parametrize("name", EXTREMES)

@@ -13,7 +13,7 @@ module rockfall_lanes
    use rockfall_random, only: for_impact, for_ground, last_counter, words_per_block, turn_word, obstacle_word, &
                               ratio_word, uniform, side_of
    use rockfall_terrain, only: terrain_t, patch_t, slope_at, steepness_of, nearest_node, is_within, horn, is_pit
-   use rockfall_boulder, only: inertia_factor, source_of, released_by
+   use rockfall_boulder, only: inertia_factor
    use rockfall_flight, only: flight_t, landing_t, span_t, parabola_length
    use rockfall_rolling, only: roll_t, touch_t
    use rockfall_flights, only: flights_t, landings_t, take_off, take_off_again, fly_to_landings, flight_of, &
@@ -40,7 +40,6 @@ module rockfall_lanes
    use rockfall_maps, only: maps_t, needs_visits, take_back_path
    use rockfall_travel_maps, only: time_visits
    use rockfall_hit_maps, only: record_path
-   use rockfall_source_maps, only: counts_sources, add_source_of_boulder
    use rockfall_histogram, only: count_rebound
    implicit none
    private
@@ -138,14 +137,13 @@ module rockfall_lanes
 
 contains
 
-   !> Run one thread's part of the boulders, in batches from the shared counter `next`; if maps count sources, boulders
-   !> of one source.
+   !> Run one thread's part of the boulders, in batches from the shared counter `next`.
    subroutine run_in_lanes(scene, first, step, results, crossings, maps, next, deadline, totals)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step              !! number of the first boulder, from one to the next
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossings_t), intent(inout) :: crossings(:)  !! of each boulder
-      type(maps_t), intent(in) :: maps
+      type(maps_t), intent(in) :: maps                    !! none counts sources
       integer, intent(inout) :: next                      !! index of the next boulder
       integer(i8), intent(in) :: deadline                 !! after which no more boulders start [ticks]
       type(totals_t), intent(inout) :: totals
@@ -944,7 +942,6 @@ contains
       type(pool_t), intent(inout) :: pool
       type(scratch_t), intent(inout) :: scratch(:)
       type(totals_t), intent(inout) :: totals
-      integer(i8) :: source
       integer :: k, lane
 
       do k = 1, l%n
@@ -957,10 +954,6 @@ contains
             call end_boulder(scene, landing_of(l, k), with_all, result, work)
             if (allocated(work%crossings)) call keep_crossings(work%crossings, crossings(pool%index(lane)))
             call add_boulder(scene, maps, result, work, totals)
-            if (counts_sources(maps)) then
-               source = source_of(scene%release, pool%number(lane))
-               call add_source_of_boulder(maps, work%visits, source, released_by(scene%release, source))
-            end if
             results(pool%index(lane)) = result
          end associate
          pool%n_free = pool%n_free + 1

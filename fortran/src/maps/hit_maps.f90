@@ -5,7 +5,7 @@ module rockfall_hit_maps
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
    use rockfall_flight, only: flight_t
-   use rockfall_maps, only: maps_t, visits_t, next_visits, visit_nearby, spare_visits, count_exceeded, unlock_band
+   use rockfall_maps, only: maps_t, visits_t, visit_nearby, spare_visits, count_exceeded, lock_band, unlock_band
    implicit none
    private
    public :: path_t, paths_t, needs_hits, record_path, find_hits, add_hits
@@ -168,20 +168,15 @@ contains
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: hits
       real(wp), intent(in) :: mass  !! of the boulder [kg]
-      integer :: first, last, held, k
+      integer :: k, held
 
       held = -1
-      last = 0
-      do while (last < hits%n)
-         call next_visits(maps, hits, first, last, held)
-         associate (hit => hits%visit(first:last))
-            if (associated(maps%hits)) then
-               do k = 1, size(hit)
-                  maps%hits(hit(k)%cell(1), hit(k)%cell(2)) = maps%hits(hit(k)%cell(1), hit(k)%cell(2)) + 1
-               end do
-            end if
+      do k = 1, hits%n
+         associate (at => hits%visit(k)%cell)
+            call lock_band(maps, at(2), held)
+            if (associated(maps%hits)) maps%hits(at(1), at(2)) = maps%hits(at(1), at(2)) + 1
             if (associated(maps%hits_exceeded)) &
-               call count_exceeded(maps%hits_exceeded, maps%threshold, hit, 0.5_wp*mass*hit%max(2))
+               call count_exceeded(maps%hits_exceeded, maps%threshold, at, 0.5_wp*mass*hits%visit(k)%max(2))
          end associate
       end do
       call unlock_band(maps, held)

@@ -15,8 +15,7 @@ module rockfall_maps
    public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell
    public :: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time, mark_path, take_back_path
    public :: join_visits, merge_visits, extend_times, visit_nearby, spare_visits
-   public :: add_visits, next_visits, add_deposit, add_value, add_values, count_exceeded, is_requested, lacks_slots
-   public :: raise_maximum
+   public :: add_visits, add_deposit, add_value, count_bin, count_exceeded, is_requested, lacks_slots, raise_maximum
    public :: square_base, init_locks, free_locks, lock_band, unlock_band
 
    real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are in whole J, mm/s, mm
@@ -460,56 +459,26 @@ contains
          visits%time = [visits%time, spread(untimed, 1, size(visits%visit) - size(visits%time))]
    end subroutine extend_times
 
-   !> Add a boulder's visits to the maps; thread-safe. A map after the other goes through the cells of a band, so that
-   !> the processor waits for several cells of a map at a time.
+   !> Add a boulder's visits to the maps; thread-safe.
    subroutine add_visits(maps, visits, mass)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
       real(wp), intent(in) :: mass  !! of the boulder [kg]
       logical :: values_requested
-      integer :: first, last, held, k
+      integer :: k, held
 
       values_requested = has_layers(maps)
       held = -1
-      last = 0
-      do while (last < visits%n)
-         call next_visits(maps, visits, first, last, held)
-         associate (visit => visits%visit(first:last))
-            if (associated(maps%passages)) then
-               do k = 1, size(visit)
-                  associate (passages => maps%passages(visit(k)%cell(1), visit(k)%cell(2)))
-                     passages = passages + 1
-                  end associate
-               end do
-            end if
-            if (.not. values_requested) cycle
-            ! energy E = m (v**2 + (I/m R_b**2) W**2)/2 (eqs 1-3)
-            call add_values(maps, energy, visit, 0.5_wp*mass*visit%max(2))
-            call add_values(maps, speed, visit, sqrt(visit%max(1)))
-            call add_values(maps, jump_height, visit, visit%max(3))
-            if (associated(maps%exceeded)) &
-               call count_exceeded(maps%exceeded, maps%threshold, visit, 0.5_wp*mass*visit%max(2))
+      do k = 1, visits%n
+         associate (visit => visits%visit(k))
+            call lock_band(maps, visit%cell(2), held)
+            if (associated(maps%passages)) &
+               maps%passages(visit%cell(1), visit%cell(2)) = maps%passages(visit%cell(1), visit%cell(2)) + 1
+            if (values_requested) call add_values(maps, visit%cell(1), visit%cell(2), values_of(visit, mass))
          end associate
       end do
       call unlock_band(maps, held)
    end subroutine add_visits
-
-   !> Next visits to be added together, after the last of those before: of the rows of one band, which is then locked,
-   !> and no more than fit in the first cache. Initially `last` is 0, and none is held: -1.
-   subroutine next_visits(maps, visits, first, last, held)
-      type(maps_t), intent(in) :: maps
-      type(visits_t), intent(in) :: visits  !! with more of them
-      integer, intent(out) :: first
-      integer, intent(inout) :: last, held
-
-      first = last + 1
-      last = min(last + spare_visits, visits%n)
-      if (.not. associated(maps%band)) return
-      associate (row => visits%visit(first:last)%cell(2))
-         last = first - 2 + findloc([row/band_rows == row(1)/band_rows, .false.], .false., 1)
-         call lock_band(maps, row(1), held)
-      end associate
-   end subroutine next_visits
 
    pure logical function has_layers(maps)
       type(maps_t), intent(in) :: maps
@@ -528,46 +497,41 @@ contains
       is_requested = associated(layer%sum) .or. associated(layer%max) .or. layer%bin_offset >= 0
    end function is_requested
 
-   !> Add a quantity of visits, each of another cell.
-   subroutine add_values(maps, quantity, visit, value)
-      type(maps_t), intent(in) :: maps
-      integer, intent(in) :: quantity
-      type(visit_t), intent(in) :: visit(:)
-      real(wp), intent(in) :: value(:)  !! of each [J], [m/s] or [m]
-      integer(i4) :: slot
-      integer :: k, bin
+   !> Energy E = m (v**2 + (I/m R_b**2) W**2)/2 (eqs 1-3), speed and jump height of a visit.
+   pure function values_of(visit, mass) result(values)
+      type(visit_t), intent(in) :: visit
+      real(wp), intent(in) :: mass  !! [kg]
+      real(wp) :: values(3)         !! [J], [m/s], [m]
 
-      associate (layer => maps%layer(quantity))
-         if (associated(layer%sum) .or. associated(layer%max)) then
-            do k = 1, size(visit)
-               call add_value(layer, visit(k)%cell(1), visit(k)%cell(2), value(k), per_unit(quantity))
-            end do
-         end if
-         if (layer%bin_offset < 0) return
-         do k = 1, size(visit)
-            slot = maps%slot(visit(k)%cell(1), visit(k)%cell(2))
-            if (slot == 0) call assign_slot(maps, visit(k)%cell(1), visit(k)%cell(2), slot)
-            if (slot == 0) cycle
-            bin = layer%bin_offset + log_bin(quantity, value(k))
-            maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
-         end do
-      end associate
+      values(energy) = 0.5_wp*mass*visit%max(2)
+      values(speed) = sqrt(visit%max(1))
+      values(jump_height) = visit%max(3)
+   end function values_of
+
+   subroutine add_values(maps, i, r, values)
+      type(maps_t), intent(in) :: maps
+      integer, intent(in) :: i, r
+      real(wp), intent(in) :: values(3)  !! [J], [m/s], [m]
+      integer :: k
+
+      do k = 1, 3
+         call add_value(maps%layer(k), i, r, values(k), per_unit(k))
+      end do
+      if (associated(maps%bin_counts)) call count_bins(maps, i, r, values)
+      if (associated(maps%exceeded)) call count_exceeded(maps%exceeded, maps%threshold, [i, r], values(energy))
    end subroutine add_values
 
-   !> Count visits for each threshold that their energy exceeds.
-   subroutine count_exceeded(exceeded, threshold, visit, value)
+   !> Count a boulder for each threshold that its energy exceeds.
+   subroutine count_exceeded(exceeded, threshold, cell, value)
       integer(i4), intent(in), pointer, contiguous :: exceeded(:, :, :)  !! as in maps_t
       real(wp), intent(in) :: threshold(:)  !! increasing [J]
-      type(visit_t), intent(in) :: visit(:)
-      real(wp), intent(in) :: value(:)      !! of each [J]
-      integer :: t, k
+      integer, intent(in) :: cell(2)        !! column, row
+      real(wp), intent(in) :: value         !! [J]
+      integer :: k
 
-      do t = 1, size(threshold)
-         do k = 1, size(visit)
-            associate (count => exceeded(visit(k)%cell(1), visit(k)%cell(2), t))
-               count = count + merge(1, 0, value(k) > threshold(t))
-            end associate
-         end do
+      do k = 1, size(threshold)
+         if (value <= threshold(k)) return
+         exceeded(cell(1), cell(2), k) = exceeded(cell(1), cell(2), k) + 1
       end do
    end subroutine count_exceeded
 
@@ -579,8 +543,7 @@ contains
       integer(i8) :: rounded
 
       if (associated(layer%sum)) then
-         rounded = int(units*value, i8)  ! nint, which gfortran calls from a library
-         rounded = rounded + merge(1, 0, units*value - rounded >= 0.5_wp)
+         rounded = nint(units*value, i8)
          layer%sum(i, r) = layer%sum(i, r) + rounded
          if (associated(layer%square)) call add_square(layer%square, i, r, rounded)
       end if
@@ -601,6 +564,38 @@ contains
       square(i, r, 1) = square(i, r, 1) + digits(1)
       square(i, r, 2) = square(i, r, 2) + digits(2)
    end subroutine add_square
+
+   subroutine count_bins(maps, i, r, values)
+      type(maps_t), intent(in) :: maps
+      integer, intent(in) :: i, r
+      real(wp), intent(in) :: values(3)  !! [J], [m/s], [m]
+      integer(i4) :: slot
+      integer :: k, bin
+
+      slot = maps%slot(i, r)
+      if (slot == 0) call assign_slot(maps, i, r, slot)
+      if (slot == 0) return
+      do k = 1, 3
+         if (maps%layer(k)%bin_offset < 0) cycle
+         bin = maps%layer(k)%bin_offset + log_bin(k, values(k))
+         maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
+      end do
+   end subroutine count_bins
+
+   !> Count a boulder in a cell to which `count_bins` assigned a slot, for another quantity, if that is requested.
+   subroutine count_bin(maps, quantity, i, r, value)
+      type(maps_t), intent(in) :: maps
+      integer, intent(in) :: quantity, i, r
+      real(wp), intent(in) :: value  !! [J], [m/s] or [m]
+      integer(i4) :: slot
+      integer :: bin
+
+      if (maps%layer(quantity)%bin_offset < 0) return
+      slot = maps%slot(i, r)
+      if (slot == 0) return  ! none was available
+      bin = maps%layer(quantity)%bin_offset + log_bin(quantity, value)
+      maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
+   end subroutine count_bin
 
    !> Assign a slot of counts to a cell; 0 if none is available. Memory that has never been written may hold
    !> anything.

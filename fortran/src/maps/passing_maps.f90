@@ -7,7 +7,8 @@ module rockfall_passing_maps
    use rockfall_terrain, only: terrain_t
    use rockfall_steep_cells, only: surface_ratios
    use rockfall_bins, only: passing_height
-   use rockfall_maps, only: maps_t, visits_t, visit_cell, next_visits, add_values, is_requested, unlock_band
+   use rockfall_maps, only: maps_t, visits_t, visit_cell, per_unit, add_value, count_bin, is_requested, lock_band, &
+                            unlock_band
    implicit none
    private
    public :: needs_passing, add_passing, merge_passing, max_steepness
@@ -57,14 +58,17 @@ contains
       type(visits_t), intent(in) :: visits
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: radius  !! of the boulder [m]
-      integer :: first, last, held, k
+      real(wp) :: height
+      integer :: k, held
 
       held = -1
-      last = 0
-      do while (last < visits%n)
-         call next_visits(maps, visits, first, last, held)
-         call add_values(maps, passing_height, visits%visit(first:last), &
-                         [(centre_height(visits, k, dem, radius), k=first, last)])
+      do k = 1, visits%n
+         associate (visit => visits%visit(k))
+            height = centre_height(visits, k, dem, radius)
+            call lock_band(maps, visit%cell(2), held)
+            call add_value(maps%layer(passing_height), visit%cell(1), visit%cell(2), height, per_unit(passing_height))
+            call count_bin(maps, passing_height, visit%cell(1), visit%cell(2), height)
+         end associate
       end do
       call unlock_band(maps, held)
    end subroutine add_passing

@@ -7,7 +7,8 @@ module rockfall_ensemble
    use rockfall_kinds, only: wp, i8
    use rockfall_threads, only: team_size, deadline_in, take_batch, batch
    use rockfall_flight, only: span_t
-   use rockfall_scene_type, only: scene_t, goes_in_lanes, has_obstacles, one_by_one, wide_lanes, masked_lanes
+   use rockfall_scene_type, only: scene_t, goes_in_lanes, has_obstacles, one_by_one, narrow_lanes, wide_lanes, &
+                                  masked_lanes
    use rockfall_outcome, only: boulder_result_t
    use rockfall_crossings, only: crossings_t, keep_crossings
    use rockfall_scratch, only: scratch_t
@@ -103,17 +104,22 @@ contains
       integer :: lanes
 
       lanes = one_by_one
-      if (goes_in_lanes(scene)) lanes = min(scene%lanes, supported_lanes())
+      if (goes_in_lanes(scene) .and. .not. counts_sources(maps)) lanes = scene%lanes
+      lanes = min(lanes, supported_lanes())
       if (allocated(scene%grounds)) allocate (worker%totals%by_ground(size(scene%grounds)), source=0_i8)
-      if (lanes > one_by_one .and. .not. counts_sources(maps)) then
-         call run_by_lanes(scene, lanes, first, step, results, crossings, maps, next, deadline, worker%totals)
+      if (lanes == masked_lanes) then
+         call run_in_masked_lanes(scene, first, step, results, crossings, maps, next, deadline, worker%totals)
+      else if (lanes == wide_lanes) then
+         call run_in_wide_lanes(scene, first, step, results, crossings, maps, next, deadline, worker%totals)
+      else if (lanes == narrow_lanes) then
+         call run_in_lanes(scene, first, step, results, crossings, maps, next, deadline, worker%totals)
       else
          allocate (worker%spans(merge(scene%dem%nx + scene%dem%ny, 0, needs_heights(maps) .or. has_obstacles(scene))))
          call choose_tracer(scene, needs_visits(maps), worker%trace)
          if (allocated(scene%breakage)) worker%trace => trace_fragments
          call prepare_scratch(scene, maps, worker%scratch)
          if (counts_sources(maps)) then
-            call run_by_source(scene, lanes, first, threads, results, crossings, maps, next, worker)
+            call run_by_source(scene, first, threads, results, crossings, maps, worker)
          else
             call run_one_by_one(scene, first, step, results, crossings, maps, next, deadline, worker)
          end if
@@ -123,27 +129,6 @@ contains
       if (allocated(scene%grounds)) call add_by_ground(scene, worker%totals%by_ground, by_ground)
       !$omp end critical
    end subroutine run_thread
-
-   !> Run boulders in lanes of the given mode.
-   subroutine run_by_lanes(scene, lanes, first, step, results, crossings, maps, next, deadline, totals)
-      type(scene_t), intent(in) :: scene
-      integer, intent(in) :: lanes  !! narrow_lanes, wide_lanes or masked_lanes
-      integer(i8), intent(in) :: first, step, deadline
-      type(boulder_result_t), intent(inout) :: results(:)
-      type(crossings_t), intent(inout) :: crossings(:)
-      type(maps_t), intent(in) :: maps
-      integer, intent(inout) :: next
-      type(totals_t), intent(inout) :: totals
-
-      select case (lanes)
-      case (masked_lanes)
-         call run_in_masked_lanes(scene, first, step, results, crossings, maps, next, deadline, totals)
-      case (wide_lanes)
-         call run_in_wide_lanes(scene, first, step, results, crossings, maps, next, deadline, totals)
-      case default
-         call run_in_lanes(scene, first, step, results, crossings, maps, next, deadline, totals)
-      end select
-   end subroutine run_by_lanes
 
    !> Add the rebounds on each ground to those on the grounds of the cells.
    pure subroutine add_by_ground(scene, rebounds, by_ground)
@@ -200,43 +185,28 @@ contains
 
    !> Run one thread's part if maps count sources. All threads go through the sources in the same order. Small sources
    !> that are complete in this call are distributed, one thread each; the boulders of other sources are distributed,
-   !> in lanes, with a barrier at the end of each source, because the next one marks the same cells.
-   subroutine run_by_source(scene, lanes, first, threads, results, crossings, maps, next, worker)
+   !> with a barrier at the end of each source, because the next one marks the same cells.
+   subroutine run_by_source(scene, first, threads, results, crossings, maps, worker)
       type(scene_t), intent(in) :: scene
-      integer, intent(in) :: lanes  !! as for run_by_lanes, or one_by_one
       integer(i8), intent(in) :: first
       integer, intent(in) :: threads
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossings_t), intent(inout) :: crossings(:)
       type(maps_t), intent(in) :: maps
-      integer, intent(inout) :: next  !! index of the next boulder of a source
       type(worker_t), intent(inout) :: worker
       type(visits_t) :: cells
-      integer(i8) :: begin, end, last, source, to, s, b, max_size
+      integer(i8) :: last, next, source, to, s, b, max_size
       integer :: k, sources
 
       last = first + size(results) - 1
       max_size = max(max_alone, size(results)/(turns_per_thread*team_size(threads)))
-      if (lanes > one_by_one) max_size = max_alone
-      begin = first
-      do while (begin <= last)
-         source = source_of(scene%release, begin)
-         to = last_small_source(scene%release, source, begin, last, max_size)
-         if (to < source .and. lanes > one_by_one) then
-            end = min(last, last_of(scene%release, source))
-            !$omp barrier
-            !$omp single
-            next = 1
-            !$omp end single
-            associate (mine => results(begin - first + 1:end - first + 1), &
-                       lines => crossings(begin - first + 1:end - first + 1))
-               call run_by_lanes(scene, lanes, begin, 1_i8, mine, lines, maps, next, huge(last), worker%totals)
-            end associate
-            !$omp barrier
-            to = source
-         else if (to < source) then
+      next = first
+      do while (next <= last)
+         source = source_of(scene%release, next)
+         to = last_small_source(scene%release, source, next, last, max_size)
+         if (to < source) then
             !$omp do schedule(dynamic, batch)
-            do b = begin, min(last, last_of(scene%release, source))
+            do b = next, min(last, last_of(scene%release, source))
                k = int(b - first) + 1
                call run_boulder(scene, b, results(k), crossings(k), maps, worker)
                call add_source_of_boulder(maps, worker%scratch%visits, source, released_by(scene%release, source))
@@ -245,7 +215,7 @@ contains
             to = source
          else
             ! group sources to about one batch of boulders
-            sources = int(max(1_i8, batch*(to - source + 1)/max(1_i8, last_of(scene%release, to) - begin + 1)))
+            sources = int(max(1_i8, batch*(to - source + 1)/max(1_i8, last_of(scene%release, to) - next + 1)))
             !$omp do schedule(dynamic, sources)
             do s = source, to
                call start_visits(cells)
@@ -259,7 +229,7 @@ contains
             end do
             !$omp end do nowait
          end if
-         begin = last_of(scene%release, to) + 1
+         next = last_of(scene%release, to) + 1
       end do
    end subroutine run_by_source
 
