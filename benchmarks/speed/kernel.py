@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a rebound costs by two builds, which take turns: by law, with maps, on fine cells.
+
+    python -m benchmarks.speed.kernel [--commit 7080d106] [--boulders 10000] [--repeat 5]
+
+That commit and the sources as they are here are built in a temporary folder, as for a release (four
+minutes of CPU). `cases/vaujany`, and the half-metre relief of `walk.py`; CPU time of the kernel on
+one thread, minima of the turns.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from pathlib import Path
+
+import rockfall
+from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine, run_child
+from benchmarks.speed.table_rebound import RADIUS, TABLES
+from benchmarks.speed.throughput import EVERY_MAP, MAPS, measure
+from benchmarks.speed.walk import FINEST, on_cells
+from rockfall.scene.read import read_scene
+
+LAW = {"form": "table", "ratio": None, "sets": None}
+#: Rows that are told over another one, as a ratio or as what more they take.
+OVER = {f"table {name}": "matrix" for name in TABLES}
+MORE = {"seven maps": "two lines", "every map": "two lines"}
+
+
+def rows(boulders: int, folder: Path) -> dict[str, float]:
+    """CPU nanoseconds of a rebound in each scene, by the build that is imported."""
+    vaujany = rockfall.read_case(VAUJANY).replace(case={"boulders": boulders})
+    surface = {"zones": None, "table": None, "uniform_mean_radius": RADIUS}
+    bare = vaujany.replace(output=NOTHING, line=[])
+    cases = {"bare": bare, "matrix": bare.replace(surface=surface)}
+    for name in TABLES:
+        cases[f"table {name}"] = bare.replace(surface=surface, impact=LAW | {"table": name})
+    for name, maps in {"two lines": None, "seven maps": MAPS, "every map": EVERY_MAP}.items():
+        cases[name] = vaujany.replace(output=NOTHING | {"maps": maps})
+    found = {name: measure(read_scene(case), 1, 1).rebound() for name, case in cases.items()}
+    for name, maps in {"cells of 0.5 m": None, "cells of 0.5 m, seven maps": MAPS}.items():
+        arrays, case = on_cells(FINEST, boulders // 100, folder)
+        scene = read_scene(case.replace(output=NOTHING | {"maps": maps}), **arrays)
+        found[name] = measure(scene, 1, 1).rebound()
+    return found
+
+
+def build(sources: Path) -> str:
+    """PYTHONPATH of the package built of a tree of sources, and of the benchmarks there."""
+    core = f"fortran/_core{sysconfig.get_config_var('EXT_SUFFIX')}"
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    for words in (["setup", "build"], ["compile", "-C", "build", core]):
+        done = subprocess.run(
+            ["meson", *words], cwd=sources, env=os.environ | {"PATH": path}, capture_output=True
+        )
+        if done.returncode:
+            sys.exit(f"meson {' '.join(words)} failed:\n{done.stdout.decode()}")
+    package = sources / "python/rockfall"
+    (package / Path(core).name).symlink_to(sources / "build" / core)
+    about = sources / "python/rockfall-1.0.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: rockfall\nVersion: 1.0.0\n")
+    return os.pathsep.join(map(str, (package.parent, sources)))
+
+
+def extracted(commit: str, folder: Path) -> Path:
+    """The files of a commit; of none, those that git knows here, as they are now."""
+    folder.mkdir()
+    if commit:
+        pack = ["git", "archive", commit]
+    else:
+        pack = ["sh", "-c", "git ls-files -z | tar c --null --files-from -"]
+    packed = subprocess.run(pack, cwd=ROOT, capture_output=True, check=True)
+    subprocess.run(["tar", "x"], cwd=folder, input=packed.stdout, check=True)
+    return folder
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--commit", default="7080d106")
+    parser.add_argument("--boulders", type=int, default=10_000)
+    parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--child", action="store_true", help="print the rows of this build")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as top:
+        if given.child:
+            print(json.dumps(rows(given.boulders, Path(top))))
+            return
+        print(machine())
+        paths = {
+            name: build(extracted(commit, Path(top) / name))
+            for name, commit in ((given.commit, given.commit), ("here", ""))
+        }
+        command = [sys.executable, "-P", __file__, "--child", "--boulders", str(given.boulders)]
+        least: dict[str, dict[str, float]] = {name: {} for name in paths}
+        for _ in range(given.repeat):
+            for name, path in paths.items():
+                said, _, _ = run_child("env", f"PYTHONPATH={path}", *command)
+                for row, found in json.loads(said).items():
+                    least[name][row] = min(found, least[name].get(row, found))
+    before, here = least.values()
+    print(f"| ns a rebound | {given.commit} | here | ratio |\n|---|---|---|---|")
+    for row in here:
+        print(f"| {row} | {before[row]:.0f} | {here[row]:.0f} | {here[row] / before[row]:.2f} |")
+    for row, other in OVER.items():
+        ratios = [one[row] / one[other] for one in (before, here)]
+        print(f"| {row}, over {other} | {ratios[0]:.2f} | {ratios[1]:.2f} | |")
+    for row, other in MORE.items():
+        more = [one[row] - one[other] for one in (before, here)]
+        print(f"| {row}, over {other} | +{more[0]:.0f} | +{more[1]:.0f} | |")
+
+
+if __name__ == "__main__":
+    main()
