@@ -214,7 +214,7 @@ def test_the_command_writes_tables_and_figures(tmp_path, monkeypatch, capsys):
     arguments = ["convergence", "case.nml", "--boulders", "20", "100", "--reference", "20000"]
     assert main(arguments) == 0
     said = capsys.readouterr().out
-    assert "one more digit costs 100 times" in said and "The paper has" in said
+    assert "s of CPU, one more digit" in said and "The paper has" in said
     names = ["convergence.pdf", "convergence.png"]
     names += ["cost.csv", "error.csv", "numerical.csv", "study.csv"]
     assert sorted(path.name for path in (tmp_path / "case_convergence").iterdir()) == names

@@ -210,7 +210,7 @@ def test_the_level_of_a_period_comes_about_as_often(tmp_path):
 @pytest.mark.parametrize(
     ("place", "how", "message"),
     [
-        ("rood", {}, "rood: no line, object or segment, there are road"),
+        ("rood", {}, "rood: no line or object or segment; there are road"),
         ("road", {"energy": 1.0, "height": 2.0}, "return_period: give energy or height, not both"),
         ("road", {"energy": -1.0}, "return_period: -1 J: must be 0 to 7e+08"),
         ("road", {"height": 51.0}, "return_period: 51 m: must be 0 to 50"),

@@ -301,4 +301,4 @@ def test_the_command_writes_a_table_and_a_figure(case, tmp_path, capsys, monkeyp
     made = [path.name for path in everything(tmp_path) if path.is_file()]
     assert {*made} == {"models.csv", "models.nc", "models.png"}
     words = ["models", case.name, "-o", "new", "--ground", "mud"]
-    refuses(words, "--ground = 'mud': no ground of grounds.csv, and no file of .*", capsys)
+    refuses(words, "--ground = 'mud': no ground of grounds.csv, no impact table or set.*", capsys)

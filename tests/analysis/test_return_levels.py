@@ -181,8 +181,8 @@ REFUSED = {
     "none": (np.array([]), "0 independent boulders in the upper 5 %, 50 needed"),
     "one": (np.ones(1), "0 independent .*"),
     "few": (random.normal(size=900), "45 independent boulders in the upper 5 %, 50 needed"),
-    "equal": (np.full(5000, 3.0), "ties leave no 50 boulders above a threshold"),
-    "steps": (np.round(random.exponential(size=5000), 0), "no threshold fits|ties leave .*"),
+    "equal": (np.full(5000, 3.0), "ties leave fewer than 50 boulders above a threshold"),
+    "steps": (np.round(random.exponential(size=5000), 0), "no suitable threshold|ties leave .*"),
     "end": (random.uniform(size=5000), r"tail ends too sharply \(shape -.*\)|no threshold fits"),
     "heavy": (random.pareto(1, size=5000), r"tail too heavy \(shape .*\)"),
 }
@@ -291,7 +291,7 @@ def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
     values = np.stack([TAILS["exponential"].rvs(3000, random_state=1), np.full(3000, 2.0)])
     result = of_all(values, names=["L", "M"])
     table = rockfall.return_levels(result, levels=(1000,))
-    assert set(table["refused"]) == {"", (reason := "ties leave no 50 boulders above a threshold")}
+    assert set(table["refused"]) == {"", (reason := "ties leave fewer than 50 boulders above a threshold")}
     printed = "\n".join(linetables._refused(table))
     assert printed.count("refused") == 1 and reason in printed
 

@@ -449,14 +449,14 @@ def test_command(place, capsys):
     assert float(rows[4]["elevation [m]"]) == pytest.approx(found.table["elevation"][4])
     for wrong, message in (
         ([*words, "-o", "down.csv"], "down.csv: already exists"),
-        ([*words[:-1], "-o", "new.csv"], "--line 600060,4999990: must be X,Y X,Y ... or a file"),
+        ([*words[:-1], "-o", "new.csv"], "--line 600060,4999990: must be X,Y X,Y ..."),
         (
             [*words[:-2], "1,2,3,4", "-o", "new.csv"],
-            "--line 1,2,3,4: must be X,Y X,Y ... or a file",
+            "--line 1,2,3,4: must be X,Y X,Y ...",
         ),
         ([*words[:-2], "nowhere.shp", "-o", "new.csv"], "nowhere.shp: no such file"),
         (["report", "case.nc", "--section", "1,2,3,4"], "--section 1,2,3,4: must be X,Y X,Y ..."),
-        ([*words, "7", "-o", "new.csv"], "must be X,Y X,Y ... or a file with one line"),
+        ([*words, "7", "-o", "new.csv"], "separated by blanks), or a file with one line"),
         ([*words, "-o", "new.txt"], "new.txt: must be a file name that ends in .csv, .png"),
         ([*words, "--within", "-1", "-o", "new.csv"], "within = -1.0: must be > 0 m"),
     ):

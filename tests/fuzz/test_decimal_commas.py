@@ -72,8 +72,10 @@ def test_a_decimal_comma_is_refused_with_the_point(what, batch, tmp_path, monkey
         f"case.nml: &{key}: {pair} is two numbers: write {point}, "
         "or blanks after the commas of a list"
     )
-    refuses(["run", "case.nml", "-o", "r.nc"], words.replace(".", r"\."), capsys)
-    refused_in_one_line(batch("case.nml", cwd=tmp_path), words)
+    both = r"(\nrockfall: .* is two numbers: .*)?"  # y, too, where x and y have commas
+    refuses(["run", "case.nml", "-o", "r.nc"], words.replace(".", r"\.") + both, capsys)
+    done = batch("case.nml", cwd=tmp_path)
+    assert done.returncode == 2 and done.stderr.splitlines()[0] == f"rockfall-batch: {words}"
 
 
 def test_lists_without_blanks_stay_lists(tmp_path, monkeypatch):

@@ -173,7 +173,7 @@ def test_memory_that_ends_anywhere_is_one_line(error, monkeypatch, capsys, few_b
 
     monkeypatch.setattr("rockfall.cli.commands.check.preview", fail)
     assert cli.main(["check", str(few_boulders)]) == 2
-    assert capsys.readouterr().err.startswith("rockfall: not enough memory for this case; ")
+    assert capsys.readouterr().err.startswith("rockfall: not enough memory for this case: ")
 
 
 FORK = """

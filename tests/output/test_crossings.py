@@ -74,7 +74,7 @@ def test_the_dense_view_has_the_same_and_nan_elsewhere(result):
 
 def test_a_dense_view_that_is_too_large_is_refused(result, monkeypatch):
     monkeypatch.setattr(module, "MAX_DENSE", 1e5)
-    with refused("at_lines: 3 lines of 600 boulders take 0.0 GB: rockfall.crossings(result, line) "
+    with refused("at_lines: 3 lines of 600 boulders take 0.0 GB; rockfall.crossings(result, line) "
                  "takes one line"):  # fmt: skip
         rockfall.at_lines(result)
 

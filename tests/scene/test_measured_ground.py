@@ -131,7 +131,7 @@ def test_the_command_writes_a_row_and_adds_others(place, capsys):
     assert main([*words, "--name", "first"]) == 0
     said = capsys.readouterr().out
     assert "Nearest shipped ground of this model:" in said
-    assert "cannot tell a factor of 2 in strength from 4 to 5 degrees" in said
+    assert "cannot separate a factor of 2 in strength from 4 to 5 degrees" in said
     assert main([*words, "--name", "second", "--rest-angle", "33"]) == 0
     assert list(GroundTable("own.csv").rows) == ["first", "second"]
     with open("own.csv", newline="") as file:

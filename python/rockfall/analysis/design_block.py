@@ -19,7 +19,6 @@ import numpy as np
 from rockfall.analysis.generalised_pareto import Fit, best_of, fit_gpd, lowest_valid
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.observed.block_survey import Survey, Volumes, read_survey, survey_remarks
-from rockfall.analysis.precision.brent import root
 from rockfall.analysis.return_levels import BARTLETT, MAX_PERIOD, MAX_SHAPE, THRESHOLDS
 from rockfall.case import broken_rule, key_table
 from rockfall.errors import RockfallError
@@ -349,8 +348,10 @@ class _Likelihood:
             return self.loss(excess * math.exp(place), period) - allowed
 
         bottom, top = math.log(1e-6), math.log(FARTHEST)
-        low = math.exp(root(surplus, bottom, 0.0)) if surplus(bottom) > 0 else 0.0
-        high = math.exp(root(surplus, 0.0, top)) if surplus(top) > 0 else math.inf
+        from scipy.optimize import brentq
+
+        low = math.exp(brentq(surplus, bottom, 0.0)) if surplus(bottom) > 0 else 0.0
+        high = math.exp(brentq(surplus, 0.0, top)) if surplus(top) > 0 else math.inf
         return excess * low, excess * high
 
 

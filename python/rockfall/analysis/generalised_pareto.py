@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.precision.brent import minimum
 
 FALSE = 0.05  # rate of falsely rejected thresholds
 MAX_PLACE = 2.0  # upper end of the search variable of `fit_gpd`, near the largest shape found
@@ -43,8 +42,13 @@ def fit_gpd(
         grown = np.expm1(place * reach)
         return (grown if abs(grown) > 1e-9 else 1e-9) / top  # not 0: exponential
 
-    place, _ = minimum(lambda place: best_of(theta(place), excess)[2], -1, max_place, xatol=1e-8)
-    shape, scale, _ = best_of(theta(place), excess)
+    from scipy.optimize import minimize_scalar
+
+    best = minimize_scalar(
+        lambda place: best_of(theta(place), excess)[2], bounds=(-1, max_place), method="bounded",
+        options={"xatol": 1e-8},
+    )  # fmt: skip
+    shape, scale, _ = best_of(theta(best.x), excess)
     p_value = _p_value(weight * _anderson_darling(excess, shape, scale), shape)
     return Fit(threshold, excess.size, float(shape), float(scale), p_value)
 

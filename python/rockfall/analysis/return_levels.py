@@ -19,7 +19,6 @@ import numpy as np
 from rockfall.analysis.generalised_pareto import Fit, best_of, fit_gpd, lowest_valid
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.lines.samples import LineSamples
-from rockfall.analysis.precision.brent import minimum, root
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.samples import Sample, Values
 from rockfall.errors import RockfallError
@@ -201,7 +200,9 @@ def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
     nothing = -1e-9 / excess.max()
     if theta >= nothing or excess_cost(nothing) < 0:
         return np.inf, np.inf
-    last = root(excess_cost, theta, nothing, xtol=1e-12 / excess.max())
+    from scipy.optimize import brentq
+
+    last = brentq(excess_cost, theta, nothing, xtol=1e-12 / excess.max())
     return fit.threshold - 1 / theta, fit.threshold - 1 / last
 
 
@@ -301,19 +302,24 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
         theta = math.expm1(place * reach)
         return (theta if abs(theta) > 1e-9 else 1e-9) / top
 
+    from scipy.optimize import brentq, minimize_scalar
+
     lowest = best_of(fit.shape / fit.scale, value - fit.threshold)
     allowed = Z**2 / 2 * (1 + BARTLETT * n / (k * independent))
 
     def excess_cost(level: float) -> float:
         above = level - fit.threshold  # the tail may not end before the level
         end = max(-1.0, math.log1p(-top / max(above, (1 + 1e-9) * top)) / reach)
-        _, cost = minimum(lambda place: best_of(theta_at(place), above), end, 2, xatol=1e-5)
-        return (cost - lowest) * independent / n - allowed
+        optimum = minimize_scalar(
+            lambda place: best_of(theta_at(place), above), bounds=(end, 2), method="bounded",
+            options={"xatol": 1e-5},
+        )  # fmt: skip
+        return (optimum.fun - lowest) * independent / n - allowed
 
-    low = root(excess_cost, fit.threshold + 1e-3 * (value - fit.threshold), value, rtol=1e-5)
+    low = brentq(excess_cost, fit.threshold + 1e-3 * (value - fit.threshold), value, rtol=1e-5)
     if excess_cost(MAX_HIGH * value) < 0:
         return Level(value, low, np.inf)
-    return Level(value, low, root(excess_cost, value, MAX_HIGH * value, rtol=1e-5))
+    return Level(value, low, brentq(excess_cost, value, MAX_HIGH * value, rtol=1e-5))
 
 
 def _check(levels: Sequence[int]) -> None:

@@ -84,7 +84,7 @@ def origins(hazard: xr.Dataset, place: str) -> pd.DataFrame:
     >>> case = rockfall.read_case("case.nml")
     >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
     >>> found = rockfall.origins(rockfall.hazard(case), "L")
-    >>> round(found["share"].sum(), 9)
+    >>> float(found["share"].sum().round(9))
     1.0
     """
     import pandas as pd
