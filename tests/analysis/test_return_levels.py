@@ -291,7 +291,8 @@ def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
     values = np.stack([TAILS["exponential"].rvs(3000, random_state=1), np.full(3000, 2.0)])
     result = of_all(values, names=["L", "M"])
     table = rockfall.return_levels(result, levels=(1000,))
-    assert set(table["refused"]) == {"", (reason := "ties leave fewer than 50 boulders above a threshold")}
+    reason = "ties leave fewer than 50 boulders above a threshold"
+    assert set(table["refused"]) == {"", reason}
     printed = "\n".join(linetables._refused(table))
     assert printed.count("refused") == 1 and reason in printed
 

@@ -302,8 +302,8 @@ MISTAKES = {
     "gravity in g": (put("flight", gravity=1.0), "gravity = 1 m/s2: the Earth has 9.81"),
     "gravity in ft/s2": (put("flight", gravity=32.2), "gravity = 32.2 m/s2: the Earth has 9.81"),
     "gravity in km/s2": (put("flight", gravity=0.00981), "= 0.00981 m/s2: the Earth has 9.81"),
-    "exponent of a density": (pareto(1.6), "&boulder volume_exponent = 1.6: exponents of cumul"
-        "ative numbers are below 1: is it the exponent of the density. Then give 0.6"),
+    "exponent of a density": (pareto(1.6), "&boulder volume_exponent = 1.6: exponents of "
+        "cumulative numbers are below 1: is it the exponent of the density. Then give 0.6"),
     "exponent of a scenario": (scenario(activity=0.1, volume="pareto", volume_min=0.1,
         volume_max=9.0, volume_exponent=1.5), "name = 'blocks' volume_exponent = 1.5: .* give 0.5"),
     "stop_speed in km/h": (put("impact", stop_speed=18.0), "stop_speed = 18 m/s: boulders this "

@@ -63,7 +63,7 @@ def test_a_stand_that_covers_the_terrain_has_the_trees_of_rasters(tmp_path, spre
 @pytest.mark.parametrize(
     ("columns", "told"),
     [
-        ({"stems": [500.0, 0.04]}, "stems = 0.04 in stand 2 (1 such stands) is far below the othe"),
+        ({"stems": [500.0, 0.04]}, "stems = 0.04 in stand 2 (1 such stands) is far below the"),
         (
             {"dbh_mean": [0.3, 30.0]},
             "dbh_mean = 0.3 in stand 1 (1 such stands) is far below the other stands",

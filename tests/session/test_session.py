@@ -437,8 +437,8 @@ def test_a_run_goes_on_while_another_thread_changes_and_runs(case):
         same(results[-1].dataset(), expected)
         first = results[0]
         assert first.line_statistics().n[0] <= first.boulders < 3000
-        with refused("the run has continued since this batch and changed its maps: take the dataset of "
-                     "a batch before the next batch"):  # fmt: skip
+        with refused("the run has continued since this batch and changed its maps: take the "
+                     "dataset of a batch before the next batch"):  # fmt: skip
             first.dataset()
 
 

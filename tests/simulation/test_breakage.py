@@ -228,7 +228,9 @@ def test_observations_are_not_those_of_fragments(folder, bare, tmp_path):
     """Blocks at rest are not the fragments that came farthest: refused, or said."""
     observed = tmp_path / "stops.csv"
     observed.write_text("x,y\n150.0,100.0\n160.0,110.0\n")
-    with pytest.raises(rockfall.RockfallError, match="&breakage at = 'both': must be 'none': a boulder"):
+    with pytest.raises(
+        rockfall.RockfallError, match="&breakage at = 'both': must be 'none': a boulder"
+    ):
         rockfall.back_analysis(case(folder, breakage=BOTH), observed)
     notes = rockfall.compare(bare, observed).notes
     assert any(note.startswith("Boulders may break. Distances are") for note in notes)

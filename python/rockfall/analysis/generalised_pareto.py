@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-
 FALSE = 0.05  # rate of falsely rejected thresholds
 MAX_PLACE = 2.0  # upper end of the search variable of `fit_gpd`, near the largest shape found
 

@@ -321,7 +321,7 @@ def _add_dossier(commands: _Commands) -> None:
     _option(dossier, "--costs CSV", Path, COSTS)
     _switch(dossier, "--one-model", "no second model of rebound for the first variant")
     _add_memory(dossier)
-    _add_resume(dossier, "DIR.runN.checkpoint")
+    _add_resume(dossier, "DIR.run*.checkpoint")
     _add_overrides(dossier)
 
 
