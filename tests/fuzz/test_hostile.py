@@ -69,10 +69,11 @@ def test_the_check_finds_what_it_is_to_find(tmp_path):
         return hostile.verdict(hostile.Ran(status, said, 0.0), tmp_path, before, batch=False)
 
     assert verdict(0, "") == "done" and verdict(0, "rockfall: warning: a\n") == "done"
-    assert verdict(2, "rockfall: no\n") == "refused"
+    for said in ("rockfall: no\n", "rockfall: a\nrockfall: b\n"):
+        assert verdict(2, said) == "refused"
     assert verdict(None, "").startswith("HANG") and verdict(-11, "").startswith("STATUS -11")
     assert verdict(1, "rockfall: internal error\n").startswith("STATUS 1")
-    for said in ("", "rockfall: a\nrockfall: b\n", "Traceback\n", "ERROR 1: GDAL\nrockfall: a\n"):
+    for said in ("", "rockfall: a\nand b\n", "Traceback\n", "ERROR 1: GDAL\nrockfall: a\n"):
         assert verdict(2, said).startswith("LINES"), said
     (tmp_path / "out/.half.nc").touch()
     assert verdict(2, "rockfall: no\n").startswith("LEFT")

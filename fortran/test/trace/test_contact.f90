@@ -3,7 +3,7 @@
 program test_contact
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use rockfall_kinds, only: wp, i1, i8
-   use rockfall_random, only: random_key, words_per_block
+   use rockfall_random, only: random_key
    use rockfall_terrain, only: terrain, locate, height
    use rockfall_flight, only: landing_t
    use rockfall_rolling, only: roll_t
@@ -35,7 +35,8 @@ contains
 
    !> Rocks of 0.2 m in the west, a river in the east; with two grounds, one has none.
    subroutine test_ground()
-      real(wp) :: radius, obstacle, u(words_per_block)
+      real(wp), parameter :: u = 0.5_wp  ! any: the rocks have one size
+      real(wp) :: radius, obstacle
       integer :: number, status
 
       scene%surface%sizes = reshape([0.2_wp, ieee_value(1.0_wp, ieee_positive_inf), 0.0_wp], [1, 3])
@@ -44,38 +45,37 @@ contains
       zone(15:, :) = 3
       scene%surface%zone1 => zone
       status = 0
-      call find_ground(scene, 1_i8, 1, 0, [3, 5], with_all, number, radius, obstacle, u, status)
+      call find_ground(scene, u, 0, [3, 5], with_all, number, radius, obstacle, status)
       call check_close("rocks", radius, 0.2_wp, 1.0e-15_wp)
       call check("no ground of its own", number == 0 .and. status == 0)
-      call find_ground(scene, 1_i8, 1, 0, [9, 5], with_all, number, radius, obstacle, u, status)
+      call find_ground(scene, u, 0, [9, 5], with_all, number, radius, obstacle, status)
       call check("the river absorbs", status == absorbed)
       allocate (scene%grounds(2))
       ground(:, :10) = 1
       ground(:, 11:) = 2
       scene%surface%cell_ground => ground
       status = 0
-      call find_ground(scene, 1_i8, 1, 0, [3, 12], with_all, number, radius, obstacle, u, status)
+      call find_ground(scene, u, 0, [3, 12], with_all, number, radius, obstacle, status)
       call check("its ground", number == 2 .and. status == 0)
       call check_close("obstacles", obstacle, 0.2_wp/scene%surface%size_to_radius, 1.0e-15_wp)
       scene%shapes = shape_mix([0.5_wp, 0.5_wp, 0.0_wp])
-      call find_ground(scene, 1_i8, 1, 2, [3, 12], with_all, number, radius, obstacle, u, status)
+      call find_ground(scene, u, 2, [3, 12], with_all, number, radius, obstacle, status)
       call check("whose table serves all shapes", number == 2)
       scene%shapes%ground = reshape([1, 2, 1, 1, 1, 2], [2, 3])
-      call find_ground(scene, 1_i8, 1, 2, [3, 12], with_all, number, radius, obstacle, u, status)
+      call find_ground(scene, u, 2, [3, 12], with_all, number, radius, obstacle, status)
       call check("or the ground that stands in for it by shape", number == 1 .and. status == 0)
       call check("grounds of the cells", n_grounds(scene) == 2)
       deallocate (scene%shapes)
-      call find_ground(scene, 1_i8, 1, 0, [16, 5], with_all, number, radius, obstacle, u, status)
+      call find_ground(scene, u, 0, [16, 5], with_all, number, radius, obstacle, status)
       call check("ground without rocks has a radius", radius > 0 .and. radius < 1.0e-6_wp)
       deallocate (scene%grounds)
    end subroutine test_ground
 
    subroutine test_class()
-      real(wp) :: u(words_per_block)
+      real(wp), parameter :: u = 0.1_wp
       integer :: class
       logical :: outside
 
-      u = 0.1_wp
       call find_impact_set(scene, 2.3_wp, u, class, outside)
       call check("the nearest set", class == 2 .and. .not. outside)
       scene%between_ratios = .true.
