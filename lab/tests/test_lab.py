@@ -430,8 +430,8 @@ def test_the_kernel_gets_what_the_case_says():
 
 
 MALFORMED = {
-    "unknown group": ("&lob seed = 2 /", "line 1: &lob: unknown group; nearest: &lab, .*"),
-    "unknown key": ("&lab sead = 2 /", "line 1: &lab sead: unknown key; nearest: seed, .*"),
+    "unknown group": ("&lob seed = 2 /", "line 1: &lob: unknown group, nearest: &lab, .*"),
+    "unknown key": ("&lab sead = 2 /", "line 1: &lab sead: unknown key, nearest: seed, .*"),
     "group given twice": ("&lab seed = 2 / &lab points = 4 /", "line 1: &lab: stands more than.*"),
     "key given twice": ("&lab seed = 2, seed = 3 /", "line 1: &lab seed: given twice .*"),
     "group left open": ("&lab seed = 2", "line 1: &lab is not closed by /"),
@@ -451,7 +451,7 @@ MALFORMED = {
     "layer too narrow": ("&packing width = 2.0 /", "packing: width must .*"),
     "key that is set elsewhere": (
         "&impact radius = 1 /",
-        "line 1: &impact radius: unknown key; .*",
+        "line 1: &impact radius: unknown key, .*",
     ),
     "bytes": (b"\x89PNG\r\n\x1a\n\xff\xfe", r"is not text \(UTF-8\)"),
     "missing": (None, "cannot be read: No such file or directory"),

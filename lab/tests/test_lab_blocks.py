@@ -313,7 +313,7 @@ def test_single_values_of_a_ground_can_be_changed():
         ("&lab ground='medow' /", "&lab ground = 'medow': unknown; known: rock, compact"),
         ("&lab ground='' /", "&lab ground = ''"),
         ("&lab ground='meadow', shape='round' /", "&lab shape = 'round': unknown; known: compact"),
-        ("&lab ground='meadow', trows=3 /", "&lab trows: unknown key; nearest: throws"),
+        ("&lab ground='meadow', trows=3 /", "&lab trows: unknown key, nearest: throws"),
         ("&lab ground='meadow', throws=0 /", "throws = 0: must be 1 to"),
         ("&lab ground='meadow', ratios=1,2 /", "&lab ratios: unknown key"),
         ("&lab ground='meadow' / &packing depth=3 /", "&packing: unknown group"),
