@@ -7,9 +7,7 @@ import math
 import re
 import shutil
 import subprocess
-import threading
 import time
-from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 
@@ -22,17 +20,15 @@ pytest.importorskip("selenium", reason="selenium is not installed")
 pytest.importorskip("shapely", reason="the vector extra is not installed")
 imread = pytest.importorskip("matplotlib.image", reason="the report extra is not installed").imread
 from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
-from selenium.webdriver.common.actions.action_builder import ActionBuilder  # noqa: E402
 from selenium.webdriver.common.by import By  # noqa: E402
 from selenium.webdriver.common.keys import Keys  # noqa: E402
 
 import rockfall  # noqa: E402
 import scenes  # noqa: E402
-from browser import open_browser, resize  # noqa: E402
+from app_window import CASE, PATIENCE, N, W, Window, agrees, open_window, served  # noqa: E402
+from browser import resize  # noqa: E402
 from made import make_raster  # noqa: E402
 from rockfall.app import server as server_module  # noqa: E402
-from rockfall.app.room import Room  # noqa: E402
-from rockfall.app.server import Server, bind  # noqa: E402
 from rockfall.app.show import PAGE, show  # noqa: E402
 from rockfall.draft.groups import RADIUS  # noqa: E402
 from rockfall.result import variables  # noqa: E402
@@ -43,178 +39,12 @@ from rockfall.simulation.simulate import simulate  # noqa: E402
 
 pytestmark = [
     pytest.mark.all,
+    pytest.mark.usefixtures("slope"),
     pytest.mark.filterwarnings("ignore::UserWarning"),
     pytest.mark.skipif(not (PAGE / "app.js").exists(), reason="the page is made by ./run page"),
 ]
 
-W, N = 600000.0, 5000000.0
 TREES = 0x00, 0x7A, 0x59  # their colour
-CASE = f"""&case title = 'Hang', boulders_total = 200, seed = 7, threads = 1 /
-&terrain dem = 'dem.tif' /
-&surface uniform_mean_radius = 0.25 /
-&impact sets = 'sets.nml' /
-&boulder volume = 'normal', volume_mean = 0.8, volume_std = 0.2 /
-&release x = {W + 150}, y = {N - 40}, drop_height = 5.0 /
-&line name = 'L', x = {W}, {W + 300}, y = {N - 200}, {N - 200} /
-"""
-PATIENCE = 600.0  # [s] at most, on a machine that does other things
-
-
-@pytest.fixture(scope="module")
-def browser():
-    one = open_browser("--enable-unsafe-swiftshader")  # for WebGL alone; else it draws by software
-    yield one
-    one.quit()
-
-
-@pytest.fixture(autouse=True)
-def place(tmp_path, monkeypatch):
-    """A case on a lively slope, and a list of recent files of its own."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.chdir(tmp_path)
-    make_raster("dem.tif", scenes.rough(dtype="f4"))
-    scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
-    Path("case.nml").write_text(CASE, encoding="utf-8")
-
-
-@contextmanager
-def served(path):
-    server = Server(bind(0), keep=True)
-    server.admit(Room(Path(path)))
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    try:
-        yield server
-    finally:
-        server.stop()
-        thread.join(20)
-
-
-@pytest.fixture
-def window(browser):
-    """The window of the case, with complete results."""
-    with served("case.nml") as server:
-        resize(browser, 1280, 800)
-        yield open_window(browser, server)
-        errors = [one for one in browser.get_log("browser") if one["level"] == "SEVERE"]
-        browser.get("about:blank")
-    assert errors == []
-
-
-def open_window(browser, server):
-    browser.get("about:blank")
-    browser.get(server.url)
-    page = Window(browser)
-    page.complete()
-    return page
-
-
-class Window:
-    """What a hand and an eye do in the page."""
-
-    def __init__(self, browser):
-        self.browser = browser
-
-    def until(self, what, script, *values):
-        """Wait until a script returns something true, and return it."""
-        end = time.monotonic() + PATIENCE
-        while not (found := self.browser.execute_script(f"return {script}", *values)):
-            assert time.monotonic() < end, f"{what} did not come: {self.text('body')[:400]}"
-            time.sleep(0.05)
-        return found
-
-    def complete(self, revision=0):
-        """Wait for all results of a revision or a later one; those of each line by its name."""
-        ready = "window.rockfall && !rockfall.preliminary && rockfall.batch?.complete"
-        ready += " && rockfall.batch.lines.every(({ n }) => n !== undefined)"
-        self.until("a complete run", f"{ready} && rockfall.revision >= arguments[0]", revision)
-        batch = self.browser.execute_script("return rockfall.batch")
-        return {line["name"]: line for line in batch["lines"]}
-
-    def changed(self, act):
-        """Results after an act that changes the document."""
-        before = self.revision
-        act()
-        self.until("a revision", "rockfall.revision > arguments[0]", before)
-        return self.complete(before + 1)
-
-    @property
-    def revision(self):
-        return self.browser.execute_script("return rockfall.revision")
-
-    @property
-    def layers(self):
-        return self.browser.execute_script("return rockfall.document")["layers"]
-
-    def find(self, selector):
-        return self.browser.find_element(By.CSS_SELECTOR, selector)
-
-    def text(self, selector):
-        return self.find(selector).text
-
-    def click(self, selector):
-        self.until(selector, "document.querySelector(arguments[0])", selector)
-        self.find(selector).click()
-
-    def pixel(self, place):
-        return [
-            round(one) for one in self.until("the map", "rockfall.pixelOf(arguments[0])", place)
-        ]
-
-    def touch(self, *places, drag=False, double=False):
-        """Click at places of the map [m], or drag from one to the next."""
-        builder = ActionBuilder(self.browser, duration=20)
-        mouse = builder.pointer_action
-        for number, place in enumerate(places):
-            mouse.move_to_location(*self.pixel(place))
-            if drag and not number:
-                mouse.pointer_down()
-            elif not drag:
-                mouse.click()
-        if drag:
-            mouse.pointer_up()
-        elif double:
-            mouse.click()
-        builder.perform()
-
-    def draw(self, tool, *places):
-        self.click(f'[data-tool="{tool}"]')
-        self.touch(*places, double=len(places) > 1)
-
-    def fill(self, name, value):
-        """Type a value into the field of a key."""
-        shown = "[...document.querySelectorAll(arguments[0])].find((one) => one.offsetParent)"
-        field = self.until(name, shown, f'[data-field="{name}"]')
-        field.click()
-        field.send_keys(Keys.CONTROL + "a" + Keys.NULL + f"{value}{Keys.TAB}")
-
-    def undo(self):
-        chain = ActionChains(self.browser).key_down(Keys.CONTROL).send_keys("z")
-        chain.key_up(Keys.CONTROL).perform()
-
-    def save(self, name):
-        self.click('[data-action="save"]')
-        field = self.find("dialog[open] input")
-        field.clear()
-        field.send_keys(name)
-        self.click('dialog[open] [data-action="write"]')
-        self.until("a saved file", "document.querySelector('dialog[open] .files')")
-        self.click('[data-action="close-dialog"]')
-
-
-def agrees(lines, case):
-    """Check that the lines of a window have the numbers of a run of a case, to the last bit."""
-    found = rockfall.line_statistics(rockfall.run(rockfall.read_case(case)))
-    assert {*found["line"]} == {*lines}
-    for row in found.itertuples():
-        if row.quantity not in (shown := lines[row.line]["quantities"]):
-            continue
-        one = shown[row.quantity]
-        assert lines[row.line]["n"] == row.n
-        assert lines[row.line]["fraction"][0] == row.fraction
-        if one["mean"][0] is not None:
-            assert one["mean"][0] == row.mean * one["factor"]
-            assert one["max"] == row.max * one["factor"]
 
 
 def test_a_case_opens_with_its_statistics(window):
@@ -533,11 +363,13 @@ def test_nothing_is_wider_than_the_page(width, window):
     assert wide <= inner == width
 
 
-def test_a_phone_has_the_legend_above_the_terrain_and_room_for_fingers(window):
+def test_a_phone_has_the_legend_above_what_is_shown_and_room_for_fingers(window):
     resize(window.browser, 390, 844)
     top = "rockfall.pixelOf(arguments[0])?.[1]"
     legend = "document.querySelector('.legend').getBoundingClientRect().bottom"
-    window.until("a legend above the terrain", f"{top} >= {legend} && {legend} > 0", [W + 150, N])
+    window.until(
+        "a legend above the source", f"{top} >= {legend} && {legend} > 0", [W + 150, N - 40]
+    )
     window.click("[data-feature]")
     sizes = window.browser.execute_script("""
     const fields = 'button, select, summary, input[type=text], [role=tab], .check';

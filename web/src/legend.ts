@@ -12,17 +12,20 @@ export class Legend {
   private readonly ramp = element('div', { class: 'ramp-box' });
   private readonly speeds = element('div', { class: 'ramp-box' });
   private readonly zones = element('details', { class: 'zone-legend' });
+  private unfolded = false; // the list of maps
 
   /** Without maps to choose from, the legend names the one that is shown. */
-  constructor(private readonly maps: readonly MapName[], shown: string, onMap: (name: string) => void) {
-    this.choice = element(
-      'select',
-      { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } },
-      option('', say('app.legend.no_map')),
-      ...choices(maps),
-    );
-    this.choice.value = shown;
-    this.choice.addEventListener('change', () => onMap(this.choice.value));
+  constructor(
+    private readonly maps: readonly MapName[],
+    private shown: string,
+    onMap: (name: string) => void,
+  ) {
+    this.choice = element('select', { attributes: { 'aria-label': say('app.legend.map'), 'data-action': 'map' } });
+    this.list();
+    this.choice.addEventListener('change', () => {
+      if (this.choice.value === FOLD) this.fold(!this.unfolded);
+      else onMap((this.shown = this.choice.value));
+    });
     this.root.append(this.choice, this.ramp, this.speeds, this.zones);
     this.speeds.hidden = true;
     this.zones.hidden = true;
@@ -34,9 +37,46 @@ export class Legend {
   }
 
   setResult(header: OverlayHeader | null): void {
-    if (header && this.choice.disabled) this.choice.value = header.name;
+    if (header && this.choice.disabled) {
+      this.shown = header.name;
+      this.list();
+    }
     const name = header && !this.maps.length ? [element('p', {}, withUnit(nameOfMap(header), header.unit))] : [];
     this.ramp.replaceChildren(...(header ? [...name, ramp(header, header.unit, viridis)] : []));
+  }
+
+  /** List all maps or the most used ones, and open the list again where the browser can. */
+  private fold(unfolded: boolean): void {
+    this.unfolded = unfolded;
+    this.list();
+    try {
+      this.choice.showPicker();
+    } catch {
+      this.choice.focus(); // the next key or click opens it
+    }
+  }
+
+  /** At most LISTED maps, the one shown among them; the others below, and last the limits of intervals. */
+  private list(): void {
+    const { maps, shown, unfolded } = this;
+    const plain = maps.filter(({ name }) => !LIMIT.test(name));
+    const common = COMMON.flatMap((name) => plain.find((map) => map.name === name) ?? []);
+    const ranked = maps.filter(({ name }) => name === shown && !COMMON.includes(name)).concat(common, plain);
+    const first = new Set([...new Set(ranked)].slice(0, LISTED));
+    const group = (key: string, some: readonly MapName[]): HTMLElement[] =>
+      some.length ? [element('optgroup', { attributes: { label: say(key) } }, ...some.map(mapOption))] : [];
+    const rest = maps.filter((map) => !first.has(map));
+    const further = [
+      ...group('app.legend.others', rest.filter(({ name }) => !LIMIT.test(name))),
+      ...group('app.legend.limits', rest.filter(({ name }) => LIMIT.test(name))),
+    ];
+    this.choice.replaceChildren(
+      option('', say('app.legend.no_map')),
+      ...[...first].map(mapOption),
+      ...(unfolded ? further : []),
+      ...(rest.length ? [option(FOLD, say(unfolded ? 'app.legend.fewer' : 'app.legend.more'))] : []),
+    );
+    this.choice.value = shown;
   }
 
   setSpeeds(fastest: number | null): void {
@@ -60,6 +100,8 @@ export class Legend {
   }
 }
 
+const FOLD = '+'; // value of the option that lists all maps, or the most used ones
+const LISTED = 12; // maps, before the list is unfolded
 // Maps most used; they have names in every language.
 const COMMON = [
   'passages',
@@ -72,23 +114,13 @@ const COMMON = [
   'speed_max_map',
   'passing_height_q95',
   'passing_height_max',
-  'jump_height_q95',
-  'jump_height_max_map',
   'energy_line_angle_max',
   'travel_time_min',
 ];
+const LIMIT = /_(low|high)$/; // of an interval
 
-function choices(maps: readonly MapName[]): HTMLElement[] {
-  const common = COMMON.flatMap((name) => maps.find((map) => map.name === name) ?? []);
-  const others = maps.filter(({ name }) => !COMMON.includes(name));
-  const options = (some: readonly MapName[]): HTMLElement[] =>
-    some.map((map) => option(map.name, withUnit(nameOfMap(map), map.unit)));
-  return [
-    ...options(common),
-    ...(others.length
-      ? [element('optgroup', { attributes: { label: say('app.legend.others') } }, ...options(others))]
-      : []),
-  ];
+function mapOption(map: MapName): HTMLOptionElement {
+  return option(map.name, withUnit(nameOfMap(map), map.unit));
 }
 
 function option(value: string, text: string): HTMLOptionElement {

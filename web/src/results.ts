@@ -77,7 +77,7 @@ export class Results {
     this.parts.view.setTerrain(this.terrain, this.shade);
     if (first) this.parts.shell.mapPane.append(new MapBar(this.parts.view, crs).root);
     this.parts.view.map.updateSize();
-    this.parts.view.fitTerrain();
+    this.parts.view.fitAtFirst();
     this.parts.scene.update('terrain');
     if (first) this.markDrawn('terrain');
   }
@@ -92,10 +92,12 @@ export class Results {
     display.offer('zones', cells !== null);
     display.offer('background_sources', sources > 0);
     display.offer('trees', trees > 0);
+    view.fitAtFirst();
   }
 
   private setBatch(message: Binary<BatchMessage>): void {
     const { header } = message;
+    const first = this.batch === null;
     if (this.batch?.header.revision !== header.revision) {
       this.setTrajectories(null);
       this.markDrawn('first results', header.revision);
@@ -106,6 +108,7 @@ export class Results {
     const overlay = message.f4('overlay');
     this.parts.view.setResult(header.overlay, overlay?.values ?? null, overlay?.shape ?? []);
     this.parts.view.setStops(message.f4('stops')?.values ?? null);
+    if (first || header.complete) this.parts.view.fitAtFirst();
     this.parts.legend.setResult(header.overlay);
     this.parts.statistics.update(header.lines);
     this.parts.shell.noteDock(endedText(header));

@@ -4,6 +4,7 @@ import OlMap from 'ol/Map';
 import View from 'ol/View';
 import { defaults as defaultInteractions } from 'ol/interaction/defaults';
 import type Geometry from 'ol/geom/Geometry';
+import { buffer, createEmpty, extend, getHeight, getWidth, isEmpty } from 'ol/extent';
 import type BaseLayer from 'ol/layer/Base';
 import Projection from 'ol/proj/Projection';
 import { LAYER_COLOURS, type ColourScale } from '../colours';
@@ -29,6 +30,7 @@ export type Shown =
   | 'dams'
   | 'drawn_zones';
 
+const FIRST = 40; // cells that are in view at least, at first
 const PADDING = 28; // pixels around what the view is fitted to
 const TAG = 44; // and above it, where preliminary is written
 const LEGEND = 156; // and on a phone, where the legend is
@@ -71,10 +73,7 @@ export class MapView {
         ...this.features.all,
       ],
     });
-    // Until someone moves the view, it fits the terrain: after a fold of a panel, or a turn of a phone.
-    this.map.on('change:size', () => {
-      if (this.terrain && !this.moved) this.fitTerrain();
-    });
+    this.map.on('change:size', () => this.fitAtFirst()); // after a fold of a panel, or a turn of a phone
     this.map.on('moveend', ({ frameState }) => {
       if (frameState?.extent) this.features.nameWithin(frameState.extent);
     });
@@ -201,7 +200,12 @@ export class MapView {
     layers[name].setVisible(visible);
   }
 
+  /** Until someone moves the view, it fits where something is: sources, lines, nets, dams, results; without any, the terrain. */
+  fitAtFirst(): void {
+    if (this.terrain && !this.moved) this.fit(this.contentExtent() ?? this.terrainExtent());
+  }
   fitTerrain(): void {
+    this.moved = true;
     this.fit(this.terrainExtent());
   }
   /** Where there are results; without any, the terrain. */
@@ -242,6 +246,19 @@ export class MapView {
     const at = (di: number, dj: number): number => heights[(j + dj) * nx + i + di] ?? NaN;
     const value = (1 - v) * ((1 - u) * at(0, 0) + u * at(1, 0)) + v * ((1 - u) * at(0, 1) + u * at(1, 1));
     return Number.isFinite(value) ? value : null;
+  }
+
+  private contentExtent(): Extent | null {
+    const { zones, ...drawn } = this.features.layers;
+    const whole = createEmpty();
+    for (const layer of [...Object.values(drawn), this.features.selection]) {
+      const extent = layer.getSource()?.getExtent();
+      if (extent) extend(whole, extent);
+    }
+    extend(whole, this.sources.extent);
+    extend(whole, this.resultExtent() ?? createEmpty());
+    const room = Math.max(FIRST * this.terrainOrThrow().cell - Math.max(getWidth(whole), getHeight(whole)), 0) / 2;
+    return isEmpty(whole) ? null : (buffer(whole, room) as Extent);
   }
 
   private resultExtent(): Extent | null {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Trajectories in plan, and points of one kind.
+import { createEmpty, extendCoordinate } from 'ol/extent';
 import { css, LAYER_COLOURS, plasma, SPEED_CLASSES } from '../colours';
 import { COLUMNS } from '../trajectories';
 import type { Trajectories } from '../view3d/view3d';
@@ -128,6 +129,14 @@ export class DotLayer extends PlotLayer {
     this.originX = west;
     this.originY = south;
     this.redraw();
+  }
+
+  /** Extent of the points [m]. */
+  get extent(): number[] {
+    const whole = createEmpty();
+    for (let k = 0; k + 1 < this.rows.length; k += this.columns)
+      extendCoordinate(whole, [this.originX + (this.rows[k] as number), this.originY + (this.rows[k + 1] as number)]);
+    return whole;
   }
 
   protected override paint(

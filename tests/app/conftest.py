@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A browser, and a case on a lively slope that it shows."""
+
+from pathlib import Path
+
+import pytest
+
+import scenes
+from browser import open_browser, resize
+from made import make_raster
+
+
+@pytest.fixture(scope="module")
+def browser():
+    one = open_browser("--enable-unsafe-swiftshader")  # for WebGL alone; else it draws by software
+    yield one
+    one.quit()
+
+
+@pytest.fixture
+def slope(tmp_path, monkeypatch):
+    """A case on a lively slope, and a list of recent files of its own."""
+    app_window = pytest.importorskip("app_window", exc_type=ImportError)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.chdir(tmp_path)
+    make_raster("dem.tif", scenes.rough(dtype="f4"))
+    scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
+    Path("case.nml").write_text(app_window.CASE, encoding="utf-8")
+
+
+@pytest.fixture
+def window(browser, slope):
+    """The window of the case, with complete results."""
+    import app_window  # needs Selenium, which `slope` has asked for
+
+    with app_window.served("case.nml") as server:
+        resize(browser, 1280, 800)
+        yield app_window.open_window(browser, server)
+        errors = [one for one in browser.get_log("browser") if one["level"] == "SEVERE"]
+        browser.get("about:blank")
+    assert errors == []
