@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rockfall.analysis.lines.drawn_line import drawn_line
 from rockfall.analysis.lines.section import Section, section_of
 from rockfall.analysis.lines.stations import SectionLine
-from rockfall.analysis.observed.compare import observed_files
+from rockfall.analysis.observed.compare import site_observations
 from rockfall.analysis.observed.deposits import grid_for
 from rockfall.analysis.observed.observations import Observed, read_observed
-from rockfall.case import case_of
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.files.export import EXPORTED, Chosen, crs_wkt, put_export
@@ -33,6 +32,7 @@ from rockfall.plots.extent import cell_of, reached
 from rockfall.plots.figures import figures as figures_of
 from rockfall.plots.figures import write_figures
 from rockfall.plots.hazard.hazard_sheet import NOBODY, Imprint
+from rockfall.plots.left_out import LeftOut
 from rockfall.plots.map_figures import Look
 from rockfall.plots.terrain import terrain_of
 from rockfall.qgis_project.project import put_project
@@ -77,6 +77,13 @@ class _Drawn(NamedTuple):
     terrain: Terrain | None
     observed: Observed | None
     look: Look
+    left: LeftOut
+    of_site: bool  # `observed` is that of the case
+
+    def warn(self) -> None:
+        """Warn of what is left out; the caller's caller is to blame."""
+        for text in self.left.notes():
+            warnings.warn(text, stacklevel=2)
 
 
 def report(
@@ -141,10 +148,11 @@ def report(
         cut = _section(drawn.result, drawn.terrain, section, section_layer, section_within)
     shown = "" if view is None else view.page
     inputs = ReportInputs(
-        *drawn, view=shown, parties=parties, hazard=zones, models=spread, section=cut,
+        **drawn._asdict(), view=shown, parties=parties, hazard=zones, models=spread, section=cut,
         factors=factors,
     )  # fmt: skip
     write_report(inputs, path, language)
+    drawn.warn()
     return path
 
 
@@ -207,7 +215,9 @@ def figures(
     True
     """
     drawn = _drawn(result, dem, observed, basemap, limits)
-    shown, inputs = figures_of(*drawn), _given(result, dem, observed, basemap)
+    shown = figures_of(*drawn[:4], left=drawn.left)
+    inputs = _given(result, dem, observed, basemap)
+    drawn.warn()
     if not has_rows(drawn.result):
         need_rows = "need rows of boulders, and &output kept = 'none' keeps none"
         if not shown:
@@ -372,12 +382,15 @@ def _drawn(
 ) -> _Drawn:
     """Read all inputs of figures and pages."""
     data = read_result(result) if isinstance(result, str | Path) else result
-    observed = observed or observed_files(case_of(data))
-    seen = read_observed(*observed, grid=grid_for(data, observed)) if observed else None
+    left = LeftOut()
+    if observed:
+        seen = read_observed(*observed, grid=grid_for(data, observed))
+    else:
+        seen = left.attempt("page.part_observed", site_observations, data)
     beside = Path(result).parent if isinstance(result, str | Path) else None
     terrain = terrain_of(data, dem, beside)
     picture = None if basemap is None else read_basemap(basemap, data, reached(data, terrain))
-    return _Drawn(data, terrain, seen, Look(read_limits(limits), picture))
+    return _Drawn(data, terrain, seen, Look(read_limits(limits), picture), left, not observed)
 
 
 def _given(result: Result, dem: Place, observed: Files, basemap: Place) -> Iterator[str | Path]:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`&observed`: a run says whether it agrees with its site."""
 
+import html
 from pathlib import Path
 
 import numpy as np
@@ -73,3 +74,80 @@ def test_commands_take_the_files_of_the_case(seen, capsys):
     assert not Path("other.nc").exists()
     assert main(["back", "case.nml"]) == 2
     assert "or those of &observed in the case" in capsys.readouterr().err
+
+
+CASE = "\n&observed files = 'seen.csv' /\n"
+
+
+@pytest.fixture
+def left(place):
+    """Result of a case whose own files are gone or broken after the run."""
+    Path("seen.csv").write_text("distance\n12.0\n30.0\n41.0\n")
+    by_sets = Path("case.nml").read_text().replace("&impact", "&impact form = 'matrix',")
+    Path("seen.nml").write_text(by_sets + CASE)
+    assert main(["run", "seen.nml", "-o", "out.nc", "--quiet"]) == 0
+    return Path("out.nc")
+
+
+def front_of(page):
+    """Text of page 1."""
+    text = Path(page).read_text(encoding="utf-8")
+    return html.unescape(text[text.index("<main>") : text.index('id="signature"')])
+
+
+def test_what_cannot_be_compared_is_refused_before_the_run(place, capsys):
+    for text, fault in (
+        ("distance\nfar\n", "seen.csv: line 2: distance"),
+        ("line,quantity,unit,value\nnowhere,speed,m/s,3\n", "line nowhere: is not in the result"),
+    ):
+        Path("seen.csv").write_text(text)
+        Path("seen.nml").write_text(Path("case.nml").read_text() + CASE)
+        for command in (["check", "seen.nml"], ["run", "seen.nml", "-o", "out.nc"]):
+            assert main(command) == 2
+            assert fault in capsys.readouterr().err
+        assert not Path("out.nc").exists()
+
+
+def test_a_run_that_keeps_nothing_to_compare_gives_the_reason(place, capsys):
+    Path("seen.csv").write_text("line,quantity,unit,method,mean\nL,speed,m/s,A,3\n")
+    Path("seen.nml").write_text(Path("case.nml").read_text() + CASE)
+    assert main(["run", "seen.nml", "-o", "out.nc"]) == 0
+    assert "not shown: the comparison with &observed (nothing to" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("broken", ["seen.csv", "zones.csv"])
+@pytest.mark.parametrize("fault", ["missing", "unreadable"])
+def test_files_of_the_case_that_cannot_be_read_are_listed(
+    left, blank_figures, capsys, broken, fault
+):
+    part = {
+        "seen.csv": "the comparison with &observed",
+        "zones.csv": "the map and table of the grounds",
+    }[broken]
+    assert main(["report", "out.nc"]) == 0
+    assert part not in capsys.readouterr().err + front_of("out.html")
+    if fault == "missing":
+        Path(broken).unlink()
+    else:
+        Path(broken).write_text("nothing of this kind\n")
+    assert main(["report", "out.nc", "-o", "less.html"]) == 0
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if part in line]
+    assert line.startswith("rockfall: warning: not shown: ") and broken in line
+    assert part in front_of("less.html") and broken in front_of("less.html")
+
+
+def test_figures_say_what_they_lack(left, blank_figures, capsys):
+    Path("sets.nml").unlink()
+    Path("seen.csv").unlink()
+    assert main(["figures", "out.nc", "drawn"]) == 0
+    lines = [line for line in capsys.readouterr().err.splitlines() if "not shown: " in line]
+    assert ["sets.nml" in line for line in lines] == [False, True]
+    assert not Path("drawn/impact_set.png").exists()
+
+
+def test_pages_of_a_hazard_say_that_the_terrain_is_missing(place, capsys):
+    case = rockfall.read_case("case.nml").replace(scenario=[{"name": "one", "return_period": 10.0}])
+    rockfall.hazard(case).to_netcdf("hazard.nc")
+    Path("dem.tif").unlink()
+    assert main(["report", "hazard.nc", "-o", "page.html"]) == 0
+    assert "figures have no relief, give the DEM of the run" in capsys.readouterr().err

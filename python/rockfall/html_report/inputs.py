@@ -14,7 +14,6 @@ from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.validity.rebounds import followed_text
 from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.case.zones import case_zones
-from rockfall.errors import RockfallError
 from rockfall.grounds import named_ground, usual_name
 from rockfall.html_report.validity import has
 from rockfall.io.input_warnings import InputWarning
@@ -141,20 +140,14 @@ def doubts_note(doubts: list[tuple[str, str]]) -> Iterator[str]:
 
 
 def zone_table(result: xr.Dataset) -> Iterator[Table]:
-    """Rock sizes on the slope, by zones if their table still exists."""
+    """Rock sizes on the slope, by zones. Raises a RockfallError if their files cannot be read."""
     case = case_of(result)
     surface = case.surface
     if "table" in surface and surface["table"] != FROM_ARRAY:
-        try:
-            _, columns, rows = read_table(case.path(surface["table"]))
-            yield _zones([name for name in columns if name], [row.cells for row in rows])
-        except RockfallError:
-            return
+        _, columns, rows = read_table(case.path(surface["table"]))
+        yield _zones([name for name in columns if name], [row.cells for row in rows])
     elif "zones" in surface and surface["zones"] != FROM_ARRAY:
-        try:
-            yield _polygon_zones(case_zones(case))
-        except RockfallError:
-            return
+        yield _polygon_zones(case_zones(case))
     elif any(key.startswith("uniform") for key in surface):
         sizes = np.ravel(surface.get("uniform_mean_radius", surface.get("uniform_rg", [])))
         heads = list(RADII.values())[slice(0, 1) if sizes.size == 1 else slice(1, 4)]
@@ -196,15 +189,12 @@ def _size(row: dict[str, str], name: str) -> str:
 
 
 def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
-    """Map of the grounds; None if there is a single one, or if the files of the run no longer
-    exist."""
+    """Map of the grounds; None if there is a single one. Raises a RockfallError if files of the run
+    cannot be read."""
     case = case_of(result)
     if FROM_ARRAY in result.attrs["case"] or "zones" not in case.surface:
         return None
-    try:
-        scene = read_scene(case)
-    except RockfallError:
-        return None
+    scene = read_scene(case)
     if scene.rasters.zone is None or scene.windows or not 1 < len(scene.rasters.sizes) <= MATERIALS:
         return None
     labels = _zone_labels(case, scene.rasters.sizes)

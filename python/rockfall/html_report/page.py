@@ -8,7 +8,7 @@ The modules of this package provide numbers and texts; `templates` define the st
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,6 +51,8 @@ from rockfall.language import say, speaking
 from rockfall.plots.figures import LABORATORY, drawn_lines, figures, section_entry
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.plots.history_figure import history_figure
+from rockfall.plots.left_out import LeftOut
+from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.dams import dams_of
 from rockfall.protection.design import design
@@ -96,6 +98,7 @@ if TYPE_CHECKING:
 PDF = ".pdf"
 NOBODY = Parties()
 GROUNDS = "page.grounds_radii_of_their_rocks"
+GROUND_PART = "page.part_grounds"
 DRAWN_LINES = 8  # lines with figures; the tables have all
 
 
@@ -109,7 +112,8 @@ class ReportInputs:
     view of the result, from `rockfall.show`. With `on_paper` all maps are figures. `hazard`, from
     `rockfall.hazard`, adds its zones; `models`, from `rockfall.studies.models`, the spread over
     rebound models; `section`, from `rockfall.section`, its figure; `factors` is a table with the
-    numbers of a standard, as in `rockfall.design`.
+    numbers of a standard, as in `rockfall.design`; `left` notes what the page leaves out, because a
+    file of the case cannot be read.
     """
 
     result: xr.Dataset
@@ -123,6 +127,8 @@ class ReportInputs:
     models: Models | None = None
     section: Section | None = None
     factors: str | Path | None = None
+    of_site: bool = False  # `observed` is that of the case
+    left: LeftOut = field(default_factory=LeftOut)
 
 
 def write_report(inputs: ReportInputs, path: str | Path, language: str = "en") -> None:
@@ -176,7 +182,8 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     terrain, hazard, models = inputs.terrain, inputs.hazard, inputs.models
     observed, parties, on_paper = inputs.observed, inputs.parties, inputs.on_paper
     zoomed = set() if on_paper else {f"map_{name}" for name in result.data_vars}
-    drawn = figures(result, terrain, observed, inputs.look, DRAWN_LINES)
+    left = inputs.left
+    drawn = figures(result, terrain, observed, inputs.look, DRAWN_LINES, left)
     shown = [figure for figure in drawn if figure.name not in zoomed]
     lines = len(line_names(result))
     add_steps(3 * lines + len(shown) + min(lines, DRAWN_LINES))
@@ -188,11 +195,16 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     laboratory = [figure for figure in shown if figure.name in LABORATORY]
     if not sets_of(result):
         laboratory = []  # the reference is not what rebounds followed
-    grounds = ground_figure(result, terrain)
+    zones = left.attempt(GROUND_PART, lambda: [*zone_table(result)])
+    grounds = None if zones is None else left.attempt(GROUND_PART, ground_figure, result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))
     doubts = doubtful_inputs(result, hazard)
     remarks = model_remarks(result, case_of(result))
-    compared = None if observed is None else compare(result, observed)
+    compared = None
+    if observed is not None and inputs.of_site:
+        compared = left.attempt("page.part_observed", compare, result, observed)
+    elif observed is not None:
+        compared = compare(result, observed)
     agreement = [] if compared is None else [disagreement(compared)]
     outside = [
         *doubts_note(doubts), *warnings(result),
@@ -200,6 +212,7 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
         *missing_spread(result, models),
     ]  # fmt: skip
     outside += scenario_note(case_of(result))
+    outside += [f"{capital(text)}." for text in left.notes()]
     texts: dict[str, Any] = {
         "title": str(result.attrs["title"]) or "rockfall",
         "question": question(rows, hazard is not None),
@@ -235,7 +248,7 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
         indices=[index for k, index in enumerate(ranges) if k % PER_LINE],
         inputs=[
             input_table(result, parties),
-            *zone_table(result),
+            *(zones or ()),
             *dam_tables(dams_of(result)),
             *stand_tables(stands_of(result)),
         ],

@@ -21,6 +21,7 @@ from rockfall.io.output_files import atomic_folder, check_outputs
 from rockfall.language import say, say_count
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.along_figures import line_profile_figure
+from rockfall.plots.left_out import LeftOut
 from rockfall.plots.line_figures import DRAWN, distribution_figure, passing_figure
 from rockfall.plots.map_figures import (
     MAX_TRAJECTORIES,
@@ -85,6 +86,7 @@ def figures(
     observed: Any = None,
     look: Look | None = None,
     most_lines: int | None = None,
+    left: LeftOut | None = None,
 ) -> list[Figure]:
     """Figures of a result, in reading order.
 
@@ -92,7 +94,8 @@ def figures(
     profiles. `observed`, from `rockfall.analysis.observed.observations.read_observed`, adds its
     summaries and samples to the distributions at the lines, its distances and fractions to the
     curve of passing, its stops to the maps. `look` has limits between classes and a basemap. With
-    more than `most_lines` lines, those that most boulders pass are drawn.
+    more than `most_lines` lines, those that most boulders pass are drawn. `left` notes what cannot
+    be drawn, because a file of the case cannot be read.
     """
     if "boulder" not in result.sizes or not simulated(result):
         raise RockfallError("a result without boulders has no figures")
@@ -103,7 +106,7 @@ def figures(
         *_passages(result, terrain, observed, look),
         *(_at_lines(result, observed, drawn_lines(result, most_lines)) if rows else ()),
         *_ranges(result),
-        *_rebounds(result),
+        *_rebounds(result, left or LeftOut()),
         *_maps(result, terrain, look),
     ]
 
@@ -264,7 +267,7 @@ def _ranges(result: xr.Dataset) -> Iterator[Figure]:
         )
 
 
-def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
+def _rebounds(result: xr.Dataset, left: LeftOut) -> Iterator[Figure]:
     """Figures over all rebounds (paper, Figs 11 to 14), and the impact set behind them (Fig. 5)."""
     if "incidence_angle_histogram" in result and result["incidence_angle_histogram"].any():
         n = int(result["incidence_angle_histogram"].sum())
@@ -283,7 +286,8 @@ def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
         ):  # fmt: skip
             yield Figure(name, title, what, partial(histogram_figure, result, *shown))
     named = str(result.attrs["impact_set"])
-    impact_set = set_of(result) if named in sets_followed(result, named) else None
+    followed = named in sets_followed(result, named)
+    impact_set = left.attempt("page.part_set", set_of, result) if followed else None
     if impact_set is not None:
         yield Figure(
             "impact_set",
@@ -293,14 +297,12 @@ def _rebounds(result: xr.Dataset) -> Iterator[Figure]:
         )
 
 
-def set_of(result: xr.Dataset) -> Sets | None:
-    """Impact set of a run, if its file still exists unchanged."""
-    try:
-        path = set_path(case_of(result))
-        same = open_sets(path).checksum == result.attrs["impact_set_checksum"]
-        return read_sets(path)[0] if same else None
-    except RockfallError:
-        return None
+def set_of(result: xr.Dataset) -> Sets:
+    """Impact set of a run. Raises a RockfallError if its file cannot be read, or has changed."""
+    path = set_path(case_of(result))
+    if open_sets(path).checksum != result.attrs["impact_set_checksum"]:
+        raise RockfallError(f"{path}: is not the impact set of the run (SHA-256 differs)")
+    return read_sets(path)[0]
 
 
 def _maps(result: xr.Dataset, terrain: Terrain | None, look: Look | None) -> Iterator[Figure]:

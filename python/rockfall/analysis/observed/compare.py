@@ -51,6 +51,7 @@ from rockfall.result.crossings import line_names, line_values
 from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import ends, left_terrain
 from rockfall.result.variables import ENDS
+from rockfall.scene.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -107,10 +108,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     """
     seen = read_observed(*observed, grid=grid_for(result, observed))
     names = line_names(result)
-    for line, where in seen.lines.items():
-        if line not in names:
-            has = ", ".join(names) or "no lines"
-            raise RockfallError(f"{where}: line {line}: is not in the result, which has {has}")
+    _check_lines(seen, names)
     check_rows(result, "a comparison")
     check_exchanged(seen, result)
     method = case_of(result).surface["method"]
@@ -142,9 +140,29 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
 
 
 def observed_files(case: Case) -> list[Path]:
-    """Files of `&observed` of a case, those that exist where it is."""
-    paths = [case.path(name) for name in case.observed.get("files", [])]
-    return [path for path in paths if path.exists()]
+    """Files of `&observed` of a case."""
+    return [case.path(name) for name in case.observed.get("files", [])]
+
+
+def site_observations(site: xr.Dataset | Scene) -> Observed | None:
+    """Observations that the case of a result or a scene names, None if it names none. Raises a
+    RockfallError for files that cannot be read, or are not of this site."""
+    case = site.case if isinstance(site, Scene) else case_of(site)
+    if not (files := observed_files(case)):
+        return None
+    grid = site.grid if isinstance(site, Scene) else grid_for(site, files)
+    seen = read_observed(*files, grid=grid)
+    _check_lines(seen, [line["name"] for line in case.lines])
+    check_exchanged(seen, site.grid if isinstance(site, Scene) else site)
+    return seen
+
+
+def _check_lines(seen: Observed, names: list[str]) -> None:
+    """Refuse observations at lines that a run does not have."""
+    for line, where in seen.lines.items():
+        if line not in names:
+            has = ", ".join(names) or "no lines"
+            raise RockfallError(f"{where}: line {line}: is not in the result, which has {has}")
 
 
 def disagreement(comparison: Comparison) -> Text:

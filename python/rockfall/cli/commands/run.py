@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rockfall.analysis.observed.compare import compare, disagreement, observed_files
+from rockfall.analysis.observed.compare import compare, disagreement, site_observations
 from rockfall.case import Case
 from rockfall.case.files import input_files
 from rockfall.cli.given import overridden, scene_of, stem_of
@@ -17,6 +17,8 @@ from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, interrupts
 from rockfall.io.output_files import EXISTS, check_result_path, overwriting
+from rockfall.language import Text
+from rockfall.language import say as words
 from rockfall.result.dataset import write_result
 from rockfall.result.samples import simulated
 from rockfall.scene.scene import Scene
@@ -30,6 +32,7 @@ from rockfall.studies.run_until import simulate_until, verdicts_of
 from rockfall.text.summary import summary
 
 if TYPE_CHECKING:
+    from rockfall.analysis.observed.observations import Observed
     from rockfall.result.contents import Contents
 
 
@@ -96,6 +99,7 @@ def _run_to(
     checkpoint: Checkpoint | None,
 ) -> int:
     scene = scene_of(case, arguments)
+    seen = site_observations(scene)  # refuses what could not be compared after the run
     if arguments.resume and path.exists() and not checkpoint_of(path).exists():
         empty = start(scene, threads=1, shard=shard)
         boulders = range(empty.before + 1, empty.before + empty.boulders + 1)
@@ -116,10 +120,18 @@ def _run_to(
             warn(f"--until {verdict}")
     if not arguments.quiet:
         print(summary(result))
-        if files := observed_files(case):
-            print(f"  {disagreement(compare(result.dataset(), *files))}")
+        if seen is not None:
+            print(f"  {_agreement(result, seen)}")
         print(path)
     return DONE
+
+
+def _agreement(result: Contents, seen: Observed) -> Text:
+    """Agreement of a run with its site; the reason, if this run cannot be compared."""
+    try:
+        return disagreement(compare(result.dataset(), seen))
+    except RockfallError as error:
+        return words("page.left_out", parts=words("page.part_observed"), why=error.faults[0])
 
 
 def _write(result: Contents, path: Path, checkpoint: Checkpoint | None) -> None:
