@@ -80,7 +80,7 @@ files, but no inputs. Several files are written all together or not at all.
 
 - `input_checksums`: SHA-256 of the named files.
 - `decoded_checksums`: SHA-256 of the data read: elevations and their place (`dem`), the radius of
-  each cell (`surface`), the `sources`. Parts and checkpoints ([files.md](files.md)) must agree in
+  each cell (`surface`), the `sources`. [Parts and checkpoints](part_file.md) must agree in
   both.
 - `input_warnings`: JSON list of [likely mistakes of inputs](start/checks.md): place, text in
   English, id and values of the message for translation.

@@ -35,6 +35,7 @@ from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, 
 from rockfall.scene.rebounds.sets import Sets, read_sets
 
 SLOPES = range(24, 47, 2)  # [degree]
+PRINTED = range(26, 47, 4)  # of these on the page; the figure has all
 RATIOS = range(1, 6)
 FULL = ("vaujany-observed",)  # sets with numbers at the line
 DISTANCE = 200.0  # from the release to the line [m]
@@ -194,9 +195,12 @@ def look_at_tables(boulders: int) -> Measured:
 
 
 def text(number: Number, digits: int, scale: float = 1.0) -> str:
+    """A number with its standard error; of percentages the page has the error once."""
     value, error = number
     if np.isnan(value):
         return "-"
+    if scale == 100.0:
+        return f"{scale * value:.{digits}f}"
     return f"{scale * value:.{digits}f} ± {scale * error:.{digits}f}"
 
 
@@ -226,20 +230,21 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
         "# Shipped impact sets and tables on planes",
         "",
         *wrap(
-            f"{boulders:,} boulders for each number, released {DROP:g} m above a plane; a line "
-            f"{DISTANCE:g} m further down, in plan. R_b/R_m is the same everywhere, boulders turn "
-            "past the aspect. By tables of impacts blocks are compact, and R_b/R_m = "
-            f"{RATIO_OF_TABLES} where it matters. Of sets other than `{'`, `'.join(FULL)}` this "
-            "page has neutral slopes only. It and its figure are written by "
-            "`benchmarks/accuracy/planes.py`.",
+            f"This page compares rebound models on planes: {boulders:,} boulders for each number, "
+            f"released {DROP:g} m above a plane, {DISTANCE:g} m (in plan) uphill of the line. "
+            "R_b/R_m is constant and boulders turn past the aspect. Tables of impacts use compact "
+            f"blocks, with R_b/R_m = {RATIO_OF_TABLES} where a size is needed. Of sets other than "
+            f"`{'`, `'.join(FULL)}` the page has neutral slopes only. "
+            "`benchmarks/accuracy/planes.py` writes the page and its figure.",
             100,
         ),
         "",
         *wrap(
-            "± is the standard error; - where too few pass to know the number. On the **neutral "
-            "slope** boulders that go straight down neither gain nor lose speed in the long run; "
-            "those that turn descend less steeply. There is no terminal velocity: what is steeper "
-            "makes them faster without end.",
+            f"± is the standard error, of fractions at most {50 / np.sqrt(boulders):.1f} %; - "
+            "marks numbers that too few boulders support. On the **neutral slope** boulders that "
+            "go straight down neither gain nor lose speed in the long run; those that turn descend "
+            "less steeply. On steeper planes they accelerate without a terminal velocity. *Flown* "
+            "slopes are measured on boulders of the program, the others follow from the set.",
             100,
         ),
         "",
@@ -264,6 +269,7 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
                         for column in one.columns
                     ]
                     for slope in SLOPES
+                    if slope in PRINTED
                 },
             )
     return "\n".join(lines).rstrip("\n") + "\n"

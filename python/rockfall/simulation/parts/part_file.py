@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Part files (docs/files.md): results of some boulders of a run, with tallies that sum to those of
-the complete run. Checkpoints, results of shards and results of rockfall-batch are part files."""
+"""Part files (docs/part_file.md): results of some boulders of a run, with tallies that add up.
+Checkpoints, results of shards and results of `rockfall-batch` are part files."""
 
 from __future__ import annotations
 
