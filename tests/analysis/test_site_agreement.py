@@ -11,6 +11,7 @@ import rockfall
 from rockfall.analysis.observed.compare import compare, disagreement
 from rockfall.analysis.validity.site import angle_remarks
 from rockfall.cli import main
+from rockfall.result.variables import STATUS
 
 
 @pytest.fixture
@@ -43,6 +44,42 @@ def test_the_angle_of_one_percent_is_set_beside_the_lowest_observed(seen):
     assert not list(angle_remarks(result, case))
     few = result.isel(boulder=slice(0, 999))
     assert not remark_on(few, case, angle)
+
+
+def of_angles(angles, moving=0, sources=1):
+    """Boulders of these energy-line angles, from equally many of each source; the first of them
+    left the terrain."""
+    n = len(angles)
+    status = np.where(np.arange(n) < moving, STATUS["left_domain"], STATUS["stopped"])
+    at = np.arange(n) * sources // n
+    fall = 100 * np.tan(np.radians(angles))
+    values = {"start_z": fall, "stop_z": np.zeros(n), "plan_distance": np.full(n, 100.0)}
+    return values | {"status": status, "source": at + 1, "start_x": at * 10.0, "start_y": at * 0.0}
+
+
+def test_sources_that_are_a_sample_make_the_angle_less_certain(place):
+    """The angle of each source is its own: of all sources it is known, of 20 among many it is
+    not."""
+    case = rockfall.read_case("case.nml")
+    values = of_angles(np.repeat(30.0 + np.arange(20), 100), sources=20)
+    for sources, key in (("all", "model.angle_flatter"), ("sample", "model.angle_as_observed")):
+        (remark,) = remark_on(values, case.replace(release={"sources": sources}), 30.5)
+        assert remark.text.key == key and "30.0°" in remark.text
+
+
+def test_boulders_that_left_the_terrain_come_at_least_so_far(place):
+    case = rockfall.read_case("case.nml")
+    angles = np.r_[np.full(40, 33.0), np.full(1960, 40.0)]
+    (remark,) = remark_on(of_angles(angles), case, 31.0)
+    assert remark.text.key == "model.angle_steeper"
+    few = remark_on(of_angles(angles, moving=5), case, 31.0)
+    assert [remark.text.key for remark in few] == ["model.angle_steeper", "model.angle_left"]
+    assert "5 of 2,000 boulders" in few[1].text and few[1].is_warning
+    (unknown,) = remark_on(of_angles(angles, moving=40), case, 31.0)
+    assert unknown.text.key == "model.angle_open" and unknown.is_warning
+    assert "40 of 2,000 boulders" in unknown.text
+    flatter, _ = remark_on(of_angles(angles, moving=40), case, 34.0)
+    assert flatter.text.key == "model.angle_flatter"
 
 
 def test_a_run_agrees_with_its_own_boulders_and_not_with_others(seen):

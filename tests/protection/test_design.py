@@ -13,12 +13,12 @@ import pytest
 import rockfall
 from made import refused
 from rockfall.analysis.line_statistics import sample_numbers
-from rockfall.analysis.precision.intervals import Sources
+from rockfall.analysis.precision.intervals import Sources, quantile
 from rockfall.case import case_of
 from rockfall.cli import main
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.language import speaking
-from rockfall.protection.crossings import Crossings, crossings, passes, quantile
+from rockfall.protection.crossings import Crossings, crossings, passes
 from rockfall.protection.demand import ABOVE, class_for, demand
 from rockfall.protection.factors import DECIDES, NEEDED, Conditions, read_factors
 from rockfall.protection.selection import choices, height_for, read_costs

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.precision.intervals import Sources, between_ranks, sources
+from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.kernel_rules import barrier_outcomes
 from rockfall.result.crossings import at_line
 from rockfall.result.samples import check_rows
@@ -47,18 +47,6 @@ def crossings(result: xr.Dataset, line: int) -> Crossings:
     at = at_line(result, line)
     numbers = (at.values(name) for name in Crossings._fields[2:])
     return Crossings(sources(result)[at.boulders], at.volumes, *numbers)
-
-
-def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, float, float]:
-    """Quantile and the limits of its 95 % interval, as in line statistics; NaN without values, or
-    for a level that is not known."""
-    if not values.size or np.isnan(level):
-        return np.nan, np.nan, np.nan
-    ordered = np.sort(values)
-    value = float(np.quantile(ordered, level))
-    effective = source.effective_number(values <= value)
-    low, high = between_ranks(ordered, level, effective)
-    return value, float(low), float(high)
 
 
 def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from rockfall.analysis.precision.intervals import quantile
 from rockfall.kernel_rules import EAD_ENERGY
-from rockfall.protection.crossings import Crossings, quantile
+from rockfall.protection.crossings import Crossings
 from rockfall.protection.factors import Factors
 from rockfall.result.variables import ENDS
 from rockfall.scene.rebounds.rebound import sphere_radius

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import with_limits
-from rockfall.analysis.precision.intervals import fraction_interval, sources
+from rockfall.analysis.precision.intervals import fraction_interval, quantile, sources
 from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.protection.alignments import Alignment, Shift, drawn_scene, shifted_scene
-from rockfall.protection.crossings import crossings, passes, quantile
+from rockfall.protection.crossings import crossings, passes
 from rockfall.protection.demand import demand
 from rockfall.protection.design import conditions_of, unconfirmed_of
 from rockfall.protection.factors import Conditions, Factors, read_factors

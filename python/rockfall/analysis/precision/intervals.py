@@ -24,6 +24,8 @@ from rockfall.limits import MIN_FOR_MEAN
 from rockfall.result.crossings import has_crossed
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from rockfall.result.contents import Held
 
 TARGETS = (0.05, 0.02, 0.01)  # relative half-widths of an interval to plan for
@@ -276,9 +278,14 @@ def _inverse_of_cubic(t: float, a: float) -> float:
 def sources(result: Held) -> Sources:
     """Sources of the boulders of a result, by `source`. In a sample, sources at one place are
     merged: the place was chosen, whatever volumes it releases."""
-    places, sampled = result["source"].values, are_sampled(result)
+    return sources_of(result, are_sampled(result))
+
+
+def sources_of(values: Held | Mapping[str, ArrayLike], sampled: bool) -> Sources:
+    """Sources of boulders, as `sources`, from variables of a result or of boulders by name."""
+    places = np.asarray(values["source"])
     if sampled:
-        places = result["start_x"].values + 1j * result["start_y"].values
+        places = np.asarray(values["start_x"]) + 1j * np.asarray(values["start_y"])
     return Sources.of(_ranks(places), sampled)
 
 
@@ -337,6 +344,18 @@ def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[
         ranks_around(n, level, effective), np.arange(1, n + 1), ordered, np.nan, np.nan
     )
     return low, high
+
+
+def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, float, float]:
+    """Quantile and the limits of its 95 % interval, as in line statistics; NaN without values, or
+    for a level that is not known."""
+    if not values.size or np.isnan(level):
+        return np.nan, np.nan, np.nan
+    ordered = np.sort(values)
+    value = float(np.quantile(ordered, level))
+    effective = source.effective_number(values <= value)
+    low, high = between_ranks(ordered, level, effective)
+    return value, float(low), float(high)
 
 
 def ranks_around(n: int, level: float, effective: float) -> np.ndarray:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.observed.run_out import falls_and_distances
-from rockfall.analysis.precision.intervals import between_ranks
+from rockfall.analysis.observed.run_out import mean_slopes
+from rockfall.analysis.precision.intervals import quantile, sources_of
 from rockfall.analysis.validity.remark import Remark
 from rockfall.language import say
-from rockfall.quantities import percent
+from rockfall.quantities import part_of_boulders, percent
+from rockfall.result.variables import STATUS
 
 if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
@@ -20,18 +21,29 @@ if TYPE_CHECKING:
 
 FARTHEST = 0.01  # fraction of the boulders that comes to the lowest energy-line angles
 MIN_BOULDERS = 1000  # then the fraction is ten
+LOWEST = -90.0  # [degree] of any energy line
+MOVING = "left_domain", "hit_nodata", "impact_limit"  # ends in motion
 
 
 def angle_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remark on the energy-line angle that 1 % of the boulders come below, compared with the lowest
-    observed angle: a warning if its interval does not contain the observed angle."""
+    """Remarks on the energy-line angle that 1 % of the boulders come below, compared with the
+    lowest observed angle: a warning if its interval, by sources, does not contain the observed
+    angle. Boulders that left the terrain count with the angle of their exit for the upper limit,
+    and with the lowest of all for the lower one."""
     observed = case.observed.get("energy_line_angle")
     if observed is None or "start_x" not in values or np.size(values["start_x"]) < MIN_BOULDERS:
         return
-    fall, distance = falls_and_distances(values)
-    angles = np.sort(np.degrees(np.arctan2(fall, distance)))
-    low, high = between_ranks(angles, FARTHEST, float(angles.size))
+    angles, source = mean_slopes(values), sources_of(values, case.release["sources"] == "sample")
+    moving = np.isin(np.asarray(values["status"]), [STATUS[name] for name in MOVING])
+    angle, low, high = quantile(angles, FARTHEST, source)
+    _, open_low, _ = quantile(np.where(moving, LOWEST, angles), FARTHEST, source)
+    left, shown = part_of_boulders(int(moving.sum()), moving.size), {"observed": observed}
+    if open_low <= observed < low:
+        yield Remark(say("model.angle_open", part=left, **shown), True)
+        return
     key = "flatter" if high < observed else "steeper" if low > observed else "as_observed"
-    angle = float(np.quantile(angles, FARTHEST))
-    text = say(f"model.angle_{key}", part=percent(FARTHEST), angle=angle, observed=observed)
-    yield Remark(text, key != "as_observed")
+    is_warning = key != "as_observed"
+    shown |= {"part": percent(FARTHEST), "angle": angle}
+    yield Remark(say(f"model.angle_{key}", **shown), is_warning)
+    if moving.any():
+        yield Remark(say("model.angle_left", part=left), is_warning)
