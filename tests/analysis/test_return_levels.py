@@ -21,7 +21,7 @@ from rockfall.quantities import QUANTITIES as SHOWN
 from rockfall.result.crossings import at_lines, masses_of
 from rockfall.result.variables import MASS
 from rockfall.tables.lines import estimate, rising_estimates
-from rockfall.text import lines as linetables
+from rockfall.text import lines as lines_text
 from rockfall.text.summary import summary
 from scenes import grid, make_case, rough, sets
 
@@ -293,7 +293,7 @@ def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
     table = rockfall.return_levels(result, levels=(1000,))
     reason = "ties leave fewer than 50 boulders above a threshold"
     assert set(table["refused"]) == {"", reason}
-    printed = "\n".join(linetables._refused(table))
+    printed = "\n".join(lines_text._refused(table))
     assert printed.count("refused") == 1 and reason in printed
 
 
@@ -301,7 +301,7 @@ def test_numbers_of_any_size_stand_in_columns_of_their_own(capsys, tmp_path, res
     """Each table is one of cells apart by two blanks or more, the numbers as many as the heads."""
     many = result.assign(mass=("boulder", 1e4 * masses_of(result), MASS["mass"]))
     rockfall.write_result(many, tmp_path / "out.nc")
-    linetables.print_lines(tmp_path / "out.nc")
+    assert main(["lines", str(tmp_path / "out.nc")]) == 0
     rows = [re.split(r" {2,}", line.strip()) for line in capsys.readouterr().out.splitlines()]
     for head, (first, last) in (("mean", ("speed [m/s]", "E_rot / E_tot [%]")),
                                 ("max", ("speed [m/s]", "E_tot [kJ]"))):  # fmt: skip

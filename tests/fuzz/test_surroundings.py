@@ -171,7 +171,7 @@ def test_memory_that_ends_anywhere_is_one_line(error, monkeypatch, capsys, few_b
     def fail(arguments):
         raise error
 
-    monkeypatch.setattr("rockfall.cli.commands.check.preview", fail)
+    monkeypatch.setattr("rockfall.cli.commands.run.preview", fail)
     assert cli.main(["check", str(few_boulders)]) == 2
     assert capsys.readouterr().err.startswith("rockfall: not enough memory for this case: ")
 

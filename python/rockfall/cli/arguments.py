@@ -197,7 +197,7 @@ def _add_app(commands: _Commands) -> None:
 
 def _add_runs(commands: _Commands) -> None:
     text = "read and check everything, simulate a few boulders, estimate time and memory"
-    check = _add(commands, "check", "check", text, "CASE", writes=False)
+    check = _add(commands, "run", "check", text, "CASE", writes=False)
     run = _add(commands, "run", "run", "run a case and write its result as netCDF", "CASE")
     for parser in check, run:
         _add_memory(parser)
@@ -371,7 +371,7 @@ def _add_results(commands: _Commands) -> None:
     text = "of variants, for the report: NAME=AMOUNT"
     _option(compare, "--costs COST", str, text, nargs="+", default=[])
     _add_imprint(compare, "in the report")
-    lines = result("lines", LINES)
+    lines = _add(commands, "lines", "lines", LINES, "OUT.nc")
     _option(lines, "-o --output TABLE.csv", Path, "write them, too")
     _option(lines, "--by WHAT", str, "split them: source, volume or shape (of blocks)")
     text = "edges between classes of volume [m3], as 0.1,0.5,1; default: quarters of the boulders"

@@ -32,7 +32,6 @@ from rockfall.studies.difference_maps import difference_maps, write_variants
 from rockfall.studies.variants import compare_variants
 from rockfall.tables.comparison import comparison_text, ranks_text
 from rockfall.tables.variants import comparison_notes, variants_text
-from rockfall.text.lines import print_groups, print_hazard, print_lines, print_profile
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -155,43 +154,6 @@ def _cost(given: str) -> tuple[str, float]:
     if not name or math.isnan(cost := plain_decimal(amount)):
         raise RockfallError(f"--costs {given}: must be NAME=AMOUNT")
     return name, cost
-
-
-def lines_command(arguments: argparse.Namespace) -> int:
-    path, by, along, table = _path(arguments), arguments.by, arguments.along, arguments.output
-    for option, value, needed in (
-        ("--classes", arguments.classes, by == "volume" or "--by volume"),
-        ("--width", arguments.width, along is not None or "--along"),
-        ("--by", by, along is None or "to be without --along"),
-    ):
-        if value is not None and needed is not True:
-            raise RockfallError(f"{option}: needs {needed}")
-    if is_hazard(path):
-        for option, value in (("--by", by), ("--along", along)):
-            if value is not None:
-                raise RockfallError(f"{option}: is for results OUT.nc, a hazard has no boulders")
-        print_hazard(path, table)
-        return DONE
-    if by is not None:
-        print_groups(path, by, _edges(arguments.classes), table)
-    elif along is not None:
-        print_profile(path, along, arguments.width, table)
-    else:
-        with working():
-            print_lines(path, table)
-    warn_of_models(path)
-    return DONE
-
-
-def _edges(given: str | None) -> list[float] | None:
-    """Numbers separated by commas."""
-    if given is None:
-        return None
-    try:
-        return [float(edge) for edge in given.split(",")]
-    except ValueError as error:
-        what = "must be volumes [m3] between commas, as 0.1,0.5,1"
-        raise RockfallError(f"--classes {given}: {what}") from error
 
 
 def figures_command(arguments: argparse.Namespace) -> int:

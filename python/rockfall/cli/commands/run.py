@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs of a case to its result."""
+"""Preview and run of a case."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.observed.compare import compare, disagreement, site_observations
-from rockfall.case import Case
+from rockfall.case import Case, read_case
 from rockfall.case.files import input_files
-from rockfall.cli.given import overridden, scene_of, stem_of
+from rockfall.case.variants import variants
+from rockfall.cli.given import given_case, overridden, scene_of, stem_of
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, interrupts
@@ -29,11 +30,28 @@ from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.simulate import Interrupted, simulate, start
 from rockfall.simulation.tally import origin_of
 from rockfall.studies.run_until import simulate_until, verdicts_of
+from rockfall.text.preview import preview
 from rockfall.text.summary import summary
 
 if TYPE_CHECKING:
     from rockfall.analysis.observed.observations import Observed
     from rockfall.result.contents import Contents
+
+
+def check_command(arguments: argparse.Namespace) -> int:
+    cases = {} if arguments.variant else variants(read_case(arguments.case))
+    if not cases:
+        print(_preview(given_case(arguments), arguments))
+    blocks = (f"variant {key}\n{_preview(case, arguments)}" for key, case in cases.items())
+    for k, block in enumerate(blocks):
+        print(f"\n{block}" if k else block, flush=True)
+    return DONE
+
+
+def _preview(case: Case, arguments: argparse.Namespace) -> str:
+    scene = scene_of(case, arguments)
+    site_observations(scene)  # refuses what a run could not be compared with
+    return preview(scene)
 
 
 def run_command(arguments: argparse.Namespace) -> int:
