@@ -17,7 +17,7 @@ from typing import NamedTuple
 import xarray as xr
 
 from rockfall.grounds.impact_tables import USUAL_WEIGHT, save_table
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.netcdf import load_dataset
 from rockfall.kernel_rules import USUAL_DENSITY
 from rockfall_lab.blocks.case import CONSTANTS, BlockCase, restitution_of

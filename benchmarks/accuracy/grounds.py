@@ -33,7 +33,7 @@ from benchmarks.accuracy.planes import (
 )
 from benchmarks.machine import ROOT
 from rockfall.grounds import GroundTable, other_tables, shipped_grounds
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, save, styled
 
 SLOPES = range(15, 56, 5)  # [degree]

@@ -28,7 +28,7 @@ from rockfall.analysis.precision.intervals import sources
 from rockfall.errors import RockfallError
 from rockfall.grounds import table_names
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.rasters.grid import Grid
 from rockfall.kernel_rules import Z
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled

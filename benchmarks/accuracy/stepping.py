@@ -44,7 +44,7 @@ import rockfall
 from benchmarks import variant
 from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine
 from benchmarks.stability.real_terrain import steep_cells
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.rasters.dem import read_dem
 from rockfall.plots.style import BLUE, GREY, INK, STYLE, VERMILION
 from rockfall.result.crossings import at_lines, line_names

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import ROOT
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.scene.rebounds.sets import read_sets
 from rockfall_lab.scorecard.score import BESIDE, Score, Target, score, targets, verdict
 from rockfall_lab.scorecard.site import Site

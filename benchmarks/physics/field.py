@@ -44,7 +44,7 @@ from rockfall.analysis.observed.run_out import Sample
 from rockfall.errors import RockfallError
 from rockfall.field.download import fetch
 from rockfall.grounds import shipped_rows, yielding_ground
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.quantities import QUANTITIES
 from rockfall.result.crossings import line_names, line_values
 from rockfall.studies.validation import (

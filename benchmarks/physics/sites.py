@@ -23,7 +23,7 @@ from typing import NamedTuple
 from benchmarks.physics.laws import ground, table
 from rockfall.grounds import ABSORBS, YIELDING, shipped_rows, table_names
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 
 PRINTED = "bourrier2009", "vaujany-observed"  # sets that `observed` has anyway
 HALVES = "calibration", "held-out"  # of Tschamut

@@ -31,7 +31,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError, need
 from rockfall.field.download import fetch
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
 

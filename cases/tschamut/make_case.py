@@ -21,7 +21,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.field.download import fetch
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.tables import Row, read_table
 
 HERE = Path(__file__).parent

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.netcdf import write_compressed
 from rockfall.version import __version__
 from rockfall_lab._lab import lab_f2py as _lab

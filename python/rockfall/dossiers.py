@@ -16,7 +16,8 @@ from rockfall.files.hazard_files import read_hazard
 from rockfall.html_report.dossier_page import Given, parts_of, title_of, write_dossier_page
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import check_page, check_page_needs
-from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.atomic import atomic_folder
+from rockfall.io.output_files import check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.language import catalogue, speaking
 from rockfall.office.dossier import write_dossier_document, write_dossier_workbook

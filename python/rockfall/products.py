@@ -22,7 +22,7 @@ from rockfall.files.hazard_files import put_zones, read_hazard
 from rockfall.html_report.inputs import Parties
 from rockfall.html_report.page import ReportInputs, check_page, is_pdf, write_report
 from rockfall.html_report.variants_page import Given, write_variants_page
-from rockfall.io.output_files import atomic_folder
+from rockfall.io.atomic import atomic_folder
 from rockfall.io.rasters.grid import Grid
 from rockfall.io.rasters.raster_file import raster_files
 from rockfall.language import catalogue, say

@@ -134,7 +134,7 @@ def test_commands_that_work_for_long_try_to_rename_first(command, place, monkeyp
     more = groups.get(command.split()[0], "")
     Path("case.nml").write_text(Path("case.nml").read_text() + more)
     Path("seen.csv").write_text("x,y,energy\n600100,4999900,1\n")
-    monkeypatch.setattr("rockfall.io.files.replace", refuses)
+    monkeypatch.setattr("rockfall.io.output_files.replace", refuses)
     before = everything(place)
     assert main(command.split()) == 2
     assert "cannot rename files: Operation not permitted" in capsys.readouterr().err

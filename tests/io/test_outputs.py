@@ -19,8 +19,7 @@ import scenes
 from made import PLACE, UTM, leave_pictures_blank, make_raster, refused, write_ascii
 from rockfall.case.files import input_files
 from rockfall.cli import main
-from rockfall.io.files import atomic_write
-from rockfall.io.output_files import atomic_folder
+from rockfall.io.atomic import atomic_folder, atomic_write
 from rockfall.plots.figures import Figure as Drawing
 from scenes import grid
 from slope_case import CASE, TABLE, slope, zones
@@ -60,8 +59,8 @@ def place(ready, tmp_path, monkeypatch):
     shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     drawn = [Drawing(name, name, name, small) for name in ("passing", "profile", "stops")]
-    monkeypatch.setattr("rockfall.products.figures_of", lambda *_: drawn)
-    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: drawn)
+    monkeypatch.setattr("rockfall.products.figures_of", lambda *_, **_kept: drawn)
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_, **_kept: drawn)
     leave_pictures_blank(monkeypatch)
     return tmp_path
 
@@ -229,12 +228,12 @@ def test_a_full_disk_is_named_where_a_library_does_not(few_boulders, tmp_path, m
 NEW, OLD = "new\n", "old\n"
 
 
-def failing(call, error):
-    """`replace`, which fails once, at this call."""
+def failing(call, error, alone=False):
+    """`replace`, which fails once, at this call for files of a folder, or for files `alone`."""
     done = []
 
     def replace(source, target):
-        if source.name == "part":  # the trial before
+        if source.parent.name.startswith(".rockfall-") is not alone:
             return os.replace(source, target)
         done.append(source)
         if len(done) == call:
@@ -253,7 +252,7 @@ def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, ca
     for name in ("a.csv", "b.csv", "other.txt"):
         (folder / name).write_text(OLD)
     before = contents(tmp_path)
-    monkeypatch.setattr("rockfall.io.output_files.replace", failing(call, error))
+    monkeypatch.setattr("rockfall.io.atomic.replace", failing(call, error))
     with pytest.raises((rockfall.RockfallError, KeyboardInterrupt)) as caught:
         with atomic_folder(folder, last="z.csv") as part:
             for name in ("a.csv", "b.csv", "z.csv"):
@@ -276,7 +275,7 @@ def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, ca
 
 
 def test_folders_that_were_not_there_are_not_left(tmp_path, monkeypatch):
-    monkeypatch.setattr("rockfall.io.output_files.replace", failing(2, OSError(5, "broken")))
+    monkeypatch.setattr("rockfall.io.atomic.replace", failing(2, OSError(5, "broken")))
     with pytest.raises(rockfall.RockfallError, match="broken") as caught:
         with atomic_folder(tmp_path / "some" / "where") as part:
             (part / "a").touch()
@@ -294,7 +293,7 @@ def test_what_replaces_an_open_file_is_kept_next_to_it(place, monkeypatch, capsy
     """Windows renames nothing over a file that another program has open."""
     before = Path("r.nc").read_bytes()
     for kept in ("r-2.nc", "r-3.nc"):
-        monkeypatch.setattr("rockfall.io.files.replace", failing(1, HELD))
+        monkeypatch.setattr("rockfall.io.atomic.replace", failing(1, HELD, alone=True))
         assert main(["run", "case.nml", "-o", "r.nc", "--quiet", "--overwrite"]) == 2
         told = "cannot be replaced; is it open in another program? The new file is"
         assert capsys.readouterr().err == f"rockfall: r.nc: {told} {kept}\n"
@@ -305,7 +304,7 @@ def test_what_replaces_an_open_file_is_kept_next_to_it(place, monkeypatch, capsy
 def test_a_folder_with_an_open_file_keeps_its_files_and_leaves_the_new_ones(tmp_path, monkeypatch):
     (folder := tmp_path / "zones").mkdir()
     (folder / "a.csv").write_text(OLD)
-    monkeypatch.setattr("rockfall.io.output_files.replace", failing(1, HELD))
+    monkeypatch.setattr("rockfall.io.atomic.replace", failing(1, HELD))
     with pytest.raises(rockfall.RockfallError, match=r"^a.csv: .* open .*zones-2$"):
         with atomic_folder(folder) as part:
             (part / "a.csv").write_text(NEW)
@@ -349,7 +348,7 @@ def test_a_command_that_fails_half_way_changes_nothing(name, place, monkeypatch,
         before = contents(place)
         broken = failing(4 if earlier else 2, OSError(28, "No space left on device"))
         with monkeypatch.context() as once:  # figures stay blank afterwards
-            once.setattr("rockfall.io.output_files.replace", broken)
+            once.setattr("rockfall.io.atomic.replace", broken)
             capsys.readouterr()
             assert main(words) == 2
         said = capsys.readouterr().err

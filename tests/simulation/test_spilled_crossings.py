@@ -9,7 +9,7 @@ import pytest
 import rockfall
 from made import refused
 from programs import Killed, killed_after
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.result.dataset import put_netcdf
 from rockfall.scene.read import read_scene
 from rockfall.simulation import spilled_crossings

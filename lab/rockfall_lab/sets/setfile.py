@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import atomic_write, read_text
+from rockfall.io.atomic import atomic_write
+from rockfall.io.files import read_text
 from rockfall.scene.rebounds.sets import ERROR_MARK
 from rockfall_lab.case import LabCase, lab_case_of
 from rockfall_lab.spheres.experiment import STATUS, checksum

@@ -14,7 +14,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError, check_kernel
 from rockfall.interrupts import interrupts
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.netcdf import load_dataset, write_compressed
 from rockfall.simulation.progress import progress_bar
 from rockfall.simulation.simulate import check_team

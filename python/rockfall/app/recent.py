@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 
 MOST = 10
 

@@ -15,7 +15,7 @@ from rockfall.app.messages import Message
 from rockfall.app.room import about_shown
 from rockfall.app.server import PAGE, check_page
 from rockfall.errors import OUR_FAULT, RockfallError, need
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.output_files import check_output
 from rockfall.language import texts_of
 from rockfall.result.dataset import read_result

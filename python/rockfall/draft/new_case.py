@@ -26,8 +26,8 @@ from rockfall.draft.recognise import (
 )
 from rockfall.draft.zones import zones_of
 from rockfall.errors import RockfallError
+from rockfall.io.atomic import atomic_folder
 from rockfall.io.files import relative_name
-from rockfall.io.output_files import atomic_folder
 from rockfall.io.rasters.dem import read_dem
 from rockfall.scene.read import read_scene
 from rockfall.scene.releases.sources import threshold

@@ -11,7 +11,7 @@ import numpy as np
 
 from rockfall.errors import need
 from rockfall.files.vector_style import Style, paint
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 
 NAMING = ("name", "object")  # attributes of lines and objects that are written next to them
 TEXT_HEIGHT = 5.0  # [m]

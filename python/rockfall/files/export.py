@@ -31,9 +31,9 @@ from rockfall.files.trajectory_layers import (
     trajectory_features,
 )
 from rockfall.files.vector_style import STYLES, Style, put_styles
+from rockfall.io.atomic import atomic_folder, atomic_write
 from rockfall.io.coordinates.crs import in_plan, plan_wkt
-from rockfall.io.files import atomic_write
-from rockfall.io.output_files import atomic_folder, why_unwritten
+from rockfall.io.output_files import why_unwritten
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.tables import spreadsheet_text

@@ -40,8 +40,8 @@ from rockfall.files.risk_files import (
 )
 from rockfall.files.segment_files import has_segments, segment_layer, segment_table
 from rockfall.files.vector_style import Style, alike, fill, marker, plain_type, thick
+from rockfall.io.atomic import atomic_folder
 from rockfall.io.netcdf import load_dataset, open_netcdf
-from rockfall.io.output_files import atomic_folder
 from rockfall.io.tables import write_csv
 from rockfall.result.dataset import put_netcdf
 from rockfall.result.maps.classes import classes_of, shown_as

@@ -13,7 +13,7 @@ import numpy as np
 
 from rockfall.files.geographic import Geographic
 from rockfall.files.vector_style import Style, Symbol, paint
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 
 #: Kinds of geometry whose heights are drawn; others lie on the viewer's own ground.
 IN_THE_AIR = ("LineString ZM",)

@@ -17,7 +17,7 @@ import numpy as np
 
 from rockfall.case import Case, facts, keys_of
 from rockfall.errors import RockfallError
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.netcdf import load_dataset, write_compressed
 from rockfall.kernel_rules import USUAL_WEIGHT
 

@@ -45,7 +45,7 @@ from rockfall.html_report.summary import (
     yearly_answers,
 )
 from rockfall.html_report.validity import cautions, sets_of, warnings
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.output_files import check_output
 from rockfall.language import say, speaking
 from rockfall.plots.figures import LABORATORY, drawn_lines, figures, section_entry

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall.errors import RockfallError, need
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.simulation.progress import add_steps, step
 
 if TYPE_CHECKING:

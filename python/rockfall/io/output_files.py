@@ -14,17 +14,11 @@ from contextvars import ContextVar
 from pathlib import Path
 
 from rockfall.errors import RockfallError
-from rockfall.interrupts import interrupts
-from rockfall.io.files import (
-    TEMPORARY,
-    check_regular,
-    check_renaming,
-    keep_next_to,
-    not_replaced,
-)
+from rockfall.io.files import check_regular
 from rockfall.io.netcdf import check_letters
 from rockfall.system import replace, reserve
 
+TEMPORARY = ".rockfall-"  # prefix of temporary folders
 RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 EXISTS = "already exists; not overwritten (--overwrite replaces it)"
 #: A disk with less left [bytes] is full to a library: some take back what they wrote last.
@@ -70,10 +64,24 @@ def check_output(
 def _check_place(path: Path, folder: Path) -> None:
     """Refuse an output in a folder without permission to write, or that cannot rename files."""
     try:
-        check_renaming(folder)
+        _try_renaming(folder)
     except OSError as error:
         cannot = "cannot rename files" if error.filename2 else "is not writable"
         raise RockfallError(f"{path}: folder {folder} {cannot}: {error.strerror}") from error
+
+
+def _try_renaming(folder: Path) -> None:
+    """Try what writing does last; an OSError if the folder permits no new folders and files,
+    or its file system cannot rename a file over another."""
+    descriptor, target = tempfile.mkstemp(dir=folder, prefix=TEMPORARY)
+    os.close(descriptor)
+    try:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=TEMPORARY) as place:
+            part = Path(place) / "part"
+            part.touch()
+            replace(part, Path(target))
+    finally:
+        os.unlink(target)
 
 
 def check_space(path: Path, size: int) -> None:
@@ -120,79 +128,10 @@ def check_folder(folder: Path, *, tries: bool = True) -> None:
     if folder.exists() and not folder.is_dir():
         raise RockfallError(f"{folder}: is a file, a folder is needed")
     if tries:
-        _check_place(folder, _existing(folder))
+        _check_place(folder, existing(folder))
 
 
-def _existing(folder: Path) -> Path:
+def existing(folder: Path) -> Path:
     """The folder, or the nearest of its parents that exists."""
     place = folder.resolve()
     return next(path for path in (place, *place.parents) if path.exists())
-
-
-@contextmanager
-def atomic_folder(
-    folder: str | Path, inputs: Iterable[str | Path] = (), last: str = ""
-) -> Iterator[Path]:
-    """Yield a temporary folder, whose files are moved to `folder` if the block succeeds, `last` at
-    the end. If it fails, nothing has changed; if a file of it cannot be replaced, as on Windows one
-    that is open, the new ones are left in a folder next to it."""
-    folder = Path(folder)
-    check_folder(folder, tries=False)
-    part = kept = None
-    try:
-        # accessible to its owner only
-        part = Path(tempfile.mkdtemp(dir=_existing(folder), prefix=TEMPORARY))
-        new, old = part / "new", part / "old"
-        for path in new, old:
-            path.mkdir()
-        yield new
-        paths = sorted(new.iterdir(), key=lambda path: path.name == last)
-        targets = [folder / path.name for path in paths]
-        check_outputs(targets, inputs)
-        moves = [(path, old / path.name) for path in reversed(targets) if os.path.lexists(path)]
-        moves += zip(paths, targets, strict=True)
-        try:
-            with _made(folder), interrupts():  # all of them, or none
-                _move_all(moves)
-        except OSError as error:
-            kept = keep_next_to(folder.resolve(), new)
-            raise RockfallError(
-                f"{error.filename or folder}: {not_replaced(error)} The new files are in {kept}"
-            ) from error
-    except OSError as error:
-        raise RockfallError(f"{folder}: cannot be written: {error.strerror or error}") from error
-    except RockfallError as error:
-        if kept is not None:
-            raise
-        raise RockfallError(str(error).replace(str(new), str(folder)), error.code) from error
-    finally:
-        if part and kept != new:
-            shutil.rmtree(part, ignore_errors=True)
-
-
-@contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Create a folder and its parents; new ones are removed again after an error."""
-    missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        yield
-    except BaseException:
-        for path in missing:
-            if path.exists():
-                path.rmdir()
-        raise
-
-
-def _move_all(moves: Iterable[tuple[Path, Path]]) -> None:
-    """Move files one by one; on a failure or Ctrl-C, all are moved back."""
-    begun = []
-    try:
-        for source, target in moves:
-            begun.append((source, target))
-            replace(source, target)
-    except BaseException:
-        for source, target in reversed(begun):
-            if os.path.lexists(target) and not os.path.lexists(source):
-                replace(target, source)
-        raise

@@ -14,7 +14,8 @@ import numpy as np
 
 from rockfall import kernel_rules
 from rockfall.errors import RockfallError
-from rockfall.io.files import atomic_write, check_text_file, reason
+from rockfall.io.atomic import atomic_write
+from rockfall.io.files import check_text_file, reason
 from rockfall.io.foreign_tables import check_table
 
 if TYPE_CHECKING:

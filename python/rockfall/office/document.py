@@ -8,7 +8,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.language import spoken, translated
 from rockfall.office.workbook import CONTROL
 from rockfall.table import Table

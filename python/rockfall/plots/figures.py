@@ -17,7 +17,8 @@ from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
 from rockfall.grounds.impact_sets import set_path
-from rockfall.io.output_files import atomic_folder, check_outputs
+from rockfall.io.atomic import atomic_folder
+from rockfall.io.output_files import check_outputs
 from rockfall.language import say, say_count
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.along_figures import line_profile_figure

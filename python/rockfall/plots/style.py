@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.language import localised, spoken
 from rockfall.simulation.progress import step
 

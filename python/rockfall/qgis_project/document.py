@@ -14,7 +14,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 from rockfall.files.qgis_style import HEAD
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.qgis_project.layers import Group, Layer
 
 VERSION = "3.22.0"

@@ -11,8 +11,8 @@ import numpy as np
 
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError
+from rockfall.io.atomic import atomic_write
 from rockfall.io.coordinates.crs import grid_mapping
-from rockfall.io.files import atomic_write
 from rockfall.io.input_warnings import stored_warnings
 from rockfall.io.netcdf import CACHE, open_dataset, open_netcdf
 from rockfall.io.output_files import check_result_path, why_unwritten

@@ -16,8 +16,8 @@ from rockfall.case import read_case
 from rockfall.case.text import Entry, Group, case_text
 from rockfall.draft.dem import read_source
 from rockfall.errors import RockfallError
+from rockfall.io.atomic import atomic_folder
 from rockfall.io.files import read_text, relative_name
-from rockfall.io.output_files import atomic_folder
 from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.tables import plain_decimal
 from rockfall.language import say

@@ -11,7 +11,8 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.case.files import input_files
-from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.atomic import atomic_folder
+from rockfall.io.output_files import check_folder, check_outputs
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import (
     CONVENTIONS,

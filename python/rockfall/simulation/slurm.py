@@ -14,7 +14,8 @@ from rockfall.case import read_case
 from rockfall.case.files import input_files
 from rockfall.case.variants import chosen_variant
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import atomic_folder, check_outputs
+from rockfall.io.atomic import atomic_folder
+from rockfall.io.output_files import check_outputs
 
 MAX_SHARDS = 10_000
 #: Jobs of an array that Slurm takes unless configured otherwise: MaxArraySize - 1.

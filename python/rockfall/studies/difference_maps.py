@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
 from rockfall.files.export import write_map
-from rockfall.io.output_files import atomic_folder
+from rockfall.io.atomic import atomic_folder
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.io.tables import write_csv
 from rockfall.kernel_rules import count_limits

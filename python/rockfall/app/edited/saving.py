@@ -19,8 +19,9 @@ from rockfall.case.text import namelist_text
 from rockfall.case.variants import BASE, variants
 from rockfall.errors import RockfallError
 from rockfall.files.export import write_geopackage
+from rockfall.io.atomic import atomic_folder
 from rockfall.io.coordinates.crs import plan_wkt
-from rockfall.io.output_files import atomic_folder, overwriting
+from rockfall.io.output_files import overwriting
 from rockfall.language import say
 from rockfall.scene.frames import GROUPS
 

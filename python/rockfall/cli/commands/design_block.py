@@ -9,7 +9,8 @@ from pathlib import Path
 from rockfall.analysis.design_block import DesignBlock, design_block
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError
-from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.atomic import atomic_folder
+from rockfall.io.output_files import check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.tables.design_block import design_block_text, scenario_text
 

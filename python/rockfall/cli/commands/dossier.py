@@ -28,7 +28,7 @@ from rockfall.errors import need
 from rockfall.html_report.dossier_page import answers
 from rockfall.html_report.inputs import Parties
 from rockfall.interrupts import interrupts
-from rockfall.io.output_files import atomic_folder
+from rockfall.io.atomic import atomic_folder
 from rockfall.protection.yearly import check_period
 from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.simulate import Interrupted

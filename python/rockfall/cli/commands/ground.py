@@ -19,7 +19,8 @@ from rockfall.grounds.measured_ground import (
     Scars,
     measure_ground,
 )
-from rockfall.io.files import atomic_write, read_text
+from rockfall.io.atomic import atomic_write
+from rockfall.io.files import read_text
 from rockfall.io.output_files import check_output, overwriting
 from rockfall.io.tables import spreadsheet_text, table_rows
 from rockfall.table import Table, as_text

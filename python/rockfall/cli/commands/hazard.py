@@ -24,8 +24,8 @@ from rockfall.cli.messages import DONE, print_files, say, warn
 from rockfall.errors import need
 from rockfall.files.hazard_files import put_hazard
 from rockfall.interrupts import interrupts
-from rockfall.io.files import atomic_write
-from rockfall.io.output_files import atomic_folder, check_output, overwriting
+from rockfall.io.atomic import atomic_folder, atomic_write
+from rockfall.io.output_files import check_output, overwriting
 from rockfall.language import catalogue, speaking
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.plots.hazard.hazard_sheet import Imprint, hazard_sheet, warning_pages

@@ -17,7 +17,8 @@ from rockfall.cli.given import warn_of_models
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError
 from rockfall.files.hazard_files import in_folder, is_hazard, read_hazard
-from rockfall.io.output_files import atomic_folder, check_output
+from rockfall.io.atomic import atomic_folder
+from rockfall.io.output_files import check_output
 from rockfall.io.tables import write_csv
 from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.style import save

@@ -21,7 +21,8 @@ from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError, need
 from rockfall.files.export import crs_wkt, write_geopackage
 from rockfall.files.hazard_files import in_folder, is_hazard, read_hazard
-from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.atomic import atomic_folder
+from rockfall.io.output_files import check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.language import speaking
 from rockfall.office.tables import check_tables, put_design

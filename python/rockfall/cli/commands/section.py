@@ -14,7 +14,8 @@ from rockfall.case.files import files_behind
 from rockfall.cli.given import given_options, warn_of_models
 from rockfall.cli.messages import DONE, warnings_told
 from rockfall.errors import RockfallError, need
-from rockfall.io.output_files import atomic_folder, check_output
+from rockfall.io.atomic import atomic_folder
+from rockfall.io.output_files import check_output
 from rockfall.io.tables import plain_decimal
 from rockfall.plots.section_figure import section_figure
 from rockfall.plots.style import FORMATS, save

@@ -16,7 +16,8 @@ from rockfall.cli.given import given_case, given_options, overridden, stem_of, w
 from rockfall.cli.messages import DONE, say, warn_each
 from rockfall.errors import RockfallError, need
 from rockfall.interrupts import exit_status
-from rockfall.io.output_files import atomic_folder, check_outputs
+from rockfall.io.atomic import atomic_folder
+from rockfall.io.output_files import check_outputs
 from rockfall.io.rasters.dem import dem_header
 from rockfall.io.rasters.grid import Grid
 from rockfall.io.tables import write_csv

@@ -22,7 +22,8 @@ from rockfall.cli.given import memory_of, with_overrides
 from rockfall.cli.messages import DONE, print_files, say, warn, warn_each, warnings_told
 from rockfall.html_report.page import check_page_needs
 from rockfall.interrupts import interrupts
-from rockfall.io.output_files import atomic_folder, overwriting
+from rockfall.io.atomic import atomic_folder
+from rockfall.io.output_files import overwriting
 from rockfall.io.tables import write_csv
 from rockfall.language import catalogue
 from rockfall.products import report_variants

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import OUR_FAULT, RockfallError
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.rasters.grid import Grid, row_blocks
 
 _TILE = 256  # cells

@@ -10,8 +10,9 @@ from typing import Any
 
 from rockfall.case import FROM_ARRAY, REPEATABLE, Case, file_keys
 from rockfall.case.files import input_files
+from rockfall.io.atomic import atomic_folder
 from rockfall.io.files import relative_name
-from rockfall.io.output_files import atomic_folder, check_folder, check_outputs
+from rockfall.io.output_files import check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.result.contents import Contents
 from rockfall.result.dataset import put_netcdf

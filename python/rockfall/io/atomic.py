@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Atomic writing: files appear under their names only when complete, all of a folder or none."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rockfall.errors import RockfallError
+from rockfall.interrupts import interrupts
+from rockfall.io.output_files import TEMPORARY, check_folder, check_outputs, existing
+from rockfall.system import replace
+
+IN_USE = "cannot be replaced; is it open in another program?"
+
+
+@contextmanager
+def atomic_write(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path of the same name, renamed to `path` if the block succeeds and removed
+    if it fails. It is in a new folder next to `path` with access for its owner only, so that in a
+    shared folder nobody can place a link where format drivers will write. If the file cannot be
+    renamed, as on Windows over an open one, it is left next to `path`."""
+    path = Path(path)
+    try:
+        place = Path(tempfile.mkdtemp(dir=path.parent, prefix=TEMPORARY))
+    except OSError as error:
+        raise RockfallError(f"{path}: cannot be written: {error.strerror}") from error
+    part, kept = place / path.name, None
+    try:
+        yield part
+        try:
+            replace(part, path)
+        except OSError as error:
+            if not part.exists():  # it was not written
+                raise
+            kept = keep_next_to(path, part)
+            raise RockfallError(f"{path}: {not_replaced(error)} The new file is {kept}") from error
+    except OSError as error:
+        raise RockfallError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        if kept != part:
+            shutil.rmtree(place, ignore_errors=True)
+
+
+@contextmanager
+def atomic_folder(
+    folder: str | Path, inputs: Iterable[str | Path] = (), last: str = ""
+) -> Iterator[Path]:
+    """Yield a temporary folder, whose files are moved to `folder` if the block succeeds, `last` at
+    the end. If it fails, nothing has changed; if a file of it cannot be replaced, as on Windows one
+    that is open, the new ones are left in a folder next to it."""
+    folder = Path(folder)
+    check_folder(folder, tries=False)
+    part = kept = None
+    try:
+        # accessible to its owner only
+        part = Path(tempfile.mkdtemp(dir=existing(folder), prefix=TEMPORARY))
+        new, old = part / "new", part / "old"
+        for path in new, old:
+            path.mkdir()
+        yield new
+        paths = sorted(new.iterdir(), key=lambda path: path.name == last)
+        targets = [folder / path.name for path in paths]
+        check_outputs(targets, inputs)
+        moves = [(path, old / path.name) for path in reversed(targets) if os.path.lexists(path)]
+        moves += zip(paths, targets, strict=True)
+        try:
+            with _made(folder), interrupts():  # all of them, or none
+                _move_all(moves)
+        except OSError as error:
+            kept = keep_next_to(folder.resolve(), new)
+            raise RockfallError(
+                f"{error.filename or folder}: {not_replaced(error)} The new files are in {kept}"
+            ) from error
+    except OSError as error:
+        raise RockfallError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    except RockfallError as error:
+        if kept is not None:
+            raise
+        raise RockfallError(str(error).replace(str(new), str(folder)), error.code) from error
+    finally:
+        if part and kept != new:
+            shutil.rmtree(part, ignore_errors=True)
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Create a folder and its parents; new ones are removed again after an error."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for path in missing:
+            if path.exists():
+                path.rmdir()
+        raise
+
+
+def _move_all(moves: Iterable[tuple[Path, Path]]) -> None:
+    """Move files one by one; on a failure or Ctrl-C, all are moved back."""
+    begun = []
+    try:
+        for source, target in moves:
+            begun.append((source, target))
+            replace(source, target)
+    except BaseException:
+        for source, target in reversed(begun):
+            if os.path.lexists(target) and not os.path.lexists(source):
+                replace(target, source)
+        raise
+
+
+def not_replaced(error: OSError) -> str:
+    """Why a finished file did not take its name."""
+    return IN_USE if isinstance(error, PermissionError) else f"no renaming: {error.strerror}."
+
+
+def keep_next_to(path: Path, new: Path) -> Path:
+    """Move a file or folder next to the one that it cannot replace, as NAME-2, NAME-3, ...; it
+    stays in place on a file system that cannot rename."""
+    names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
+    kept = next(name for name in names if not os.path.lexists(name))
+    try:
+        os.rename(new, kept)
+    except OSError:
+        return new
+    return kept
