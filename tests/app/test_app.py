@@ -9,7 +9,6 @@ import os
 import re
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import threading
@@ -30,6 +29,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 
 import rockfall  # noqa: E402
 import scenes  # noqa: E402
+from app_messages import decoded  # noqa: E402
 from made import make_layer, make_page, make_raster  # noqa: E402
 from programs import makes_links, sends_signals  # noqa: E402
 from rockfall.app import exhibit, show  # noqa: E402
@@ -163,21 +163,6 @@ class Page:
 
     def close(self):
         self.socket.close()
-
-
-def decoded(message):
-    if isinstance(message, str):
-        return json.loads(message)
-    size = struct.unpack_from("<I", message)[0]
-    header, base = json.loads(message[4 : 4 + size]), 4 + size
-    assert base % 8 == 0
-    header["arrays"] = {
-        one["name"]: np.frombuffer(
-            message, f"<{one['dtype']}", int(np.prod(one["shape"])), base + one["offset"]
-        ).reshape(one["shape"])
-        for one in header["arrays"]
-    }
-    return header
 
 
 def same_variables(one, other):

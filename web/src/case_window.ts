@@ -32,6 +32,7 @@ import {
 } from './protocol';
 import { Results } from './results';
 import { RunBar } from './run_bar';
+import { SectionPanel } from './section/section_panel';
 import { Sender } from './sender';
 import { listenToKeys } from './shortcuts';
 import { ScenePane } from './scene_pane';
@@ -57,6 +58,10 @@ export class CaseWindow {
   private readonly statistics = new StatisticsPanel(
     (name) => this.selectLine(name),
     (lines) => this.chooser && this.want({ ...this.wanted, lines }),
+  );
+  private readonly section = new SectionPanel(
+    () => this.want({ ...this.wanted, section: [] }),
+    (place) => this.view.section.mark(place),
   );
   private readonly messages = new MessagePanel((error) => this.showError(error));
   private readonly features: FeaturePanel;
@@ -96,13 +101,12 @@ export class CaseWindow {
     this.shell = new Shell(parent);
     this.view = new MapView(this.shell.mapTarget);
     this.tools =
-      mode === 'case' && !connection.standalone
-        ? (Object.keys(TOOLS) as Tool[]).filter((tool) => this.canDraw(tool))
-        : [];
+      mode === 'start' || connection.standalone ? [] : (Object.keys(TOOLS) as Tool[]).filter((tool) => this.canDraw(tool));
     this.drawer = new Drawer(this.view, this.store, {
       onTool: (tool) => this.onTool(tool),
       onSelect: (id) => this.onSelect(id),
       propertiesOf: (layer) => propertiesOf(layer, forms, this.store, this.results.cell),
+      onSection: (section) => this.want({ ...this.wanted, section }),
       onReplaced: (count) => this.shell.say(say('app.replaced', { n: count })),
     });
     this.toolbar = new Toolbar(this.tools, (tool) => {
@@ -177,6 +181,13 @@ export class CaseWindow {
           this.updateCompare();
         },
         onLines: (all) => all && this.updateCompare(),
+        onSection: (message) => {
+          const before = JSON.stringify(this.section.message?.vertices);
+          this.view.section.show(message.header.vertices);
+          this.section.show(message);
+          this.refresh();
+          if (JSON.stringify(message.header.vertices) !== before) void this.view.fitSection();
+        },
       },
     );
     this.assemble();
@@ -301,7 +312,7 @@ export class CaseWindow {
       this.drawer.tool !== 'select' ? say(`app.hint.${this.drawer.tool}`) : empty ? say('app.hint.begin') : '',
     );
     this.view.dim(preliminary || failed);
-    this.shell.fitDock(this.results.header?.lines.length || this.store.layer('lines').length);
+    this.shell.fitDock(this.results.header?.lines.length || this.store.layer('lines').length, this.section.message !== null);
     // Without sources the hint shows what to do; with errors the warnings are those of an older state.
     this.messages.update(empty ? [] : errors, failed ? [] : (this.results.header?.warnings ?? []), this.state.warnings);
     this.features.update(errors, this.writer);
@@ -334,7 +345,7 @@ export class CaseWindow {
 
   private canDraw(tool: Tool): boolean {
     const { layer } = TOOLS[tool];
-    return layer === null || this.welcome.forms.layers[layer] !== undefined;
+    return layer === null || (this.welcome.mode === 'case' && this.welcome.forms.layers[layer] !== undefined);
   }
 
   private onDocument(changed: Difference): void {
@@ -346,7 +357,7 @@ export class CaseWindow {
   }
 
   private onTool(tool: Tool): void {
-    this.toolbar.show(tool, this.writer);
+    this.toolbar.show(tool, (one) => this.drawer.may(one));
     this.refresh();
   }
 
@@ -444,7 +455,7 @@ export class CaseWindow {
   private show(mode: Mode): void {
     this.mode = mode;
     this.shell.show(mode);
-    this.shell.fillDock(...(mode === 'compare' ? [this.compare.table] : [this.messages.root, this.statistics.root]));
+    this.shell.fillDock(...(mode === 'compare' ? [this.compare.table] : [this.section.root, this.messages.root, this.statistics.root]));
     this.topBar.showMode(mode);
     if (mode === 'scene') this.scene.show();
     else this.scene.hide();
@@ -515,8 +526,8 @@ export class CaseWindow {
   private showRole(): void {
     this.legend.enable(this.chooser);
     this.display.enable(this.chooser);
-    this.drawer.enable(this.writer);
-    this.toolbar.show(this.drawer.tool, this.writer);
+    this.drawer.enable(this.writer, this.chooser);
+    this.toolbar.show(this.drawer.tool, (one) => this.drawer.may(one));
     const reads = this.welcome.mode === 'case' && !this.writer && !this.connection.standalone;
     if (reads)
       this.shell.notice(

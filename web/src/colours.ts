@@ -109,6 +109,6 @@ export function ticks({ low, high, scale, whole }: ColourScale): number[] {
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * ([1, 2, 5].find((f) => f * power >= rough) ?? 10);
   const found: number[] = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high * (1 + 1e-9); k++) found.push(k * step);
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high * (1 + 1e-9); k++) found.push(k * step + 0); // not -0
   return found;
 }

@@ -15,9 +15,10 @@ import type { DocumentStore } from './document';
 import { GRABBED, handles, sketchStyle } from './map/feature_style';
 import { dataOf, setData, featureOf } from './map/features';
 import type { MapView } from './map/map_view';
-import { LAYERS, type Feature, type Layer, type Value } from './protocol';
+import { SECTION_STYLE } from './map/section_layer';
+import { LAYERS, type Feature, type Layer, type Position, type Value } from './protocol';
 
-export type Tool = 'select' | 'source' | 'source_area' | 'line' | 'net' | 'dam' | 'zone';
+export type Tool = 'select' | 'source' | 'source_area' | 'line' | 'net' | 'dam' | 'zone' | 'section';
 
 interface Drawing {
   layer: Layer;
@@ -33,6 +34,7 @@ export const TOOLS: Readonly<Record<Tool, Drawing | { layer: null; letter: strin
   net: { layer: 'barriers', type: 'LineString', letter: 'N' },
   dam: { layer: 'dams', type: 'LineString', letter: 'D' },
   zone: { layer: 'zones', type: 'Polygon', letter: 'Z' },
+  section: { layer: null, letter: 'P' },
 };
 
 const NEAR = 11; // pixels
@@ -43,11 +45,13 @@ export interface DrawListener {
   /** Properties of a new feature of a layer. */
   propertiesOf(layer: Layer): Record<string, Value>;
   onReplaced(count: number): void;
+  onSection(vertices: Position[]): void;
 }
 
 export class Drawer {
   tool: Tool = 'select';
   private enabled = false;
+  private asks = false; // may ask for a section
   private draw: Draw | null = null;
   private gesture = 0;
   private readonly chosen = new Collection<OlFeature>();
@@ -93,23 +97,28 @@ export class Drawer {
     this.activate();
   }
 
-  /** Allow to edit; without, features can only be looked at. */
-  enable(on: boolean): void {
+  /** Allow to edit, or only to ask for a section; without, features can only be looked at. */
+  enable(on: boolean, asks: boolean): void {
     this.enabled = on;
+    this.asks = asks;
     this.view.features.editable = on;
     if (!on) this.use('select');
     this.activate();
   }
 
   use(tool: Tool): void {
-    if (tool !== 'select' && !this.enabled) return;
+    if (!this.may(tool)) return;
     const { map } = this.view;
     if (this.draw) map.removeInteraction(this.draw);
     this.snaps.forEach((snap) => map.removeInteraction(snap));
     this.draw = null;
     this.tool = tool;
     const drawing = TOOLS[tool];
-    if (drawing.layer !== null) {
+    if (tool === 'section') {
+      this.draw = new Draw({ type: 'LineString', style: SECTION_STYLE, stopClick: true, maxPoints: 2 });
+      this.draw.on('drawend', ({ feature }) => this.cut(feature));
+      map.addInteraction(this.draw);
+    } else if (drawing.layer !== null) {
       this.select('');
       this.draw = new Draw({
         type: drawing.type,
@@ -124,6 +133,11 @@ export class Drawer {
     this.view.target.dataset['tool'] = tool;
     this.activate();
     this.listener.onTool(tool);
+  }
+
+  /** True for a tool that may be used. */
+  may(tool: Tool): boolean {
+    return tool === 'select' || (tool === 'section' ? this.asks : this.enabled);
   }
 
   select(id: string): void {
@@ -234,6 +248,13 @@ export class Drawer {
       this.select(feature.id);
       if (replaced) this.listener.onReplaced(replaced);
     });
+  }
+
+  private cut(sketch: OlFeature): void {
+    const geometry = sketch.getGeometry();
+    if (geometry instanceof LineString)
+      this.listener.onSection(geometry.getCoordinates().map(([x = 0, y = 0]): Position => [x, y]));
+    setTimeout(() => this.use('select'));
   }
 
   private click(event: MapBrowserEvent): void {

@@ -82,6 +82,7 @@ export interface Wanted {
   map: string;
   trajectories: number;
   lines: readonly string[];
+  section: readonly Position[]; // its vertices
 }
 /** A ground for a document that has none; `radius` of its rocks [m], where it needs one. */
 export interface GroundChoice {
@@ -236,7 +237,17 @@ export interface TrajectoriesMessage {
   append: boolean;
   count: number;
 }
-export type BinaryHeader = TerrainMessage | BackgroundMessage | BatchMessage | LinesMessage | TrajectoriesMessage;
+/** A section in SI units; its columns, of the names of `rockfall section`, are arrays. */
+export interface SectionMessage {
+  type: 'section';
+  revision: number;
+  vertices: Position[];
+  within: number;
+  error: string;
+  quantities: Record<string, { unit: string; factor: number; decimals: number }>;
+  lines: { name: string; kind: 'line' | 'barrier' | 'dam'; distance: number; height: number | null; q95: Record<string, (number | null)[]> }[];
+}
+export type BinaryHeader = TerrainMessage | BackgroundMessage | BatchMessage | LinesMessage | TrajectoriesMessage | SectionMessage;
 
 const KINDS = { f4: Float32Array, f8: Float64Array, u1: Uint8Array, u4: Uint32Array, i4: Int32Array };
 type Kind = keyof typeof KINDS;
@@ -299,7 +310,7 @@ export function decode(message: ArrayBuffer): Binary {
 
 /** Name of the variant of the case that results are of; '' for those of the document. */
 export function variantOf({ header }: Binary): string {
-  return (header.type === 'terrain' ? undefined : header.variant) ?? '';
+  return ('variant' in header ? header.variant : undefined) ?? '';
 }
 
 /** Narrow a binary message to those of a type. */

@@ -5,7 +5,7 @@ import { MapBar } from './map/furniture';
 import type { MapView } from './map/map_view';
 import type { DisplayPanel } from './panels/display';
 import type { StatisticsPanel } from './panels/statistics';
-import { hasStatistics, isOf, type BackgroundMessage, type BatchMessage, type Binary, type LinesMessage } from './protocol';
+import { hasStatistics, isOf, type BackgroundMessage, type BatchMessage, type Binary, type LinesMessage, type SectionMessage } from './protocol';
 import type { ScenePane } from './scene_pane';
 import type { Sender } from './sender';
 import type { Shell } from './shell';
@@ -27,6 +27,7 @@ export interface ResultListener {
   onBatch(): void;
   /** Statistics of further lines have come; all of them, or not yet. */
   onLines(all: boolean): void;
+  onSection(message: Binary<SectionMessage>): void;
 }
 
 export class Results {
@@ -54,6 +55,7 @@ export class Results {
       if ('revision' in message.header && message.header.revision < this.parts.sender.revision) return; // of an older state
       if (isOf(message, 'lines')) this.addLines(message.header);
       else if (isOf(message, 'batch')) this.setBatch(message);
+      else if (isOf(message, 'section')) this.listener.onSection(message);
       else if (isOf(message, 'trajectories')) this.setTrajectories(extended(this.trajectories, message));
     }
   }

@@ -83,9 +83,10 @@ export class Shell {
     this.dockNote.title = text;
   }
 
-  /** Give the table of statistics the height that its lines need; without lines the map has the room. */
-  fitDock(lines: number): void {
-    this.root.style.setProperty('--dock', `${lines ? 134 + 43 * lines : 104}px`);
+  /** Give the table of statistics the height that its lines need, and a section its own; without both the map has the room. */
+  fitDock(lines: number, section: boolean): void {
+    this.root.style.setProperty('--dock-most', section ? '54vh' : '42vh');
+    this.root.style.setProperty('--dock', section ? '440px' : `${lines ? 134 + 43 * lines : 104}px`);
   }
 
   show(mode: Mode): void {

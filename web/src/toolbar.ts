@@ -22,10 +22,10 @@ export class Toolbar {
     }
   }
 
-  show(tool: Tool, enabled: boolean): void {
+  show(tool: Tool, may: (tool: Tool) => boolean): void {
     for (const [name, made] of this.buttons) {
       made.setAttribute('aria-pressed', String(name === tool));
-      made.disabled = !enabled && name !== 'select';
+      made.disabled = !may(name);
     }
   }
 }

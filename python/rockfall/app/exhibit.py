@@ -25,6 +25,7 @@ from rockfall.app.pictures import (
     sampled_rows,
     trajectory_message,
 )
+from rockfall.app.sections import section_message
 from rockfall.case import case_of, given_groups
 from rockfall.io.rasters.grid import Grid
 from rockfall.language import LANGUAGES
@@ -38,7 +39,7 @@ from rockfall.scene.frames import GROUPS
 if TYPE_CHECKING:
     import xarray as xr
 
-    from rockfall.app.live import Send
+    from rockfall.app.progress import Send
 
 
 class Exhibit:
@@ -50,7 +51,8 @@ class Exhibit:
     def __init__(self, result: xr.Dataset, file: Path | None, send: Send | None = None) -> None:
         self.result, self.case, self._send = result, case_of(result), send
         self.view = View(next(iter(self.maps), ""))
-        self._ground = Ground(*_terrain(result, file))
+        self._terrain = _terrain(result, file)
+        self._ground = Ground(*self._terrain)
         forms = settings_forms(None), layer_forms(self.case, False, None)
         settings_form, layer_form = (
             {name: _fixed(form) for name, form in group.items()} for group in forms
@@ -82,7 +84,13 @@ class Exhibit:
 
     def look(self, view: View) -> None:
         """Change what is shown."""
-        self.view = view
+        before, self.view = self.view, view
+        if view.section != before.section:
+            self._tell("section", self._section())
+        if view != before._replace(section=view.section):
+            self._show()
+
+    def _show(self) -> None:
         for kind, message in self._pictures():
             self._tell(kind, message)
 
@@ -90,7 +98,7 @@ class Exhibit:
         """Change the language, in which everything with words is sent again."""
         if language != self.language:
             self.language = language
-            self.look(self.view)
+            self._show()
 
     def _tell(self, kind: str, message: Message) -> None:
         assert self._send is not None
@@ -123,6 +131,9 @@ class Exhibit:
         mass = masses(result, [trajectory.boulder for trajectory in shown], self.case)
         message = trajectory_message(shown, mass, self._ground, revision=0, append=False)
         yield "trajectories", message
+
+    def _section(self) -> bytes:
+        return section_message(self.result, self.view.section, self._terrain, revision=0)
 
     def _background(self) -> bytes:
         """Message with the places from which boulders started."""

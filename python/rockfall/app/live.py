@@ -3,28 +3,19 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import islice
 from threading import Condition, Event, Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rockfall.analysis.lines.section import PATHS
 from rockfall.app.edited.document import Document, Runnable, Site, runnable, with_output
 from rockfall.app.edited.features import Frame
 from rockfall.app.edited.places import entry_of, without_files
-from rockfall.app.line_table import LineTable
-from rockfall.app.messages import Message, Refused, binary_message, fault_message, text_message
-from rockfall.app.pictures import (
-    BY_SOURCE,
-    MAX_LINES,
-    Ground,
-    View,
-    background_message,
-    batch_message,
-    masses,
-    trajectory_message,
-)
+from rockfall.app.messages import Refused, fault_message, text_message
+from rockfall.app.pictures import BY_SOURCE, Ground, View, background_message
+from rockfall.app.progress import Progress, Send
+from rockfall.app.sections import MAPS
 from rockfall.case import REPEATABLE, Case, key_table
 from rockfall.case.variants import BASE
 from rockfall.case.zones import case_zones
@@ -33,19 +24,10 @@ from rockfall.io.rasters.dem import read_dem
 from rockfall.language import say, speaking, translated
 from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.scene.rules.plausible import input_warnings
-from rockfall.session.batch import Batch
 from rockfall.session.session import Session, open_session, scene_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 STEP = 0.05  # seconds of the kernel between looks at what to do
 FIRST_MAP = "passages"
-FIRST, SECOND = 0.0, 0.1  # seconds of the kernel before the first results, and between the next
-PATIENCE = 3.0  # seconds of the kernel for each that statistics and pictures take
-
-#: Sends a message of a kind, in place of earlier ones that it makes pointless (see `Outbox`).
-Send = Callable[[str, Message], None]
 
 
 @dataclass
@@ -76,8 +58,8 @@ class Live:
         self._layers: dict[str, Any] = {}
         self._ground: Ground | None = None
         self._seen: tuple[Any, Any, Any] = (None, None, None)  # in the background
-        self._progress: _Progress | None = None
-        self._aside: _Progress | None = None  # of a variant that is compared
+        self._progress: Progress | None = None
+        self._aside: Progress | None = None  # of a variant that is compared
         self._compared: list[Document] = []  # variants that wait for theirs
         self._thread = Thread(target=self._work, name="live", daemon=True)
 
@@ -135,9 +117,10 @@ class Live:
             return self.document, self.revision
 
     def look(self, view: View) -> None:
-        """Change what is shown; another map is another run."""
+        """Change what is shown; another map is another run, and so is a section, which has maps of
+        its own."""
         with self._wake:
-            if view.map != self.view.map:
+            if view.map != self.view.map or (view.section and not self.view.section):
                 self._pending.document = self._pending.document or self.document
                 self._pending.revision = self.revision
                 self._cancel.set()
@@ -270,12 +253,15 @@ class Live:
             self._closing, fields, lambda kind, message: self._send(f"variant {kind}", message)
         )
 
-    def _begin(self, cancel: Event, fields: dict[str, Any], send: Send) -> _Progress:
+    def _begin(self, cancel: Event, fields: dict[str, Any], send: Send) -> Progress:
         """Begin a run of the session."""
         assert self._session is not None and self._ground is not None
         batches = self._session.run(cancel=cancel, batch_seconds=STEP)
-        every_line = send is not self._send  # of a variant, whose page shows all of them
-        return _Progress(batches, fields, self.view, self._ground, send, self.language, every_line)
+        aside = send is not self._send
+        view = self.view._replace(section=()) if aside else self.view
+        rasters = scene_of(self._session).rasters
+        terrain = rasters.z, rasters.grid
+        return Progress(batches, fields, view, self._ground, terrain, send, self.language, aside)
 
     def _show_background(self, made: Runnable) -> None:
         """Send what of the case is no feature, if it has changed."""
@@ -296,7 +282,9 @@ class Live:
 
     def _change(self, made: Runnable) -> None:
         """Open the session, or change it; a layer that is as before keeps its frame."""
-        case = with_output(made.case, self.view.map)
+        shown, section = self.view.map, self.view.section
+        maps = [*([shown] if shown else []), *(MAPS if section else [])]
+        case = with_output(made.case, maps, PATHS if section else 0)
         frames: dict[str, Any] = {}
         for name, layer in made.layers.items():
             if self._layers.get(name) != layer:
@@ -317,104 +305,3 @@ def _changes(before: Case, after: Case) -> dict[str, Any]:
     for group in {key.group for key in key_table()} - {*REPEATABLE}:
         changes[group] = dict.fromkeys(getattr(before, group)) | getattr(after, group)
     return changes
-
-
-class _Progress:
-    """A run, and what of it has been sent."""
-
-    def __init__(
-        self, batches: Iterator[Batch], fields: dict[str, Any], view: View, ground: Ground,
-        send: Send, language: str, every_line: bool = False,
-    ) -> None:  # fmt: skip
-        self.over, self.told_running = False, True
-        self._batches, self._fields, self._view = batches, fields, view
-        self._ground, self._send = ground, send
-        self._language, self._every_line = language, every_line
-        self._table: LineTable | None = None  # of the last message
-        self._sent: set[int] = set()  # numbers of the boulders whose trajectories were sent
-        self._begun = time.perf_counter()
-        self._due = self._begun + FIRST  # of the next message
-        self._batch: Batch | None = None
-        self._told = 0  # boulders of the last message
-
-    def has_work(self, running: bool) -> bool:
-        """Return True if there is something to simulate or to report."""
-        return (running and not self.over) or self.told_running != running
-
-    def step(self, running: bool) -> bool:
-        """Advance the run, and send results when it is time, at last those of lines that are not in
-        view; False at its end."""
-        if not running:
-            self._tell(running)
-            return True
-        if self._batch is not None and self._batch.complete and self.told_running:
-            return self._tell_further()
-        if self._batch is None or not self._batch.complete:
-            batch = next(self._batches, None)
-            if batch is None:  # cancelled
-                return False
-            self._batch = batch
-        if self._batch.complete or time.perf_counter() >= self._due or not self.told_running:
-            self._tell(running)
-        return not self._batch.complete or self._has_missing()
-
-    def look(self, view: View) -> None:
-        """Show another number of trajectories, or other lines."""
-        before, self._view = self._view, view
-        if self._batch is not None and view.trajectories != before.trajectories:
-            self._sent = set()
-            self._tell_trajectories(self._batch, self._batch.dataset())
-        self._tell_lines(view.lines)
-
-    def _tell(self, running: bool) -> None:
-        """Send what is known, and plan the next message, so that the kernel gets most of the
-        time."""
-        self.told_running = running
-        batch = self._batch
-        if batch is None:
-            return
-        begun = time.perf_counter()
-        result = batch.dataset()
-        left = None
-        if batch.seconds and batch.boulders:
-            left = batch.seconds / batch.boulders * (batch.total - batch.boulders)
-        table = self._table = LineTable(result)
-        few = self._every_line or len(table.names) <= MAX_LINES
-        lines = table.entries(table.names if few else self._view.lines or table.names[:MAX_LINES])
-        message = batch_message(
-            result, batch.case, self._view.map, self._ground, self._language,
-            **self._fields, lines=lines, boulders=batch.boulders, total=batch.total,
-            complete=batch.complete, running=running and not batch.complete,
-            seconds=batch.seconds, seconds_left=left,
-        )  # fmt: skip
-        self._send("batch", message)
-        self._tell_trajectories(batch, result)
-        self._told = batch.boulders
-        now = time.perf_counter()
-        self._due = now + max(SECOND, PATIENCE * (now - begun))
-
-    def _has_missing(self) -> bool:
-        return self._table is not None and bool(self._table.missing)
-
-    def _tell_further(self) -> bool:
-        """Send the statistics of some lines that were not in view; False if there are no more."""
-        if self._table is not None:
-            self._tell_lines(list(islice(self._table.missing, MAX_LINES)))
-        return self._has_missing()
-
-    def _tell_lines(self, names: Sequence[str]) -> None:
-        """Send the statistics of these lines, of the boulders of the last message, if not sent."""
-        if self._table is not None and (lines := self._table.further(names)):
-            fields = {**self._fields, "boulders": self._told, "lines": lines}
-            self._send("lines", binary_message("lines", {}, **fields))
-
-    def _tell_trajectories(self, batch: Batch, result: xr.Dataset) -> None:
-        number = self._view.trajectories
-        new = batch.trajectories(number, skip=self._sent)
-        if not new and self._sent:
-            return
-        append = bool(self._sent)
-        self._sent |= {trajectory.boulder for trajectory in new}
-        mass = masses(result, [trajectory.boulder for trajectory in new], batch.case)
-        message = trajectory_message(new, mass, self._ground, **self._fields, append=append)
-        self._send("more" if append else "trajectories", message)

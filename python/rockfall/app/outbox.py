@@ -13,7 +13,8 @@ from rockfall.language import LANGUAGES
 
 #: Kinds of messages that make waiting ones of some kinds pointless.
 REPLACED = {
-    "batch": ("batch", "lines"), "state": ("state", "batch", "lines", "trajectories"),
+    "batch": ("batch", "lines"),
+    "state": ("state", "batch", "lines", "trajectories", "section"), "section": ("section",),
     "trajectories": ("trajectories",), "terrain": ("terrain",), "progress": ("progress",),
     "background": ("background",), "document": ("document",), "variant batch": ("variant batch",),
     "unfinished": ("unfinished",),

@@ -9,7 +9,7 @@ from threading import RLock
 from typing import Any, TypeAlias
 
 from rockfall.app.edited.document import Document
-from rockfall.app.edited.features import MAX_FEATURES, MAX_VERTICES
+from rockfall.app.edited.features import MAX_FEATURES, MAX_VERTICES, positions
 from rockfall.app.edited.forms import Form
 from rockfall.app.edited.opening import ground_choices, is_result, open_site
 from rockfall.app.edited.places import without_files
@@ -42,9 +42,13 @@ KEPT = (
     "batch",
     "lines",
     "trajectories",
+    "section",
 )  # sent to a page that enters
 ADDED = {"more": "trajectories", "lines": "lines"}  # kinds that add to those of a kind
-STALE = {"state": ("batch", "lines", "trajectories"), "batch": ("lines",)}  # kinds that it ends
+STALE = {
+    "state": ("batch", "lines", "trajectories", "section"),
+    "batch": ("lines",),
+}  # kinds that it ends
 
 Shown: TypeAlias = "Live | Exhibit"
 
@@ -234,7 +238,9 @@ class Room:
             or any(type(line) is not str for line in lines)
         ):
             raise Refused(say("app.server_wrong_type", name="lines"))
-        self._shown.look(View(name, number, tuple(lines)))
+        cut = message.get("section") or []
+        section = tuple(tuple(at) for at in positions(cut, 2, {})) if cut else ()
+        self._shown.look(View(name, number, tuple(lines), section))
 
     def _compare(self, _: Client, message: dict[str, Any]) -> None:
         live, variant = self._live(), message.get("variant")

@@ -4,7 +4,7 @@ import OlMap from 'ol/Map';
 import View from 'ol/View';
 import { defaults as defaultInteractions } from 'ol/interaction/defaults';
 import type Geometry from 'ol/geom/Geometry';
-import { buffer, createEmpty, extend, getHeight, getWidth, isEmpty } from 'ol/extent';
+import { buffer, containsExtent, createEmpty, extend, getHeight, getWidth, isEmpty } from 'ol/extent';
 import type BaseLayer from 'ol/layer/Base';
 import Projection from 'ol/proj/Projection';
 import { LAYER_COLOURS, type ColourScale } from '../colours';
@@ -14,6 +14,7 @@ import type { Shade, Terrain, Trajectories } from '../view3d/view3d';
 import { FeatureLayers } from './features';
 import { type Extent, RasterLayer } from './plot_layer';
 import { hillshade, resultRaster, zoneRaster } from './rasters';
+import { SectionLayer } from './section_layer';
 import { DotLayer, TrajectoryLayer } from './trajectory_layer';
 
 /** What can be switched on and off. */
@@ -50,6 +51,7 @@ export class MapView {
     halo: false,
   });
   private readonly stops = new DotLayer(22, { colour: LAYER_COLOURS.stops, radius: 1.3, shape: 'circle', halo: false });
+  readonly section = new SectionLayer(45);
   private readonly overlayCanvas = element('canvas');
   private overlayOpacity = 0.85;
   private preliminary = false;
@@ -71,6 +73,7 @@ export class MapView {
         this.trajectories,
         this.stops,
         ...this.features.all,
+        this.section,
       ],
     });
     this.map.on('change:size', () => this.fitAtFirst()); // after a fold of a panel, or a turn of a phone
@@ -224,6 +227,15 @@ export class MapView {
           minResolution: (this.terrain?.cell ?? 1) / 6,
           duration: 250,
         });
+  }
+  /** Fit a section that is not all in view, once the panels have their room. */
+  async fitSection(): Promise<void> {
+    await new Promise(requestAnimationFrame);
+    this.map.updateSize();
+    const extent = this.section.getSource()?.getExtent() ?? createEmpty();
+    if (isEmpty(extent) || containsExtent(this.map.getView().calculateExtent(), extent)) return;
+    this.moved = true;
+    this.fit(extent as Extent);
   }
   zoom(steps: number): void {
     this.moved = true;

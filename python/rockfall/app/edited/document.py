@@ -4,7 +4,7 @@ with layers, for a live run and for files alike."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -227,9 +227,11 @@ def _rest(
     ]  # fmt: skip
 
 
-def with_output(case: Case, shown: str) -> Case:
+def with_output(case: Case, maps: Iterable[str], trajectories: int) -> Case:
     """Case of a live run, which makes what is shown and no more: the bits of all else are the
     same."""
-    maps = [shown] if shown else None
-    output = {"maps": maps, "trajectories": None, "rebounds": None, "energy_balance": None}
+    output = {
+        "maps": [*dict.fromkeys(maps)] or None, "trajectories": trajectories or None,
+        "rebounds": None, "energy_balance": None,
+    }  # fmt: skip
     return case.replace(output=output)

@@ -107,16 +107,17 @@ def _coordinates(kind: str, given: Any, place: dict[str, str]) -> Any:
     if kind == "Point":
         return _position(given, place)
     if kind == "LineString":
-        return _positions(given, 2, place)
+        return positions(given, 2, place)
     if not isinstance(given, list) or not 0 < len(given) <= MAX_VERTICES:
         raise Refused(say("app.server_wrong_shape"), **place)
-    rings = [_positions(ring, 4, place) for ring in given]
+    rings = [positions(ring, 4, place) for ring in given]
     if any(ring[0] != ring[-1] for ring in rings):
         raise Refused(say("app.server_wrong_shape"), **place)
     return rings
 
 
-def _positions(given: Any, least: int, place: dict[str, str]) -> list[list[float]]:
+def positions(given: Any, least: int, place: dict[str, str]) -> list[list[float]]:
+    """Vertices that a page sends, at least this number; Refused at their place if they are none."""
     if not isinstance(given, list) or not least <= len(given) <= MAX_VERTICES:
         raise Refused(say("app.server_wrong_shape"), **place)
     return [_position(vertex, place) for vertex in given]

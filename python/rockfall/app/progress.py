@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A live run, and what of it has been sent."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from rockfall.app.line_table import LineTable
+from rockfall.app.messages import Message, binary_message
+from rockfall.app.pictures import (
+    MAX_LINES,
+    Ground,
+    View,
+    batch_message,
+    masses,
+    trajectory_message,
+)
+from rockfall.app.sections import section_message
+from rockfall.session.batch import Batch
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.result.trajectories import Terrain
+
+FIRST, SECOND = 0.0, 0.1  # seconds of the kernel before the first results, and between the next
+PATIENCE = 3.0  # seconds of the kernel for each that statistics and pictures take
+
+#: Sends a message of a kind, in place of earlier ones that it makes pointless (see `Outbox`).
+Send = Callable[[str, Message], None]
+
+
+class Progress:
+    """A run of a session, whose results are sent when it is time."""
+
+    def __init__(
+        self, batches: Iterator[Batch], fields: dict[str, Any], view: View, ground: Ground,
+        terrain: Terrain, send: Send, language: str, aside: bool = False,
+    ) -> None:  # fmt: skip
+        self.over, self.told_running = False, True
+        self._batches, self._fields, self._view = batches, fields, view
+        self._ground, self._terrain, self._send = ground, terrain, send
+        self._language = language
+        self._every_line = aside  # of a variant, whose page shows all of them
+        self._table: LineTable | None = None  # of the last message
+        self._sent: set[int] = set()  # numbers of the boulders whose trajectories were sent
+        self._begun = time.perf_counter()
+        self._due = self._begun + FIRST  # of the next message
+        self._batch: Batch | None = None
+        self._told = 0  # boulders of the last message
+
+    def has_work(self, running: bool) -> bool:
+        """Return True if there is something to simulate or to report."""
+        return (running and not self.over) or self.told_running != running
+
+    def step(self, running: bool) -> bool:
+        """Advance the run, and send results when it is time, at last those of lines that are not in
+        view; False at its end."""
+        if not running:
+            self._tell(running)
+            return True
+        if self._batch is not None and self._batch.complete and self.told_running:
+            return self._tell_further()
+        if self._batch is None or not self._batch.complete:
+            batch = next(self._batches, None)
+            if batch is None:  # cancelled
+                return False
+            self._batch = batch
+        if self._batch.complete or time.perf_counter() >= self._due or not self.told_running:
+            self._tell(running)
+        return not self._batch.complete or self._has_missing()
+
+    def look(self, view: View) -> None:
+        """Show another number of trajectories, another section, or other lines."""
+        before, self._view = self._view, view
+        if self._batch is not None and view.trajectories != before.trajectories:
+            self._sent = set()
+            self._tell_trajectories(self._batch, self._batch.dataset())
+        if self._batch is not None and view.section != before.section:
+            self._tell_section(self._batch.dataset())
+        self._tell_lines(view.lines)
+
+    def _tell_section(self, result: xr.Dataset) -> None:
+        vertices = self._view.section
+        message = section_message(result, vertices, self._terrain, **self._fields)
+        self._send("section", message)
+
+    def _tell(self, running: bool) -> None:
+        """Send what is known, and plan the next message, so that the kernel gets most of the
+        time."""
+        self.told_running = running
+        batch = self._batch
+        if batch is None:
+            return
+        begun = time.perf_counter()
+        result = batch.dataset()
+        left = None
+        if batch.seconds and batch.boulders:
+            left = batch.seconds / batch.boulders * (batch.total - batch.boulders)
+        table = self._table = LineTable(result)
+        few = self._every_line or len(table.names) <= MAX_LINES
+        lines = table.entries(table.names if few else self._view.lines or table.names[:MAX_LINES])
+        message = batch_message(
+            result, batch.case, self._view.map, self._ground, self._language,
+            **self._fields, lines=lines, boulders=batch.boulders, total=batch.total,
+            complete=batch.complete, running=running and not batch.complete,
+            seconds=batch.seconds, seconds_left=left,
+        )  # fmt: skip
+        self._send("batch", message)
+        self._tell_trajectories(batch, result)
+        if self._view.section:
+            self._tell_section(result)
+        self._told = batch.boulders
+        now = time.perf_counter()
+        self._due = now + max(SECOND, PATIENCE * (now - begun))
+
+    def _has_missing(self) -> bool:
+        return self._table is not None and bool(self._table.missing)
+
+    def _tell_further(self) -> bool:
+        """Send the statistics of some lines that were not in view; False if there are no more."""
+        if self._table is not None:
+            self._tell_lines(list(islice(self._table.missing, MAX_LINES)))
+        return self._has_missing()
+
+    def _tell_lines(self, names: Sequence[str]) -> None:
+        """Send the statistics of these lines, of the boulders of the last message, if not sent."""
+        if self._table is not None and (lines := self._table.further(names)):
+            fields = {**self._fields, "boulders": self._told, "lines": lines}
+            self._send("lines", binary_message("lines", {}, **fields))
+
+    def _tell_trajectories(self, batch: Batch, result: xr.Dataset) -> None:
+        number = self._view.trajectories
+        new = batch.trajectories(number, skip=self._sent)
+        if not new and self._sent:
+            return
+        append = bool(self._sent)
+        self._sent |= {trajectory.boulder for trajectory in new}
+        mass = masses(result, [trajectory.boulder for trajectory in new], batch.case)
+        message = trajectory_message(new, mass, self._ground, **self._fields, append=append)
+        self._send("more" if append else "trajectories", message)

@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages of the live window's server, read as its page reads them."""
+
+import json
+import struct
+
+import numpy as np
+
+
+def decoded(message):
+    if isinstance(message, str):
+        return json.loads(message)
+    size = struct.unpack_from("<I", message)[0]
+    header, base = json.loads(message[4 : 4 + size]), 4 + size
+    assert base % 8 == 0
+    header["arrays"] = {
+        one["name"]: np.frombuffer(
+            message, f"<{one['dtype']}", int(np.prod(one["shape"])), base + one["offset"]
+        ).reshape(one["shape"])
+        for one in header["arrays"]
+    }
+    return header

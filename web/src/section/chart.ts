@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Curves over the distance along a section: axes with round numbers, bands, steps and marks.
+import { ticks } from '../colours';
+import { svg } from '../dom';
+import { decimal } from '../texts';
+
+type Numbers = ArrayLike<number>;
+export interface Range {
+  low: number;
+  high: number;
+}
+
+const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 16, 18]; // of the axes [px]
+
+/** Lowest and highest of numbers, without NaN; null without any. */
+export function rangeOf(...all: readonly Numbers[]): Range | null {
+  const range = { low: Infinity, high: -Infinity };
+  for (const numbers of all)
+    for (let k = 0; k < numbers.length; k++) {
+      const value = numbers[k] as number;
+      if (value < range.low) range.low = value;
+      if (value > range.high) range.high = value;
+    }
+  return range.low <= range.high ? range : null;
+}
+
+/** A drawing with axes; the curves are added to it. */
+export class Chart {
+  readonly root: SVGSVGElement;
+  private readonly cursor = svg('path', { class: 'cursor' });
+
+  constructor(
+    readonly title: string,
+    private readonly width: number,
+    private readonly height: number,
+    private readonly along: Range,
+    private readonly up: Range,
+  ) {
+    this.root = svg('svg', { viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': title });
+    const [right, foot] = [width - RIGHT, height - BOTTOM];
+    for (const value of ticks({ ...up, scale: 'linear' })) {
+      const y = this.y(value);
+      this.root.append(svg('path', { d: `M${LEFT} ${y}H${right}`, class: 'grid' }));
+      this.text(LEFT - 5, y + 3.5, decimal(value), 'end');
+    }
+    for (const value of ticks({ ...along, scale: 'linear' })) {
+      this.root.append(svg('path', { d: `M${this.x(value)} ${foot}v4`, class: 'axis' }));
+      this.text(this.x(value), height - 4, decimal(value), 'middle');
+    }
+    this.root.append(svg('path', { d: `M${LEFT} ${foot}H${right}`, class: 'axis' }), this.cursor);
+    this.text(LEFT, TOP - 5, title, 'start', 'title');
+  }
+
+  /** Room of a drawing of this size for its curves. */
+  static room(width: number, height: number): [across: number, up: number] {
+    return [width - LEFT - RIGHT, height - TOP - BOTTOM];
+  }
+
+  x(distance: number): number {
+    return LEFT + ((distance - this.along.low) / (this.along.high - this.along.low)) * (this.width - LEFT - RIGHT);
+  }
+  y(value: number): number {
+    const foot = this.height - BOTTOM;
+    return foot - ((value - this.up.low) / (this.up.high - this.up.low || 1)) * (foot - TOP);
+  }
+
+  /** A curve, broken where a number is missing. */
+  curve(x: Numbers, y: Numbers, style: string): void {
+    this.add(this.points(x, y, 0, x.length), style);
+  }
+
+  /** The area between two curves, where both are known. */
+  band(x: Numbers, low: Numbers, high: Numbers, style: string): void {
+    const known = (k: number): boolean => !Number.isNaN((low[k] as number) + (high[k] as number));
+    let d = '';
+    for (let k = 0; k < x.length; k++) {
+      const begin = k;
+      while (k < x.length && known(k)) k++;
+      if (k - begin < 2) continue;
+      const back = Array.from({ length: k - begin }, (_, i) => this.at(x[k - 1 - i], low[k - 1 - i]));
+      d += `${this.points(x, high, begin, k)}L${back.join('L')}Z`;
+    }
+    this.add(d, style);
+  }
+
+  /** A value with its interval at a place. */
+  mark(x: number, [value, low, high]: readonly (number | null)[], style: string): void {
+    if (value == null) return;
+    const [at, y] = [this.x(x), this.y(value)];
+    this.add(`M${at} ${y - 4}l4 4l-4 4l-4-4Z`, style);
+    if (low != null && high != null) this.add(`M${at} ${this.y(low)}V${this.y(high)}`, `${style} bar`);
+  }
+
+  /** A line across the drawing at a distance, with a name. */
+  line(x: number, name: string, level = 0): void {
+    this.add(`M${this.x(x)} ${TOP}V${this.height - BOTTOM}`, 'place');
+    if (name) this.text(this.x(x) + 3, TOP + 9 + 11 * level, name, 'start', 'name');
+  }
+
+  /** An upright stroke from one height to another, such as a net. */
+  upright(x: number, low: number, high: number, style: string): void {
+    this.add(`M${this.x(x)} ${this.y(low)}V${this.y(high)}`, style);
+  }
+
+  /** Mark the distance that is read; null: none. */
+  read(distance: number | null): void {
+    this.cursor.setAttribute('d', distance === null ? '' : `M${this.x(distance)} ${TOP}V${this.height - BOTTOM}`);
+  }
+
+  /** Distance along the section at a place on the screen. */
+  distanceAt(clientX: number): number {
+    const { left, width } = this.root.getBoundingClientRect();
+    const at = ((clientX - left) / width) * this.width;
+    return this.along.low + ((at - LEFT) / (this.width - LEFT - RIGHT)) * (this.along.high - this.along.low);
+  }
+
+  private add(d: string, style: string): void {
+    if (d) this.root.insertBefore(svg('path', { d, class: style }), this.cursor);
+  }
+
+  private text(x: number, y: number, text: string, anchor: string, style = ''): void {
+    const made = svg('text', { x, y, 'text-anchor': anchor, class: style });
+    made.textContent = text;
+    this.root.append(made);
+  }
+
+  private points(x: Numbers, y: Numbers, begin: number, end: number): string {
+    let d = '';
+    let drawing = false;
+    for (let k = begin; k < end; k++) {
+      const known = !Number.isNaN(y[k] as number) && !Number.isNaN(x[k] as number);
+      if (known) d += `${drawing ? 'L' : 'M'}${this.at(x[k], y[k])}`;
+      drawing = known;
+    }
+    return d;
+  }
+
+  private at(x = 0, y = 0): string {
+    return `${this.x(x).toFixed(1)} ${this.y(y).toFixed(1)}`;
+  }
+}
