@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rockfall.analysis.objects.segments import Roads
+from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.analysis.validity.warnings import warn_each
 from rockfall.case import Case
 from rockfall.case.files import files_behind, input_files
@@ -74,9 +74,9 @@ def dossier(
     """
     check_needs(language)
     check_period(return_period)
-    folder, roads = Path(folder), Roads(segments, segments_layer, segment_length)
-    given = objects, None, objects_layer, vulnerability, roads
-    inputs = read_dossier(case, *given, one_model=one_model, **arrays)
+    folder, roads = Path(folder), (segments, segments_layer, segment_length)
+    given = AtRisk(objects, objects_layer, vulnerability, *roads)
+    inputs = read_dossier(case, given, one_model=one_model, **arrays)
     files = list(input_files(case))
     check_folder(folder)
     check_outputs([folder / name for name in dossier_files(list(inputs.studies))], files)

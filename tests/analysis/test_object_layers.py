@@ -10,6 +10,7 @@ import pytest
 import rockfall
 import scenes
 from made import make_frame, make_layer, refused
+from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.cli import main
 from rockfall.files.hazard_files import object_table
 from rockfall.studies.hazard import read_study
@@ -154,7 +155,7 @@ def test_the_command_takes_several(place, capsys):
 ])  # fmt: skip
 def test_attributes_that_are_not_used_are_listed(tmp_path, given, listed):
     path = make_layer(tmp_path / "own.gpkg", [ROAD], crs="EPSG:32632", **given)
-    remarks = read_study(make_case(tmp_path), path, dem=Z, transform=GRID).remarks
+    remarks = read_study(make_case(tmp_path), AtRisk(path), dem=Z, transform=GRID).remarks
     mine = [line for line in remarks if "attributes not used" in line]
     assert mine == [f"{path}: attributes not used: {listed}"] * (listed is not None)
 
@@ -173,7 +174,7 @@ def test_attributes_that_are_not_used_are_listed(tmp_path, given, listed):
 def test_units_of_objects_are_questioned(tmp_path, given, question):
     columns = TRAFFIC | {name: [value] for name, value in given.items()}
     path = make_layer(tmp_path / "own.gpkg", [ROAD], crs="EPSG:32632", **columns)
-    remarks = read_study(make_case(tmp_path), path, dem=Z, transform=GRID).remarks
+    remarks = read_study(make_case(tmp_path), AtRisk(path), dem=Z, transform=GRID).remarks
     assert [question in line for line in remarks if line.endswith("?")] == [True] * bool(question)
 
 
@@ -202,8 +203,8 @@ def test_attributes_without_effect_are_named(tmp_path, given, idle):
     table = tmp_path / "curves.csv"
     table.write_text(CURVE.format(half=100, all=1000))
     study = read_study(
-        make_case(tmp_path), path, dem=Z, transform=GRID, vulnerability=table
-    )  # fmt: skip
+        make_case(tmp_path), AtRisk(path, vulnerability=table), dem=Z, transform=GRID
+    )
     mine = [line for line in study.remarks if "has no effect" in line]
     assert mine == [f"{path}: {IDLE.format(*names)}" for names in idle]
     assert bool(study.objects.exposed) == any(key in given for key in ("value", "persons", "aadt"))
@@ -223,10 +224,9 @@ def test_units_of_curves_are_questioned(tmp_path, kind, half, all_, doubt):
     path = make_layer(tmp_path / "own.gpkg", [HOUSE], crs="EPSG:32632", **given)
     table = tmp_path / "curves.csv"
     table.write_text(CURVE.format(half=half, all=all_))
-    how = {"dem": Z, "transform": GRID, "vulnerability": table}
-    mine = [
-        one for one in read_study(make_case(tmp_path), path, **how).remarks if str(table) in one
-    ]
+    given = AtRisk(path, vulnerability=table)
+    study = read_study(make_case(tmp_path), given, dem=Z, transform=GRID)
+    mine = [one for one in study.remarks if str(table) in one]
     assert [doubt in line for line in mine] == [True] * bool(doubt)
 
 
@@ -246,7 +246,7 @@ def test_units_of_curves_are_questioned(tmp_path, kind, half, all_, doubt):
 def test_sources_on_objects_are_counted(tmp_path, shape, given, sources):
     path = make_layer(tmp_path / "own.gpkg", [shape, SHED], crs="EPSG:32632", name=["a", "b"],
                       **{key: value * 2 for key, value in given.items()})  # fmt: skip
-    remarks = read_study(make_case(tmp_path), path, dem=Z, transform=GRID).remarks
+    remarks = read_study(make_case(tmp_path), AtRisk(path), dem=Z, transform=GRID).remarks
     mine = [line for line in remarks if "sources lie on" in line]
     text = f"{path}: sources lie on a (sources: {sources}, objects: 1), whose frequencies are"
     assert [line.startswith(text) for line in mine] == [True] * bool(sources)

@@ -8,6 +8,7 @@ import pytest
 import rockfall
 import scenes
 from made import leave_pictures_blank, make_layer
+from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.cli import main
 from rockfall.studies.dossier import read_dossier, run_dossier
 from rockfall.text.summary import summary
@@ -77,7 +78,7 @@ def test_zero_changes_change_nothing_and_a_variant_has_the_numbers_of_its_hazard
     variants = [{"name": "bare", "without": ["barrier"]}, {"name": "net"}]
     case = random_case(tmp_path, 4)
     both = case.replace(barrier=[NET], variant=variants)
-    made = run_dossier(read_dossier(both, tmp_path / "houses.gpkg", **PLACE))
+    made = run_dossier(read_dossier(both, AtRisk(tmp_path / "houses.gpkg"), **PLACE))
     rows = made.frequencies[made.frequencies["line"] != "net"]
     changes = rows[rows["variant"] == "net"]["difference"].dropna()
     assert len(changes) and not changes.any()

@@ -13,6 +13,7 @@ import pytest
 import rockfall
 import scenes
 from made import leave_pictures_blank, make_layer, refused
+from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.case.variants import variants
 from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
@@ -235,7 +236,7 @@ def test_lines_design_and_report_take_a_hazard(made, tmp_path, monkeypatch, caps
 def test_places_of_one_name_keep_their_own_numbers(case, tmp_path):
     house, shed = HOUSES[0], shapely.box(60.0, 240.0, 240.0, 260.0)
     make_layer(tmp_path / "twins.gpkg", [house, shed], crs=None, name=["road", "road"])
-    made = run_dossier(read_dossier(case, tmp_path / "twins.gpkg", one_model=True, **PLACE))
+    made = run_dossier(read_dossier(case, AtRisk(tmp_path / "twins.gpkg"), one_model=True, **PLACE))
     rows = made.frequencies
     rows = rows[(rows["quantity"] == "frequency") & (rows["statistic"] == "all")]
     rows = rows[rows["variant"] == "today"].set_index("line")["value"]

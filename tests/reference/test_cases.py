@@ -12,6 +12,7 @@ import pytest
 import rasterio
 
 import rockfall
+from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.case import read_case
 from rockfall.case.text import read_values
 from rockfall.evidence import only
@@ -169,7 +170,7 @@ def test_settlement_is_what_its_readme_says(tmp_path):
     for name in "case.nml", "zones.csv", "objects.geojson":
         shutil.copy(folder / name, tmp_path)
     case = rockfall.read_case(tmp_path / "case.nml").replace(case={"boulders": 2})
-    study = read_study(case, tmp_path / "objects.geojson")
+    study = read_study(case, AtRisk(tmp_path / "objects.geojson"))
     assert z.shape == (150, 110) and study.scene.x.size == 386
     assert ((study.scene.x > 60) & (study.scene.x < 390)).all() and study.scene.y.min() > 500
     area = 16 * study.scene.area.sum() / 1e6  # km2

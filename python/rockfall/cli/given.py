@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.analysis.validity.warnings import joint_warnings
 from rockfall.case import Case, read_case
 from rockfall.case.variants import chosen_variant
@@ -24,6 +25,11 @@ def given_options(arguments: argparse.Namespace, keys: Iterable[str]) -> dict[st
     """Options of these names that have a value."""
     given = {key: getattr(arguments, key) for key in keys}
     return {key: value for key, value in given.items() if value is not None}
+
+
+def at_risk(arguments: argparse.Namespace) -> AtRisk:
+    """Layers of what is endangered."""
+    return AtRisk(*(getattr(arguments, name) for name in AtRisk._fields))
 
 
 def memory_of(arguments: argparse.Namespace) -> float:

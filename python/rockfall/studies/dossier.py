@@ -12,6 +12,7 @@ import numpy as np
 
 from rockfall.analysis.hazard.combined import HazardInputs, ScenarioRun, combined
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
+from rockfall.analysis.objects.at_risk import NOTHING, AtRisk
 from rockfall.analysis.objects.objects import object_hits
 from rockfall.case import Case
 from rockfall.case.variants import naming_variant, variants
@@ -76,7 +77,14 @@ class DossierInputs:
         ]
 
 
-def read_dossier(case: Case, *given: Any, one_model: bool = False, **arrays: Any) -> DossierInputs:
+def read_dossier(
+    case: Case,
+    given: AtRisk = NOTHING,
+    memory: float | None = None,
+    *,
+    one_model: bool = False,
+    **arrays: Any,
+) -> DossierInputs:
     """Read and check all inputs of a dossier before any run; arguments are those of
     `rockfall.studies.hazard.read_study`. With `one_model` no second model is run."""
     base_case(case)  # refuses a case without scenarios
@@ -91,9 +99,9 @@ def read_dossier(case: Case, *given: Any, one_model: bool = False, **arrays: Any
     for name, own in cases.items():
         if name:
             with naming_variant(case, name):
-                studies[name] = read_study(own, *given, **arrays)
+                studies[name] = read_study(own, given, memory, **arrays)
         else:
-            studies[name] = read_study(own, *given, **arrays)
+            studies[name] = read_study(own, given, memory, **arrays)
         remarks += studies[name].remarks
     first = next(iter(studies.values()))
     second = None if one_model else _second(first)

@@ -22,6 +22,7 @@ from rockfall.analysis.hazard.scenarios import (
     scenario_warnings,
     scenarios_of,
 )
+from rockfall.analysis.objects.at_risk import NOTHING, AtRisk
 from rockfall.analysis.objects.exposure import curve_remarks
 from rockfall.analysis.objects.object_layers import files_of, frames_of, given_layers
 from rockfall.analysis.objects.objects import (
@@ -32,7 +33,7 @@ from rockfall.analysis.objects.objects import (
     read_objects,
     source_remarks,
 )
-from rockfall.analysis.objects.segments import NO_ROADS, Roads, check_roads, roads_of
+from rockfall.analysis.objects.segments import check_roads, roads_of
 from rockfall.analysis.objects.vulnerability import KILOJOULE, read_curves
 from rockfall.analysis.validity.warnings import joined_warnings, warn_each
 from rockfall.case import Case, case_of
@@ -79,8 +80,10 @@ def hazard(
     >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
     >>> found = rockfall.hazard(case)
     """
-    roads = Roads(segments, segments_layer, segment_length)
-    study = read_study(case, objects, memory, objects_layer, vulnerability, roads, **arrays)
+    roads = segments, segments_layer, segment_length
+    study = read_study(
+        case, AtRisk(objects, objects_layer, vulnerability, *roads), memory, **arrays
+    )
     for line in study.remarks:
         warnings.warn(line, stacklevel=2)
     combined = run_study(study, results=results, progress=progress, threads=threads)
@@ -89,18 +92,12 @@ def hazard(
 
 
 def read_study(
-    case: Case,
-    objects: Any = None,
-    memory: float | None = None,
-    objects_layer: str | Sequence[str] | None = None,
-    vulnerability: str | Path | None = None,
-    roads: Roads = NO_ROADS,
-    **arrays: Any,
+    case: Case, given: AtRisk = NOTHING, memory: float | None = None, **arrays: Any
 ) -> HazardInputs:
     """Read and check all inputs of a hazard before any run."""
-    memory = memory or machine_memory()
-    check_roads(roads)
-    sources = given_layers(objects, objects_layer)
+    memory, vulnerability = memory or machine_memory(), given.vulnerability
+    check_roads(given)
+    sources = given_layers(given.objects, given.objects_layer)
     if vulnerability is not None and not sources:
         raise RockfallError(f"{vulnerability}: curves of vulnerability need objects")
     curves = read_curves(vulnerability)
@@ -119,7 +116,7 @@ def read_study(
                 remarks += curve_remarks(vulnerability, curves, found_objects.exposed)
         found_objects.paths = [of_frames(path, files) for path in found_objects.paths]
         remarks = [of_frames(remark, files) for remark in remarks]
-    segments = roads_of(roads, scene, remarks)
+    segments = roads_of(given, scene, remarks)
     own = scene.case.line if case.output["kept"] == "all" else []
     read = {"barrier": scene.case.barrier, "dam": scene.case.dam} | ({"line": own} if own else {})
     case = case.replace(**read)  # layers have been read

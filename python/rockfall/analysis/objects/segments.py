@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.analysis.objects.attributes import Layer
 from rockfall.analysis.objects.object_layers import File, only_layer
 from rockfall.analysis.objects.objects import beyond_elevations
@@ -66,18 +67,6 @@ class Segments:
         )
 
 
-class Roads(NamedTuple):
-    """A layer of roads as given: a path or a GeoDataFrame, its name in a file with several, and the
-    length of segments [m]."""
-
-    given: Any = None
-    layer: str | None = None
-    length: float | None = None
-
-
-NO_ROADS = Roads()
-
-
 class _Stretch(NamedTuple):
     """A line of a layer, with the number of its road."""
 
@@ -98,25 +87,26 @@ class _Piece(NamedTuple):
     ground: Any  # polygon; the axis of a stretch without a width
 
 
-def check_roads(roads: Roads) -> None:
+def check_roads(given: AtRisk) -> None:
     """Refuse lengths of segments below 1 m, and options without a layer."""
-    length = roads.length
-    if roads.given is None and (roads.layer is not None or length is not None):
+    length = given.segment_length
+    if given.segments is None and (given.segments_layer is not None or length is not None):
         name = KEY if length is None else "--segment-length"
         raise RockfallError(f"{name} requires --segments")
     if length is not None and not MIN_LENGTH <= length < math.inf:
         raise RockfallError(f"--segment-length {length:g}: must be at least {MIN_LENGTH:g} m")
 
 
-def roads_of(roads: Roads, scene: Scene, remarks: list[str]) -> Segments:
+def roads_of(given: AtRisk, scene: Scene, remarks: list[str]) -> Segments:
     """Segments of the roads of a layer; none without one."""
-    if roads.given is None:
+    roads, layer = given.segments, given.segments_layer
+    if roads is None:
         return Segments()
     own: list[str] = []
-    with frame_files({FRAME: roads.given} if is_frame(roads.given) else {}) as files:
-        path = files.get(FRAME, roads.given)
-        file = File(path, roads.layer, roads.layer or only_layer(path))
-        segments = read_segments(file, roads.length, scene, own)
+    with frame_files({FRAME: roads} if is_frame(roads) else {}) as files:
+        path = files.get(FRAME, roads)
+        file = File(path, layer, layer or only_layer(path))
+        segments = read_segments(file, given.segment_length, scene, own)
     segments.path = of_frames(segments.path, files)
     remarks += [of_frames(path, files) for path in own]
     return segments

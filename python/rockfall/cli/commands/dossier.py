@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rockfall.analysis.objects.segments import Roads
 from rockfall.case import read_case
 from rockfall.case.files import input_files
 from rockfall.case.variants import variants
@@ -15,7 +14,7 @@ from rockfall.cli.checkpoints import (
     study_checkpoints,
     study_interrupted,
 )
-from rockfall.cli.given import memory_of, with_overrides
+from rockfall.cli.given import at_risk, memory_of, with_overrides
 from rockfall.cli.messages import DONE, print_files, warn, warn_each, warnings_told
 from rockfall.dossiers import (
     check_needs,
@@ -41,15 +40,13 @@ def dossier_command(arguments: argparse.Namespace) -> int:
     check_period(arguments.return_period)
     case = with_overrides(read_case(arguments.case), arguments)
     folder = arguments.output or Path(f"{arguments.case.stem}_dossier")
-    inputs = [*input_files(case), *arguments.objects]
-    layers = arguments.vulnerability, arguments.segments, arguments.costs
-    inputs += [path for path in layers if path]
+    given = at_risk(arguments)
+    inputs = [*input_files(case), *given.files]
+    inputs += [arguments.costs] if arguments.costs else []
     check_study_folder(folder, dossier_files([*variants(case)] or [""]), inputs)
     with locked(folder.resolve(), warn):
-        roads = Roads(arguments.segments, arguments.segments_layer, arguments.segment_length)
-        given = arguments.objects, memory_of(arguments), arguments.objects_layer
-        given = *given, arguments.vulnerability, roads
-        read = read_dossier(case, *given, one_model=arguments.one_model)
+        memory = memory_of(arguments)
+        read = read_dossier(case, given, memory, one_model=arguments.one_model)
         runs = [f"run{k}" for k, _ in enumerate(read.runs, start=1)]
         checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a dossier")
         for remark in read.remarks:

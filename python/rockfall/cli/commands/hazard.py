@@ -10,7 +10,6 @@ from rockfall.analysis.hazard.combined import HazardInputs
 from rockfall.analysis.hazard.finished import is_finished
 from rockfall.analysis.hazard.scenarios import base_case
 from rockfall.analysis.hazard.variables import map_names
-from rockfall.analysis.objects.segments import Roads
 from rockfall.case import Case
 from rockfall.case.files import input_files
 from rockfall.cli.checkpoints import (
@@ -19,7 +18,7 @@ from rockfall.cli.checkpoints import (
     study_checkpoints,
     study_interrupted,
 )
-from rockfall.cli.given import memory_of, overridden, stem_of
+from rockfall.cli.given import at_risk, memory_of, overridden, stem_of
 from rockfall.cli.messages import DONE, print_files, say, warn
 from rockfall.errors import need
 from rockfall.files.hazard_files import put_hazard
@@ -50,8 +49,7 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
     base_case(case)  # refuses invalid cases before a file is read
     folder = arguments.output or Path(f"{stem_of(arguments)}_hazard")
-    inputs = [*input_files(case), *arguments.objects]
-    inputs += [path for path in (arguments.vulnerability, arguments.segments) if path]
+    inputs = [*input_files(case), *at_risk(arguments).files]
     if arguments.write_cases:
         return _write_cases(arguments, case, inputs)
     inputs += arguments.results
@@ -62,8 +60,7 @@ def hazard_command(arguments: argparse.Namespace) -> int:
     with locked(folder.resolve(), warn):
         runs = [f"scenario{k}" for k in range(1, len(case.scenario) + 1)]
         checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a hazard")
-        memory = memory_of(arguments)
-        study = _study(arguments, case, memory)
+        study = read_study(case, at_risk(arguments), memory_of(arguments))
         inputs_of = study.case, study.scene, study.objects, study.segments
         if is_done(arguments, [made], checkpoints, lambda: is_finished(made, *inputs_of)):
             return say(f"{folder}: {FINISHED}", DONE)
@@ -72,15 +69,9 @@ def hazard_command(arguments: argparse.Namespace) -> int:
         return _run_to(arguments, folder, study, checkpoints, inputs)
 
 
-def _study(arguments: argparse.Namespace, case: Case, memory: float | None = None) -> HazardInputs:
-    roads = Roads(arguments.segments, arguments.segments_layer, arguments.segment_length)
-    objects = arguments.objects, memory, arguments.objects_layer, arguments.vulnerability
-    return read_study(case, *objects, roads)
-
-
 def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) -> int:
     """Write each scenario as its own case, next to the case, for runs elsewhere."""
-    study = _study(arguments, case)
+    study = read_study(case, at_risk(arguments))
     stem = arguments.case.with_suffix("")
     cases = {Path(f"{stem}_scenario{k}.nml"): own for k, own in enumerate(study.scenarios, start=1)}
     for path in cases:

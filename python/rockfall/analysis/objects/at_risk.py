@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Layers of what is endangered, as given to a hazard or a dossier."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rockfall.scene.frames import is_frame
+
+
+class AtRisk(NamedTuple):
+    """Arguments of `rockfall.hazard` and `rockfall.dossier` that describe what is endangered."""
+
+    objects: Any = None  # a path or a GeoDataFrame, or a list of these
+    objects_layer: str | Sequence[str] | None = None  # of a file with several, or of each file
+    vulnerability: str | Path | None = None  # table of curves for the objects
+    segments: Any = None  # roads: a path or a GeoDataFrame
+    segments_layer: str | None = None
+    segment_length: float | None = None  # [m]; None: each line is a segment
+
+    @property
+    def files(self) -> list[Path]:
+        """Files among them."""
+        several = isinstance(self.objects, list | tuple)
+        given = [*(self.objects if several else [self.objects]), self.vulnerability, self.segments]
+        return [Path(item) for item in given if item is not None and not is_frame(item)]
+
+
+NOTHING = AtRisk()
