@@ -100,18 +100,30 @@ def default_runaway() -> str:
 
 
 def summary() -> str:
-    default, table = "vaujany-observed", "talus"
-    within = {model: (vaujany(model, "mean"), vaujany(model, "std")) for model in (default, table)}
+    default, by_table = "vaujany-observed", "talus"
+    within = {name: (vaujany(name, "mean"), vaujany(name, "std")) for name in (default, by_table)}
     far, wide, short = pasture("mean"), pasture("std"), pasture("mean", default)
-    passed = [forest("forest", model) for model in (default, table)]
-    return paragraph(
-        "On one talus (100 boulders at two lines) means by the default set are within "
-        f"{within[default][0]} and deviations within {within[default][1]}, by the table of impacts "
-        f"`{table}` within {within[table][0]} and {within[table][1]}. On one pasture the mean "
-        f"run-out by the table `meadow` is {far.error:.0f} % and its deviation {wide.error:.0f} % "
-        f"too large, by the default set the mean is {-short.error:.0f} % too short. In one forest "
-        f"{passed[0].observed:g} % of the boulders passed; {passed[0].simulated:.0f} % do by the "
-        f"default set, {passed[1].simulated:.0f} % by `{table}`."
+    passed = [forest("forest", model) for model in (default, by_table)]
+    means, deviations = zip(*within.values(), strict=True)
+    return table(
+        ["compared with", "default set", "tables of impacts"],
+        [
+            [
+                "100 boulders at two lines on talus",
+                f"means within {means[0]}, deviations within {deviations[0]}",
+                f"`{by_table}`: means within {means[1]}, deviations within {deviations[1]}",
+            ],
+            [
+                "run-outs on a pasture",
+                f"mean {signed(short)}",
+                f"`meadow`: mean {signed(far)}, deviation {signed(wide)}",
+            ],
+            [
+                f"a forest passed by {passed[0].observed:g} % of the boulders",
+                f"{passed[0].simulated:.0f} % pass",
+                f"`{by_table}`: {passed[1].simulated:.0f} % pass",
+            ],
+        ],
     )
 
 

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Part file (docs/part_file.md): results of some boulders of a run, with tallies that add up to those of all. Checkpoints,
-!> results of shards and results of this program are part files; `rockfall` reads and writes them too.
+!> Part file (docs/part_file.md): results of some boulders of a run, with tallies that add up. Checkpoints, results of
+!> shards and results of this program are part files; `rockfall` reads and writes them too.
 module rockfall_part_file
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
