@@ -28,7 +28,7 @@ LEVELS = [
     ["analysis"],
     ["files", "protection"],
     ["studies"],
-    ["draft", "rockyfor3d", "session"],
+    ["draft", "importers", "rockyfor3d", "session"],
     ["__init__"],
     ["plots", "tables", "text"],
     ["html_report", "office", "qgis_project"],

@@ -15,6 +15,7 @@ import pytest
 
 import rockfall
 from made import make_layer, make_page, make_rockyfor3d, surveyed_blocks
+from projects import avaframe, platrock
 from scenes import FACTORS
 from slope_case import CASE, NX, NY, slope, write_slope
 
@@ -43,6 +44,8 @@ def site(tmp_path_factory):
         source = np.zeros((NY, NX))
         source[4, 8:12] = 1
         make_rockyfor3d("folder", slope(), source)
+        platrock("simulation")
+        (avaframe("avaHill") / "Inputs/RES/fsi.asc").unlink()
         make_layer("cliff.gpkg", [shapely.box(600050, 4999980, 600060, 4999990)])
     return folder
 

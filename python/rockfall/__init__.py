@@ -29,6 +29,8 @@ _MODULES = {  # module of each public name, and the name there if different
     "figures": "products",
     "ground_strength": "result.boulders",
     "hazard": "studies.hazard",
+    "import_avaframe": "importers.avaframe",
+    "import_platrock": "importers.platrock",
     "import_rockyfor3d": "rockyfor3d.imported",
     "line_profile": "analysis.lines.profile",
     "line_statistics": "analysis.line_statistics",

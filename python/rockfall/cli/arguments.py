@@ -216,6 +216,20 @@ def _add_runs(commands: _Commands) -> None:
     rocky = _add(commands, "draft", "import-rockyfor3d", text, "DIR")
     _option(rocky, "-o --output CASEDIR", Path, required=True)
     _option(rocky, "--crs CODE", str, "of its rasters, such as EPSG:2056")
+    text = (
+        "make a case of the layers of a PlatRock simulation: DEM, rocks, soils, forest, checkpoints"
+    )
+    platrock = _add(commands, "draft", "import-platrock", text, "DIR")
+    _option(platrock, "-o --output CASEDIR", Path, required=True)
+    _option(platrock, "--crs CODE", str, "of all its files, such as EPSG:2154")
+    text = "make a case of the inputs of an AvaFrame folder: DEM, REL, INFRA"
+    avaframe = _add(commands, "draft", "import-avaframe", text, "DIR")
+    _option(avaframe, "-o --output CASEDIR", Path, required=True)
+    _option(avaframe, "--crs CODE", str, "of a DEM without one, such as EPSG:31287")
+    _option(avaframe, "--ground GROUND", str, "of the slope; requested if missing")
+    avaframe.add_argument(
+        "--no-forest", action="store_true", help="leave out a raster of forest in RES"
+    )
     text = "write a Slurm job array for a case, with its merge job"
     slurm = _add(commands, "parts", "slurm", text, "CASE")
     slurm.add_argument("folder", metavar="DIR", type=Path, help="is made; jobs, parts and result")

@@ -4,7 +4,6 @@ of those whose meaning differs here."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,16 +15,16 @@ from rockfall.case import read_case
 from rockfall.case.text import Entry, Group, case_text
 from rockfall.draft.dem import read_source
 from rockfall.errors import RockfallError
+from rockfall.importers.imported import CASE, DEM, tree_rows
 from rockfall.io.atomic import atomic_folder
-from rockfall.io.files import read_text, relative_name
+from rockfall.io.files import relative_name
 from rockfall.io.rasters.geotiff import write_geotiff
-from rockfall.io.tables import plain_decimal
 from rockfall.language import say
 from rockfall.rockyfor3d.folder import Folder
 from rockfall.rockyfor3d.nets import NETS, TOLERANCE, barriers
 
 MARK = "! Made by `rockfall import-rockyfor3d`"  # first words of an imported case
-CASE, DEM, STEMS, SOURCES = "case.nml", "dem.tif", "stems.tif", "sources.tif"
+STEMS, SOURCES = "stems.tif", "sources.tif"
 TREES = "trees.csv"
 HECTARE = 1e4  # [m2]
 BOULDERS = 100  # per source
@@ -225,32 +224,8 @@ def _write(made: Import, name: str, values: np.ndarray) -> None:
 
 
 def _write_trees(made: Import, path: Path) -> None:
-    """Write the tree list (x, y, DBH separated by blanks, commas or semicolons) as a table with a
-    header."""
-    rows = ["x,y,dbh"]
-    more = False
-    for line, text in enumerate(read_text(path).splitlines(), start=1):
-        cells = _cells(text)
-        numbers = [plain_decimal(cell) for cell in cells[:3]]
-        head = len(rows) == 1 and np.isnan(numbers).all()
-        if not cells or (head and not cells[0][0].isdigit()):
-            continue
-        if len(numbers) < 3 or np.isnan(numbers).any():
-            raise RockfallError(
-                f"{path}: line {line}: must be x, y and DBH [cm], with decimal points"
-            )
-        more |= len(cells) > 3
-        rows.append(",".join(map(repr, numbers)))
-    if len(rows) == 1:
-        raise RockfallError(f"{path}: lists no trees")
+    """Write the tree list as a table with a header."""
+    rows, more = tree_rows(path)
     if more:
         made.notes.append(f"{path.name}: columns after x, y and DBH are left out")
     (made.part / TREES).write_text("\n".join([*rows, ""]), encoding="utf-8")
-
-
-def _cells(text: str) -> list[str]:
-    """Cells of a line, split at commas only if blanks and semicolons do not split it, since commas
-    may be decimal."""
-    cells = [cell.strip(",") for cell in re.split(r"[\s;]+", text)]
-    cells = [cell for cell in cells if cell]
-    return cells if len(cells) > 2 else [cell for cell in re.split(r"[\s,;]+", text) if cell]

@@ -23,9 +23,12 @@ from rockfall.draft.dem import (
 from rockfall.draft.grounds import GROUNDS
 from rockfall.draft.new_case import new_case
 from rockfall.errors import RockfallError
+from rockfall.importers.avaframe import import_avaframe
+from rockfall.importers.imported import CASE
+from rockfall.importers.platrock import import_platrock
 from rockfall.io.rasters.ascii_grid import is_ascii_grid
 from rockfall.io.vectors.point_clouds import is_cloud
-from rockfall.rockyfor3d.imported import CASE, import_rockyfor3d
+from rockfall.rockyfor3d.imported import import_rockyfor3d
 
 OF_POINTS = ("cell", "power", "neighbours", "within", "crs", "classes", "thin")
 
@@ -155,5 +158,25 @@ def _options(arguments: argparse.Namespace) -> Iterator[str]:
 def import_rockyfor3d_command(arguments: argparse.Namespace) -> int:
     notes = import_rockyfor3d(arguments.dir, arguments.output, crs=arguments.crs)
     print("not taken over, or not as there:", *(f"  {note}" for note in notes), sep="\n")
+    print(arguments.output / CASE)
+    return DONE
+
+
+def import_platrock_command(arguments: argparse.Namespace) -> int:
+    lists = import_platrock(arguments.dir, arguments.output, crs=arguments.crs)
+    return _print_import(lists, arguments)
+
+
+def import_avaframe_command(arguments: argparse.Namespace) -> int:
+    lists = import_avaframe(
+        arguments.dir, arguments.output, ground=arguments.ground or "", crs=arguments.crs,
+        no_forest=arguments.no_forest, ask=_ask if sys.stdin.isatty() else None,
+    )  # fmt: skip
+    return _print_import(lists, arguments)
+
+
+def _print_import(lists: dict[str, list[str]], arguments: argparse.Namespace) -> int:
+    for head, lines in lists.items():
+        print(f"{head}:", *(f"  {line}" for line in lines), sep="\n")
     print(arguments.output / CASE)
     return DONE

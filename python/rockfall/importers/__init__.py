@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Import of projects of PlatRock and AvaFrame as cases (docs/other_programs.md)."""

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Imports of projects of other programs: what each of their inputs became, and the case file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from rockfall.case import read_case
+from rockfall.case.text import Entry, Group, case_text
+from rockfall.case.variants import variants
+from rockfall.draft.dem import read_source
+from rockfall.errors import RockfallError
+from rockfall.io.files import read_text, relative_name
+from rockfall.io.rasters.dem import dem_header
+from rockfall.io.rasters.geotiff import write_geotiff
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.tables import plain_decimal
+from rockfall.scene.read import read_scene
+from rockfall.simulation.memory import machine_memory
+
+CASE, DEM = "case.nml", "dem.tif"
+#: Heads of the three lists that an import ends with.
+TAKEN, CHANGED, LEFT = "taken over", "taken over with changes", "not taken over"
+
+
+@dataclass
+class Import:
+    """An import in progress. Its lists have a line for each input."""
+
+    folder: Path
+    dem: Path
+    out: Path
+    part: Path  # temporary folder for the files of `out`
+    crs: str | None = None
+    taken: list[str] = field(default_factory=list)
+    changed: list[str] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if self.crs is None:
+            self.grid: Grid = dem_header(self.dem)[0]
+        else:
+            z, self.grid = read_source(self.dem, self.crs)[:2]
+            self.write_raster(DEM, z)
+        self.taken.append(f"{self.name(self.dem)}: the terrain")
+
+    def name(self, path: Path) -> str:
+        """Name of an input in the lists."""
+        return relative_name(path.resolve(), self.folder.resolve())
+
+    def refuse(self, path: Path, flaw: str) -> NoReturn:
+        raise RockfallError(f"{path}: {flaw}")
+
+    def terrain(self, place: Path) -> Group:
+        """Terrain group of a case in a folder."""
+        name = DEM if self.crs else relative_name(self.dem.resolve(), place.resolve())
+        return Group("terrain", [Entry("dem", name, f"in {self.crs}" if self.crs else "")])
+
+    def write_raster(self, name: str, values: np.ndarray) -> None:
+        """Write a raster on the cells of the DEM to the folder of the case."""
+        nodata = np.nan if values.dtype.kind == "f" else None
+        path = self.part / name
+        write_geotiff(path, values, self.grid, nodata=nodata, TIFFTAG_SOFTWARE="rockfall")
+
+    def lists(self) -> dict[str, list[str]]:
+        """All lines, by their heads; lists without a line are left out."""
+        lists = {TAKEN: self.taken, CHANGED: self.changed, LEFT: self.left}
+        return {head: lines for head, lines in lists.items() if lines}
+
+    def write(self, program: str, groups: Callable[[Path], Iterable[Group]]) -> None:
+        """Write the case, whose groups name files as seen from a folder, and read all of them."""
+        head = [f"Made by `rockfall import-{program}` from {self.folder.resolve().name}."]
+        head += ["Keys: docs/case.md."]
+        foot = [
+            line
+            for title, lines in self.lists().items()
+            for line in (f"{title}:", *(f"- {text}" for text in lines))
+        ]
+        path = self.part / CASE
+        for place in self.part, self.out:
+            path.write_text(case_text(head, groups(place), foot), encoding="utf-8")
+            if place == self.part:
+                case = read_case(path)
+                for variant in variants(case).values() or [case]:
+                    read_scene(variant, memory=machine_memory())
+        read_case(path)
+
+
+def only(paths: Iterable[Path], folder: Path, what: str) -> Path:
+    """The single path; none, or several, are refused."""
+    several = sorted(paths)
+    if len(several) != 1:
+        names = ", ".join(path.name for path in several) or "none"
+        raise RockfallError(f"{folder}: must have one {what}, has: {names}")
+    return several[0]
+
+
+def tree_rows(path: Path) -> tuple[list[str], bool]:
+    """A list of trees (x, y, DBH separated by blanks, commas or semicolons) as the lines of a table
+    with a head, and whether it has further columns."""
+    rows = ["x,y,dbh"]
+    more = False
+    for line, cells in _lines(read_text(path)):
+        numbers = [plain_decimal(cell) for cell in cells[:3]]
+        head = len(rows) == 1 and np.isnan(numbers).all()
+        if head and not cells[0][0].isdigit():
+            continue
+        if len(numbers) < 3 or np.isnan(numbers).any():
+            raise RockfallError(
+                f"{path}: line {line}: must be x, y and DBH [cm], with decimal points"
+            )
+        more |= len(cells) > 3
+        rows.append(",".join(map(repr, numbers)))
+    if len(rows) == 1:
+        raise RockfallError(f"{path}: lists no trees")
+    return rows, more
+
+
+def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Number and cells of each line that has some, split at commas only if blanks and semicolons do
+    not split it, since commas may be decimal."""
+    for line, words in enumerate(text.splitlines(), start=1):
+        cells = [cell for word in re.split(r"[\s;]+", words) if (cell := word.strip(","))]
+        if len(cells) <= 2:
+            cells = [cell for cell in re.split(r"[\s,;]+", words) if cell]
+        if cells:
+            yield line, cells
