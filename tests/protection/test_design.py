@@ -21,7 +21,7 @@ from rockfall.language import speaking
 from rockfall.protection.crossings import Crossings, crossings, passes
 from rockfall.protection.demand import ABOVE, class_for, demand
 from rockfall.protection.factors import DECIDES, NEEDED, Conditions, read_factors
-from rockfall.protection.selection import choices, height_for, read_costs
+from rockfall.protection.selection import cheapest, choices, height_for, least_heights, read_costs
 from rockfall.quantities import number
 from rockfall.result.crossings import at_lines
 from rockfall.tables.design import check_row, choice_table, demand_rows, design_text, factor_lines
@@ -199,6 +199,27 @@ def test_normal_heights_are_those_above_a_plane(tmp_path):
     radius = np.cbrt(0.75 / np.pi * came.volume)
     np.testing.assert_allclose(came.upper_edge - came.passing_height, radius)
     np.testing.assert_allclose(came.normal_upper_edge - came.normal_height, radius)
+
+
+@pytest.mark.parametrize("residual", [0.0, 0.02, 0.2])
+def test_heights_in_steps_are_the_exact_ones_rounded_up(residual):
+    """The search in steps, of a hazard and of a siting, and the exact one of a design."""
+    came, heights = drawn(400), [0.5 * k for k in range(1, 60)]
+
+    def is_enough(ead_class, k):
+        return passes(came, heights[k], EAD_ENERGY[ead_class]).mean() <= residual
+
+    found = least_heights(range(len(EAD_ENERGY)), heights, is_enough, None)
+    rows = choices(came, residual)
+    for choice, row in zip(found, rows, strict=True):
+        assert np.isnan(choice.height) == np.isnan(row["height"])
+        if not np.isnan(choice.height):
+            assert choice.height == max(0.5, 0.5 * np.ceil(row["height"] / 0.5))
+            assert choice.cost == EAD_ENERGY[choice.ead_class] / 1000 * choice.height
+    priced = [choice.cost for choice in found if not np.isnan(choice.cost)]
+    best = cheapest(found)
+    assert (best.cost if best else None) == min(priced, default=None)
+    assert sum(row["cheapest"] for row in rows) == bool(priced)
 
 
 @pytest.mark.parametrize("residual", [0.0, 0.01, 0.05, 0.3])

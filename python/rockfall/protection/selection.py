@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,20 @@ from rockfall.scene.rules.protection import NET
 Costs = dict[tuple[int, float], float]  # of a metre, by class and maximum height [m]
 MAX_HEIGHT = 100.0  # [m] of a barrier, as in a case
 COST_COLUMNS = ["class", "height", "cost"]
+
+
+class Choice(NamedTuple):
+    """Barrier of a class: its height [m], NaN where none is enough, and its cost per metre, NaN
+    where none has a price."""
+
+    ead_class: int
+    height: float
+    cost: float
+
+    @classmethod
+    def of(cls, ead_class: int, height: float, costs: Costs | None) -> Choice:
+        """Barrier of this class and height, with its cost."""
+        return cls(ead_class, height, cost_of(ead_class, height, costs))
 
 
 def height_for(came: Crossings, capacity: float, residual: float) -> float:
@@ -39,18 +54,40 @@ def choices(
     """Height for each EAD class that leaves at most `residual`, the actual residual fraction with
     its 95 % interval, and the cost per metre; `cheapest` marks one."""
     rows: list[dict[str, float | bool]] = []
-    for k, capacity in enumerate(EAD_ENERGY):
-        height = height_for(came, capacity, residual)
-        row: dict[str, float | bool] = {"ead_class": k, "capacity": capacity, "height": height}
+    by_class = [
+        Choice.of(k, height_for(came, capacity, residual), costs)
+        for k, capacity in enumerate(EAD_ENERGY)
+    ]
+    for choice in by_class:
+        k, height, cost = choice
+        row: dict[str, float | bool] = {"ead_class": k, "capacity": EAD_ENERGY[k], "height": height}
         left = (math.nan,) * 3
         if height == height:
-            left = residual_of(passes(came, height, capacity), came.source)
+            left = residual_of(passes(came, height, EAD_ENERGY[k]), came.source)
         row |= zip(("residual", "residual_low", "residual_high"), left, strict=True)
-        rows.append(row | {"cost": cost_of(k, height, costs), "cheapest": False})
-    priced = [row for row in rows if not math.isnan(row["cost"])]
-    if priced:
-        min(priced, key=lambda row: row["cost"])["cheapest"] = True
+        rows.append(row | {"cost": cost, "cheapest": choice is cheapest(by_class)})
     return rows
+
+
+def least_heights(
+    classes: Iterable[int],
+    heights: Sequence[float],
+    is_enough: Callable[[int, int], bool],
+    costs: Costs | None,
+) -> list[Choice]:
+    """Barrier of each class with the least of some rising heights [m] that is enough, by the class
+    and the index of the height."""
+    first = (next((k for k in range(len(heights)) if is_enough(own, k)), None) for own in classes)
+    return [
+        Choice.of(own, math.nan if k is None else heights[k], costs)
+        for own, k in zip(classes, first, strict=True)
+    ]
+
+
+def cheapest(choices: Iterable[Choice]) -> Choice | None:
+    """The barrier of the lowest cost, of the lowest class if several have it; None without any."""
+    priced = [choice for choice in choices if not math.isnan(choice.cost)]
+    return min(priced, key=lambda choice: choice.cost, default=None)
 
 
 def residual_of(passing: np.ndarray, source: Sources) -> tuple[float, float, float]:

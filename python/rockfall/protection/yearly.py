@@ -14,7 +14,7 @@ import numpy as np
 from rockfall.analysis.hazard.levels import yearly
 from rockfall.analysis.hazard.variables import CLASS_ENERGY, EXCEEDED, LEVELS, PERIODS
 from rockfall.errors import RockfallError
-from rockfall.protection.selection import Costs, cost_of, read_costs
+from rockfall.protection.selection import Costs, cheapest, least_heights, read_costs
 from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
@@ -115,21 +115,19 @@ def _choices(
     """Rows of a line: at most `allowed` [1/year] may pass."""
     tall = EXCEEDED["height"] <= HIGHEST
     rates = yearly(hazard, hazard["line_class_behind"].values[:, k][..., tall])
-    rows = []
-    for number, (value, low, high) in enumerate(zip(*rates, strict=True)):
+    heights, high = EXCEEDED["height"][tall].tolist(), rates[2]
+    classes = range(len(high))
+    by_class = least_heights(classes, heights, lambda own, j: bool(high[own, j] <= allowed), prices)
+    is_needed = float(hazard["line_frequency_high"].values[k]) > allowed
+    for choice in by_class:
+        own, height, cost = choice
         row = dict.fromkeys(_CHOICES[1:], np.nan)
-        row |= {"ead_class": number, "capacity": CLASS_ENERGY[number]}
-        row |= dict(zip(_THROUGH, (value[-1], low[-1], high[-1]), strict=True))
-        if (high <= allowed).any():
-            least = int(np.argmax(high <= allowed))
-            row["height"] = float(EXCEEDED["height"][least])
-            row |= dict(zip(_BEHIND, (value[least], low[least], high[least]), strict=True))
-        row["cost"] = cost_of(number, row["height"], prices)
-        rows.append(row | {"advised": False})
-    priced = [row for row in rows if not np.isnan(row["cost"])]
-    if priced and float(hazard["line_frequency_high"].values[k]) > allowed:
-        min(priced, key=lambda row: row["cost"])["advised"] = True
-    yield from rows
+        row |= {"ead_class": own, "capacity": CLASS_ENERGY[own], "height": height, "cost": cost}
+        row |= dict(zip(_THROUGH, (rate[own, -1] for rate in rates), strict=True))
+        if height in heights:
+            least = heights.index(height)
+            row |= dict(zip(_BEHIND, (rate[own, least] for rate in rates), strict=True))
+        yield row | {"advised": is_needed and choice is cheapest(by_class)}
 
 
 def _check(hazard: xr.Dataset, k: int, allowed: float) -> dict[str, Any]:

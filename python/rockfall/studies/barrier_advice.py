@@ -5,7 +5,6 @@ what still comes, by the same boulders."""
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,7 +17,7 @@ from rockfall.analysis.precision.paired import difference_of_fractions
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import EAD_ENERGY
-from rockfall.protection.selection import MAX_HEIGHT, Costs, cost_of
+from rockfall.protection.selection import MAX_HEIGHT, Costs, cheapest, least_heights
 from rockfall.result.crossings import line_names, line_values, outcomes_at
 from rockfall.result.variables import OUTCOME
 from rockfall.scene.read import read_scene
@@ -173,25 +172,23 @@ def _stronger(
     """The cheapest barrier, higher or of a higher class, that would have left at most this number
     of the boulders that passed a barrier; None if there is none."""
 
-    def is_enough(height: float, ead_class: int) -> bool:
+    def is_enough(ead_class: int, k: int) -> bool:
         would = (
             came._replace(comes=came.comes & (
                 (came.outcome == 0)
-                | (came.height > height)
+                | (came.height > heights[k])
                 | (came.energy > EAD_ENERGY[ead_class])
             ))
             for came in after
         )  # fmt: skip
         return _sum(case, list(would))[2] <= acceptable
 
-    steps = int((most.height - barrier.height) / STEP + 1e-9)
-    barriers = []
-    for ead_class in range(barrier.ead_class, most.ead_class + 1):
-        heights = [barrier.height + k * STEP for k in range(steps + 1)]
-        k = bisect_left(heights, True, key=lambda height: is_enough(height, ead_class))
-        if k <= steps and not math.isnan(cost := cost_of(ead_class, heights[k], most.prices)):
-            barriers.append((cost, Wanted(barrier.alignment, heights[k], ead_class)))
-    return min(barriers, key=lambda item: item[0])[1] if barriers else None
+    highest = max(float(np.nanmax(came.height, initial=barrier.height)) for came in after)
+    steps = int((min(most.height, highest + STEP) - barrier.height) / STEP + 1e-9)
+    heights = [barrier.height + k * STEP for k in range(steps + 1)]  # higher ones stop no more
+    classes = range(barrier.ead_class, most.ead_class + 1)
+    choice = cheapest(least_heights(classes, heights, is_enough, most.prices))
+    return choice and Wanted(barrier.alignment, choice.height, choice.ead_class)
 
 
 def group_of(barrier: Wanted) -> dict[str, Any]:
