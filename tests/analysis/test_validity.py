@@ -36,8 +36,9 @@ POINT = {"x": 1.0, "y": 1.0}
 
 #: Values of a long warning of each message.
 TYPICAL = {
-    "mean": 2.345, "most": 20, "limit": 0.8, "bare": 95.0, "forest": 34.0, "bare_here": 98.5,
-    "forest_here": 48.1, "speed": 13, "energy": 26, "run_out": 72, "means": 7, "deviations": 24,
+    "mean": 2.345, "most": 20, "limit": 0.8, "bare": 95.0, "forest": 34.0, "bare_here": 98,
+    "forest_here": 48, "model": "vaujany-observed", "speed": 13,
+    "energy": 26, "run_out": 72, "means": 7, "deviations": 24,
     "radius": 2.25, "line": "road", "slow": 2.0, "distance": 10.0,
     "names": "vaujany-observed", "lines": "road (5, and 12 that might have)", "least": 0.01,
     "grounds": "talus, meadow, vegetated-soil", "fraction": "1.2 %",
@@ -612,9 +613,9 @@ def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):
     bare, known = (
         only("vaujany-forest", state, "passing", "vaujany-observed") for state in ("bare", "forest")
     )
-    assert known.observed == 34
-    assert f"34 % passed without and with it, here {bare.simulated:.1f}" in text
-    assert f"and {known.simulated:.1f} %: also run without" in text
+    assert known.observed == 34 < known.simulated
+    assert f"34 % passed, by vaujany-observed {known.simulated:.0f} %, too many" in text
+    assert f"(without forest 95 and {bare.simulated:.0f} %)" in text
     assert f"  caution      {text}" in preview(scene_of(case)).splitlines()
     assert f"  caution: {text}" in summary(result).splitlines()
     assert f"Caution: {text}." in warnings(result)
@@ -627,5 +628,6 @@ def test_a_forest_by_tables_is_judged_by_a_run_by_tables(tmp_path):
     tables = case.replace(impact={"form": "table", "table": "talus"})
     known = only("vaujany-forest", "forest", "passing", "talus")
     (found,) = forest_remarks(tables)
-    assert f"and {known.simulated:.1f} %: also run without" in found.text
+    assert known.observed < known.simulated
+    assert f"by talus {known.simulated:.0f} %, too many" in found.text
     assert [remark.text for remark in forest_remarks(case)] == [forest_text()]

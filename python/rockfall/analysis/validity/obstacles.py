@@ -29,15 +29,16 @@ def forest_remarks(case: Case) -> Iterator[Remark]:
 
 
 def forest_text(model: str = "vaujany-observed") -> Text:
-    """Comparison of a model with the forest experiment (cases/vaujany-forest), and its
-    consequences."""
+    """Comparison of a model with the forest experiment (cases/vaujany-forest), where more boulders
+    pass than observed."""
     bare, forest = (only("vaujany-forest", state, "passing", model) for state in ("bare", "forest"))
     return say(
         "model.forest",
+        model=model,
         bare=bare.observed,
         forest=forest.observed,
-        bare_here=round(bare.simulated, 1),
-        forest_here=round(forest.simulated, 1),
+        bare_here=round(bare.simulated),
+        forest_here=round(forest.simulated),
     )
 
 
