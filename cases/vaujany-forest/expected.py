@@ -46,6 +46,13 @@ def numbers(result: xr.Dataset) -> list[float]:
     return [100 * np.isfinite(speed).mean(), float(np.nanmean(speed)), some.max(axis=1).mean()]
 
 
+def passing_at_once(result: xr.Dataset) -> float:
+    """[%] of as many boulders as the experiment had: between runs its scatter has the boulders and
+    the stand of one experiment."""
+    speed = at_lines(result)["line_speed"].values[0]
+    return 100 * np.isfinite(np.random.default_rng(0).permutation(speed)[:AT_ONCE]).mean()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("seeds", type=int, nargs="?", default=40)
@@ -58,12 +65,15 @@ def main() -> None:
         case = rockfall.read_case(HERE / f"{name}.nml")
         model = given.table or case.impact["sets"]
         case = case.replace(impact=impact)
-        values = np.array([numbers(run(case, seed)) for seed in range(1, given.seeds + 1)])
+        runs = [run(case, seed) for seed in range(1, given.seeds + 1)]
+        values = np.array([numbers(result) for result in runs])
+        scatter = np.std([passing_at_once(result) for result in runs], ddof=1)
         for (quantity, (unit, printed)), of_runs in zip(QUANTITIES.items(), values.T, strict=True):
             key = "vaujany-forest", name, quantity, model
             rows.append(row(key, unit, printed[name], of_runs))
             shown = f"{rows[-1].simulated:.4g} ± {rows[-1].simulated_error:.2g} {unit}"
             print(f"{name}, {quantity}: {printed[name]:g} in the experiment, {shown}")
+        print(f"{name}, passing: of {AT_ONCE} boulders ± {scatter:.2g} % from run to run")
     if given.write:
         record(rows)
 
