@@ -24,7 +24,7 @@ from PIL import Image
 import rockfall
 from rockfall.analysis.planes.plane_bounce import set_rebound
 from rockfall.grounds.impact_tables import FIELDS, open_table, plane_files
-from rockfall.io.files import atomic_write
+from rockfall.io.atomic import atomic_write
 from rockfall.io.rasters.dem import read_dem
 from rockfall.plots.figures import figures
 from rockfall.plots.style import BLUE, GREY, INK, VERMILION, new_figure, save, styled
