@@ -299,6 +299,53 @@ def test_frequencies_are_sums_over_scenarios_and_a_barrier_grows_until_they_are_
     assert f"not met by any of {never.advice.tried} alignments within" in siting_text(never)
 
 
+def test_loads_and_frequencies_are_of_the_same_boulders(case):
+    """Those of the scenarios, by frequency: the rare large ones count little."""
+    case, how = scenarios(case), {"every": 40.0, "to": 40.0, **TERRAIN}
+    found = site(case, "road", **how)
+    row = at(found, "road")
+    energies, weights, comes = [], [], 0.0
+    for scenario, yearly in zip(case.scenario, (2.0, 0.05), strict=True):
+        volume = {"volume": "fixed", "volume_mean": scenario["volume_mean"], "volume_std": None}
+        result = rockfall.run(case.replace(boulder=volume, scenario=[]), **TERRAIN)
+        energy = variant_line(result, "road")["energy_total"]
+        energies.append(energy[~np.isnan(energy)])
+        weights.append(np.full(energies[-1].size, yearly / energy.size))
+        comes += weights[-1].sum()
+    energy, weight = np.concatenate(energies), np.concatenate(weights)
+    assert found.advice.today[0] == pytest.approx(comes)
+    assert 2.05 * row["fraction"] == pytest.approx(comes)
+    assert row["fraction_low"] < row["fraction"] < row["fraction_high"]
+    above = weight[energy > row["energy_q95"]].sum() / comes
+    assert above == pytest.approx(0.05, abs=weight.max() / comes)
+    assert row["energy_q95"] < 0.5 * np.quantile(energies[1], 0.95)
+    assert row["n"] == energy.size and found.boulders == 1200
+    assert [*found.results] == ["often", "rare"]
+    assert "of the scenarios, by frequency: often, rare" in siting_text(found)
+    assert "of the scenarios" not in siting_text(site(case.replace(scenario=[]), "road", **how))
+
+
+def test_a_single_scenario_is_as_its_boulders(case):
+    one = case.replace(
+        scenario=[{"name": "all", "return_period": 5.0, "volume": "fixed", "volume_mean": 0.5}]
+    )
+    alone = case.replace(boulder={"volume": "fixed", "volume_mean": 0.5, "volume_std": None})
+    how = {"every": 100.0, "to": 200.0, **TERRAIN}
+    found, same = site(one, "road", **how), site(alone, "road", **how)
+    assert found.table.equals(same.table)
+    assert found.advice.today[0] == pytest.approx(0.2 * same.advice.today[0])
+
+
+def test_scenarios_run_in_turn_find_the_same(case):
+    case, how = scenarios(case), {"every": 100.0, "to": 200.0, **TERRAIN}
+    found = site(case, "road", **how)
+    turns = site(case, "road", memory=2 * 44 * 600 * 3 * 5, **how)
+    assert turns.notes[0].startswith("1,200 boulders at 3 alignments take")
+    assert turns.notes[0].endswith("4 runs, and only the best alignment is kept")
+    assert turns.table.equals(found.table) and turns.come == found.come
+    assert turns.advice == found.advice
+
+
 def test_a_barrier_that_is_too_short_is_told(case):
     short = [shapely.LineString([(140.0, 300.0), (160.0, 300.0)])]
     geopandas = pytest.importorskip("geopandas")

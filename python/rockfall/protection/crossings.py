@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.precision.intervals import Sources, sources
+from rockfall.analysis.precision.weighted import Weighted
 from rockfall.kernel_rules import barrier_outcomes
 from rockfall.result.crossings import at_line
 from rockfall.result.samples import check_rows
@@ -21,7 +22,7 @@ class Crossings(NamedTuple):
     """Values of each boulder that crossed a line: source and volume [m3] there, position along it
     [m], speed [m/s], energies [J], heights above the ground [m]."""
 
-    source: Sources
+    source: Sources | Weighted
     volume: np.ndarray
     position: np.ndarray
     speed: np.ndarray

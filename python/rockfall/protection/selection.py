@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rockfall.analysis.precision.intervals import Sources, fraction_interval
+from rockfall.analysis.precision.weighted import Weighted
 from rockfall.errors import RockfallError
 from rockfall.io.tables import check_columns, read_table
 from rockfall.kernel_rules import EAD_ENERGY
@@ -90,7 +91,7 @@ def cheapest(choices: Iterable[Choice]) -> Choice | None:
     return min(priced, key=lambda choice: choice.cost, default=None)
 
 
-def residual_of(passing: np.ndarray, source: Sources) -> tuple[float, float, float]:
+def residual_of(passing: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:
     """Fraction of the boulders that pass a barrier, among those that reach it from these sources,
     and its 95 % interval."""
     if not passing.size:

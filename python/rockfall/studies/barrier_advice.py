@@ -5,13 +5,12 @@ what still comes, by the same boulders."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
 from rockfall.analysis.precision.paired import difference_of_fractions
 from rockfall.case import Case
@@ -21,7 +20,8 @@ from rockfall.protection.selection import MAX_HEIGHT, Costs, cheapest, least_hei
 from rockfall.result.crossings import line_names, line_values, outcomes_at
 from rockfall.result.variables import OUTCOME
 from rockfall.scene.read import read_scene
-from rockfall.studies.study import ROWS_ONLY, Study
+from rockfall.studies.siting_runs import populations
+from rockfall.studies.study import Study
 from rockfall.studies.variants import at_line
 from rockfall.studies.yearly_variants import Three, yearly_sum
 
@@ -136,22 +136,26 @@ def advise(
     barriers: Sequence[Wanted],
     most: Most,
     acceptable: float | None,
-    result: xr.Dataset,
+    bare: Mapping[str, tuple[xr.Dataset, float]],
     given: Mapping[str, Any],
     *,
     progress: bool = False,
 ) -> Advice | None:
     """The first of some barriers with which at most `acceptable` boulders a year come to the line,
     by the upper limit: unchanged, higher, or of a higher class. If none suffices, the barrier that
-    leaves least. None without barriers. `result`: of the case without them."""
+    leaves least. None without barriers. `bare`: results without them, with their frequencies
+    [1/year], of the same scenarios, or of the case."""
     if not barriers:
         return None
-    today = _came(case, line, None, given, progress, None if case.scenario else result)
+    yearly = {name: often for name, (_, often) in bare.items()}
+    without = ((name, result) for name, (result, _) in bare.items())
+    today = _came(without, yearly, line, None, progress)
     best: Advice | None = None
     for number, first in enumerate(barriers[:MOST_TRIED], start=1):
         barrier: Wanted | None = first
         while barrier:
-            after = _came(case, line, barrier, given, progress)
+            scenes = _with_barrier(case, barrier, given)
+            after = _came(scenes, yearly, line, barrier, progress)
             advice = Advice(
                 barrier, bool(case.scenario), _sum(case, today), _sum(case, after),
                 _change(case, today, after), _ways(after), acceptable, number,
@@ -198,16 +202,14 @@ def group_of(barrier: Wanted) -> dict[str, Any]:
 
 
 def _came(
-    case: Case,
+    scenes: Iterable[tuple[str, Scene | xr.Dataset]],
+    yearly: Mapping[str, float],
     line: str,
     barrier: Wanted | None,
-    given: Mapping[str, Any],
     progress: bool,
-    result: xr.Dataset | None = None,
 ) -> list[_Came]:
-    """Boulders of each scenario that come to a line, with a barrier; or those of a result."""
+    """Boulders of each run, or result, that come to a line, with a barrier."""
     is_line = barrier is not None and barrier.alignment.name == line
-    yearly: dict[str, float] = {}
 
     def numbers(name: str, result: xr.Dataset) -> _Came:
         at = at_line(result, NAME if is_line else line)
@@ -224,26 +226,16 @@ def _came(
             outcome = np.where(is_line | (met <= there), outcome, 0)
         return _Came(comes, outcome, height, energy, sources(result), yearly[name])
 
-    barriers = case.barrier if barrier is None else [*case.barrier, group_of(barrier)]
-    scenes = _scenes(case.replace(barrier=barriers), given, yearly, result)
     return [came for _, came in Study(progress=progress).run(scenes, numbers)]
 
 
-def _scenes(
-    case: Case,
-    given: Mapping[str, Any],
-    yearly: dict[str, float],
-    result: xr.Dataset | None,
-) -> Iterator[tuple[str, Scene | xr.Dataset]]:
-    """Scenes of the scenarios of a case, or its own; their frequencies [1/year] go to `yearly`."""
-    if not case.scenario:
-        yearly[""] = 1.0
-        yield "", read_scene(case, **given) if result is None else result
-        return
-    scene = read_scene(base_case(case, ROWS_ONLY), **given)
-    for scenario in scenarios_of(scene, scene.case.line):
-        yearly[scenario.name] = scenario.frequency
-        yield scenario.name, replace(scene, case=scenario.case)
+def _with_barrier(
+    case: Case, barrier: Wanted, given: Mapping[str, Any]
+) -> Iterator[tuple[str, Scene]]:
+    """Scenes of the runs of a case with a barrier."""
+    scene = read_scene(case.replace(barrier=[*case.barrier, group_of(barrier)]), **given)
+    for name, run in populations(scene).items():
+        yield name, run.scene
 
 
 def _sum(case: Case, runs: Sequence[_Came]) -> Three:

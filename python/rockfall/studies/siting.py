@@ -6,7 +6,7 @@ from one run with all of them as evaluation lines, so that every alignment meets
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,31 +14,40 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.analysis.line_statistics import with_limits
-from rockfall.analysis.precision.intervals import fraction_interval, quantile, sources
-from rockfall.analysis.validity.remarks import model_warnings
+from rockfall.analysis.precision.intervals import fraction_interval, quantile
+from rockfall.analysis.validity.warnings import joint_warnings
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.protection.alignments import Alignment, Shift, drawn_scene, shifted_scene
-from rockfall.protection.crossings import crossings, passes
+from rockfall.protection.crossings import passes
 from rockfall.protection.demand import demand
 from rockfall.protection.design import conditions_of, unconfirmed_of
 from rockfall.protection.factors import Conditions, Factors, read_factors
 from rockfall.protection.selection import MAX_HEIGHT, Costs, cost_of, read_costs, residual_of
-from rockfall.result.crossings import has_crossed, line_names, line_values
+from rockfall.result.crossings import has_crossed, line_names
 from rockfall.result.variables import ENDS
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import warn_of
-from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
+from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import run_scene
 from rockfall.studies.barrier_advice import Advice, Most, advise, check_acceptable, wanted
-from rockfall.studies.study import ROWS_ONLY, Study
+from rockfall.studies.siting_runs import (
+    AtAlignment,
+    boulders_at,
+    in_batches,
+    memory_note,
+    pooled,
+    populations,
+    scene_with,
+    sited_case,
+)
+from rockfall.studies.study import Study
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from rockfall.scene.scene import Scene
 
 YES, NO, UNDECIDED = "yes", "no", "undecided"
 BEST, NOT_DISTINGUISHED = "best", "not distinguished"
@@ -75,7 +84,8 @@ class Siting:
     that height and class there. `cost` is for its length. `fits` is True if it is within the
     limits; `fails` lists limits that are exceeded or undecided, and unconfirmed assumptions.
     `choice` gives the best alignment under these assumptions. `advice` is the barrier that follows,
-    verified by a run with it; None where no alignment is within the limits.
+    verified by a run with it; None where no alignment is within the limits. With &scenario groups
+    all numbers are of their boulders, weighted by frequency.
     """
 
     line: str
@@ -87,8 +97,18 @@ class Siting:
     table: pd.DataFrame
     alignments: tuple[Alignment, ...]
     advice: Advice | None
-    result: xr.Dataset  # the run, with the alignments, or the best, as evaluation lines
+    results: Mapping[str, xr.Dataset]  # runs with the alignments, or the best, as evaluation lines
     notes: tuple[str, ...]
+
+    @property
+    def scenarios(self) -> list[str]:
+        """Scenarios whose boulders these are, by frequency; none: they are those of &boulder."""
+        return [name for name in self.results if name]
+
+    @property
+    def result(self) -> xr.Dataset:
+        """Run of the case, or of its first scenario."""
+        return next(iter(self.results.values()))
 
 
 def site(
@@ -117,13 +137,13 @@ def site(
     Candidates are the line itself and copies of it, shifted every `every` metres `to` a distance,
     perpendicular to the line on the side of the sources, or in a `direction` [degree from north];
     or the lines of a layer `candidates` (a file, or a GeoDataFrame). The case is run with all of
-    them as evaluation lines; if its boulders at all of these need more than half of `memory`
-    [bytes] (default: that of the machine), again and again with some of them, by the same
-    boulders. `max_height` [m] and `max_class` (0 to 7) limit the barrier,
-    `max_bypass` the fraction of the boulders that may pass around its ends; alignments nearer to
-    the line than the `space` [m] in which a barrier brakes are refused. `volume`, `factors`,
-    `costs` and the conditions of the standard are as in `rockfall.design`; all else `given` are
-    arrays and layers as in `rockfall.run`.
+    them as evaluation lines, or each of its &scenario groups, whose boulders count by frequency. If
+    boulders at all of these need more than half of `memory` [bytes] (default: that of the machine),
+    it is run again and again with some of them, by the same boulders. `max_height` [m] and
+    `max_class` (0 to 7) limit the barrier, `max_bypass` the fraction of the boulders that may pass
+    around its ends; alignments nearer to the line than the `space` [m] in which a barrier brakes
+    are refused. `volume`, `factors`, `costs` and the conditions of the standard are as in
+    `rockfall.design`; all else `given` are arrays and layers as in `rockfall.run`.
 
     The barrier that follows is verified by a run with it, by the same boulders; by one for each
     &scenario, if there are any. If more than `acceptable` boulders a year still come, by the upper
@@ -146,36 +166,62 @@ def site(
     prices = read_costs(costs) if costs is not None else None
     if volume is not None and not 0 < volume < math.inf:
         raise RockfallError(f"volume = {volume}: must be > 0 m3")
-    case = case.replace(output=ROWS_ONLY)
+    case = sited_case(case)
     scene = read_scene(case, **given)
     warn_of(scene)
     if candidates is None:
         scene, alignments = shifted_scene(scene, line, Shift(every, to, direction))
     else:
         scene, alignments = drawn_scene(case, scene, line, candidates, candidates_layer, given)
+    runs = populations(scene)
+    yearly = {name: run.yearly for name, run in runs.items()}
     batches = in_batches(scene, line, alignments, machine_memory() if memory is None else memory)
     design_of = standard, case.boulder["density"], volume
-    alone = len(batches) == 1
+    results: dict[str, xr.Dataset] = {}
+    held: list[Iterable[AtAlignment]] = []  # boulders of the runs with a batch so far
 
-    def numbers(k: int, result: xr.Dataset) -> tuple[list[dict[str, Any]], xr.Dataset | None]:
-        own = [_row(result, line, place, design_of, prices, limits) for place in batches[k]]
-        return own, result if alone else None
+    def numbers(key: tuple[int, str], result: xr.Dataset) -> list[dict[str, Any]]:
+        k, name = key
+        if len(batches) == 1:
+            results[name] = result
+        at = (boulders_at(result, line, place.name) for place in batches[k])
+        held.append(at if name == [*runs][-1] else list(at))
+        if len(held) < len(runs):
+            return []
+        rows = [
+            _row(pooled(own, [*yearly.values()]), place, design_of, prices, limits)
+            for place, own in zip(batches[k], zip(*held, strict=True), strict=True)
+        ]
+        held.clear()
+        return rows
 
+    scenes = (
+        ((k, name), scene_with(run.scene, line, alignments, batch))
+        for k, batch in enumerate(batches)
+        for name, run in runs.items()
+    )
     rows: list[dict[str, Any]] = []
-    scenes = ((k, _scene_with(scene, line, alignments, batches[k])) for k in range(len(batches)))
-    with Study(scene.boulders * len(batches), progress=progress) as study:
-        for _, (own, kept) in study.run(scenes, numbers, compared=False):
-            rows, result = rows + own, kept
+    with Study(scene.boulders * len(batches) * len(runs), progress=progress) as study:
+        for _, own in study.run(scenes, numbers, compared=False):
+            rows += own
     choose(rows)
-    if result is None:
+    if not results:
         chosen = [spot for spot, row in zip(alignments, rows, strict=True) if row["choice"] == BEST]
-        result = run_scene(_scene_with(scene, line, alignments, chosen))
-    unconfirmed = unconfirmed_of(result, scene.case, standard)
+        for name, run in runs.items():
+            results[name] = run_scene(scene_with(run.scene, line, alignments, chosen))
+    unconfirmed = "; ".join(dict.fromkeys(
+        doubt
+        for result in results.values()
+        for doubt in filter(None, unconfirmed_of(result, scene.case, standard).split("; "))
+    ))  # fmt: skip
     rows = [row | under_doubt(row, unconfirmed) for row in rows]
-    come = int(np.count_nonzero(has_crossed(result, line_names(result).index(line))))
-    notes = (*_notes(scene.case, line, come, alignments, rows), *model_warnings(result, scene.case))
-    if not alone:
-        notes = (_memory_note(scene, alignments, batches), *notes)
+    come = sum(
+        int(np.count_nonzero(has_crossed(result, line_names(result).index(line))))
+        for result in results.values()
+    )
+    notes = (*_notes(scene.case, line, come, alignments, rows), *joint_warnings(results))
+    if len(batches) > 1:
+        notes = (memory_note(scene, alignments, batches), *notes)
     if candidates is None and alignments[-1].distance + every <= to * (1 + 1e-9):
         beyond = f"alignments beyond {alignments[-1].distance:g} m are outside the terrain"
         notes = (f"{beyond}: left out", *notes)
@@ -183,50 +229,13 @@ def site(
     most = most if max_height is None else most._replace(height=max_height)
     most = most if max_class is None else most._replace(ead_class=max_class)
     barriers = wanted(rows, alignments, most) if come else []
-    advice = advise(case, line, barriers, most, acceptable, result, given, progress=progress)
+    bare = {name: (result, yearly[name]) for name, result in results.items()}
+    advice = advise(case, line, barriers, most, acceptable, bare, given, progress=progress)
+    boulders = sum(result.sizes["boulder"] for result in results.values())
     return Siting(
-        line, result.sizes["boulder"], come, limits, standard, prices is not None,
-        pd.DataFrame(rows, columns=COLUMNS), tuple(alignments), advice, result, notes,
+        line, boulders, come, limits, standard, prices is not None,
+        pd.DataFrame(rows, columns=COLUMNS), tuple(alignments), advice, results, notes,
     )  # fmt: skip
-
-
-def in_batches(
-    scene: Scene, line: str, alignments: Sequence[Alignment], memory: float
-) -> list[list[Alignment]]:
-    """Alignments in batches whose boulders, at these and the other lines of the case, need at most
-    half of the memory [bytes]; a RockfallError if those at a single one need more."""
-    others = len(scene.case.lines) - sum(alignment.name != line for alignment in alignments)
-    each = BYTES_AT_LINE * scene.boulders
-    most = int(ROOM * memory / each) - others
-    if most < 1:
-        raise RockfallError(
-            f"site: {scene.boulders:,} boulders at {others + 1} lines take "
-            f"{each * (others + 1) / 1e9:.2g} GB: more than half of the memory: give fewer boulders"
-        )
-    number = -(-len(alignments) // most)
-    parts = np.array_split(np.arange(len(alignments)), number)
-    return [[alignments[k] for k in part] for part in parts]
-
-
-def _scene_with(
-    scene: Scene, line: str, alignments: Sequence[Alignment], drawn: Sequence[Alignment]
-) -> Scene:
-    """A scene with only some of the alignments, besides the lines of the case."""
-    left_out = {alignment.name for alignment in alignments} - {item.name for item in drawn} - {line}
-    if not left_out:
-        return scene
-    lines = [item for item in scene.case.line if item["name"] not in left_out]
-    return scene.replace(case=scene.case.replace(line=lines))
-
-
-def _memory_note(
-    scene: Scene, alignments: Sequence[Alignment], batches: Sequence[Sequence[Alignment]]
-) -> str:
-    need = BYTES_AT_LINE * scene.boulders * len(alignments) / 1e9
-    return (
-        f"{scene.boulders:,} boulders at {len(alignments)} alignments take {need:.2g} GB, more "
-        f"than half of the memory: {len(batches)} runs, and only the best alignment is kept"
-    )
 
 
 def _limits(
@@ -244,17 +253,14 @@ def _limits(
 
 
 def _row(
-    result: xr.Dataset,
-    line: str,
+    at: AtAlignment,
     alignment: Alignment,
     design_of: tuple[Factors, float, float | None],
     prices: Costs | None,
     limits: Limits,
 ) -> dict[str, Any]:
     """Numbers of an alignment."""
-    number = line_names(result).index(alignment.name)
-    came, source = crossings(result, number), sources(result)
-    crossed = has_crossed(result, number)
+    came, crossed, comes, around, source = at[:5]
     row: dict[str, Any] = {
         "alignment": alignment.name, "distance": alignment.distance, "space": alignment.space,
         "elevation": alignment.elevation, "length": alignment.length, "n": came.n,
@@ -265,7 +271,6 @@ def _row(
     asked = demand(came, *design_of)
     for name in ("E_d", "height_needed", "ead_class"):
         row |= {f"{name}{end}": asked[f"{name}{end}"] for end in ENDS}
-    comes, around = _around(result, line, alignment.name)
     row |= _named("bypass", residual_of(around[comes], source[comes]))
     left = around.copy()
     if (capacity := _capacity(row["ead_class"])) is not None:
@@ -273,14 +278,6 @@ def _row(
         row |= _named("remaining", residual_of(left[comes], source[comes]))
     row |= {f"cost{end}": _cost(row, end, prices) for end in ENDS}
     return row | _verdicts(row, limits)
-
-
-def _around(result: xr.Dataset, line: str, alignment: str) -> tuple[np.ndarray, np.ndarray]:
-    """Boulders that come to the protected line, and those that do not cross the alignment before
-    they do."""
-    names = line_names(result)
-    there, before = (line_values(result, "time", names.index(name)) for name in (line, alignment))
-    return np.isfinite(there), ~(before <= there)
 
 
 def _named(name: str, values: tuple[float, float, float]) -> dict[str, float]:

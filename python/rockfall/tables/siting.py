@@ -31,6 +31,9 @@ def siting_text(siting: Siting) -> str:
         f"{siting.line}: {siting.come:,} of {siting.boulders:,} boulders come; {_limits(siting)}"
     )
     parts = [ABOUT, *(f"Warning: {note}" for note in siting.notes), "", first]
+    if siting.scenarios:
+        names = ", ".join(siting.scenarios)
+        parts.append(f"All numbers are of the boulders of the scenarios, by frequency: {names}")
     parts += [
         as_text(siting_table(siting)),
         "",

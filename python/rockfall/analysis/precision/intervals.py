@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockfall.analysis.precision.weighted import Weighted, quantile_interval
 from rockfall.case import case_of
 from rockfall.kernel_rules import Z, fraction_limits, limit_ranks
 from rockfall.limits import MIN_FOR_MEAN
@@ -302,9 +303,11 @@ def are_sampled(result: Held) -> bool:
     return "sample" in text and case_of(result).release["sources"] == "sample"  # cheap test first
 
 
-def fraction_interval(holds: np.ndarray, source: Sources) -> tuple[float, float, float]:
+def fraction_interval(holds: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:
     """Fraction of the chosen boulders, and the limits of its 95 % interval
     (Wilson 1927)."""
+    if isinstance(source, Weighted):
+        return source.fraction(holds)
     fraction = float(holds.mean())
     return fraction, *fraction_limits(fraction, source.effective_number(holds))
 
@@ -346,11 +349,15 @@ def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[
     return low, high
 
 
-def quantile(values: np.ndarray, level: float, source: Sources) -> tuple[float, float, float]:
-    """Quantile and the limits of its 95 % interval, as in line statistics; NaN without values, or
-    for a level that is not known."""
+def quantile(
+    values: np.ndarray, level: float, source: Sources | Weighted
+) -> tuple[float, float, float]:
+    """Quantile and the limits of its 95 % interval, as in line statistics, or of weighted boulders;
+    NaN without values, or for a level that is not known."""
     if not values.size or np.isnan(level):
         return np.nan, np.nan, np.nan
+    if isinstance(source, Weighted):
+        return quantile_interval(values, source.weight, level, source.per_cluster)
     ordered = np.sort(values)
     value = float(np.quantile(ordered, level))
     effective = source.effective_number(values <= value)

@@ -1,13 +1,34 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Quantiles of values with weights, such as boulders of scenarios of different frequencies."""
+"""Quantiles and fractions of values with weights, such as boulders of scenarios of different
+frequencies."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from rockfall.kernel_rules import Z
+from rockfall.kernel_rules import Z, fraction_limits
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """Boulders of several runs: their weights, and how many of them count as one."""
+
+    weight: np.ndarray
+    per_cluster: int = 1
+
+    def __getitem__(self, which: np.ndarray) -> Weighted:
+        return Weighted(self.weight[which], self.per_cluster)
+
+    def fraction(self, holds: np.ndarray) -> tuple[float, float, float]:
+        """Fraction of the weight for which `holds` (boulders,) is True, and the limits of its 95 %
+        interval (Wilson 1927), for the number of boulders as in `quantile_interval`."""
+        total = float(self.weight.sum())
+        fraction = float(self.weight[holds].sum()) / total
+        number = total / float(self.weight.max()) / self.per_cluster
+        return fraction, *fraction_limits(fraction, number)
 
 
 def value_at(values: np.ndarray, weights: np.ndarray, level: float) -> float:

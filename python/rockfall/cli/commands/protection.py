@@ -54,7 +54,7 @@ OPTIONS = ("along", "width", "min_boulders", "residual", "volume", "factors", "c
 SITING = ("every", "to", "direction", "candidates", "candidates_layer", "max_height", "max_class",
           "max_bypass", "space", "acceptable", "volume", "factors", "costs",
           *sorted(CONDITIONS))  # fmt: skip
-SITING_FILES = "siting.csv", "siting.png", "siting.gpkg", "siting.nc"
+SITING_FILES = "siting.csv", "siting.png", "siting.gpkg"
 ADVISED = "barrier.nml"
 
 
@@ -142,7 +142,8 @@ def site_command(arguments: argparse.Namespace) -> int:
     need("site needs", "report", "matplotlib")
     need("site needs", "vector", "pyogrio", "shapely")
     check_folder(folder)
-    check_outputs([folder / name for name in (*SITING_FILES, ADVISED)], inputs)
+    names = results_of([scenario["name"] for scenario in case.scenario])
+    check_outputs([folder / name for name in (*SITING_FILES, *names, ADVISED)], inputs)
     warn_of_inputs(case)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # printed above, in lines
@@ -154,15 +155,21 @@ def site_command(arguments: argparse.Namespace) -> int:
             part / "siting.gpkg", {"alignments": ("LineString", [_features(siting)])},
             crs_wkt(siting.result),
         )  # fmt: skip
-        write_result(siting.result, part / "siting.nc")
+        for name, result in zip(names, siting.results.values(), strict=True):
+            write_result(result, part / name)
         if siting.advice:
             group = {"barrier": [group_of(siting.advice.barrier)]}
             (part / ADVISED).write_text(namelist_text(group), encoding="utf-8")
     if not arguments.quiet:
         print(siting_text(siting))
-    files = (*SITING_FILES, *([ADVISED] if siting.advice else []))
+    files = (*SITING_FILES, *names, *([ADVISED] if siting.advice else []))
     print(*(folder / name for name in files), sep="\n")
     return DONE
+
+
+def results_of(scenarios: Sequence[str]) -> list[str]:
+    """Names of the files of the runs of a siting: one for each scenario, if there are any."""
+    return [f"siting_scenario{k}.nc" for k in range(1, len(scenarios) + 1)] or ["siting.nc"]
 
 
 def _features(siting: Siting) -> tuple[np.ndarray, dict[str, np.ndarray]]:

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Boulders at the candidate alignments of a siting: those of one run, or of a run of each scenario
+of a case, weighted by its frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
+from rockfall.analysis.precision.intervals import Sources, sources
+from rockfall.analysis.precision.weighted import Weighted
+from rockfall.case import Case, case_of
+from rockfall.errors import RockfallError
+from rockfall.protection.crossings import Crossings, crossings
+from rockfall.result.crossings import has_crossed, line_names, line_values
+from rockfall.result.maps.clusters import boulders_per_cluster
+from rockfall.simulation.memory import BYTES_AT_LINE, ROOM
+from rockfall.studies.study import ROWS_ONLY
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rockfall.protection.alignments import Alignment
+    from rockfall.scene.scene import Scene
+
+
+class Population(NamedTuple):
+    """Boulders of a run: its scene, and its frequency [1/year], 1 without scenarios."""
+
+    scene: Scene
+    yearly: float
+
+
+class AtAlignment(NamedTuple):
+    """Boulders of a run at an alignment: crossings, and masks (boulders,) of boulders that cross it,
+    that come to the protected line, and that come to the line without crossing before."""
+
+    came: Crossings
+    crossed: np.ndarray
+    comes: np.ndarray
+    around: np.ndarray
+    source: Sources | Weighted  # of all boulders
+    per_cluster: int  # boulders that count as one
+
+
+def sited_case(case: Case) -> Case:
+    """Case whose scene all runs of a siting share."""
+    return base_case(case, ROWS_ONLY) if case.scenario else case.replace(output=ROWS_ONLY)
+
+
+def populations(scene: Scene) -> dict[str, Population]:
+    """Runs of a siting by the names of their scenarios, with the lines of the scene; one of the
+    name "" without scenarios."""
+    if not scene.case.scenario:
+        return {"": Population(scene, 1.0)}
+    return {
+        own.name: Population(replace(scene, case=own.case), own.frequency)
+        for own in scenarios_of(scene, scene.case.line)
+    }
+
+
+def boulders_at(result: xr.Dataset, line: str, alignment: str) -> AtAlignment:
+    """Boulders of a result at an alignment above the protected line."""
+    names = line_names(result)
+    number, protected = names.index(alignment), names.index(line)
+    there, before = (line_values(result, "time", k) for k in (protected, number))
+    starts = (result[f"start_{axis}"].values for axis in "xy")
+    return AtAlignment(
+        crossings(result, number), has_crossed(result, number), np.isfinite(there),
+        ~(before <= there), sources(result), boulders_per_cluster(case_of(result), *starts),
+    )  # fmt: skip
+
+
+def _bytes(scene: Scene) -> int:
+    """Memory for the boulders at a line [bytes]. Those of scenarios are pooled: results, and copies
+    of what crosses, are held at once."""
+    scenarios = len(scene.case.scenario)
+    return BYTES_AT_LINE * scene.boulders * (1 + 2 * scenarios)
+
+
+def pooled(each: Sequence[AtAlignment], yearly: Sequence[float]) -> AtAlignment:
+    """Boulders of several runs with frequencies [1/year]: one of them is as frequent as that over
+    the number released. A single run is returned unchanged."""
+    if len(each) == 1:
+        return each[0]
+    weights = [often / at.crossed.size for at, often in zip(each, yearly, strict=True)]
+    per_cluster = max(at.per_cluster for at in each)
+
+    def weighted(sizes: Sequence[int]) -> Weighted:
+        return Weighted(np.repeat(weights, sizes), per_cluster)
+
+    values = (np.concatenate(parts) for parts in zip(*(at.came[1:] for at in each), strict=True))
+    came = Crossings(weighted([at.came.n for at in each]), *values)
+    crossed, comes, around = (
+        np.concatenate(parts) for parts in zip(*(at[1:4] for at in each), strict=True)
+    )
+    source = weighted([at.crossed.size for at in each])
+    return AtAlignment(came, crossed, comes, around, source, per_cluster)
+
+
+def in_batches(
+    scene: Scene, line: str, alignments: Sequence[Alignment], memory: float
+) -> list[list[Alignment]]:
+    """Alignments in batches whose boulders, at these and the other lines of the case, need at most
+    half of the memory [bytes]; a RockfallError if those at a single one need more."""
+    others = len(scene.case.lines) - sum(alignment.name != line for alignment in alignments)
+    each = _bytes(scene)
+    most = int(ROOM * memory / each) - others
+    if most < 1:
+        raise RockfallError(
+            f"site: {scene.boulders:,} boulders at {others + 1} lines take "
+            f"{each * (others + 1) / 1e9:.2g} GB: more than half of the memory: give fewer boulders"
+        )
+    number = -(-len(alignments) // most)
+    parts = np.array_split(np.arange(len(alignments)), number)
+    return [[alignments[k] for k in part] for part in parts]
+
+
+def scene_with(
+    scene: Scene, line: str, alignments: Sequence[Alignment], drawn: Sequence[Alignment]
+) -> Scene:
+    """A scene with only some of the alignments, besides the lines of the case."""
+    left_out = {alignment.name for alignment in alignments} - {item.name for item in drawn} - {line}
+    if not left_out:
+        return scene
+    lines = [item for item in scene.case.line if item["name"] not in left_out]
+    return scene.replace(case=scene.case.replace(line=lines))
+
+
+def memory_note(
+    scene: Scene, alignments: Sequence[Alignment], batches: Sequence[Sequence[Alignment]]
+) -> str:
+    """Note that the case runs several times, with what all alignments at once would need."""
+    need, scenarios = _bytes(scene) * len(alignments) / 1e9, len(scene.case.scenario) or 1
+    return (
+        f"{scenarios * scene.boulders:,} boulders at {len(alignments)} alignments take {need:.2g} "
+        f"GB, more than half of the memory: {scenarios * len(batches)} runs, and only the best "
+        "alignment is kept"
+    )
