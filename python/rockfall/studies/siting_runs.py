@@ -36,8 +36,8 @@ class Population(NamedTuple):
 
 
 class AtAlignment(NamedTuple):
-    """Boulders of a run at an alignment: crossings, and masks (boulders,) of boulders that cross it,
-    that come to the protected line, and that come to the line without crossing before."""
+    """Boulders of a run at an alignment: crossings, and masks (boulders,) of boulders that cross,
+    that come to the protected line, and that come to it without crossing before."""
 
     came: Crossings
     crossed: np.ndarray
