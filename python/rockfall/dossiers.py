@@ -63,8 +63,8 @@ def dossier(
     each hazard; returns the files.
 
     The first variant is run by a second model, too, if its ground admits one, unless `one_model`.
-    `return_period` [year], one of 10, 30, 100, 300 and 1,000, is that of the answers and of what
-    the advised barrier lets pass; `costs` is a table of prices of barriers, as in
+    `return_period` [year], one of 10, 30, 100, 300 and 1,000, applies to the answers and to the
+    boulders that pass the advised barrier; `costs` is a table of prices of barriers, as in
     `rockfall.design`; the other arguments are as in `rockfall.hazard` and `rockfall.report`.
 
     >>> import rockfall

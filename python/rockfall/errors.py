@@ -11,8 +11,8 @@ FAULT_MARK = "\x1e"  # the kernel's, between the messages of several faults
 
 
 class RockfallError(ValueError):
-    """One line that names the problem, its place, and what is allowed; a line for each, if a case
-    has several: `faults`.
+    """One line that names the problem, its place, and what is allowed; if a case has several
+    problems, `faults` has a line for each.
 
     `code` is the exit status, `BAD_INPUT` or `OUR_FAULT`: 2 or 1.
 

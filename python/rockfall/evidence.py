@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Evidence on the validity of the models: `data/field_evidence.csv`, the one table of what was
-observed and what the program has there. Messages read it here, pages through `tools/document.py`.
+"""Evidence on the validity of the models: `data/field_evidence.csv`, the one table of observations
+and of the program's numbers for them. Messages read it here, pages through `tools/document.py`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ class Evidence:
 
     `place` is a line, a half of the data or a slope; `error` and its standard error are in % of
     what was `observed`, in `unit`. Where `observed` is NaN, as for distances of distributions and
-    numbers of a made-up slope, `error` is the number itself. The program of `version` (and commit)
-    has it by `command`.
+    numbers of a made-up slope, `error` is the number itself. `command` gave it with the program of
+    `version` (and commit).
     """
 
     site: str

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Handling of Ctrl-C, and of SIGTERM, which batch systems send at a time limit, without loss of
-work; and stops of work that another thread does."""
+work; and stops of work in another thread."""
 
 import os
 import signal
@@ -30,8 +30,8 @@ def exit_status() -> int:
 @contextmanager
 def interrupts() -> Iterator[Callable[[], bool]]:
     """Defer a first Ctrl-C or SIGTERM within the block; the yielded function returns True after
-    one. A second ends the process at once, even while the kernel runs. Nested blocks act as one;
-    one of another thread ends by `stopped_by`, too."""
+    one. A second ends the process at once, even while the kernel runs. Nested blocks act as one; a
+    block of another thread also ends by `stopped_by`."""
     global _hit
     if threading.current_thread() is not threading.main_thread() or _hit is not None:
         signalled, stopped = (_hit or threading.Event()).is_set, _is_stopped.get()
@@ -116,6 +116,6 @@ def stopped_by(is_wanted: Callable[[], bool]) -> Iterator[None]:
 
 
 def check_stop() -> None:
-    """Raise Stopped if this is wanted."""
+    """Raise Stopped if a stop was requested."""
     if _is_stopped.get()():
         raise Stopped

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Texts by message id in the language in force, from the catalogues of gettext in `locale/*.po`.
+"""Texts by message id in the current language, from the catalogues of gettext in `locale/*.po`.
 
 English is a catalogue like the others: rewording it does not touch the ids. Placeholders have
 names; numbers that fill them are written in the format of the language, and lists joined as
@@ -56,7 +56,7 @@ def speaking(language: str) -> Iterator[None]:
 
 
 def spoken() -> str:
-    """Language in force."""
+    """Current language."""
     return _in_force.get()
 
 
@@ -124,14 +124,14 @@ def is_message(key: str) -> bool:
 
 
 def translated(text: object) -> str:
-    """Text or number in the language in force; names and other plain strings unchanged."""
+    """Text or number in the current language; names and other plain strings unchanged."""
     if isinstance(text, Text):
         return _said(text.key, text.values, text.is_count)
     return localised(text) if isinstance(text, Number) else str(text)
 
 
 def localised(number: str, language: str = "") -> str:
-    """Write a number, formatted in English, in the format of a language; default: that in force."""
+    """Write a number, formatted in English, in the format of a language (default: current)."""
     return number if (language or _in_force.get()) == "en" else str(number).translate(MARKS)
 
 

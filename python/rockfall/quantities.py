@@ -25,7 +25,7 @@ class Quantity(NamedTuple):
 
     @property
     def label(self) -> Text:
-        """Label in the language in force."""
+        """Label in the current language."""
         return say(self.key)
 
     @property

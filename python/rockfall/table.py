@@ -102,7 +102,7 @@ def in_line(cell: object) -> str:
 
 
 def stacked(*lines: object) -> str:
-    """Cell of several lines, in the language in force."""
+    """Cell of several lines, in the current language."""
     return "\n".join(map(translated, lines))
 
 
@@ -139,7 +139,7 @@ class Column(NamedTuple):
         return with_unit(translated(self.label), self.unit) if self.unit else self.label
 
     def text(self, cell: object) -> str:
-        """Text of a cell, of one or several lines, in the language in force."""
+        """Text of a cell, of one or several lines, in the current language."""
         if isinstance(cell, Integral) and not isinstance(cell, bool):
             return translated(Number(f"{int(cell):,}"))
         if isinstance(cell, Real):
@@ -172,7 +172,7 @@ class Table(NamedTuple):
         return [column.title for column in self.columns]
 
     def texts(self) -> Iterator[list[str]]:
-        """Cells as texts in the language in force."""
+        """Cells as texts in the current language."""
         for row in self.rows:
             yield [column.text(cell) for column, cell in zip(self.columns, row, strict=False)]
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Design block of a return period, from a survey of blocks (De Biagi et al. 2017).
 
-Blocks larger than a threshold come as often as the dated ones did; their volumes follow a
+The frequency of blocks above a threshold is that of the dated blocks; their volumes follow a
 generalised Pareto distribution (GPD), fitted to all deposited blocks. The block of a return period
-T is the one that larger ones exceed once in T years. Intervals are those of the profile likelihood
-of volumes and number together: no random numbers, and better for few blocks than resampling.
+T is exceeded once in T years. Intervals follow from the joint profile likelihood of volumes and
+number: no random numbers, and better than resampling for few blocks.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ _LEVELS = ["return_period", *with_limits("volume"), "power_law", "extrapolated",
 
 
 class Rate(NamedTuple):
-    """Blocks larger than the threshold a year, with a 95 % interval, from `dated` ones; of
-    `dispersion` > 1 where they came in clusters."""
+    """Annual number of blocks larger than the threshold with a 95 % interval, from `dated` blocks;
+    `dispersion` is above 1 for clustered blocks."""
 
     value: float
     low: float
@@ -71,7 +71,7 @@ class PowerLaw(NamedTuple):
 
 @dataclass(frozen=True)
 class DesignBlock:
-    """Design block [m3] of a return period [year] with its 95 % interval, and what it is made of.
+    """Design block [m3] of a return period [year] with its 95 % interval, and its components.
 
     `levels`: a row for each return period; `volume` is NaN where `refused` gives a reason, and
     `extrapolated` where it is larger than any surveyed block; `power_law` is the volume by that
@@ -110,9 +110,9 @@ def design_block(
 
     `blocks` is a table of deposited blocks with `volume` [m3] or the axes `a`, `b`, `c` [m], whose
     rows with a `year` fell within the observation period of `years`; or `events` is a table of
-    those. Both may be volumes instead. Blocks larger than `threshold` [m3] count; the default is
-    the lowest above which a generalised Pareto distribution fits. `volume_max` [m3] is the largest
-    block of the scenario.
+    these blocks. Both may also be plain volumes. Blocks larger than `threshold` [m3] count; the
+    default is the lowest above which a generalised Pareto distribution fits. `volume_max` [m3] is
+    the largest block of the scenario.
 
     >>> import rockfall
     >>> found = rockfall.design_block("survey.csv", 100.0, years=40.0)
@@ -161,7 +161,7 @@ def _check(return_period: float, threshold: float | None, volume_max: float | No
 
 
 def _check_largest(survey: Survey, asked: dict[str, Any], volume_max: float) -> None:
-    """Refuse a largest block of the scenario that is known to be too small."""
+    """Refuse a `volume_max` below the largest surveyed block, or below the block of the period."""
     for volume, what in (
         (float(survey.volumes.max()), "the largest surveyed block"),
         (asked["volume"], f"the block of {asked['return_period']:g} years"),
@@ -173,7 +173,7 @@ def _check_largest(survey: Survey, asked: dict[str, Any], volume_max: float) -> 
 
 
 def _fit(survey: Survey, threshold: float | None) -> Fit:
-    """GPD of the deposited blocks above the threshold, or above the lowest one that fits."""
+    """GPD of the deposited blocks above the threshold, or above the lowest threshold that fits."""
     if threshold is not None:
         _check_numbers(survey, threshold)
         fit = _fit_above(survey.volumes, threshold)
@@ -215,8 +215,8 @@ def _fit_above(ordered: np.ndarray, threshold: float) -> Fit:
 
 
 def _tried(survey: Survey) -> Iterator[Fit]:
-    """Fits above increasing thresholds, from the smallest dated block on: the dates do not show
-    about smaller ones."""
+    """Fits above increasing thresholds, from the smallest dated block: smaller blocks have no
+    dates."""
     ordered = survey.volumes
     most = min(int((ordered > survey.dated.min()).sum()), ordered.size - 1)
     numbers = np.geomspace(max(most, MIN_BLOCKS), MIN_BLOCKS, THRESHOLDS).round().astype(int)
@@ -228,8 +228,8 @@ def _tried(survey: Survey) -> Iterator[Fit]:
 
 
 def _rate(survey: Survey, threshold: float) -> Rate:
-    """Frequency of larger blocks with the exact interval of a Poisson number (Garwood 1936), of
-    fewer independent ones where they came in clusters."""
+    """Frequency of larger blocks with the exact interval of a Poisson number (Garwood 1936);
+    clustered blocks count as fewer independent ones."""
     from scipy.stats import chi2
 
     above = survey.dated > threshold
@@ -387,7 +387,7 @@ def _scenario(
 
 
 def _rounded(value: Any) -> Any:
-    """Number with the five digits that are worth writing."""
+    """Number rounded to five significant digits."""
     return float(f"{value:.5g}") if isinstance(value, float) else value
 
 

@@ -33,8 +33,8 @@ def fit_gpd(
     excess: np.ndarray, threshold: float, weight: float = 1.0, max_place: float = MAX_PLACE
 ) -> Fit:
     """Maximum-likelihood GPD of ordered values, sought along the line of `best_of`; the search
-    variable is log(1 + theta max) / log(n), which is near the shape. `weight` is the number of
-    independent values over that of all."""
+    variable is log(1 + theta max) / log(n), which is near the shape. `weight` is the fraction of
+    independent values."""
     top, reach = excess.max(), np.log(excess.size)
 
     def theta(place: float) -> float:

@@ -55,10 +55,10 @@ def line_statistics(
     `quantities` chosen): n and fraction of the boulders that crossed, then mean, standard deviation
     (n - 1), quantiles and maximum, in the units of the result; NaN where none crossed. `NAME_low`
     and `NAME_high` are the limits of the 95 % confidence interval of fraction (Wilson 1927), mean,
-    std (Hall 1992) and quantiles (order statistics). The maximum has none: it grows with n. Too few
-    boulders give no valid interval: below 10 that of the mean is NaN, below 100 that of std, and
-    limits of quantiles beyond the values of the sample are NaN. `withheld` names the numbers
-    without an interval.
+    std (Hall 1992) and quantiles (order statistics). The maximum has no interval, because it grows
+    with n. Too few boulders give no valid interval: below 10 that of the mean is NaN, below 100
+    that of std, and limits of quantiles beyond the values of the sample are NaN. `withheld` names
+    the numbers without an interval.
 
     by = 'source', 'volume' or 'shape' gives these rows for each group of boulders, named in a
     column of that name, with the number released in `boulders`, to which `fraction` then refers;
@@ -70,8 +70,8 @@ def line_statistics(
     along the line, from its first vertex, at which a boulder crossed [m]: its std is the lateral
     spread. jump_height is that of the boulder's point, passing_height of its centre, upper_edge of
     its highest point, all vertical; normal_height and normal_upper_edge are normal to the slope.
-    Where boulders may break, fragments is how many of a boulder that crossed did; the rest is of
-    the most energetic of them (docs/breakage.md).
+    Where boulders may break, fragments is the number of fragments of a boulder that crossed; the
+    other numbers are those of its most energetic fragment (docs/breakage.md).
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -179,7 +179,7 @@ def with_limits(name: str) -> list[str]:
 
 
 def limited(numbers: Mapping[str, float], name: str) -> list[float]:
-    """A number of a row and the limits of its interval; NaN for those that it has not."""
+    """A number of a row and the limits of its interval; NaN where missing."""
     return [numbers.get(key, np.nan) for key in with_limits(name)]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The boulders that numbers of a case are of, and others that its hazard has."""
+"""Populations of boulders: those behind the numbers of a case, and those of its hazard."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A result to look at, in place of a live run."""
+"""Display of a result, in place of a live run."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 class Exhibit:
-    """A result as the page gets it: nothing in it can be edited."""
+    """A result for the page; it cannot be edited."""
 
     language = LANGUAGES[0]
     revision = 0
@@ -95,7 +95,7 @@ class Exhibit:
             self._tell(kind, message)
 
     def speak(self, language: str) -> None:
-        """Change the language, in which everything with words is sent again."""
+        """Change the language, and send all messages with words again."""
         if language != self.language:
             self.language = language
             self._show()

@@ -26,8 +26,8 @@ BINS = 20
 
 
 class LineTable:
-    """Lines of a result. Statistics of one are made when they are first wanted: those of thousands
-    take longer than their boulders."""
+    """Lines of a result. Statistics of a line are computed on first use: for thousands of lines
+    they take longer than the run."""
 
     def __init__(self, result: xr.Dataset) -> None:
         self._result = _without_maps(result)
@@ -41,7 +41,7 @@ class LineTable:
         return [self._entry(name) if name in chosen else self._head(name) for name in self.names]
 
     def further(self, chosen: Collection[str]) -> list[dict[str, Any]]:
-        """Entries with statistics of the lines chosen that have had none yet."""
+        """Entries of the chosen lines whose statistics were not sent yet."""
         return [self._entry(name) for name in chosen if name in self.missing]
 
     def _head(self, name: str) -> dict[str, Any]:
@@ -77,8 +77,8 @@ def _without_maps(result: xr.Dataset) -> Contents:
 
 
 def _known(row: dict[str, float], name: str, factor: float = 1.0) -> float | None:
-    """A number, or null where there is none: messages of thousands of lines would have to be
-    searched for NaN."""
+    """A number, or null instead of NaN, so that messages of thousands of lines need no search for
+    NaN."""
     value = factor * float(row.get(name, math.nan))
     return value if math.isfinite(value) else None
 

@@ -91,9 +91,9 @@ class Live:
         self, revision: int, layers: Mapping[str, Any], settings: Mapping[str, Any], variant: str,
         whole: bool = False,
     ) -> None:  # fmt: skip
-        """Replace layers and groups of the document, and run it. An edit that is refused leaves the
-        document as it was, which is no longer that of the page: nothing runs until an edit has the
-        `whole` document."""
+        """Replace layers and groups of the document, and run it. A refused edit leaves the document
+        unchanged, so that it differs from the page: nothing runs until an edit has the `whole`
+        document."""
         with self._wake:
             try:
                 if self.error is not None and not whole:
@@ -117,8 +117,7 @@ class Live:
             return self.document, self.revision
 
     def look(self, view: View) -> None:
-        """Change what is shown; another map is another run, and so is a section, which has maps of
-        its own."""
+        """Change what is shown; another map or section needs another run."""
         with self._wake:
             if view.map != self.view.map or (view.section and not self.view.section):
                 self._pending.document = self._pending.document or self.document
@@ -128,7 +127,7 @@ class Live:
             self._wake.notify()
 
     def speak(self, language: str) -> None:
-        """Change the language, in which everything is sent again: what was sent has words in it."""
+        """Change the language, and send everything again, because it contains words."""
         with self._wake:
             if language != self.language:
                 self.language = language
@@ -264,7 +263,7 @@ class Live:
         return Progress(batches, fields, view, self._ground, terrain, send, self.language, aside)
 
     def _show_background(self, made: Runnable) -> None:
-        """Send what of the case is no feature, if it has changed."""
+        """Send the parts of the case that are no features, if they have changed."""
         seen, message = self._background(made)
         if not all(new is other for new, other in zip(seen, self._seen, strict=True)):
             self._seen = seen
@@ -281,7 +280,7 @@ class Live:
         return (zones, sources, scene.trees), message
 
     def _change(self, made: Runnable) -> None:
-        """Open the session, or change it; a layer that is as before keeps its frame."""
+        """Open the session, or change it; an unchanged layer keeps its frame."""
         shown, section = self.view.map, self.view.section
         maps = [*([shown] if shown else []), *(MAPS if section else [])]
         case = with_output(made.case, maps, PATHS if section else 0)
@@ -300,7 +299,7 @@ class Live:
 
 
 def _changes(before: Case, after: Case) -> dict[str, Any]:
-    """Changes of a session that make one case of another."""
+    """Changes of a session that turn one case into another."""
     changes: dict[str, Any] = {name: getattr(after, name) for name in REPEATABLE}
     for group in {key.group for key in key_table()} - {*REPEATABLE}:
         changes[group] = dict.fromkeys(getattr(before, group)) | getattr(after, group)

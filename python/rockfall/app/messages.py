@@ -86,7 +86,7 @@ def _no_number(token: str) -> float:
 
 
 def _finite(token: str) -> float:
-    """Number of a token, unless it is too large for one."""
+    """Number of a token; a ValueError if it is too large."""
     value = float(token)
     if not math.isfinite(value):
         raise ValueError(f"{token} is too large")

@@ -62,7 +62,7 @@ class Ground:
 
     @property
     def step(self) -> int:
-        """Number of cells along the side of one of the hillshade."""
+        """Number of cells along the side of one cell of the hillshade."""
         return round(self.shade_grid.cell / self.full.cell)
 
     def message(self) -> bytes:
@@ -86,8 +86,8 @@ class Ground:
 def background_message(
     scene: Scene, zones: dict[int, Zone], sources: bool, ground: Ground, **fields: Any
 ) -> bytes:
-    """Message `background`: what of a case is no feature of its document. `zones` are the rows of
-    its raster of zones; `sources`: whether it has others than drawn ones."""
+    """Message `background`: the parts of a case that are no features of its document. `zones` are
+    the rows of its raster of zones; `sources`: whether it has others than drawn ones."""
     arrays: dict[str, np.ndarray] = {}
     entries, rows = [], scene.rasters.zone
     if zones and rows is not None and len(zones) < 256:
@@ -123,7 +123,7 @@ def map_choices(names: Sequence[str], language: str) -> list[dict[str, str]]:
 
 
 def _about_map(name: str) -> dict[str, str]:
-    """Name, label and unit of a map, in the language in force."""
+    """Name, label and unit of a map, in the current language."""
     unit, _ = map_unit(name, MAP[name]["units"], np.dtype(TYPES["map"][name]))
     return {"name": name, "label": map_label(name, MAP[name]["long_name"]), "unit": unit}
 
@@ -131,7 +131,7 @@ def _about_map(name: str) -> dict[str, str]:
 def batch_message(
     result: xr.Dataset, case: Case, shown: str, ground: Ground, language: str, **fields: Any
 ) -> bytes:
-    """Message `batch` of the results so far, with the map of a name if there is one."""
+    """Message `batch` of the results so far, with the named map, if any."""
     with speaking(language):
         warnings = [
             f"{remark.text}." for remark in model_remarks(result, case) if remark.is_warning

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A live run, and what of it has been sent."""
+"""A live run, and the parts of it that have been sent."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Send = Callable[[str, Message], None]
 
 
 class Progress:
-    """A run of a session, whose results are sent when it is time."""
+    """A run of a session, whose results are sent from time to time."""
 
     def __init__(
         self, batches: Iterator[Batch], fields: dict[str, Any], view: View, ground: Ground,
@@ -57,8 +57,8 @@ class Progress:
         return (running and not self.over) or self.told_running != running
 
     def step(self, running: bool) -> bool:
-        """Advance the run, and send results when it is time, at last those of lines that are not in
-        view; False at its end."""
+        """Advance the run and send results from time to time, at last the statistics of lines that
+        are not in view; False at its end."""
         if not running:
             self._tell(running)
             return True
@@ -89,7 +89,7 @@ class Progress:
         self._send("section", message)
 
     def _tell(self, running: bool) -> None:
-        """Send what is known, and plan the next message, so that the kernel gets most of the
+        """Send the current results, and plan the next message so that the kernel gets most of the
         time."""
         self.told_running = running
         batch = self._batch

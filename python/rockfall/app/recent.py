@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files opened before, in the user's folder for states of programs."""
+"""Files opened before, in the user's state folder."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def recent_files() -> list[Path]:
 
 
 def note_recent(path: Path) -> None:
-    """Put a file first in the list. The list is a convenience: where it cannot be written, as in a
-    home that is read-only, there is none, and nothing else is amiss."""
+    """Put a file first in the list. The list is a convenience: if it cannot be written, as in a
+    read-only home folder, it is omitted."""
     path = path.absolute()
     files = [path, *(file for file in recent_files() if file != path)][:MOST]
     with suppress(OSError, RockfallError):

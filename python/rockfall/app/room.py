@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The opened file and the pages that look at it: the first of them writes, the others read."""
+"""The opened file and the pages that look at it: the first page writes, the others read."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Room:
             self._shown.close()
 
     def enter(self, client: Client, hello: dict[str, Any]) -> None:
-        """Welcome a page, and send it what the others have."""
+        """Welcome a page, and send it the messages that the other pages have."""
         with self._lock:
             wish = hello.get("language")
             client.language = self._language or (wish if wish in LANGUAGES else LANGUAGES[0])
@@ -140,7 +140,7 @@ class Room:
         _ACTIONS[kind](self, client, message)
 
     def _set_writer(self, client: Client) -> None:
-        """Let a page write, which gets the document as the one before left it."""
+        """Let a page write; it gets the document as the previous page left it."""
         before, self._writer = self._writer, client
         if before is not None and before is not client:
             before.send("role", text_message("role", writer=False))
@@ -171,7 +171,7 @@ class Room:
         shown.start()
 
     def _send(self, kind: str, message: Message) -> None:
-        """Send to all pages, and keep for those that come later."""
+        """Send to all pages, and keep for pages that connect later."""
         with self._lock:
             if kind in ADDED:
                 self._last.setdefault(ADDED[kind], []).append(message)
@@ -183,7 +183,7 @@ class Room:
                 client.send(kind, message)
 
     def _welcome(self, client: Client) -> None:
-        """Send a page all that it needs to know."""
+        """Send a page all that it needs to begin."""
         client.recent = recent_files()
         recent = [{"name": path.name, "folder": str(path.parent)} for path in client.recent]
         limits = {
@@ -252,8 +252,8 @@ class Room:
         self._live().run(running)
 
     def _save(self, message: dict[str, Any], others: Callable[[str], list[str]]) -> str:
-        """Save the document, and return its name; `others` are further files that are written under
-        a name, which are checked before."""
+        """Save the document, and return its name; names of `others`, further files to be written,
+        are checked first."""
         live, overwrite = self._live(), message.get("overwrite", False)
         name = check_name(message.get("name"))
         if not isinstance(overwrite, bool):
@@ -353,7 +353,7 @@ def _forms(forms: dict[str, Form]) -> dict[str, list[dict[str, Any]]]:
 
 
 def document_message(shown: Shown) -> str:
-    """Message `document`: what is edited, and its revision."""
+    """Message `document`: the edited document, and its revision."""
     content = shown.document.content()
     return text_message("document", document=content, revision=shown.revision)
 

@@ -45,7 +45,7 @@ WRONG_KEY = 4401  # code with which a socket is closed
 
 
 def bind(port: int) -> socket.socket:
-    """Socket on this machine only; port 0: any that is free."""
+    """Socket on this machine only; port 0: any free port."""
     bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -58,7 +58,7 @@ def bind(port: int) -> socket.socket:
 
 
 def check_page(page: Path) -> None:
-    """Refuse to start without the page, which is built and not stored."""
+    """Refuse to start without the page, which is built, not stored in the repository."""
     if not (page / "app.js").is_file():
         raise RockfallError("the page of the window has not been built: `./run page` builds it")
 
@@ -111,7 +111,7 @@ class Server:
         self._opening.set_result(room)
 
     def refuse(self, error: RockfallError) -> None:
-        """Report to the first page why there is no room, and stop; from any thread."""
+        """Report to the first page why there is no document, and stop; from any thread."""
         self._opening.set_exception(error)
 
     def _app(self, page: Path) -> Starlette:
@@ -184,7 +184,7 @@ class Server:
                 self._end_later(room)
 
     def _end_later(self, room: Room) -> None:
-        """Stop after some seconds in which no page comes; what is being made is made first."""
+        """Stop after some seconds without a page; products in progress are finished first."""
 
         def end() -> None:
             if not room.is_empty:  # one came while another was leaving
@@ -205,7 +205,7 @@ async def _listen(socket: WebSocket, room: Room, client: Client) -> None:
 
 
 async def _text(socket: WebSocket) -> str:
-    """Next message of a page as text; those in bytes are not JSON."""
+    """Next message of a page as text; bytes are not JSON."""
     from starlette.websockets import WebSocketDisconnect
 
     message = await socket.receive()
@@ -215,7 +215,7 @@ async def _text(socket: WebSocket) -> str:
 
 
 async def _send_all(socket: WebSocket, outbox: Outbox) -> None:
-    """Send messages as fast as the page takes them, until it takes none for long."""
+    """Send messages as fast as the page takes them, until it has taken none for long."""
     while True:
         message: Message = await outbox.get()
         sent = socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message)
@@ -223,7 +223,7 @@ async def _send_all(socket: WebSocket, outbox: Outbox) -> None:
 
 
 class _Guard:
-    """Lets in requests of this page only, and adds headers to what is sent."""
+    """Let in requests of this page only, and add headers to responses."""
 
     def __init__(self, app: ASGIApp, port: int) -> None:
         self._app = app
@@ -274,9 +274,8 @@ class _Guard:
 
 def open_browser(url: str) -> TemporaryDirectory[str]:
     """Open the page in the user's browser, if there is one, through a file that leads to it: all
-    users of the machine see the command lines of processes, which have no key then. Returns the
-    folder of the file, which only this user can read, and which is to be removed once the page is
-    open."""
+    users of the machine see command lines, which thus contain no key. Returns the folder of the
+    file, which only this user can read, and which is to be removed once the page is open."""
     folder = TemporaryDirectory(prefix="rockfall-")
     path = Path(folder.name) / "window.html"
     with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:

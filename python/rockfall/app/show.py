@@ -71,7 +71,7 @@ class View:
         return f'<iframe srcdoc="{html.escape(self.page)}" style="{style}"></iframe>'
 
     def save(self, path: str | Path) -> Path:
-        """Write the page to a file, which needs nothing else; returns its path."""
+        """Write the page to a file, which needs no other file; returns its path."""
         path = Path(path)
         check_output(path)
         with atomic_write(path) as part:
@@ -97,5 +97,6 @@ def _page(messages: str) -> str:
 
 
 def _inline(text: str) -> str:
-    """Script or style that ends no element: its strings and patterns may escape any character."""
+    """Script or style escaped so that it cannot end its element: strings and patterns may escape
+    any character."""
     return _END.sub(lambda match: f"<\\{match[0][1:]}", text)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Products of a saved case: it is run afresh, so that nothing comes from a live tally, and its
-result is written, alone or with a report or layers. A run to a result alone, which may be long, has
-the checkpoints of `rockfall run`, and either resumes from those of the other."""
+"""Products of a saved case: it is run from the start, without the tallies of a live run, and its
+result is written, alone or with a report or layers. A run for a result alone, which may be long,
+has the checkpoints of `rockfall run`; either program resumes from them."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def outputs(task: str, name: str) -> list[str]:
 
 
 def unfinished(folder: Path) -> dict[str, int]:
-    """Names of the cases in a folder whose runs were stopped, and the boulders that their
-    checkpoints hold; the latest first."""
+    """Names of the cases in a folder whose runs were stopped, and the number of boulders in their
+    checkpoints; the latest first."""
     suffix = str(checkpoint_of(Path(".nc")))
     files = [file for file in folder.glob(f"*{suffix}") if file.is_file()]
     files.sort(key=lambda file: file.stat().st_mtime, reverse=True)
@@ -155,7 +155,7 @@ class Task:
 
 
 class _Clock:
-    """Progress of a run, with the time left by its rate since the first look."""
+    """Progress of a run, with the time left by the rate since the first report."""
 
     def __init__(self, tell: Callable[[str, int, int, float | None], None], what: str) -> None:
         self._tell, self.what = tell, what
@@ -188,5 +188,5 @@ class _Watched(Checkpoint):
         super().look(tally)
 
     def _note(self, text: str) -> None:
-        """Show from now on that there are no more checkpoints."""
+        """Show from now on that no more checkpoints are written."""
         self._clock.what = f"{self._clock.what} ({text})"

@@ -199,7 +199,7 @@ class Case:
         return _made(self._changed(changes), self.folder, self.name)
 
     def _changed(self, changes: dict[str, Any]) -> KernelValues:
-        """The case with changes, which alone are read: None removes a key."""
+        """Copy of the case with changes; only the changes are read. None removes a key."""
         plain, removed = _plain(changes), []
         for group, values in changes.items():
             keys = {} if group in REPEATABLE else {key.lower() for key in values}
@@ -208,7 +208,7 @@ class Case:
         return changed_values(self._values, removed, namelist_text(plain).encode(), self.name)
 
     def _changes_in_place(self) -> dict[str, Any]:
-        """Return what was set since by `case.boulder[key] = value`, and what was removed."""
+        """Return the values set since by `case.boulder[key] = value`, and the keys removed."""
         changes: dict[str, Any] = {}
         groups = self._groups | {group: self.__dict__[group] for group in REPEATABLE}
         for group, was in _all_values(self._values).items():
@@ -260,14 +260,14 @@ class Facts(NamedTuple):
 
 
 def facts(case: Case, *groups: str) -> Facts:
-    """Facts of a case, which follow from the keys of these groups: stages note them."""
+    """Facts of a case, derived from the keys of these groups, which stages note."""
     for group in groups:
         getattr(case, group)
     return case._facts
 
 
 def in_kernel(case: Case) -> KernelValues:
-    """A case as the kernel has read it, with values that were changed in place since."""
+    """A case as the kernel has read it, with values changed in place since."""
     changes = case._changes_in_place()
     return case._changed(changes) if changes else case._values
 
@@ -288,7 +288,7 @@ def _plain(groups: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _all_values(values: KernelValues) -> dict[str, Any]:
-    """Values of each group of a case; of REPEATABLE, lists of them."""
+    """Values of each group of a case; lists for REPEATABLE groups."""
     groups: dict[str, Any] = {group: [] for group in REPEATABLE}
     for group in values.groups:
         if group.name in REPEATABLE:
@@ -299,8 +299,8 @@ def _all_values(values: KernelValues) -> dict[str, Any]:
 
 
 def _new_form(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Form of rebounds that changes of `impact` bring: that of sets or a table that they name,
-    without which they would have no effect; both together are for the kernel to refuse."""
+    """Form of rebounds implied by changes of `impact`: that of the sets or table that they name,
+    which would otherwise have no effect. The kernel refuses both together."""
     named = [form for key, form in OPERATOR.items() if changes.get(key) is not None]
     if changes.get("form") is not None or not (named or {"form", "table"} & changes.keys()):
         return {}

@@ -73,7 +73,7 @@ def _named_grounds(case: Case) -> set[str]:
 
 
 def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
-    """Files that one value of a key names."""
+    """Files named by one value of a key."""
     path = case.path(name)
     if kind == "sets":
         if operator := find_operator(case, name)[0]:  # its reader reports missing files

@@ -30,7 +30,7 @@ class Key(NamedTuple):
 
     @property
     def is_varied(self) -> bool:
-        """Return True for a key of &variant that takes the place of one of another group."""
+        """Return True for a key of &variant that replaces a key of another group."""
         return self.group == "variant" and varied_key(self.name) is not None
 
 
@@ -63,7 +63,7 @@ def varied_key(name: str) -> tuple[str, str] | None:
 
 
 def broken_rule(group: str, name: str, number: float) -> str:
-    """Rule of a key that a number breaks; empty if it may be."""
+    """Rule of a key that a number breaks; empty if the number is allowed."""
     return _core.check_numbers(group, name, [number])[1].decode().strip()
 
 
@@ -74,5 +74,5 @@ def file_keys() -> list[Key]:
 
 @cache
 def default_values() -> dict[str, dict[str, Any]]:
-    """Default values of each group, which are not to be changed."""
+    """Default values of each group, which must not be changed."""
     return {group.name: group.usual for group in read_values(b"", "", "defaults").groups}

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rules between keys that studies use and no run: of &ensemble, &hazard, &scenario and &variant.
-The kernel checks the rest: the kind and range of each value, and rules that a run depends on."""
+"""Rules between keys that only studies use: of &ensemble, &hazard, &scenario and &variant. The
+kernel checks the rest: the kind and range of each value, and rules that a run depends on."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def first_fault(groups: Groups, at_points: bool) -> Fault | None:
 
 
 def _ensemble(groups: Groups) -> Broken:
-    """A factor applies to boulders of the case and of the source layer; what the latter has is
+    """A factor applies to boulders of the case and of the source layer; values of the layer are
     only known once it has been read."""
     ensemble, boulder, release = (groups[name] for name in ("ensemble", "boulder", "release"))
     if ensemble["dem_error"] > 0 and "dem_correlation" not in ensemble:
@@ -74,8 +74,8 @@ def _ensemble(groups: Groups) -> Broken:
 
 
 def _hazard(groups: Groups) -> Broken:
-    """Classes must not decrease with intensity or frequency: then those at both ends of an interval
-    of frequencies bound all classes between."""
+    """Classes must not decrease with intensity or frequency: then the classes at both ends of an
+    interval of frequencies bound all classes between."""
     hazard = groups["hazard"]
     periods, factor = hazard["return_periods"], hazard["frequency_factor"]
     if any(later <= earlier for earlier, later in pairwise(periods)):
@@ -124,7 +124,7 @@ def _scenario(groups: Groups, number: int, at_points: bool) -> Broken:
 
 def _variant(variants: list[Groups], number: int) -> Broken:
     """Check that a variant does not contradict itself, and that its name can be a file name. The
-    case of the variant is checked when it is made."""
+    case of the variant is checked when it is built."""
     *earlier, given = variants[:number]
     name = given["name"]
     if len(name.encode()) > MAX_NAME:

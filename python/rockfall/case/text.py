@@ -32,7 +32,7 @@ class Values(NamedTuple):
 
 
 class KernelValues:
-    """Groups of a text, or of a case, as the kernel holds them while this object lives."""
+    """Groups of a text, or of a case, held by the kernel while this object lives."""
 
     def __init__(
         self, handle: int, facts: np.ndarray, length: int, code: int, message: bytes
@@ -52,7 +52,7 @@ class KernelValues:
 
     @property
     def groups(self) -> list[Values]:
-        """Values of the groups in their order, which are the caller's."""
+        """Values of the groups in their order, which belong to the caller."""
         return [Values(*group) for group in json.loads(self._json)]
 
 
@@ -60,8 +60,8 @@ _READ: dict[tuple[bytes, str, str], KernelValues] = {}  # the last texts, the ol
 
 
 def read_values(text: bytes, name: str, form: str = "any") -> KernelValues:
-    """Read the groups of a text. `form` is "case", which is checked and complete; "defaults", those
-    of every group of a case, whatever the text; or "any", with unknown keys."""
+    """Read the groups of a text. `form` is "case", which is checked and complete; "defaults", the
+    defaults of every group of a case, for any text; or "any", with unknown keys."""
     if (kept := _READ.get((text, name, form))) is not None:
         return kept
     read = KernelValues(*_core.read_values(form, *kernel_text(text, name)))
@@ -70,7 +70,7 @@ def read_values(text: bytes, name: str, form: str = "any") -> KernelValues:
 
 
 def remember(text: bytes, name: str, form: str, values: KernelValues) -> None:
-    """Keep the values of a text, as that of a result's case, which is often needed."""
+    """Keep the values of a text, for the case of a result, which is needed often."""
     _READ[text, name, form] = values
     for oldest in [*_READ][:-KEPT]:
         _READ.pop(oldest, None)
@@ -79,7 +79,8 @@ def remember(text: bytes, name: str, form: str, values: KernelValues) -> None:
 def changed_values(
     values: KernelValues, removed: Iterable[str], text: bytes, name: str
 ) -> KernelValues:
-    """Values of a case without groups or keys (`group%key`), and with those of a text in place."""
+    """Values of a case without groups or keys (`group%key`), and with the values of a text in their
+    place."""
     words = " ".join(removed) or " "
     return KernelValues(*_core.change_case(values, words, *kernel_text(text, name)))
 
@@ -90,7 +91,7 @@ def read_groups(text: str, name: str) -> dict[str, dict[str, Any]]:
 
 
 def kernel_text(text: bytes, name: str) -> tuple[bytes, bytes]:
-    """A text and its name for the kernel, which would stop reading at a zero."""
+    """A text and its name for the kernel, which would stop reading at a zero byte."""
     if b"\0" in text:
         raise RockfallError(f"{name}: character code 0 is not text")
     return text or b"\n", name.encode()

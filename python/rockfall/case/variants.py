@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Variants of a case: each &variant group names what differs from the rest of the case, and makes
-a case of its own. All have the seed of the case, and so common random numbers."""
+"""Variants of a case: each &variant group lists its differences from the rest of the case, and
+defines a case of its own. All have the seed of the case, hence common random numbers."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from rockfall.errors import RockfallError
 def variants(case: Case) -> dict[str, Case]:
     """Cases of the &variant groups of a case, by name, in their order; none without such groups.
 
-    A variant that makes no valid case, or the case of another, raises a RockfallError that names
-    it.
+    An invalid variant, or two equal variants, raise a RockfallError that names it.
 
     >>> import rockfall
     >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
@@ -46,8 +45,8 @@ def variants(case: Case) -> dict[str, Case]:
 
 
 def chosen_variant(case: Case, name: str | None) -> Case:
-    """The variant of a name, or the case itself if it has none; a case with several needs one,
-    or BASE for the case without them."""
+    """The variant with a name, or the case itself if it has no variants. A case with several
+    variants needs a name, or BASE for the case without them."""
     if name is None:
         check_single(case)
         return case
@@ -112,7 +111,7 @@ def naming_variant(case: Case, name: str) -> Iterator[None]:
 
 
 def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[str, Any]]:
-    """Groups that bear one of the names; a name that none bears is refused."""
+    """Groups that have one of the names; a name of no group is refused."""
     own = [(_name(item), item) for item in getattr(case, group)]
     called = list(dict.fromkeys(name for name, _ in own if name))
     for name in names:
@@ -123,6 +122,6 @@ def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[st
 
 
 def _name(given: Mapping[str, Any]) -> str:
-    """Name of a group; that of its layer, or of its file, if it has none of its own."""
+    """Name of a group; by default that of its layer or file."""
     stem = Path(given["file"]).stem if "file" in given else ""
     return str(given.get("name") or given.get("layer") or stem)

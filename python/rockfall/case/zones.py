@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones of the surface of a case: the rows of their table, or the attributes of
-themselves."""
+"""Zones of the surface of a case: the rows of their table, or their attributes."""
 
 from __future__ import annotations
 
@@ -14,7 +13,7 @@ from rockfall.io.zone_table import Zone, read_zone_table, zones_of_polygons
 
 def case_zones(case: Case, remarks: list[str] | None = None) -> dict[int, Zone]:
     """Zones by id, in the order of the table or of the polygons; none for a surface without zones.
-    `remarks` take what is unusual in them."""
+    unusual values are added to `remarks`."""
     if "zones" not in case.surface:
         return {}
     if "table" in case.surface:

@@ -89,8 +89,8 @@ def _add(
 def _option(
     parser: argparse._ActionsContainer, names: str, kind: Any, does: str | None = None, **more: Any
 ) -> None:
-    """Add an option with a value of some kind; its names end with that of the value:
-    `-o --output DIR`."""
+    """Add an option with a value of some kind; its names end with the name of the value: `-o
+    --output DIR`."""
     *flags, value = names.split()
     if kind is not str:
         more["type"] = kind
@@ -340,7 +340,7 @@ def _add_dossier(commands: _Commands) -> None:
 
 
 def _add_objects(command: argparse.ArgumentParser) -> None:
-    """Add the layers of what is endangered."""
+    """Add the layers of objects at risk."""
     text = "points, lines, polygons, with name, vulnerability, value, persons, aadt, ...; several: "
     text += "--objects A --objects B"
     command.add_argument(
@@ -561,7 +561,7 @@ def _add_ground(commands: _Commands) -> None:
 
 
 def _add_lab(commands: _Commands) -> None:
-    """Add the laboratory, a package of its own, which adds its commands when they are needed."""
+    """Add the laboratory, a package of its own, which adds its commands on demand."""
     text = "impacts of spheres on rocks or of blocks on a ground, and impact sets from them"
     lab = commands.add_parser("lab", help=text, description=text.capitalize() + ".")
     lab.package = "rockfall_lab"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The command line: arguments in, exit status out. The work of the commands is done in other
+"""The command line: from arguments to exit status. The work of the commands is done in other
 packages."""
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ def _check_names(arguments: argparse.Namespace) -> None:
 
 
 def _leave_out(*packages: str) -> None:
-    """Let packages seem missing that nobody uses here: pyogrio would import GeoPandas, and xarray
-    Dask, which only `run` uses, in a quarter of a second, to check whether data are theirs."""
+    """Make unused packages seem missing: pyogrio would import GeoPandas, and xarray Dask (used by
+    `run` only), in a quarter of a second, to check whether data are theirs."""
     for package in packages:
         sys.modules.setdefault(package, None)  # type: ignore[arg-type]
 

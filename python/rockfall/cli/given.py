@@ -28,7 +28,7 @@ def given_options(arguments: argparse.Namespace, keys: Iterable[str]) -> dict[st
 
 
 def at_risk(arguments: argparse.Namespace) -> AtRisk:
-    """Layers of what is endangered."""
+    """Layers of objects at risk."""
     return AtRisk(*(getattr(arguments, name) for name in AtRisk._fields))
 
 

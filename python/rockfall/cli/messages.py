@@ -37,8 +37,8 @@ def warn_each(texts: Iterable[str]) -> None:
 
 @contextmanager
 def warnings_told() -> Iterator[list[str]]:
-    """Print the warnings of products within the block, each once, and none of libraries. Yields a
-    list that has them afterwards."""
+    """Print the warnings of products within the block, each once, without those of libraries.
+    Yields a list that contains them afterwards."""
     told: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")  # from libraries

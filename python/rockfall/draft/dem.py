@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevation models: made from surveyed points, and edits of existing ones."""
+"""Elevation models: models from surveyed points, and edits of existing models."""
 
 from __future__ import annotations
 
@@ -173,7 +173,8 @@ def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarr
 
 
 def _may_be_degrees(low: np.ndarray, high: np.ndarray) -> bool:
-    """Return True for points on the full circle that rise more than they are apart."""
+    """Return True for points on the full circle whose heights differ by more than their
+    distances."""
     apart, rise = (high - low)[:2].max(), high[2] - low[2]
     is_round = (abs(low[:2]) <= (360, 90)).all() and (abs(high[:2]) <= (360, 90)).all()
     return bool(is_round and apart < rise / STEEPEST)
@@ -215,8 +216,8 @@ def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | N
 
 
 def edited(dem: Dem, steps: Iterable[tuple[str, Any]], remarks: list[str]) -> Dem:
-    """DEM after some EDITS, applied in turn: (name, argument); oddities of a layer are added to
-    `remarks`."""
+    """DEM after some EDITS, applied in turn: (name, argument); unusual values of a layer are added
+    to `remarks`."""
     for name, given in steps:
         dem = dem._replace(z=EDITS[name](dem, given, remarks))
     return dem
@@ -350,7 +351,7 @@ def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
 
 
 def _attribute(path: Path, columns: dict[str, np.ndarray], name: str, k: int) -> float:
-    """Number of a feature; NaN if it has none."""
+    """Number of a feature; NaN if missing."""
     if name not in columns:
         return math.nan
     if columns[name].dtype.kind not in "iuf":

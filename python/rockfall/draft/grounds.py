@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grounds of a first case: what its zones are made of, by terms of the field."""
+"""Grounds of a first case: the material of its zones, by terms of the field."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def recognised(name: str) -> str:
 
 
 def _of_word(word: str) -> str:
-    """Ground with the longest prefix of a word: rocky is no rock."""
+    """Ground with the longest prefix of a word; `rocky` does not count as rock."""
     prefixes = {prefix: ground for ground, (_, start) in GROUNDS.items() for prefix in start}
     longest = max(filter(word.startswith, prefixes), key=len, default="")
     return prefixes.get(longest, "")
@@ -109,8 +109,8 @@ class Grounds:
         return self.usual or self._asked("the slope", where, "GROUND")
 
     def of_zone(self, layer: Layer, k: int) -> str:
-        """Ground of a polygon: as given for its zone, by its attribute or name, the usual
-        one, or by a question."""
+        """Ground of a polygon: given for its zone, by its attribute or name, the default, or by a
+        question."""
         labels = _labels(layer, k)
         self.used |= self.by_zone.keys() & {*labels}
         given = next((self.by_zone[label] for label in labels if label in self.by_zone), "")

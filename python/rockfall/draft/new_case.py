@@ -49,9 +49,9 @@ def new_case(
     """Write a commented case for a DEM and the layers of some files, with a table of zones next to
     it if there are any, without overwriting files; returns its contents.
 
-    `grounds` are those of zones by their name or id, `ground` is for zones without one by their
-    attributes or names, or of a case without zones. `ask` takes a zone that is still open and
-    returns its ground; without it, or for "", such a case is refused.
+    `grounds` gives zones a ground by name or id; `ground` is for zones without a ground in their
+    attributes or names, or for a case without zones. `ask` returns the ground of a zone that is
+    still open; without it, or for "", such a case is refused.
 
     >>> import rockfall
     >>> new = rockfall.new_case("dem.tif", ["cliff.gpkg"], "new.nml", ground="talus")
@@ -102,8 +102,8 @@ def _take(new: New, layer: Layer) -> bool:
 
 
 def _check_steep(new: New, doubtful: list[Layer]) -> None:
-    """Refuse steep cells as sources where a layer of sources was given that is not taken for one;
-    a remark where a file has layers of other uses, too."""
+    """Refuse steep cells as sources if a layer was given that is meant for sources but not
+    recognised; a remark if the file has layers of other uses, too."""
     for layer in doubtful:
         if layer.is_called(SOURCES):
             raise RockfallError(
@@ -123,7 +123,7 @@ def _check_steep(new: New, doubtful: list[Layer]) -> None:
 
 
 def _of_user(text: str, new: New, place: Path, files: Iterable[Path]) -> str:
-    """Text with the names that the user gave in place of those in the temporary folder."""
+    """Text with the user's file names in place of those in the temporary folder."""
     names = {place / relative_name(file.resolve(), place): file for file in (new.dem, *files)}
     if new.zones:
         names |= dict.fromkeys([new.zones.copy] if new.zones.copy else [], new.used[ZONES][0].path)

@@ -86,8 +86,8 @@ class Layer:
         return "" if value is None else str(value).strip()
 
     def has(self, key: str) -> bool:
-        """Return True if features have numbers for a key. Some without one, or with a text, are
-        refused: the layer would be taken for something else."""
+        """Return True if features have numbers for a key. Features without a number are refused if
+        others have one: the layer would be taken for something else."""
         values = self.values(key)
         if all(value is None for value in values):
             return False

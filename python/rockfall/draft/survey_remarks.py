@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Surveyed points, and cells made of them, that are likely mistakes: one line each."""
+"""Likely mistakes in surveyed points and in cells made from them: one line each."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def cell_remarks(cell: float, spacing: float) -> Iterator[Text]:
 
 
 def height_remarks(points: np.ndarray) -> Iterator[Text]:
-    """Remarks on elevations of points (n, 3) [m] of no land, or far from all others."""
+    """Remarks on elevations of points (n, 3) [m] outside of any land, or far from all others."""
     z = points[:, 2]
     low, high = float(z.min()), float(z.max())
     if low < HEIGHTS[0] or high > HEIGHTS[1]:
@@ -68,8 +68,8 @@ def place_remarks(points: np.ndarray) -> Iterator[Text]:
 
 
 def spike_remarks(points: np.ndarray, errors: np.ndarray, spacing: float) -> Iterator[Text]:
-    """Remark on points (n, 3) [m] above or below all around them like no rock; `errors` are the
-    leave-one-out errors of evenly chosen points."""
+    """Remark on points (n, 3) [m] above or below all their neighbours by more than any rock;
+    `errors` are the leave-one-out errors of evenly chosen points."""
     from scipy.spatial import cKDTree
 
     limit = max(SPIKE[0], SPIKE[1] * spacing)
@@ -90,7 +90,7 @@ def spike_remarks(points: np.ndarray, errors: np.ndarray, spacing: float) -> Ite
 
 
 def slope_remarks(z: np.ndarray, cell: float) -> Iterator[Text]:
-    """Remark on elevations (ny, nx) [m] steeper than any terrain, as feet make them."""
+    """Remark on elevations (ny, nx) [m] steeper than any terrain, as elevations in feet are."""
     if min(z.shape) < 3:
         return
     row, column = (np.arange(1, size - 1, math.ceil(size / SAMPLES)) for size in z.shape)

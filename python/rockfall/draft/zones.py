@@ -21,7 +21,7 @@ from rockfall.io.zone_table import PAIR, RADII
 
 
 class Zones(NamedTuple):
-    """Zones in the form that a case names them."""
+    """Zones in the form used by a case."""
 
     copy: Path | None  # of the polygons, with ids if theirs are unsuitable
     field: str  # attribute with the id
@@ -91,7 +91,7 @@ def _names(layer: Layer, ids: list[int]) -> dict[int, str]:
 
 
 def _own_ids(layer: Layer, rows: list[tuple[str, ...]]) -> list[int] | None:
-    """Ids of the polygons, if none stands for different rows."""
+    """Ids of the polygons, if no id stands for different rows."""
     values = layer.columns.get(ID)
     if values is None or values.dtype.kind not in "iu":
         return None

@@ -93,10 +93,10 @@ def export(
 
     `formats` are some of tif (<map>_<unit>.tif for each variable on (y, x), energies in kJ, nodata
     where no boulder passed, with a QGIS style .qml for each), gpkg (rockfall.gpkg with the layers
-    sources, stops, lines, crossings, trajectories and flights, as far as the result has them,
-    energies in kJ, and their styles), csv (in SI boulders.csv, and line_<name>.csv for each line),
-    kml and dxf (sources, stops, lines, trajectories). Parabolas are drawn to `tolerance` [m].
-    Writes all of them or, with a RockfallError, none.
+    sources, stops, lines, crossings, trajectories and flights, if the result has them, energies in
+    kJ, and their styles), csv (in SI boulders.csv, and line_<name>.csv for each line), kml and dxf
+    (sources, stops, lines, trajectories). Parabolas are drawn to `tolerance` [m]. Writes all of
+    them or, with a RockfallError, none.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -319,8 +319,8 @@ def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
 
 
 def _cells(column: xr.DataArray) -> list[Any]:
-    """Values in the fewest digits that restore them, or doubles, which `csv` writes so in a third
-    of the time; missing ones are empty."""
+    """Values in the fewest digits that restore them, or doubles, which `csv` writes in a third of
+    the time; missing values are empty."""
     values, fill = _stored(_words(column))
     if values.dtype.kind not in "iufb":
         return [spreadsheet_text(text) for text in values.astype(str).tolist()]
@@ -332,7 +332,7 @@ def _cells(column: xr.DataArray) -> list[Any]:
 
 
 def _layers(data: xr.Dataset, moving: Sampled | None, what: str = "GeoPackages") -> Layers:
-    """The layers that the result has; `what` needs them, for a message."""
+    """Layers of the result; `what` is the product that needs them, for a message."""
     layers: Layers = {}
     has_rows = data.sizes.get("boulder", 1) > 0
     has_crossings = has_rows and "row_size" in data
@@ -401,8 +401,8 @@ def _sources(sources: SourceTable) -> Features:
 
 
 def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
-    """First crossings of each line, with all their variables; those of lines together that few
-    boulders cross: GDAL indexes what is appended feature by feature."""
+    """First crossings of each line, with all their variables. Lines that few boulders cross are
+    written together: GDAL indexes appended rows one by one."""
     import shapely
 
     pending: list[Features] = []
@@ -448,7 +448,7 @@ def _lines(data: xr.Dataset) -> Features:
 
 
 def _barriers(data: xr.Dataset) -> Features:
-    """Evaluation lines that are barriers, with their height and the energy that they can take."""
+    """Evaluation lines that are barriers, with their height and energy capacity."""
     shapes, fields = _lines(data)
     height, capacity = (_stored(data[f"barrier_{name}"])[0] for name in ("height", "capacity"))
     chosen = ~np.isnan(height)
@@ -471,8 +471,8 @@ def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
 
 
 def crs_wkt(data: xr.Dataset) -> str | None:
-    """Horizontal CRS of the grid mapping `crs`; None if the terrain has none. Older results have
-    the system of heights in it."""
+    """Horizontal CRS of the grid mapping `crs`; None if the terrain has none. In older results it
+    includes the system of heights."""
     wkt = data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
     return plan_wkt(wkt) if wkt and wkt.startswith("COMP") else wkt
 

@@ -23,7 +23,7 @@ EASTINGS = ("x", "start_x", "stop_x", "line_vertex_x", "trajectory_x")
 
 
 class Geographic(NamedTuple):
-    """Way from plan coordinates to degrees, the names of both systems, and what to warn of."""
+    """Transformation from plan coordinates to degrees, the names of both systems, and warnings."""
 
     way: Transformation
     crs: str
@@ -41,7 +41,8 @@ class Geographic(NamedTuple):
 
 
 def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
-    """Way to degrees of a result or hazard; `what` needs it, for the message without a CRS."""
+    """Transformation to degrees for a result or hazard; `what` is the product that needs it, for
+    the message without a CRS."""
     from rasterio.crs import CRS
 
     if wkt is None:

@@ -236,8 +236,8 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
 
 
 def _source_layer(hazard: xr.Dataset) -> tuple:
-    """Cells with sources: boulders a year that start there, and come to each line and object, of
-    the objects those that are met most often."""
+    """Cells with sources: boulders a year that start there, and that come to each line and to the
+    objects hit most often."""
     import shapely
 
     x, y = (hazard[f"source_{axis}"].values for axis in "xy")

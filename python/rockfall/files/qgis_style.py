@@ -70,8 +70,8 @@ def _written(
 def _style(
     renderer: ElementTree.Element, opacity: str, smooth: bool = False
 ) -> ElementTree.Element:
-    """Style with a renderer; `smooth`: of values between the centres of cells, not of squares,
-    whose sides would be cliffs in a relief."""
+    """Style with a renderer; `smooth` interpolates between the centres of cells, whose sides would
+    be cliffs in a relief."""
     for name, value in {"band": "1", "alphaBand": "-1", "opacity": opacity}.items():
         renderer.set(name, value)
     renderer.insert(0, ElementTree.Element("rasterTransparency"))

@@ -30,7 +30,7 @@ def has_risk(hazard: xr.Dataset) -> bool:
 
 
 def class_words() -> np.ndarray:
-    """Names of the classes of individual risk, as people read them."""
+    """Names of the classes of individual risk, for readers."""
     return np.array([word.replace("_", " ") for word in CLASSES], dtype=object)
 
 
@@ -46,8 +46,8 @@ def risk_columns(hazard: xr.Dataset) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def total_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """Sums over all objects, with limits from the boulders that they share; and the limits of the
-    objects added up, within which these lie."""
+    """Sums over all objects, with limits from the boulders that they share; and the sums of the
+    objects' limits, which enclose them."""
     import pandas as pd
 
     rows = []
@@ -62,8 +62,8 @@ def total_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def risk_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
-    """A layer of the objects of each kind of shape, with their risks, since QGIS draws a style for
-    one kind alone."""
+    """A layer of the objects of each kind of shape, with their risks, since a QGIS style is for one
+    kind."""
     import shapely
 
     shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
@@ -83,7 +83,7 @@ def risk_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
 
 
 def _multiple(shapes: np.ndarray) -> np.ndarray:
-    """Shapes as those of several parts, since a layer has one type."""
+    """Shapes as multipart shapes, since a layer has one type."""
     import shapely
 
     collect = {

@@ -57,7 +57,7 @@ def segment_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def _numbers(hazard: xr.Dataset, name: str) -> list[tuple[str, np.ndarray]]:
-    """Mean and 95 % quantile of a quantity, in the unit that is shown."""
+    """Mean and 95 % quantile of a quantity, in the displayed unit."""
     mean = hazard[f"segment_{name}_mean"]
     unit, factor = SHOWN.get(mean.attrs["units"], (mean.attrs["units"], 1.0))
     unit = "" if unit == "m" else f"_{unit}"

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Source cells of a result, dissolved to one area for each part of the sources: a map shows where
-boulders come loose, not thousands of squares."""
+"""Source cells of a result, dissolved to one area for each part of the sources: a map shows areas
+of release, not thousands of squares."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def are_cells(data: xr.Dataset) -> bool:
 def source_areas(
     data: xr.Dataset, sources: SourceTable
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Areas of the cells of the sources, a multipolygon for each feature that they are of, and
-    their attributes: `sources` and `boulders` are counts, `area_m2` is in plan.
+    """Areas of the cells of the sources, a multipolygon for each feature, with attributes:
+    `sources` and `boulders` are counts, `area_m2` is in plan.
 
     Sides between cells of one feature vanish, holes remain.
     """

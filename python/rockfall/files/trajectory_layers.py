@@ -19,7 +19,7 @@ _LINE_ZM = 3002  # ISO/IEC 13249-3, well-known binary
 
 def lines_zm(paths: list[np.ndarray]) -> np.ndarray:
     """Line strings of samples (n, 4) as well-known binary, time as measure M; a single sample
-    becomes a string of zero length. (shapely makes no measures.)"""
+    becomes a string of zero length. (shapely has no measures.)"""
     lines = np.empty(len(paths), object)
     for k, path in enumerate(paths):
         path = np.ascontiguousarray(path if len(path) > 1 else np.repeat(path, 2, axis=0), "<f8")
@@ -72,7 +72,7 @@ def time_stamps(seconds: np.ndarray) -> np.ndarray:
 
 
 def in_milliseconds(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns with time stamps in milliseconds, all that a GeoPackage takes. An `end` is rounded
+    """Columns with time stamps in milliseconds, the resolution of a GeoPackage. An `end` is rounded
     up, others down: a motion lasts at least one."""
     return {
         name: values

@@ -51,7 +51,7 @@ class Style(NamedTuple):
 
 
 def alike(symbol: Symbol, named: str = "") -> Style:
-    """All features alike, with names from a field if given."""
+    """Uniform style of all features, with names from a field if given."""
     return Style("", [("", "", symbol)], "singleSymbol", named=named)
 
 

@@ -182,7 +182,7 @@ class GroundTable:
 
     def ground(self, name: str, case: Case, pair: Mapping[str, float] | None = None) -> GroundRule:
         """A row of the table, for the boulders of a case; `pair`: strength [Pa] and relief [degree]
-        in place of its own. The kernel checks its numbers."""
+        in place of the row's. The kernel checks the numbers."""
         row, pair = self.rows[name], pair or {}
         model = row.choice("model", _columns()[0].allowed.split(", "))
         numbers = _numbers(row)
@@ -195,7 +195,7 @@ class GroundTable:
 
     @property
     def yielding(self) -> list[str]:
-        """Names of the rows that planes of tables of impacts serve."""
+        """Names of the rows that use planes of tables of impacts."""
         return [name for name, row in self.rows.items() if row.cells["model"] in YIELDING]
 
 
@@ -206,12 +206,12 @@ def _numbers(row: Row) -> dict[str, float]:
 
 
 def yielding_ground(row: Row) -> tuple[str, YieldingGround]:
-    """Model and values of a row that a plane of tables serves."""
+    """Model and values of a row that uses a plane of tables."""
     return row.cells["model"], _yielding(_numbers(row))
 
 
 def _yielding(numbers: Mapping[str, float]) -> YieldingGround:
-    """Ground with these numbers, and with the kernel's defaults of others."""
+    """Ground with these numbers, and with the kernel's defaults for others."""
     usual = {
         key.name: float(key.default)
         for key in parameters()
@@ -237,8 +237,8 @@ def _row_text(model: str, numbers: Mapping[str, float | str]) -> str:
 def _plane_rule(
     name: str, model: str, text: str, numbers: Mapping[str, float], where: str, case: Case
 ) -> GroundRule:
-    """Ground that a plane of tables serves, for the boulders of a case. The kernel's refusals come
-    first: parts are chosen by valid numbers alone."""
+    """Ground by a plane of tables, for the boulders of a case. The kernel checks the numbers first:
+    parts can be chosen for valid numbers only."""
     _check_text(text, where)
     ground = _yielding(numbers)
     sigma = case.boulder.get("ground_strength_sigma", ground.strength_sigma)
@@ -292,8 +292,8 @@ def table_names() -> list[str]:
 
 @cache
 def band(name: str) -> tuple[str, ...]:
-    """Names of the next softer and the next firmer shipped ground by tables of impacts; one at an
-    end, and none of a ground whose strength changes with the size of the boulder.
+    """Names of the next softer and the next firmer shipped ground by tables of impacts; only one
+    name at an end, none for a ground whose strength depends on the size of the boulder.
 
     >>> band("meadow")
     ('vegetated-soil', 'compact')
@@ -310,7 +310,7 @@ def band(name: str) -> tuple[str, ...]:
 
 @cache
 def draws_of(name: str) -> list[dict[str, float]]:
-    """Values of each draw of a shipped ground that evidence leaves uncertain; may be empty."""
+    """Values of each draw of a shipped ground that remain uncertain; may be empty."""
     _, columns, rows = read_table(_draws())
     return [
         {key: row.number(key) for key in columns if key != "ground"}
@@ -372,7 +372,7 @@ def zone_ground(case: Case, table: GroundTable, zone: Zone) -> GroundRule:
 
 
 def case_ground(case: Case, table: GroundTable) -> GroundRule:
-    """Ground where no zone and no cell names one."""
+    """Ground where neither a zone nor a cell names a ground."""
     where, named = f"{case.name}: &surface ", named_ground(case)
     if "ground" in case.surface:
         rule = find_ground(case, table, named.name, f"{where}ground")
@@ -384,7 +384,7 @@ def case_ground(case: Case, table: GroundTable) -> GroundRule:
 def _with_pair(
     rule: GroundRule, case: Case, table: GroundTable, named: NamedGround, where: str
 ) -> GroundRule:
-    """The ground with its strength and relief replaced; `where` begins messages."""
+    """The ground with its strength and relief replaced; `where` is the beginning of messages."""
     if not named.pair:
         return rule
     limits = {parameter.name: parameter.limits for parameter in parameters()}
@@ -476,9 +476,9 @@ def block_axes() -> dict[str, tuple[float, ...]]:
 def grounds_by_shape(
     grounds: Sequence[GroundRule], shapes: Collection[str]
 ) -> tuple[tuple[GroundRule, ...], list[list[int]]]:
-    """Grounds for boulders of some block shapes: the given ones with a table of one of these
-    shapes, then those that stand in for them by shape; and, for each of BLOCK_SHAPES, the number,
-    from 1, of the ground that serves on each given one."""
+    """Grounds for boulders of some block shapes: the given grounds with a table of one of these
+    shapes, then their substitutes by shape; and, for each of BLOCK_SHAPES, the number (from 1) of
+    the ground used on each given ground."""
     rules = [*grounds]
     serving = [[*range(1, len(rules) + 1)] for _ in BLOCK_SHAPES]
     for k, ground in enumerate(grounds):

@@ -58,7 +58,7 @@ CONSTANTS: dict[str, dict[str, Any]] = {
 
 
 class YieldingGround(NamedTuple):
-    """Ground that a table serves, as a row of a table of grounds gives it (docs/grounds.md)."""
+    """Ground by a table of impacts, as a row of a table of grounds (docs/grounds.md)."""
 
     rest_angle: float = 90.0  # stopped boulders roll on where it is steeper [degree]
     strength: float = 0.0  # median pressure at which it yields; 0: never [Pa]
@@ -84,7 +84,7 @@ class ImpactTable:
     """Records of contacts in bins (theory, chapter 5), in parts by size of the boulders and relief
     of the ground, a row of one relief after the other. Edges: (part, bins of the keys before,
     edges); `map` (bin, MAPPED, INPUTS), `low` and `high` (bin, INPUTS), `record` (record, FIELDS)
-    in the order of their bins, bin b from `first[b]` on, counted from 0."""
+    in the order of their bins, bin b from `first[b]`, counted from 0."""
 
     size: np.ndarray  # (column): R_b/R_m, or rho_b g R_b over the strength of ground that yields
     relief: np.ndarray  # (row): slope of the relief [degree]
@@ -155,7 +155,7 @@ def table_arrays(tables: Sequence[ImpactTable]) -> dict[str, np.ndarray]:
 
 
 def _around(values: np.ndarray, low: float, high: float) -> slice:
-    """Places of increasing values that enclose a range, or are the nearest to it."""
+    """Slice of increasing values that encloses a range, or is nearest to it."""
     last = len(values) - 1
     first = min(max(int(np.searchsorted(values, low, "right")) - 1, 0), last)
     return slice(first, max(first, min(int(np.searchsorted(values, high)), last)) + 1)
@@ -272,7 +272,7 @@ def own_table(case: Case, name: str) -> Path | None:
 
 @cache
 def tables_of_all_shapes() -> list[str]:
-    """Names of shipped tables that are no rows of planes."""
+    """Names of shipped tables that do not belong to planes."""
     return [name for name in shipped_tables() if not re.search(r"-[0-9.]+$", name)]
 
 

@@ -123,13 +123,13 @@ def measure_ground(
 ) -> MeasuredGround:
     """Measure strength and relief of a ground, each with its standard error.
 
-    `scars` are rows, or a CSV, with `depth` [m], `mass` [kg] or `volume` [m3], `fall` [m] or
-    normal `speed` [m/s], and optionally `density` [kg/m3], `depth_error`, `fall_error`,
-    `speed_error`. `patch` is a raster of elevations [m]. The relief is that of waves from 2 to 32
-    R_b for blocks of `radius` (R_b, m; default: the mean of the scars); where the patch holds only
-    waves from `shortest` to `longest` R_b, its Hurst exponent gives the others. `shape` is sphere,
-    compact, elongated or platy. `proportional` makes the strength proportional to R_b. Raises
-    RockfallError for evidence that cannot be meant.
+    `scars` are rows, or a CSV, with `depth` [m], `mass` [kg] or `volume` [m3], `fall` [m] or normal
+    `speed` [m/s], and optionally `density` [kg/m3], `depth_error`, `fall_error`, `speed_error`.
+    `patch` is a raster of elevations [m]. The relief is that of waves from 2 to 32 R_b for blocks
+    of `radius` (R_b, m; default: the mean of the scars); if the patch has only waves from
+    `shortest` to `longest` R_b, its Hurst exponent gives the others. `shape` is sphere, compact,
+    elongated or platy. `proportional` makes the strength proportional to R_b. Raises RockfallError
+    for implausible evidence.
 
     >>> import rockfall
     >>> scar = {"depth": 0.2, "depth_error": 0.02, "mass": 780.0, "fall": 10.0}
@@ -194,7 +194,7 @@ class _Strength(NamedTuple):
 
 
 def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -> _Strength:
-    """Lognormal distribution of the strength; at R_b = radius, if in proportion to R_b."""
+    """Lognormal distribution of the strength; at R_b = radius, if proportional to R_b."""
     if not scars:
         return _Strength()
     by_scar = [_of_scar(scar, model, shape) for scar in scars]
@@ -315,7 +315,7 @@ def _scars(scars: Scars) -> list[Scar]:
 
 
 def _scar(row: Row) -> Scar:
-    """Scar of a row in SI units. What cannot be meant is refused."""
+    """Scar of a row in SI units. Implausible values are refused."""
 
     def either(first: str, second: str, low: float, high: float, low2: float, high2: float
                ) -> tuple[float, float]:  # fmt: skip

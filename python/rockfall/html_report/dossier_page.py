@@ -79,8 +79,8 @@ def write_dossier_page(
 
 
 def _fitted(page: str, content: dict[str, Any], hazard: xr.Dataset, terrain: Terrain | None) -> str:
-    """Page of this content on at most `SHEETS` sheets: with fewer rows of tables where it is
-    longer, and with a map of the sources where there is room for it at the end."""
+    """Page of this content on at most `SHEETS` sheets: with fewer table rows if it is longer, and
+    with a map of the sources if there is space at the end."""
     fitted, sections, most = layout(page, "end"), content["sections"], iter(ROWS)
     while fitted.sheets > SHEETS and (rows := next(most, 0)):
         content["sections"] = [_cut(section, rows) for section in sections]
@@ -104,8 +104,8 @@ def _cut(section: Section, most: int) -> Section:
 def _closing(
     hazard: xr.Dataset, terrain: Terrain | None, place: Place, left: float
 ) -> Picture | None:
-    """Map of the sources that fills what is left [mm] of the last page of the texts; None if too
-    little is."""
+    """Map of the sources for the remaining height [mm] of the last text page; None if it is too
+    small."""
     high = left - TITLE
     if high < LOWEST:
         return None
@@ -166,7 +166,7 @@ def title_of(dossier: Dossier) -> str:
 
 
 def question(dossier: Dossier) -> str:
-    """Question of the client: the words of the case, or what the numbers answer."""
+    """Question of the client: the text of the case, or the question that the numbers answer."""
     if asked := case_in(dossier.first.attrs).case["question"]:
         return str(asked)
     names = [place.name for place in places_of(dossier.first)[:MOST]]
@@ -232,7 +232,7 @@ def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:
 
 
 def parts_of(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Section]:
-    """Sections of page 1 and of what follows, with all their numbers."""
+    """Sections of page 1 and of the following pages, with all their numbers."""
     notes = [question(dossier), *answers(dossier, designs)]
     tables = [answer_table(dossier.first, dossier.period)]
     if len(dossier.hazards) > 1:

@@ -3,7 +3,7 @@
 omissions.
 
 Neither WeasyPrint nor a browser shrinks a map to fit a page, and a shrunk map would have a wrong
-scale. So texts are cut to a number of lines, and the map is drawn for the remaining space.
+scale. Texts are therefore cut to a number of lines, and the map is drawn for the remaining space.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def _most_passed(rows: Rows) -> list[int]:
 
 
 def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Table], list[Table]]:
-    """Tables cut to a number of rows, with cells of one line and at least a row of the first one;
+    """Tables cut to a number of rows, with one-line cells and at least one row of the first table;
     and the complete tables that are cut or left out."""
     shown: list[Table] = []
     more: list[Table] = []

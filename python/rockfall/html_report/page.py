@@ -172,7 +172,7 @@ def check_page_needs(path: str | Path) -> None:
 
 
 def report(inputs: ReportInputs) -> str:
-    """Page of a result as text, in the language in force. The same inputs give the same text."""
+    """Page of a result as text, in the current language. The same inputs give the same text."""
     result = flat_maps(inputs.result)
     with sharing(result):
         return _report(inputs, result)

@@ -61,7 +61,7 @@ def embedded(page: str) -> EmbeddedView:
 def picture(figure: Figure, title: str, caption: str, on_paper: bool = False) -> Picture:
     """Figure as vectors (SVG), or rasterised if too dense. The same figure gives the same bytes.
     Texts are outlines, since readers lack the font; on paper they are texts, whose font `write_pdf`
-    includes: half of typesetting a page went into outlines."""
+    includes: outlines would take half of the typesetting time."""
     import matplotlib
 
     wide, high = (round(96 * inch) for inch in figure.get_size_inches())
@@ -77,8 +77,8 @@ def picture(figure: Figure, title: str, caption: str, on_paper: bool = False) ->
 
 
 def _without_styles(svg: str) -> str:
-    """SVG of Matplotlib with attributes in place of styles, which WeasyPrint parses one by one in
-    a sixth of its time. Texts keep theirs: `font` is no attribute."""
+    """SVG of Matplotlib with attributes in place of styles, because WeasyPrint needs a sixth of its
+    time to parse styles. Texts keep their styles: `font` is no attribute."""
     for sheet in SHEET.finditer(svg):  # the rule of all elements, which would precede attributes
         svg = svg.replace("<svg", f"<svg{_attributes(sheet[1])}", 1).replace(sheet[0], "")
     return STYLE.sub(
@@ -132,7 +132,7 @@ def rendered(template: str, **content: Any) -> str:
 @cache
 def _environment() -> jinja2.Environment:
     """Templates, which take longer to compile than to fill. Texts are looked up when they are
-    filled, in the language of that moment."""
+    filled, in the language of the time."""
     import jinja2
 
     environment = jinja2.Environment(

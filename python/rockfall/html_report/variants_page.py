@@ -33,14 +33,14 @@ BESIDE_FIRST = 4  # variants in a table on paper
 
 
 class Given(NamedTuple):
-    """Facts about the variants that results do not hold."""
+    """Facts about the variants that results do not contain."""
 
     frequencies: pd.DataFrame | None = None  # over scenarios, from `yearly_variants`
     costs: Mapping[str, float] = {}  # by variant, in any unit
     title: str = ""  # of the page; "": that of the first
 
     def check(self, results: Mapping[str, xr.Dataset]) -> None:
-        """Refuse what cannot be."""
+        """Refuse inputs that cannot be compared."""
         for name, cost in self.costs.items():
             if name not in results:
                 raise RockfallError(f"cost of {name}: the variants are {', '.join(results)}")
@@ -130,8 +130,8 @@ def _warnings(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
 
 
 def _on_page(of_line: pd.DataFrame, on_paper: bool) -> Iterator[pd.DataFrame]:
-    """The numbers of a line, on paper in parts that are not wider than the page, each with the
-    first variant."""
+    """Numbers of a line, on paper split to the width of the page, each part with the first
+    variant."""
     first, *others = of_line["variant"].unique()
     step = BESIDE_FIRST if on_paper else max(1, len(others))
     for k in range(0, max(1, len(others)), step):

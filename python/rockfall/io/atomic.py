@@ -52,8 +52,8 @@ def atomic_folder(
     folder: str | Path, inputs: Iterable[str | Path] = (), last: str = ""
 ) -> Iterator[Path]:
     """Yield a temporary folder, whose files are moved to `folder` if the block succeeds, `last` at
-    the end. If it fails, nothing has changed; if a file of it cannot be replaced, as on Windows one
-    that is open, the new ones are left in a folder next to it."""
+    the end. If it fails, nothing has changed; if a file in it cannot be replaced, such as an open
+    file on Windows, the new files are left in a folder next to it."""
     folder = Path(folder)
     check_folder(folder, tries=False)
     part = kept = None
@@ -117,7 +117,7 @@ def _move_all(moves: Iterable[tuple[Path, Path]]) -> None:
 
 
 def not_replaced(error: OSError) -> str:
-    """Why a finished file did not take its name."""
+    """Reason why a finished file could not be renamed."""
     return IN_USE if isinstance(error, PermissionError) else f"no renaming: {error.strerror}."
 
 

@@ -37,7 +37,7 @@ def reason(error: OSError, path: str | Path) -> str:
 
 
 def relative_name(path: str | Path, folder: str | Path) -> str:
-    """Name of a file as a case in `folder` holds it: relative, with `/` on every system; absolute
+    """Name of a file as written in a case in `folder`: relative, with `/` on every system; absolute
     if Windows has the file on another drive."""
     try:
         return Path(os.path.relpath(path, folder)).as_posix()

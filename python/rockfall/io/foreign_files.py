@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files that are no raster of ours, named as what they are, with what to do."""
+"""Files that are no readable raster: what they are, and what to do."""
 
 from __future__ import annotations
 

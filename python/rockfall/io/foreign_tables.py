@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files given for a table that are something else, named as what they are, with what to do."""
+"""Files given as a table that are something else: what they are, and what to do."""
 
 from __future__ import annotations
 

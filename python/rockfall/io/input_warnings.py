@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Likely mistakes in inputs, as files of results store them."""
+"""Likely mistakes in inputs, as stored in files of results."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class InputWarning(NamedTuple):
 
     @classmethod
     def of(cls, stored: Sequence[Any]) -> InputWarning:
-        """Warning from the attribute `input_warnings` of a file; older ones hold English only."""
+        """Warning from the attribute `input_warnings` of a file; older files have English only."""
         where, text, *data = stored
         return cls(str(where), unpacked(data[0] if data else None, text))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""NetCDF-4 files, opened and written under names that Windows has too."""
+"""NetCDF-4 files, opened and written under names that are valid on Windows too."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _replacing: ContextVar[bool] = ContextVar("replacing", default=True)
 
 @contextmanager
 def overwriting(allowed: bool) -> Iterator[None]:
-    """Allow or refuse, within the block, to replace existing files."""
+    """Allow or refuse the replacement of existing files within the block."""
     before = _replacing.set(allowed)
     try:
         yield
@@ -50,9 +50,9 @@ def check_result_path(
 def check_output(
     path: str | Path, inputs: Iterable[str | Path] = (), *, tries: bool = True
 ) -> None:
-    """Refuse an output path before the work starts: an input, an existing file unless
-    `overwriting` allows it, a folder, a missing folder, or a path that is not writable, which is
-    only tried if requested: after the work what is finished shall be written anywhere."""
+    """Refuse an output path before the work starts: an input, an existing file unless `overwriting`
+    allows it, a folder, a missing folder, or a path that is not writable, which is only tested on
+    request: after the work, finished files are written wherever possible."""
     path = Path(path)
     check_outputs([path], inputs)
     if not path.parent.is_dir():
@@ -71,8 +71,8 @@ def _check_place(path: Path, folder: Path) -> None:
 
 
 def _try_renaming(folder: Path) -> None:
-    """Try what writing does last; an OSError if the folder permits no new folders and files,
-    or its file system cannot rename a file over another."""
+    """Try the last steps of writing; an OSError if the folder permits no new folders and files, or
+    its file system cannot rename a file over another."""
     descriptor, target = tempfile.mkstemp(dir=folder, prefix=TEMPORARY)
     os.close(descriptor)
     try:
@@ -123,8 +123,8 @@ def why_unwritten(error: Exception, folder: Path) -> str:
 
 
 def check_folder(folder: Path, *, tries: bool = True) -> None:
-    """Refuse a file in place of a folder, and, if this shall be tried, one that is not writable;
-    the folder need not exist."""
+    """Refuse a file in place of a folder, and, if requested, one that is not writable; the folder
+    need not exist."""
     if folder.exists() and not folder.is_dir():
         raise RockfallError(f"{folder}: is a file, a folder is needed")
     if tries:

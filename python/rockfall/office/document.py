@@ -29,7 +29,7 @@ class Part(NamedTuple):
 
 
 def write_document(title: str, parts: Iterable[Part], path: Path) -> Path:
-    """Write tables to a document on A4, landscape, atomically, in the language in force."""
+    """Write tables to a document on A4, landscape, atomically, in the current language."""
     from docx import Document
     from docx.shared import Cm
 

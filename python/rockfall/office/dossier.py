@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of a dossier as a workbook and as a document, in the language in force."""
+"""Tables of a dossier as a workbook and as a document, in the current language."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def vector_layer(path: Path, name: str, style: str, title: str, **options: bool)
 
 
 def _translated(style: ElementTree.Element) -> ElementTree.Element:
-    """Style with the labels of its legend in the language in force, classes by signs."""
+    """Style with the labels of its legend in the current language, classes by signs."""
     for element in style.iter():
         if label := element.get(LABELLED):
             match = CLASS.fullmatch(label)

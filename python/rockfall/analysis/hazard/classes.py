@@ -101,8 +101,8 @@ def intensity_words(case: Case) -> list[str]:
 
 
 def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1.0)) -> float:
-    """Upper limit of the frequency [1/year] of an event that no boulder showed, for scenarios of
-    given numbers of boulders and frequencies."""
+    """Upper limit of the frequency [1/year] of an event that no boulder had, for scenarios of given
+    numbers of boulders and frequencies."""
     none = np.zeros(1, "i4")
     parts_known = ((none, boulders, 1, yearly) for boulders, yearly in parts)
     return float(frequencies(parts_known, factor).high[0])

@@ -274,8 +274,8 @@ def _objects(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.n
 
 
 def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Frequencies at lines and barriers, energies and heights by return period, and what barriers
-    let pass."""
+    """Frequencies at lines and barriers, energies and heights by return period, and boulders that
+    barriers let pass."""
     counts = [np.array([[at.energy.size for at in run.at_lines]]) for run in runs]
     samples = ((count, *run.sample) for count, run in zip(counts, runs, strict=True))
     rates = frequencies(samples, inputs.case.hazard["frequency_factor"])

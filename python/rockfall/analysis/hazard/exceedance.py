@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Energies and heights by return period, and frequencies by energy, at lines, objects and segments:
-over all scenarios, in which a boulder counts by how often it comes a year."""
+over all scenarios, with boulders weighted by their annual frequency."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def passing_of(result: xr.Dataset, line: int) -> Passing:
 
 
 def behind(result: xr.Dataset, line: int) -> int:
-    """Number of boulders of a result that come to the line of this index and that no barrier there
-    stops."""
+    """Number of boulders of a result that come to the line with this index and are stopped by no
+    barrier there."""
     at = AtLine(result, line)
     if "crossing_outcome" not in result:
         return at.boulders.size
@@ -41,8 +41,8 @@ def behind(result: xr.Dataset, line: int) -> int:
 
 
 def class_behind(at: Passing) -> np.ndarray:
-    """Number of boulders that barriers of each class of EAD 340059, of each height of `EXCEEDED`,
-    would let pass (classes, heights): through them or over them, by the rule of the kernel."""
+    """Number of boulders (classes, heights) that a barrier of each class of EAD 340059 and each
+    height of `EXCEEDED` would let pass, through or over it, by the rule of the kernel."""
     counts = np.empty((CLASS_ENERGY.size, EXCEEDED["height"].size), "i4")
     for row, capacity in zip(counts, CLASS_ENERGY, strict=True):
         held = np.sort(at.height[at.energy <= capacity])
@@ -88,9 +88,9 @@ def levels_by_period(
     """Value that is reached once in each of `PERIODS`, and the limits of its 95 % interval,
     (3, periods), from the values of the boulders of each run that pass.
 
-    The value is 0 where boulders pass more rarely. Limits are the values at which those of the
-    frequency (`frequencies`) are once in the period: the upper one is infinite where even what no
-    boulder showed may be that frequent.
+    The value is 0 if boulders pass less often. Limits are the values at which the limits of the
+    frequency (`frequencies`) equal one event in the period; the upper limit is infinite if even
+    unobserved values may be that frequent.
     """
     sample = np.concatenate(values)
     of_run = np.repeat(np.arange(len(runs)), [part.size for part in values])

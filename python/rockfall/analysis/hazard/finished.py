@@ -56,6 +56,6 @@ def is_finished(path: Path, case: Case, scene: Scene, objects: Objects, segments
 
 
 def is_same_case(case: Case, other: Case, **without: Any) -> bool:
-    """Return True if two cases are the same but for threads, and for the groups given."""
+    """Return True if two cases differ at most in threads and in the given groups."""
     changes = {"case": {"threads": 0}} | without
     return case.replace(**changes).text() == other.replace(**changes).text()

@@ -23,7 +23,7 @@ PLACES = "line", "object", "segment"
 
 
 class Period(NamedTuple):
-    """Return period [year] and the limits of its 95 % interval; infinite if nothing came."""
+    """Return period [year] and the limits of its 95 % interval; infinite if no boulder came."""
 
     value: float
     low: float
@@ -54,8 +54,8 @@ def return_period(
     hazard: xr.Dataset, place: str, *, energy: float | None = None, height: float | None = None
 ) -> Period:
     """Return period [year] of a boulder with more than an energy [J], or a height [m], at a line,
-    object or segment; of any boulder with neither. Between two counted levels the frequency is that
-    of a power law, its limits those at the levels on either side.
+    object or segment; of any boulder with neither. Between two counted levels the frequency follows
+    a power law, with the limits of the levels on either side.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -142,7 +142,7 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
 
 
 def find_place(hazard: xr.Dataset, place: str, among: Sequence[str] = PLACES) -> tuple[str, int]:
-    """Kind, of those given, and index of a place by its name."""
+    """Kind (one of those given) and index of a place, by its name."""
     kinds = [kind for kind in _kinds(hazard) if kind in among]
     named = [
         (kind, k)

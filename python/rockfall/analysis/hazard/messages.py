@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Warnings on the models of the scenarios of a hazard, as it holds them."""
+"""Stored warnings on the models of the scenarios of a hazard."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def messages_of(hazard: xr.Dataset) -> dict[str, list[Text]]:
-    """Warnings on the model of each scenario, in the language in force."""
+    """Warnings on the model of each scenario, in the current language."""
     names, messages = (hazard[f"scenario{end}"].values for end in ("", "_messages"))
     by_name: dict[str, list[Text]] = {}
     for name, packed_texts in zip(names, messages, strict=True):

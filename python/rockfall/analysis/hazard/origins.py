@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources of what comes to a line or object: how often boulders of each cell come there."""
+"""Origins of the boulders that come to a line or object: annual number from each cell."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ SOURCES = ("line", "object")  # kinds of places with sources
 
 
 class Starts(NamedTuple):
-    """Cells in which boulders start, by their number in the grid, rising, and boulders of each."""
+    """Cells in which boulders start, by ascending number in the grid, and boulders of each."""
 
     cells: np.ndarray
     boulders: np.ndarray
 
     def among(self, cells: np.ndarray) -> np.ndarray:
-        """Boulders of each of these cells, which rise and include the own ones."""
+        """Number of boulders from each of these cells, which ascend and include all cells of
+        `self`."""
         numbers = np.zeros(cells.size, "i8")
         numbers[np.searchsorted(cells, self.cells)] = self.boulders
         return numbers
@@ -54,9 +55,9 @@ def _starts(cells: np.ndarray) -> Starts:
 def origin_numbers(
     runs: Sequence[Origins], weights: Sequence[float], grid: Grid
 ) -> dict[str, np.ndarray]:
-    """Values of the table of a hazard from the origins of its runs and the frequency [1/year] for
-    which a boulder of each stands: centres of the cells with sources, boulders a year that start
-    there, and those of them that come to each place."""
+    """Values of the table of a hazard from the origins of its runs and the frequency [1/year] that
+    a boulder of each represents: centres of the cells with sources, boulders a year that start
+    there, and boulders a year that come to each place from there."""
     cells = np.unique(np.concatenate([run.released.cells for run in runs]))
     rows, columns = np.divmod(cells, grid.nx)
     numbers = {"source_x": grid.x[columns], "source_y": grid.y[rows]}
@@ -75,10 +76,10 @@ def origin_numbers(
 
 
 def origins(hazard: xr.Dataset, place: str) -> pd.DataFrame:
-    """Sources of what comes to a line or object of a hazard, the most frequent first: centre `x`,
-    `y` [m] of the cell, `frequency` [1/year] of its boulders that come, their `share` of all that
-    come, and the fraction `reach` of the boulders of the cell. A RockfallError lists the names if
-    there is no such place.
+    """Origins of the boulders that come to a line or object of a hazard, the most frequent first:
+    centre `x`, `y` [m] of the cell, `frequency` [1/year] of its boulders that come, their `share`
+    of all boulders that come, and the fraction `reach` of the boulders of the cell. A RockfallError
+    lists the names if there is no such place.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

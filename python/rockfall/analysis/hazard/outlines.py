@@ -2,7 +2,7 @@
 """Generalised outlines of hazard zones: smooth, and no part of a zone narrower than a width.
 
 Every step errs on the safe side: an outline encloses all cells of its class and of higher ones, and
-what is too narrow is widened, or takes the next higher class if it is adjacent.
+narrow parts are widened, or get the next higher class if it is adjacent.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ def polygons_of(area: Geometry, least: float = 0.0) -> Iterator[Geometry]:
 
 def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
     """Smooth outline around an area, which fills gaps narrower than the width. Simplified outlines
-    are up to the tolerance off, so they start from one that lies that far out; arcs of segments may
-    still cut a corner."""
+    deviate by up to the tolerance, so they start from an outline at that distance; arcs of segments
+    may still cut a corner."""
     out, tolerance = width / 2, TOLERANCE * cell
     smooth = area.buffer(out, ARC).buffer(tolerance - out, ARC).simplify(tolerance)
     return smooth.union(area, grid_size=GRID * cell)

@@ -45,7 +45,7 @@ class Scenario(NamedTuple):
 
 
 def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
-    """Case common to all scenarios, with this output; refused without any, or if one is
+    """Case common to all scenarios, with this output; refused without scenarios, or if one is
     contradictory."""
     if not case.scenario:
         raise RockfallError(
@@ -67,8 +67,8 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
 
 
 def scenario_remarks(scene: Scene) -> Iterator[str]:
-    """Remarks on properties that both scenarios and the source layer give; refused where the layer
-    gives that of every source."""
+    """Remarks on properties that both scenarios and the source layer give; refused if the layer
+    gives the property for every source."""
     case = scene.case
     for what, keys, given in _of_layer(scene):
         for scenario in case.scenario:
@@ -85,8 +85,8 @@ def scenario_remarks(scene: Scene) -> Iterator[str]:
 
 
 def scenario_warnings(scene: Scene, scenarios: Sequence[Scenario]) -> list[InputWarning]:
-    """Likely mistakes in a case and in those of its scenarios, each once: those in the boulders of
-    a scenario under its name."""
+    """Likely mistakes in a case and in those of its scenarios, each once; mistakes in the boulders
+    of a scenario are listed under its name."""
     doubts = list(input_warnings(scene))
     for scenario in scenarios:
         own = replace(scene, case=scenario.case, findings=Findings())

@@ -104,7 +104,8 @@ def certain_fractions(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def _north_up(data: xr.DataArray) -> tuple[np.ndarray, Grid]:
-    """Classes, rows from the north, and their grid, without what zones do not depend on."""
+    """Classes, rows from the north, and their grid, without CRS and path, which zones do not
+    need."""
     grid, flipped = grid_of(data)
     values = data.values.astype("u1")
     return (values[::-1] if flipped else values), replace(grid, crs=None, path=None)

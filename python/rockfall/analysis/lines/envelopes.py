@@ -24,9 +24,9 @@ def envelope_names(prefix: str = "") -> list[str]:
 def envelopes(
     values: Mapping[str, np.ndarray], source: Sources, prefix: str = ""
 ) -> dict[str, float]:
-    """Numbers of the boulders whose quantities are known (not NaN), by `envelope_names`. One for
-    which too few boulders give a complete interval is left out, with its limits; the maximum is
-    that of any number of boulders."""
+    """Numbers of the boulders whose quantities are known (not NaN), by `envelope_names`. Numbers
+    without a complete interval are left out with their limits; the maximum is given for any number
+    of boulders."""
     columns: dict[str, float] = {}
     for quantity in QUANTITIES:
         is_known = np.isfinite(values[quantity])

@@ -92,11 +92,11 @@ class LineSamples:
         return Values(values[among], Passing(self._source[chosen], which))
 
     def kept(self, line: int) -> dict[Any, Any]:
-        """Numbers of all boulders at a line, which analyses keep for one another."""
+        """Cache of numbers of all boulders at a line, shared by analyses."""
         return self._at(line)[0].kept if self._has_kept else {}
 
     def _at(self, line: int) -> tuple[AtLine, Passing]:
-        """Crossings of a line, and who passes it: all quantities of a line need them."""
+        """Crossings of a line and the boulders that pass it, shared by all its quantities."""
         assert self._source is not None
         if self._last is None or self._last[0] != line:
             at = at_line(self.result, line)

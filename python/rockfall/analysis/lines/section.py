@@ -52,10 +52,10 @@ class Section:
     line, a barrier or a dam, with the numbers of all boulders that cross the line in the corridor.
     `passages` has a row for each recorded boulder at each station: distance along the section,
     boulder, elevation of its point, and QUANTITIES. `paths` are up to 200 of the trajectories
-    within the corridor: distance along the section and elevation (2, n), NaN outside. `recorded`
-    trajectories are behind it, of `boulders`; `has_maps` is True if the result has maps of these
-    quantities. `not_kept` more trajectories are recorded of boulders whose rows are not kept, and
-    left out: their sizes and masses are not known.
+    within the corridor: distance along the section and elevation (2, n), NaN outside. It is based
+    on `recorded` trajectories of `boulders`; `has_maps` is True if the result has maps of these
+    quantities. `not_kept` more recorded trajectories are left out: the rows of their boulders, with
+    sizes and masses, are not kept.
     """
 
     line: SectionLine

@@ -83,7 +83,7 @@ def known(result: xr.Dataset, name: str) -> np.ndarray:
 def _at(
     result: xr.Dataset, name: str, stations: Stations, values: np.ndarray | None = None
 ) -> np.ndarray:
-    """Values of a map, or others on its cells, in the cells that hold the stations."""
+    """Values of a map, or other values on its cells, in the cells of the stations."""
     grid, values = _northern_first(result, name, values)
     return _in_cells(values, grid, stations.place)
 
@@ -123,7 +123,7 @@ def _northern_first(
 
 
 def _in_cells(values: np.ndarray, grid: Grid, places: np.ndarray) -> np.ndarray:
-    """Values of the cells that hold places; NaN outside of the grid."""
+    """Values of the cells that contain places; NaN outside of the grid."""
     row = np.floor((grid.north - places.imag) / grid.cell)
     column = np.floor((places.real - grid.west) / grid.cell)
     among = (row >= 0) & (row < grid.ny) & (column >= 0) & (column < grid.nx)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of what is endangered, as given to a hazard or a dossier."""
+"""Layers of objects at risk, as given to a hazard or a dossier."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rockfall.scene.frames import is_frame
 
 
 class AtRisk(NamedTuple):
-    """Arguments of `rockfall.hazard` and `rockfall.dossier` that describe what is endangered."""
+    """Arguments of `rockfall.hazard` and `rockfall.dossier` that describe objects at risk."""
 
     objects: Any = None  # a path or a GeoDataFrame, or a list of these
     objects_layer: str | Sequence[str] | None = None  # of a file with several, or of each file

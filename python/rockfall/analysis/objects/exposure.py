@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Exposure of objects: what a boulder that hits one does to property and persons, from attributes
-of the layer, with every assumption that enters."""
+"""Exposure of objects: harm to property and persons by a boulder that hits an object, from
+attributes of the layer, with every assumption made."""
 
 from __future__ import annotations
 
@@ -27,14 +27,15 @@ ALWAYS = (  # messages
 
 
 class Harm(NamedTuple):
-    """Expected harm by a boulder: scale x curve(energy), at traffic also x (diameter + length)."""
+    """Expected harm by a boulder: scale x curve(energy), for traffic also x (diameter + length)."""
 
     scale: float
     curve: Curve
     length: float | None = None  # of a vehicle [m]; None: what is hit does not move
 
     def by(self, energy: np.ndarray, diameter: np.ndarray) -> np.ndarray:
-        """Harm by boulders of these energies [J] and diameters [m]; 0 for NaN, those that miss."""
+        """Harm by boulders of these energies [J] and diameters [m]; 0 for NaN (boulders that
+        miss)."""
         hit = np.isfinite(energy)
         harm = np.zeros(energy.size)
         harm[hit] = self.scale * self.curve.fraction(energy[hit])
@@ -67,7 +68,7 @@ def read_exposure(
     curves: Mapping[str, Curve],
     without_energy: Iterable[int],
 ) -> Exposure:
-    """Exposure of the objects of a layer, empty if it has no persons or values. Of those
+    """Exposure of the objects of a layer, empty if it has no persons or values. For objects
     `without_energy` only counts above the thresholds [J] are known."""
     kinds = layer.texts("kind")
     buildings = layer.has("value") and any(map(_is_building, kinds))
@@ -91,7 +92,7 @@ def read_exposure(
 def curve_remarks(
     path: str | Path, curves: Mapping[str, Curve], exposed: Exposure
 ) -> Iterator[Text]:
-    """Remarks on the curves of a table: those in other units, or that no object names."""
+    """Remarks on the curves of a table: curves in other units, and curves that no object names."""
     used = [
         (harm.curve, quantity == "damage")
         for quantity in QUANTITIES
@@ -198,7 +199,7 @@ class _Deaths:
         return _OfPersons()
 
     def _of_traffic(self, k: int, aadt: float) -> _OfPersons:
-        """Vehicles, and one commuter, in the length of road that a boulder takes."""
+        """Expected vehicles, and one commuter, on the length of road that a boulder occupies."""
         for name in ("speed", "persons_per_vehicle"):
             if np.isnan(self.numbers[name][k]):
                 self.layer.refuse(k, "aadt", f"{aadt:g}", f"needs the attribute {name}")
@@ -254,7 +255,7 @@ def _of_damage(harms: list[Harm | None], names: list[str]) -> Iterator[Text]:
 
 
 def _of_curves(key: str, harms: list[Harm | None], names: list[str]) -> Iterator[Text]:
-    """Curves that enter, each with its source and objects."""
+    """Curves in use, each with its source and objects."""
     rows: dict[tuple[str, str], list[int]] = {}
     for k, harm in enumerate(harms):
         if harm is not None:

@@ -73,7 +73,7 @@ def frames_of(sources: Sequence[Source]) -> dict[str, Any]:
 
 
 def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
-    """Layers as files, `frames` those of the GeoDataFrames in turn; labels that occur twice are
+    """Layers as files; `frames` are the files of GeoDataFrames, in turn. Duplicate labels are
     numbered."""
     of_frame = iter(frames.items())
     files = []
@@ -91,7 +91,8 @@ def only_layer(path: str | Path) -> str:
 
 
 def distinct_names(names: Sequence[Sequence[str]], labels: Sequence[str]) -> list[list[str]]:
-    """Names of the objects of each layer, with that of the layer where another has the same."""
+    """Names of the objects of each layer, with the name of the layer where objects of several
+    layers have the same name."""
     numbers: dict[str, set[int]] = {}
     for k, own in enumerate(names):
         for name in own:

@@ -2,8 +2,8 @@
 """Objects at risk: number of boulders that hit each, and the resulting cost.
 
 A boulder hits an object when it touches it with its side in plan. Lines and outlines become
-evaluation lines with the width of the object, which count a boulder once; so do points with a
-width of their own. The others are taken to be as wide as the objects of the maps, in their cell.
+evaluation lines with the width of the object, which count a boulder once; so do points with a width
+of their own. Other points are as wide as the objects of the maps, in their cell.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def read_objects(
     curves: Mapping[str, Curve] = SHIPPED,
 ) -> Objects:
     """Read the objects of layers, with their vulnerability for each intensity between the
-    thresholds [J], or by a curve, and who and what is exposed there."""
+    thresholds [J], or by a curve, and the persons and values exposed there."""
     read = [_read(file, grid, remarks) for file in files]
     names = distinct_names([layer.names for layer in read], [file.label for file in files])
     all_objects = []

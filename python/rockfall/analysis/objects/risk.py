@@ -26,13 +26,13 @@ SUMMED = ("damage", "collective_risk")  # that of an individual is not summed ov
 def layered(
     heights: np.ndarray, counts: np.ndarray, boulders: int, per_cluster: int
 ) -> Frequencies:
-    """Mean of a bounded quantity of the boulders, and the limits of its 95 % interval: of each
-    layer between two rising heights, from 0, `counts` boulders reach the top. The mean is the sum
-    of thickness times fraction, the limits those of the fractions (Wilson's) in its place.
+    """Mean of a bounded quantity of the boulders, and the limits of its 95 % interval. `counts`
+    boulders reach the top of each layer between two ascending heights, from 0. The mean is the sum
+    of thickness times fraction; limits use those of the fractions (Wilson's).
 
-    The layers of a sample err together at most, so the limits are never too narrow; those of a sum
-    of quantities lie within the sums of theirs, since Wilson's upper limit is concave and the lower
-    convex in the fraction.
+    Errors of layers are at most fully correlated, so the limits are never too narrow. Limits of a
+    sum of quantities lie within the sums of their limits, since Wilson's upper limit is concave and
+    the lower convex in the fraction.
     """
     thickness = np.diff(heights, prepend=0.0)
     low, high = count_limits(counts.astype("i4"), boulders, per_cluster)
@@ -40,8 +40,8 @@ def layered(
 
 
 def mean_of(values: np.ndarray, top: float, per_cluster: int) -> Frequencies:
-    """Mean of values of all boulders that are 0 to `top`, with its limits; the upper one includes
-    what none of the boulders did but may be done."""
+    """Mean of values of all boulders that are 0 to `top`, with its limits; the upper limit allows
+    for values that no boulder reached."""
     rising = np.sort(values[values > 0])
     heights = np.append(rising, max(top, rising[-1] if rising.size else 0.0))
     return layered(heights, np.arange(rising.size, -1, -1), values.size, per_cluster)

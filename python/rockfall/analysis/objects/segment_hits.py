@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hits of the segments of roads: boulders of each run, and numbers of all scenarios together, in
-which a boulder weighs as often as it comes a year."""
+"""Hits of the segments of roads: boulders of each run, and numbers of all scenarios together, with
+boulders weighted by annual frequency."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def hit_counts(hits: Sequence[Hits], thresholds: np.ndarray) -> np.ndarray:
 
 
 class Weighted(NamedTuple):
-    """Hits of a run, each with its number a year."""
+    """Hits of a run, each with its annual number."""
 
     hits: Sequence[Hits]  # of each segment
     weight: float  # of a boulder [1/year]
@@ -66,7 +66,7 @@ class Weighted(NamedTuple):
 
 def segment_numbers(runs: Sequence[Weighted]) -> dict[str, np.ndarray]:
     """Numbers of the boulders that hit each segment, by name: means and 95 % quantiles, with limits
-    of the latter. Those of no boulders are NaN."""
+    of the latter. NaN without boulders."""
     rows = [_numbers(runs, k) for k in range(len(runs[0].hits))]
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 

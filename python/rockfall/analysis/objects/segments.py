@@ -113,7 +113,7 @@ def roads_of(given: AtRisk, scene: Scene, remarks: list[str]) -> Segments:
 
 
 def read_segments(file: File, length: float | None, scene: Scene, remarks: list[str]) -> Segments:
-    """Cut the lines of a layer into segments of a length [m], or take each as one (None). Segments
+    """Cut the lines of a layer into segments of a length [m], or keep each as one (None). Segments
     outside the terrain are left out, with a remark."""
     parts, columns = read_lines(file.path, file.layer, scene.grid, remarks, KEY)
     columns = {name.lower(): values for name, values in columns.items()}
@@ -186,8 +186,8 @@ def _unequal(stretches: Sequence[_Stretch], path: str) -> Iterator[str]:
 
 def _stretches(parts: Sequence[Sequence[np.ndarray]], layer: Layer) -> Iterator[_Stretch]:
     """The lines of a layer in turn. A line that begins where the one before it ends belongs to the
-    same road, and its chainage continues; with the attribute `chainage`, so does one of its
-    name."""
+    same road, and its chainage continues; with the attribute `chainage`, so do later lines of the
+    same name."""
     import shapely
 
     given, names = layer.numbers("chainage", np.nan, missing=True), layer.texts("name")
@@ -221,9 +221,9 @@ def _roads(stretches: Sequence[_Stretch], label: str) -> list[str]:
 
 
 def edges_along(length: float, step: float | None) -> np.ndarray:
-    """Distances at which a line is cut [m]: multiples of a step, or its ends alone (None). A rest
-    shorter than half a step belongs to the piece before it, or the class of a short piece would be
-    low for its length."""
+    """Distances at which a line is cut [m]: multiples of a step, or only its ends (None). A
+    remainder shorter than half a step is added to the piece before it: a short piece would get too
+    low a class."""
     number = 1 if step is None else max(1, math.floor(length / step + 0.5))
     return np.append((step or 0.0) * np.arange(number), length)
 
@@ -242,7 +242,7 @@ def _pieces(stretch: _Stretch, step: float | None, path: str) -> Iterator[_Piece
 
 def strips_along(whole: Any, axes: Sequence[Any], width: float) -> list[Any]:
     """Strips of ground along pieces of a line, with straight ends, that cover the strip along all
-    of it: what lies outside in a bend between two pieces goes to the first of them."""
+    of it: the outer gap in a bend between two pieces belongs to the first piece."""
     import shapely
 
     strips = [shapely.buffer(axis, width / 2, cap_style="flat") for axis in axes]
@@ -264,8 +264,8 @@ def _sources_on(grounds: Sequence[Any], scene: Scene) -> int:
 
 
 def _outlines(ground: Any) -> Iterator[Any]:
-    """Curves that a boulder touches first: the axis, or the outlines of a strip, with that of the
-    land within a road that closes, from which boulders may come."""
+    """Curves that a boulder touches first: the axis, or the outlines of a strip, with the inner
+    outline of a closed road, since boulders may come from inside."""
     for part in getattr(ground, "geoms", [ground]):
         yield from (part.exterior, *part.interiors) if part.geom_type == "Polygon" else (part,)
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Survey of blocks: volumes of deposited blocks, and of those whose fall was recorded in a known
-time (De Biagi et al. 2017)."""
+"""Survey of blocks: volumes of deposited blocks, and of blocks that fell within a known period (De
+Biagi et al. 2017)."""
 
 from __future__ import annotations
 
@@ -32,9 +32,8 @@ Volumes = str | Path | Sequence[float] | np.ndarray  # a table, or volumes [m3]
 
 @dataclass(frozen=True)
 class Survey:
-    """Blocks of a survey. `volumes` [m3] are those of all deposited blocks, `undated` those of
-    unknown date among them, `dated` those that fell within `years`, `dates` the decimal years of
-    the latter as far as known."""
+    """Blocks of a survey. `volumes` [m3] has all deposited blocks, `undated` those without a date,
+    `dated` the blocks that fell within `years`; `dates` are their decimal years, where known."""
 
     name: str
     volumes: np.ndarray
@@ -53,8 +52,8 @@ class _Blocks(NamedTuple):
 
 
 def read_survey(blocks: Volumes, events: Volumes | None, years: float | None) -> Survey:
-    """Read a survey: `blocks` holds the deposited blocks, and `events` those that fell within
-    `years`, which without it are the dated rows of `blocks`."""
+    """Read a survey: `blocks` contains the deposited blocks, `events` the blocks that fell within
+    `years`; by default these are the dated rows of `blocks`."""
     deposited = _read(blocks, "blocks")
     if events is None:
         is_dated = ~np.isnan(deposited.dates)

@@ -72,8 +72,8 @@ class Comparison:
     """Tables of a comparison in SI units, empty without observations of the kind.
 
     `_low` and `_high` are the limits of 95 % confidence intervals, NaN if there is none.
-    `within_interval`: that of the simulated number contains the observed one; `consistent`: their
-    difference is within the sampling error of both.
+    `within_interval`: the interval of the simulated number contains the observed one; `consistent`:
+    their difference is within the sampling error of both.
     """
 
     title: str
@@ -166,9 +166,9 @@ def _check_lines(seen: Observed, names: list[str]) -> None:
 
 
 def disagreement(comparison: Comparison) -> Text:
-    """Number of the tested numbers of a comparison that differ beyond the sampling error of both:
-    no more than by chance in this number of tests, or with the number of largest error, a mean if
-    any differs."""
+    """Number of tested numbers of a comparison that differ beyond the sampling error of both. If
+    chance does not explain it, the number with the largest error is given, a mean if any
+    differs."""
     tested, differing = 0, []
     tables = [name for name in TABLES if name != "passing" or not len(comparison.run_out)]
     for name in tables:  # fractions at each stopping distance are of one sample
@@ -195,7 +195,7 @@ def _by_chance(tested: int) -> int:
 
 
 def _named(table: str, row: dict[str, Any]) -> tuple[bool, float, str]:
-    """A number of a comparison in words, after what orders these."""
+    """A number of a comparison in words, after the keys that order it."""
     keys = ("line", "quantity", "statistic") if "line" in row else ("source", "statistic")
     words = [f"{row[key]}" for key in keys if row.get(key)]
     error = row.get("error_percent", math.nan)
@@ -271,7 +271,8 @@ def _error(value: float, reference: float) -> float:
 
 
 def _with_interval(printed: dict) -> dict:
-    """A row of `Observed.summaries` with the interval of its mean, where n is known and enough."""
+    """A row of `Observed.summaries` with the interval of its mean, where n is known and large
+    enough."""
     limits = limits_of_printed(
         printed["mean"], printed["std"], printed["n"], printed["quantity"] in SIGNED
     )
@@ -316,7 +317,7 @@ def _ks(
     ours: np.ndarray,
     share: np.ndarray,
 ) -> pd.DataFrame:
-    """Two-sample Kolmogorov-Smirnov tests, and those printed for the method (paper, table 4).
+    """Two-sample Kolmogorov-Smirnov tests, and tests printed for the method (paper, table 4).
     `share` are the weights of the simulated boulders, in the test of distances."""
     import pandas as pd
 
@@ -387,8 +388,8 @@ def _passing(
 
 
 def _at_rest(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """Geometric mean of the density of simulated boulders at blocks at rest, and that of as many of
-    these boulders."""
+    """Geometric mean of the density of simulated boulders at blocks at rest, and at the same number
+    of simulated boulders."""
     import pandas as pd
 
     rows = [

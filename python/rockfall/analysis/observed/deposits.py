@@ -13,13 +13,12 @@ not zero, but less than that of a single boulder: the lowest that the run resolv
 
 K_j is normal, as wide as the k boulders nearest to x_j lie: half the distance of the k-th, so that
 it covers about k boulders, where they lie close and where they lie far apart (Breiman et al. 1977);
-never less than a cell. The k is that which makes the simulated boulders of the case most likely,
-each predicted from the others by the same formula (leave-one-out, Habbema et al. 1974): no one
-chooses it. Of runs with other numbers of boulders it goes as N^(2/3), for which a width goes as
-N^(-1/6) (Silverman 1986). Of a block whose volume is known the boulders count by a normal kernel of
-the logarithm of their volume, of Silverman's width: so that the place is judged, given the size;
-the mapped sizes carry no information. Of a block whose shape is known only boulders of this
-shape count, of a run with several.
+never less than a cell. k maximises the likelihood of the simulated boulders of the case, each
+predicted from the others by the same formula (leave-one-out, Habbema et al. 1974). For other
+numbers of boulders k is proportional to N^(2/3), and the width to N^(-1/6) (Silverman 1986). For a
+block of known volume, boulders are weighted by a normal kernel of the logarithm of their volume, of
+Silverman's width: the place is judged, given the size. For a block of known shape only boulders of
+this shape count, if the run has several.
 
 Breiman, L., Meisel, W., Purcell, E. (1977): Variable kernel estimates of multivariate densities.
 Technometrics 19, 135-144. Ferguson, T. S. (1973): A Bayesian analysis of some nonparametric
@@ -84,9 +83,9 @@ class Rest(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """Rule of the kernels: the neighbours that one is as wide as, of how many boulders at rest; its
-    width of the logarithm of the volume (infinite where volumes do not count); the area of the
-    deposits [m2], and the side of a cell [m]; whether block shapes count."""
+    """Rule of the kernels: the number of neighbours that sets the width, for how many boulders at
+    rest; the width in the logarithm of the volume (infinite where volumes do not count); the area
+    of the deposits [m2], and the side of a cell [m]; whether block shapes count."""
 
     neighbours: float
     boulders: int
@@ -111,8 +110,8 @@ class Sums(NamedTuple):
 
 
 def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
-    """Blocks at rest without a known release, by their source; blocks of unknown source come
-    last. None where the release of all is known: that of the columns, or the only one.
+    """Blocks at rest without a known release, by their source; blocks of unknown source come last.
+    None if the release of all is known, from columns or as the only one.
 
     Raises a RockfallError for a source that the result does not have.
     """
@@ -219,13 +218,13 @@ def _likeliest_neighbours(kernel: Kernel, rest: Rest) -> float:
 
 
 def _neighbours(kernel: Kernel, n: int) -> float:
-    """Neighbours of the kernels of another number of boulders."""
+    """Number of neighbours of the kernels for another number of boulders."""
     return max(kernel.neighbours * (max(n, 1) / max(kernel.boulders, 1)) ** (2 / 3), 1.0)
 
 
 def kernel_widths(kernel: Kernel, rest: Rest) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Widths [m] of the kernels of boulders, those without the nearest boulder, and the squared
-    distance [m2] of a boulder that makes the difference: (boulders,)."""
+    """Widths [m] of the kernels of boulders, the widths without the nearest boulder, and the
+    squared distance [m2] of a boulder that makes the difference: (boulders,)."""
     from scipy.spatial import KDTree
 
     n = len(rest.place)
@@ -320,7 +319,7 @@ def like_weights(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> np.ndarra
 def kernel_values(
     kernel: Kernel, blocks: Blocks | Rest, rest: Rest, widths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of boulders by volume and shape, and their kernels of these widths [m] times these
+    """Weights of boulders by volume and shape, and kernels of these widths [m] times these weights
     [m-2]: (blocks, boulders)."""
     alike = like_weights(kernel, blocks, rest)
     return alike, alike * _normal(_squares(blocks.place, rest), widths)
@@ -337,7 +336,7 @@ def outside(kernel: Kernel, near: np.ndarray) -> np.ndarray:
 
 
 class Agreement(NamedTuple):
-    """Blocks at rest of a source compared with a result: mean log-density at the blocks and of as
+    """Blocks at rest of a source compared with a result: mean log-density at the blocks and at as
     many boulders of the result, its 5 % quantile, and the blocks outside of all deposits."""
 
     source: str
@@ -351,8 +350,8 @@ class Agreement(NamedTuple):
 
 def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
     """Blocks at rest without a known release, compared with the boulders of a result, by source;
-    empty where too few of these came to rest. Every other boulder makes the density, those between
-    stand for what the result itself would leave: neither they nor the blocks had a part in it."""
+    empty if too few boulders came to rest. Every second boulder forms the density; the others are
+    deposits to compare with, because like the blocks they did not contribute to it."""
     random, agreements = np.random.default_rng(0), []
     for blocks in witnesses(result, seen):
         rest = at_rest(result, blocks)
@@ -378,8 +377,8 @@ def _densities(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> tuple[np.nd
 
 
 def grid_for(result: xr.Dataset, given: Iterable[str | Path | Observed]) -> Grid | None:
-    """Cells of the terrain of a result, in its CRS, from its north-western corner as far as its
-    boulders came: enough to read layers in; None if none of the observations given is a layer."""
+    """Cells of the terrain of a result, in its CRS, from its north-western corner up to the extent
+    of its boulders, for reading layers; None if no observation is a layer."""
     if not any(is_point_layer(item) for item in given if not isinstance(item, Observed)):
         return None
     from rasterio.crs import CRS

@@ -16,11 +16,11 @@ heights H_j, the predictive density of a mark at height s is
 with a normal kernel K of the width of Silverman's rule, at least `ACCURACY`, and the weight a = 1
 of one boulder at any height below `top`, twice the greatest height observed or simulated: as at
 rest (`rockfall.analysis.observed.deposits`). A mark shows that at least one block passed at that
-height: f is that of one hit. Of the highest of k marks it is k f F^(k - 1), F being the
+height: f is that of one hit. For the highest of k marks it is k f F^(k - 1), F being the
 distribution function (David and Nagaraja 2003). How many blocks passed, and which trees were not
-hit, is not known, so that many boulders at a mark speak for a run no more than some: what counts
-in addition to f is the probability 1 - (1 - (n + 1/2)/(N + 1))^N that at least one of N blocks
-comes there (0.39 where none came, 0.78 for one, 0.99 for four).
+hit, is unknown. A mark with many boulders is thus no stronger evidence than one with a few: in
+addition to f only one factor counts, the probability 1 - (1 - (n + 1/2)/(N + 1))^N that at least
+one of N blocks comes there (0.39 where none came, 0.78 for one, 0.99 for four).
 
 David, H. A., Nagaraja, H. N. (2003): Order Statistics. Wiley.
 """
@@ -151,7 +151,7 @@ def _line(
 
 
 def passing_at(result: xr.Dataset, mark: Mark) -> Passing:
-    """Heights of the boulders of a run that cross the line of a mark; of a mark on a known side
+    """Heights of the boulders of a run that cross the line of a mark; for a mark on a known side,
     those that move towards it."""
     k = line_names(result).index(mark.line)
     heights = values_at(result, "passing_height", k)
@@ -194,8 +194,8 @@ def log_density(
 
 
 def log_reach(crossed: np.ndarray, boulders: int) -> np.ndarray:
-    """Logarithm of the probability that at least one of as many blocks as were simulated comes
-    there.
+    """Logarithm of the probability that at least one block comes there, of as many as were
+    simulated.
 
     >>> np.exp(log_reach(np.array([0.0, 1.0]), 1000)).round(2).tolist()
     [0.39, 0.78]

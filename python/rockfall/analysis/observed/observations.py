@@ -44,7 +44,7 @@ PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}  # columns, old one 
 
 @dataclass(frozen=True)
 class Observed:
-    """Observations in SI units, as far as there are any."""
+    """Observations in SI units, where available."""
 
     summaries: pd.DataFrame  # line, method, quantity, mean, std, max, n; NaN where not given
     samples: dict[tuple[str, str], np.ndarray]  # (line, quantity) -> one value a boulder

@@ -66,7 +66,7 @@ def check_exchanged(seen: Observed, site: xr.Dataset | Grid) -> None:
 
 
 def unit_notes(seen: Observed) -> Iterator[Text]:
-    """Notes on heights and diameters at trees, and volumes of blocks, that hardly can be."""
+    """Notes on heights and diameters at trees, and volumes of blocks, that are implausible."""
     if seen.contacts is not None:
         height, dbh = (seen.contacts[name].to_numpy(float) for name in ("height", "dbh"))
         if np.nanmax(height, initial=0.0) > SCAR:
@@ -111,7 +111,7 @@ def distance_notes(
 
 
 def _ratio_note(what: str, kind: str, ratio: float) -> Iterator[Text]:
-    """Note that names the unit whose ratio is nearest, as far as a model may err."""
+    """Note that names the unit whose ratio is nearest, within the error that a model may have."""
     error = ERROR.get(kind, USUAL_ERROR)
     apart = {unit: abs(math.log(ratio / factor)) for unit, factor in OTHER.get(kind, {}).items()}
     if apart and min(apart.values()) < math.log(error):

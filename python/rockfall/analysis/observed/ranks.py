@@ -38,9 +38,9 @@ COLUMNS = ["measure", "result", "distance", "distance_low", "distance_high", "ra
 
 
 def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFrame:
-    """COLUMNS, the results by each measure from the nearest on: Wasserstein distances of the
-    stopping distances and of samples at lines, differences of printed means, in SI units; overall
-    the mean of the distances, each over the mean of all results.
+    """COLUMNS, the results by each measure the nearest first: Wasserstein distances of the stopping
+    distances and of samples at lines, differences of printed means, in SI units; overall the mean
+    of the distances, each over the mean of all results.
 
     `rank_low` and `rank_high` are the possible ranks of a result: results whose difference has a 95
     % interval that contains 0 are tied. Results must be of one site, in one CRS.

@@ -426,7 +426,7 @@ def falls_and_distances(
 def passing(
     result: xr.Dataset, distance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distances [m], the fraction of boulders that travel at least so far, and its 95 % limits,
+    """Distances [m], the fraction of boulders that travel at least this far, and its 95 % limits,
     given the `distance` of each boulder."""
     source = sources(result)
     shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """95 % confidence intervals for values of boulders from given sources, and the boulders they need.
 
-The sources of a case are the complete set: other boulders would come from the same ones, with the
-same number from each. Boulders are then a stratified sample (Cochran 1977, chapter 5), and
+The sources of a case are the complete set: other samples would have the same sources, with the same
+number of boulders from each. Boulders are then a stratified sample (Cochran 1977, chapter 5), and
 intervals cover only the variation within sources. With &release sources = 'sample' the sources are
-some of many: the boulders of each are a cluster, and few sources represent others poorly (Student's
+a sample: the boulders of each are a cluster, and few sources represent others poorly (Student's
 distribution; with two, the intervals are 6.5 times as long as those of a normal distribution).
 """
 
@@ -172,9 +172,9 @@ class Sums:
         """Effective number of independent boulders for the fraction of an indicator (Korn and
         Graubard 1998).
 
-        With few boulders, sources in which all behaved alike seem too certain: the variance is that
-        with Z**2 more boulders of uncertain outcome, and at most that of boulders from anywhere,
-        which no stratified sample exceeds.
+        With few boulders, sources in which all behaved alike would seem too certain. The variance
+        therefore includes Z**2 more boulders of uncertain outcome, and is at most that without
+        strata.
         """
         n = self.size
         if self.sampled:

@@ -57,9 +57,9 @@ class Sample(ABC):
         """Order statistics that enclose a quantile, as in `between_ranks`."""
 
     def fitted_between(self, level: float, effective: float) -> tuple[float, float]:
-        """Values expected at the ranks that enclose a quantile, from many more around them: their
-        logarithms fitted by normal scores. Two order statistics in a tail are a few values apart,
-        and their distance is off by a fifth where this one is off by a tenth."""
+        """Values expected at the ranks that enclose a quantile, from many more values around them,
+        whose logarithms are fitted by normal scores. In a tail two order statistics are a few
+        values apart, and their distance has twice the error of the fitted one."""
         ranks = np.clip(ranks_around(self.n, level, effective), 0.5, self.n + 0.5)
         middle = 1 + level * (self.n - 1)
         ends = np.clip(middle + FITTED * (ranks - middle), 1, self.n)
@@ -107,7 +107,8 @@ class Sample(ABC):
 
 
 def quantiles(ordered: np.ndarray, levels: Sequence[float]) -> np.ndarray:
-    """Quantiles of type 7 of values in increasing order, which `np.quantile` would part again."""
+    """Quantiles of type 7 of values in increasing order, which `np.quantile` would partition
+    again."""
     place = np.asarray(levels) * (ordered.size - 1)
     below = place.astype(int)
     part = place - below
@@ -120,7 +121,7 @@ class Passing:
     """Boulders that have values, among all from these sources."""
 
     def __init__(self, everyone: Sources, which: np.ndarray) -> None:
-        """`which` of all have values: their indices, or a mask."""
+        """`which`: boulders that have values, as indices or a mask."""
         self.released, self.source = everyone.number.size, everyone[which]
         self.fraction = everyone.indicator(which)
 

@@ -45,11 +45,11 @@ def quantile_interval(
     `between_ranks` has them for equal weights. NaN without values; a limit is NaN where the values
     end before it.
 
-    All values count as if each weighed as much as the heaviest, which bounds the variance of the
-    fraction below the quantile, w_max p (1 - p)/sum(w), whichever values lie beyond it; limits by
-    the mean weight (Kish 1965) would be too narrow where the heavy ones do. `per_cluster` values
-    count as one. Values of given sources vary less (stratification), so the limits are never too
-    narrow for them.
+    Each value is treated as if it had the largest weight, which bounds the variance of the fraction
+    below the quantile, w_max p (1 - p)/sum(w), whichever values lie beyond it; limits by the mean
+    weight (Kish 1965) would be too narrow if heavy values lie beyond it. `per_cluster` values count
+    as one. Values of given sources vary less (stratification), so the limits are never too narrow
+    for them.
     """
     if not values.size:
         return math.nan, math.nan, math.nan

@@ -35,7 +35,7 @@ STAYED = 10.0  # [m] from the release, drop included: no farther than a boulder 
 
 def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on lines where many of the passing boulders roll from rock to rock (theory, chapter
-    8), which lowers the numbers on which designs rest. None if rows are not kept.
+    8), which lowers the numbers used for design. None if rows are not kept.
 
     A boulder rolls where the ground is steeper than the rest angle. The passing height of a boulder
     on the ground is R_b/cos(slope), which gives the slope there.
@@ -65,7 +65,8 @@ def _radius(volumes: np.ndarray) -> np.ndarray:
 def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on boulders that count as released but do not represent the slope: left the known
     terrain before a line, reached the limit of contacts, or stayed at their source. Fractions and
-    frequencies err low by them. That nothing is known of these if no rows are kept."""
+    frequencies err low by them. A remark notes if nothing is known of them because no rows are
+    kept."""
     if "status" not in values:
         return
     if not (status := np.asarray(values["status"])).size:
@@ -93,8 +94,8 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iterator[Text]:
     """Lines that few boulders cross, compared with those that ended while moving and would meet
-    them if they went straight on: with these the fraction would be above its 95 % interval.
-    Boulders that come far are the few that leave the terrain, too."""
+    them on a straight path: with these the fraction would be above its 95 % interval. The few
+    boulders that travel far are also those that leave the terrain."""
     if not (is_moving.any() and case.lines and "row_size" in values):
         return
     n = is_moving.size
@@ -111,7 +112,7 @@ def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iter
 
 
 def _lines_of(values: Variables, case: Case) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Index and group of the lines of a case that the values are of, its first ones."""
+    """Index and group of the lines of a case for which there are values: its first ones."""
     return zip(range(np.size(values["row_size"])), case.lines, strict=False)
 
 

@@ -56,7 +56,7 @@ def fractions_outside(values: Variables) -> dict[str, float]:
 def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolation]:
     """Extrapolations in the variables of a result, or of boulders by name, for the sets of a case.
 
-    Counts may be sums, or of each boulder.
+    Counts may be sums, or per boulder.
     """
     rebounds = round(_stochastic(values))
     for what, fraction in fractions_outside(values).items():

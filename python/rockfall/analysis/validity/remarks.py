@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Remarks on the validity of a run's model: the rebounds behind its numbers and their reliability,
-the unvalidated forest, conditions outside the data of the model, and boulders whose end does not
-of a slope.
+the unvalidated forest, conditions outside the data of the model, and boulders whose ends do not
+represent the slope.
 
 They are printed by `rockfall check` for its pilot run; by every command that shows or writes
 numbers of results; by `ensemble` for the unchanged case; by `import-rockyfor3d` for its case.

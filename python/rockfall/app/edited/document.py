@@ -87,8 +87,8 @@ class Site:
         settings: Mapping[str, Any],
         variant: str = "",
     ) -> Document:
-        """Document in which some layers and groups are replaced by what the page sends, and that
-        comes from a variant; Refused if one of them is not valid."""
+        """Copy of a document with layers and groups replaced by those that the page sends;
+        `variant` is the variant that it comes from. Refused if a value is not valid."""
         if not isinstance(variant, str) or variant not in ("", *self.variants.documents):
             raise Refused(say("app.server_wrong_type", name="variant"))
         new_layers, new_settings = dict(document.layers), dict(document.settings)
@@ -205,7 +205,7 @@ def _numbered(zones: list[Feature]) -> list[Feature]:
 def _rest(
     zones: list[Feature], sizes: dict[str, Any], surface: dict[str, Any], grid: Grid
 ) -> list[Feature]:
-    """Polygons of the terrain outside zones, which the reader refuses where they are not valid."""
+    """Polygons of the terrain outside zones, which the reader refuses if they are not valid."""
     import shapely
 
     radii = sizes.get("uniform_mean_radius"), sizes.get("uniform_rg")
@@ -228,7 +228,7 @@ def _rest(
 
 
 def with_output(case: Case, maps: Iterable[str], trajectories: int) -> Case:
-    """Case of a live run, which makes what is shown and no more: the bits of all else are the
+    """Case of a live run, with the outputs that are shown and no others: all other bits are the
     same."""
     output = {
         "maps": [*dict.fromkeys(maps)] or None, "trajectories": trajectories or None,

@@ -58,7 +58,7 @@ def check_features(
     layer: str, given: Any, form: Form, before: Sequence[Feature] = ()
 ) -> list[Feature]:
     """Features of a layer as the page sends them, a list of all or, as `set` and `remove`, what
-    differs from those before; Refused if they cannot be such."""
+    differs from those before; Refused if they are not valid."""
     remove: Any = []
     if isinstance(given, dict):
         remove, given = given.get("remove"), given.get("set")
@@ -213,7 +213,7 @@ def _column(kind: str, values: list[Any]) -> np.ndarray:
 
 
 class Frame:
-    """A layer like a GeoDataFrame: all that `rockfall.scene.frames` looks at."""
+    """A layer like a GeoDataFrame, with the attributes that `rockfall.scene.frames` uses."""
 
     def __init__(self, layer: Layer, crs: Any) -> None:
         import pandas as pd

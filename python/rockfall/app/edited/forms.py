@@ -103,7 +103,7 @@ def _zone_form(
     name: Field,
     grounds: tuple[str, ...] | None,
 ) -> Form:
-    """Fields of zones: their number in a table, or what they are made of."""
+    """Fields of zones: their number in a table, or their material."""
     number = _field(Key("", "zone", "integer", 1, "absent", "", "", ""))
     if "table" in case.surface:
         return {"zone": number, "name": name}
@@ -156,8 +156,7 @@ def _field(key: Key) -> Field:
 
 
 def check_value(field: Field, value: Any, **place: str) -> Any:
-    """Value of a field in its type; Refused if the page cannot mean it. Ranges are the kernel's
-    business."""
+    """Value of a field in its type; Refused if it cannot be one. The kernel checks ranges."""
     if field.list and isinstance(value, list):
         if len(value) > min(field.most, MAX_VALUES):
             raise Refused(say("app.server_too_many", name=field.name), **place)

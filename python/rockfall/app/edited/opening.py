@@ -213,8 +213,8 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
 
 
 def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
-    """Columns of the parts of polygons, `owner` the polygon of each: their frequency is shared by
-    area."""
+    """Columns of the parts of polygons, `owner` the polygon of each part; the frequency is divided
+    by area."""
     import shapely
 
     frequency = attribute(columns, "frequency")
@@ -227,7 +227,7 @@ def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> di
 
 
 def _plain_volume(own: dict[str, Any]) -> dict[str, Any]:
-    """Attributes in which a volume is a distribution: a number is that of all boulders."""
+    """Attributes in which a volume is a distribution: a number is the volume of all boulders."""
     number = decimal(str(own["volume"])) if "volume" in own else np.nan
     return {**own, "volume": "fixed", "volume_mean": number} if np.isfinite(number) else own
 

@@ -87,8 +87,8 @@ def _with_variants(
     site: Site, document: Document, made: Runnable, file: str
 ) -> tuple[Case, set[str], str]:
     """Case with the &variant groups of the site, and the layers that it has inline, so that these
-    groups can name their features; without the groups, and with a remark, where they would mean
-    something else."""
+    groups can name their features; without the groups, but with a remark, if their meaning would
+    change."""
     groups = site.variants.groups
     if not groups:
         return made.named(file), set(), ""
@@ -106,7 +106,7 @@ def _with_variants(
 
 
 def _check_layers(site: Site, saved: dict[str, Case]) -> None:
-    """Refuse a variant that names a file, and would get the layer of one that is written."""
+    """Refuse a variant whose file would be replaced by a layer that is written."""
     for name, key, _ in _files_of_variants(site):
         layer = f"{key.name}_layer"
         before, after = (getattr(cases[name], key.group) for cases in (site.variants.cases, saved))
@@ -124,5 +124,5 @@ def _files_of_variants(site: Site) -> Iterator[tuple[str, Key, str]]:
 
 
 def case_text(case: Case) -> str:
-    """Text of a case, with what differs from the defaults."""
+    """Text of a case, with the values that differ from the defaults."""
     return namelist_text({**given_groups(case), **given_in_lists(case)})

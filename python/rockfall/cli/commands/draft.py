@@ -60,7 +60,7 @@ def _grounds(options: Iterable[str]) -> tuple[str, dict[str, str]]:
 
 
 def _ask(what: str) -> str:
-    """Read a ground from the terminal, by its number or name; "" at the end of input."""
+    """Read a ground from the terminal, by number or name; "" at the end of input."""
     print(f"What would a boulder hit? Ground of {what}:", file=sys.stderr)
     for number, (name, (meaning, _)) in enumerate(GROUNDS.items(), start=1):
         print(f"  {number} {name:<15} {meaning}", file=sys.stderr)

@@ -120,7 +120,7 @@ def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
 
 
 def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
-    """Refuse options of the other mode; `--blocks` has a meaning in both."""
+    """Refuse options of the other mode; `--blocks` is valid in both."""
     is_block = arguments.return_period is not None
     others = [key for key in keys if key != "blocks"] if is_block else design_block.OPTIONS
     rule = "cannot be combined with" if is_block else "requires"
@@ -241,7 +241,7 @@ def _joined(sheets: Mapping[str, Design | YearlyDesign], name: str) -> pd.DataFr
 
 
 def _factor_table(sheet: Design) -> pd.DataFrame:
-    """Factors with their sources, as `--factors` reads them; without, a table to fill in."""
+    """Factors with their sources, as read by `--factors`; without factors, a table to fill in."""
     import pandas as pd
 
     factors = sheet.factors

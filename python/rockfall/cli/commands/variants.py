@@ -137,7 +137,7 @@ def _write(
 
 
 def _pages(arguments: argparse.Namespace) -> list[str]:
-    """Names of the page in the folder, as HTML and as PDF, as far as requested."""
+    """Names of the page in the folder, as HTML and as PDF, if requested."""
     given = {"variants.html": arguments.report, "variants.pdf": arguments.pdf}
     return [name for name, wanted in given.items() if wanted]
 

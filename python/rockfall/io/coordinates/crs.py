@@ -230,8 +230,8 @@ def check_metres(
 def _plan_refusal(
     grid: Grid, path: str, plan: Unit, heights: Unit | None, is_stated: bool, cure: Cure | None
 ) -> RockfallError:
-    """Refusal of plan coordinates in a unit, with elevations in another than the metre (None: in
-    metres, or not stated), and the commands that convert both."""
+    """Refusal of plan coordinates in a unit, with elevations in another unit than the metre (None:
+    in metres, or not stated), and the commands that convert both."""
     assert grid.crs is not None
     both = f", elevations in {heights.name}" if heights else ""
     problem = f"{path}: cells are in {plan.name}{both} ({crs_name(grid.crs)}), metres are needed"
@@ -392,7 +392,7 @@ def _grid_mapping(crs: CRS) -> dict[str, Any]:
 
 
 def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
-    """`to_cf` where its parameters alone have the coordinates of the system.
+    """`to_cf` if its parameters alone define the coordinates of the system.
 
     An oblique Mercator is left out: CF has no angle of the rectified grid, and PROJ's readers
     disagree on its default (EPSG:2056 is more than 100 km off by pyproj up to 3.7).

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Several statements of the CRS in the grid mapping of a netCDF file: readers differ in which they
-believe, so they must agree."""
+"""Several statements of the CRS in the grid mapping of a netCDF file: readers differ in their
+choice, so the statements must agree."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NAMES = (
 
 def check_statements(where: str, attrs: Mapping[str, Any]) -> None:
     """Refuse a grid mapping with several attributes that name different systems, or elevations in
-    another unit than the metre; texts that are no system are ignored."""
+    another unit than the metre; texts that describe no system are ignored."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 

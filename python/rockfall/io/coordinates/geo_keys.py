@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Keys of GeoTIFF, in TIFF and LAS files, about the unit of heights.
 
-GDAL ignores the key of the unit unless that of the system is its own too, and laspy ignores both.
+GDAL ignores the key of the unit unless the system is user-defined too, and laspy ignores both.
 """
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ def unit_of(text: str) -> Unit:
 
 
 def unit_in_words(text: str) -> Unit | None:
-    """Unit of elevations in a sentence; None without one, and where it has metres too. A number
+    """Unit of elevations in a sentence; None if there is none, or if metres occur too. A number
     before a unit is a size, such as that of a cell."""
     spelled = text.lower()
     if _METRE_WORDS.search(spelled):

@@ -64,8 +64,8 @@ def aligned_blocks(
 
 
 def _refuse_mark(raster: RasterFile, what: str, value: float, largest: int) -> None:
-    """Refuse a number out of the range of integers, which is nodata that a file does not declare;
-    suggest the command that does."""
+    """Refuse a number outside the range of integers: undeclared nodata; suggest the command that
+    declares it."""
     if abs(value) <= largest:
         return
     cure = "declare it as nodata"

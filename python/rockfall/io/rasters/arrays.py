@@ -27,7 +27,7 @@ _NAME = "dem"
 def from_array(
     data: np.ndarray | xr.DataArray, transform: Affine | Grid | None = None
 ) -> tuple[np.ndarray, Grid]:
-    """Elevations in the form of `read_dem`; copied only where they must change.
+    """Elevations in the form of `read_dem`; copied only if they must change.
 
     A NumPy array needs its `transform` (or a Grid). An xarray.DataArray has the coordinates x and y
     of its cell centres, y in either direction, and a CRS as stored by rioxarray or CF.
@@ -146,7 +146,7 @@ def _check_steps(axis: str, centres: np.ndarray, step: float) -> None:
 
 
 def _grid_mapping(data: xr.DataArray) -> Mapping[str, Any]:
-    """Attributes of the variable that holds the CRS; empty if there is none."""
+    """Attributes of the variable that has the CRS; empty if there is none."""
     named = data.attrs.get("grid_mapping") or data.encoding.get("grid_mapping")
     for name in (named, "spatial_ref", "crs"):
         if name in data.coords:

@@ -2,7 +2,7 @@
 """Strict reader of ESRI ASCII grids.
 
 GDAL reads a truncated file, or a token that is not a number, as zeros, in the header as well as in
-the data; so all but the CRS is read here.
+the data; so everything except the CRS is read here.
 """
 
 from __future__ import annotations

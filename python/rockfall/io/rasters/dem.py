@@ -45,8 +45,8 @@ def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
 
 
 def packing_note(path: str | Path) -> list[str]:
-    """A remark if stored numbers are not the values because of a companion file, which a look at
-    the raster alone would not reveal. Packing in netCDF files is explicit."""
+    """A remark if stored numbers are not the values because of a companion file, which the raster
+    alone does not reveal. Packing in netCDF files is explicit."""
     remarks: list[str] = []
     with open_raster(path) as raster:
         add_packing_note(raster, remarks)
@@ -82,7 +82,7 @@ def _check_dem(raster: RasterFile) -> None:
 
 
 def add_packing_note(raster: RasterFile, remarks: list[str] | None) -> None:
-    """Add the remark of `packing_note` to some, unless these are not wanted."""
+    """Add the remark of `packing_note` to `remarks`, unless None."""
     if remarks is None or not isinstance(raster.cells, GdalCells):
         return
     scale, offset = raster.cells.packing

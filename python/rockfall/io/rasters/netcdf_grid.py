@@ -2,8 +2,8 @@
 """Numbers of netCDF grids: missing values, packing, and unit.
 
 GDAL honours only some of the CF attributes, so these are read here. Contradictory attributes are
-refused. Coordinates decide on the position: a cut-out keeps the GeoTransform of the whole, which
-newer versions of GDAL believe.
+refused. Coordinates decide on the position: a cut-out keeps the GeoTransform of the original, which
+newer versions of GDAL use.
 """
 
 from __future__ import annotations

@@ -156,8 +156,9 @@ class RasterFile:
         )
 
     def in_metres(self, plan: str | None, factor: float) -> str:
-        """Command that makes dem_utm.tif in a plan, or dem_m.tif in its own, with elevations
-        multiplied by a factor; without the system of heights, in which readers would convert."""
+        """Command that makes dem_utm.tif in another plan system, or dem_m.tif in its own, with
+        elevations multiplied by a factor; without the system of heights, by which readers would
+        convert."""
         if plan is not None:
             return self.warp("utm", f"--dst-crs {plan} --resampling bilinear", factor)
         out, values = self._beside("m"), self._expression(factor)

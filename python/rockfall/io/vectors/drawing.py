@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """DXF drawings: the lines, closed lines, hatches and points of the layers of their model space.
 
-Blocks are taken apart, arcs, circles, ellipses and splines drawn as chords within `TOLERANCE`. All
-is in plan. The reader is ezdxf: GDAL's garbles names with umlauts, stops at some drawings, and
-ignores the style of hatches. Areas of hatches are made here of their boundaries, because ezdxf
-loses islands in holes.
+Blocks are taken apart, arcs, circles, ellipses and splines drawn as chords within `TOLERANCE`.
+Everything is in plan. The reader is ezdxf: GDAL garbles names with umlauts, stops at some drawings,
+and ignores the style of hatches. Areas of hatches are built here from their boundaries, because
+ezdxf loses islands in holes.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class Part(NamedTuple):
     style: int = 0  # of a hatch
 
     def area(self) -> Geometry:
-        """Polygons of a closed line or a hatch. Boundaries that cross themselves stay as they are,
-        for the check of shapes to refuse."""
+        """Polygons of a closed line or a hatch. Boundaries that cross themselves are kept; the
+        check of shapes refuses them."""
         import shapely
 
         areas = shapely.polygons([shapely.linearrings(ring) for ring in self.rings or (self.xy,)])
@@ -75,7 +75,7 @@ class Part(NamedTuple):
 
 class Drawing(NamedTuple):
     """Entities of the model space, the unit it names ("" for metres or none), and the number of
-    entities of each layer in paper space, by names without case."""
+    entities of each layer in paper space, by case-insensitive names."""
 
     parts: list[Part]
     unit: str
@@ -87,7 +87,7 @@ class Drawing(NamedTuple):
         return self.layers_with(lambda _: True)
 
     def layers_with(self, wanted: Callable[[Part], bool]) -> list[str]:
-        """Names of the layers with such lines, hatches or points."""
+        """Names of the layers with lines, hatches or points of the given kinds."""
         parts = (part for part in self.parts if len(part.xy) and wanted(part))
         return list(dict.fromkeys(part.layer for part in parts))
 
@@ -102,7 +102,7 @@ def is_drawing(path: str | Path) -> bool:
 
 
 def read_drawing(path: str | Path) -> Drawing:
-    """Read a DXF file; a RockfallError refuses what is none or is damaged."""
+    """Read a DXF file; a RockfallError refuses other or damaged files."""
     need("DXF needs", "cad", "ezdxf")
     file = plain_file(path)
     check_text_file(path)
@@ -146,8 +146,8 @@ def _read(path: str, file: str, *_: int) -> Drawing:
 def _taken_apart(
     entities: Any, layer: str, depth: int, of_blocks: Iterator[int]
 ) -> Iterator[tuple[str, DXFEntity]]:
-    """Layers and entities, those of blocks where they are inserted; in a block, layer 0 is that of
-    the insertion. `of_blocks` counts those of blocks."""
+    """Layers and entities, with the entities of inserted blocks; in a block, layer 0 is the layer
+    of the insertion. `of_blocks` counts entities of blocks."""
     if depth > MAX_DEPTH:
         raise RockfallError(f"blocks within blocks, more than {MAX_DEPTH} deep")
     for entity in entities:
@@ -183,8 +183,7 @@ def _part(path: str, layer: str, entity: Any) -> Part:
 
 
 def _hatch(path: str, layer: str, entity: Any) -> Part:
-    """Boundaries of a hatch, without those that leave room for texts; gaps are
-    closed by straight lines."""
+    """Boundaries of a hatch, without gaps for texts; gaps are closed by straight lines."""
     from ezdxf.math import Vec3
     from ezdxf.path import from_hatch_boundary_path
 
@@ -221,8 +220,8 @@ def _chords(curve: Any, where: str) -> np.ndarray:
 
 
 def without_outlines(parts: list[Part]) -> list[Part]:
-    """Parts without the closed lines that are drawn around hatches, or around holes in them: the
-    area would count twice, and the hole as an area."""
+    """Parts without closed lines around hatches, or around holes in them: areas would count twice,
+    and holes as areas."""
     hatched = [_measures(ring) for part in parts for ring in part.rings]
     if not hatched:
         return parts

@@ -349,7 +349,7 @@ def _drawn(
 
 
 def _check_paper_space(path: str, drawing: Drawing, titles: list[str], asked: str | None) -> None:
-    """Refuse a layer, or a drawing, with entities in paper space alone."""
+    """Refuse a layer, or a drawing, with entities in paper space only."""
     is_found = asked in titles if asked else titles
     if not is_found and (n := drawing.on_paper(asked)):
         raise RockfallError(

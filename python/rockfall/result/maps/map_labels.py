@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Labels of maps and remarks on them in the language in force, by the names of their variables."""
+"""Labels of maps and remarks on them in the current language, by the names of their variables."""
 
 from __future__ import annotations
 
