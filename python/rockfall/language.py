@@ -2,10 +2,9 @@
 """Texts by message id in the current language, from the catalogues of gettext in `locale/*.po`.
 
 English is a catalogue like the others: rewording it does not touch the ids. Placeholders have
-names; numbers that fill them are written in the format of the language, and lists joined as
-usual there. A
-text remembers its message and values: an English text can be repeated on a page in
-another language.
+names; numbers that fill them are written in the format of the language, and lists are joined as
+usual there. A text remembers its message and values, so that an English text can be repeated on a
+page in another language.
 """
 
 from __future__ import annotations
@@ -112,8 +111,8 @@ def say_count(key: str, n: int, /, **values: object) -> Text:
 
 
 def word(name: str) -> str:
-    """Word for an identifier, such as the status of a boulder or the model of a ground; its own
-    words if no message is for it, as for the names that users give."""
+    """Word for an identifier, such as the status of a boulder or the model of a ground; the
+    identifier's words if it has no message, such as names given by users."""
     key = f"word.{name}"
     return say(key) if is_message(key) else name.replace("_", " ")
 
@@ -136,7 +135,7 @@ def localised(number: str, language: str = "") -> str:
 
 
 def packed(text: object) -> Any:
-    """Text as data for JSON, from which `unpacked` makes it again."""
+    """Text as data for JSON, from which `unpacked` restores it."""
     if isinstance(text, Text):
         values = {name: packed(value) for name, value in text.values.items()}
         return {"id": text.key, "values": values} | ({"is_count": True} if text.is_count else {})
@@ -148,8 +147,8 @@ def packed(text: object) -> Any:
 
 
 def unpacked(data: Any, english: str) -> str:
-    """Text from the data of `packed`; the `english` text, which files hold next to them, where
-    they are damaged or of a message that only a later version has."""
+    """Text from the data of `packed`; the `english` text stored with them, if the data are damaged
+    or the message is from a later version."""
     try:
         return _unpacked(data) if isinstance(data, dict) else str(english)
     except (AttributeError, KeyError, TypeError, ValueError):

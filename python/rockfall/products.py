@@ -81,7 +81,7 @@ class _Drawn(NamedTuple):
     of_site: bool  # `observed` is that of the case
 
     def warn(self) -> None:
-        """Warn of what is left out; the caller's caller is to blame."""
+        """Warn of omissions, attributed to the caller's caller."""
         for text in self.left.notes():
             warnings.warn(text, stacklevel=2)
 
@@ -114,12 +114,11 @@ def report(
     observations drawn with the result, `basemap` is a raster image under maps, `limits` are those
     of classes ("kJ=30,300"), and `view`, from `rockfall.show`, adds a map to explore and
     trajectories in three dimensions. The page is in `language` (en, de, fr or it), and names
-    `project` (its name or number), `client` and `author` on page 1, which is made to be signed, and
-    the date `dem_date` of the survey of the terrain; `hazard`, a file hazard.nc, adds its zones,
-    `models`, a file models.nc of `rockfall models`, the spread over rebound models; `section`, a
-    line as in `section`, with `section_layer` and `section_within` [m], the figure of a section
-    along it; `factors`, a table as in `design`, what a standard requires. Returns the path of the
-    page.
+    `project` (its name or number), `client` and `author` on page 1, for signature, and the date
+    `dem_date` of the survey of the terrain; `hazard`, a file hazard.nc, adds its zones, `models`, a
+    file models.nc of `rockfall models`, the spread over rebound models; `section`, a line as in
+    `section`, with `section_layer` and `section_within` [m], the figure of a section along it;
+    `factors`, a table as in `design`, what a standard requires. Returns the path of the page.
     Invalid inputs or outputs raise a RockfallError, missing terrain gives a UserWarning.
 
     >>> import rockfall
@@ -279,7 +278,8 @@ def _section(
 
 
 def _grid(result: xr.Dataset, terrain: Terrain | None) -> Grid:
-    """Grid of the terrain of a result, with its CRS; without terrain, of what boulders reached."""
+    """Grid of the terrain of a result, with its CRS; without terrain, of the area that boulders
+    reached."""
     if terrain is not None:
         return terrain[1]
     from rasterio.crs import CRS
@@ -328,8 +328,8 @@ def export_tables(
     *,
     language: str = "en",
 ) -> list[Path]:
-    """Write the tables of a result to `folder`: line statistics, return levels, what barriers did,
-    and what was run; returns the files written.
+    """Write the tables of a result to `folder`: line statistics, return levels, effects of
+    barriers, and facts on the run; returns the files written.
 
     tables.xlsx has a sheet for each table, with the numbers of the CSV tables, units, and limits of
     95 % confidence intervals in columns of their own; tables.docx has the tables of the report,
@@ -347,7 +347,7 @@ def export_tables(
 def export_with(
     result: Result, folder: str | Path, added: Added, chosen: Chosen | None = EXPORTED
 ) -> list[Path]:
-    """Write an export, unless `chosen` is None, and what is added to it, all or none; returns the
+    """Write an export, unless `chosen` is None, and the additions to it, all or none; returns the
     files."""
     folder, hazard = Path(folder), added.hazard
     if added.tables:

@@ -16,7 +16,7 @@ SHOWN = {"1": ("%", 100.0), "J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "rad s-1":
 
 class Quantity(NamedTuple):
     """Description of a quantity; `key` is the message of its label, `units` are those of results,
-    `decimals` those of the unit shown, `symbol` is itself or a message."""
+    `decimals` those of the unit shown, `symbol` is a symbol or a message."""
 
     key: str
     units: str
@@ -155,7 +155,7 @@ def percent(fraction: float) -> Number:
 
 
 def first_of(items: Sequence[Any], most: int) -> list[Any]:
-    """The first items of a list that a message shows, and "..." if there are more."""
+    """The first items of a list for a message, and "..." if there are more."""
     return [*items[:most], *["..."][: len(items) > most]]
 
 

@@ -68,7 +68,7 @@ if sys.platform == "win32":
             raise BlockingIOError(error.errno, error.strerror) from None
 
     def has_locks(path: str) -> bool:
-        """Return False if the file system of a file cannot lock files: here all can."""
+        """Return False if the file system of a file cannot lock files; on this system all can."""
         return True
 
     def reserve(folder: Path, size: int) -> None:
@@ -91,8 +91,8 @@ if sys.platform == "win32":
                 os.close(descriptor)
 
     def replace(source: Path, target: Path) -> None:
-        """Rename a file, over another if there is one; try for a second, since virus scanners and
-        backups hold new files open."""
+        """Rename a file, over another if there is one; try again for a second, since virus scanners
+        and backups keep new files open."""
         for _ in range(10):
             try:
                 return os.replace(source, target)
@@ -101,7 +101,7 @@ if sys.platform == "win32":
         os.replace(source, target)
 
     def before_fork(call: Callable[[], object]) -> None:
-        """Call a function before the process forks, which it cannot here."""
+        """Call a function before the process forks; this system has no fork."""
 
 else:
     import fcntl
@@ -174,8 +174,8 @@ else:
 
 
 def signal_channel() -> tuple[socket.socket, socket.socket]:
-    """Reader and writer of the numbers of signals, for `signal.set_wakeup_fd`: sockets, which every
-    system takes there."""
+    """Reader and writer of the numbers of signals, for `signal.set_wakeup_fd`: sockets, which work
+    on every system."""
     reader, writer = socket.socketpair()
     writer.setblocking(False)
     return reader, writer

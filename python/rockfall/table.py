@@ -42,8 +42,8 @@ LETTERS = 108  # of the numbers of a row that fit on A4, upright, next to a labe
 class Estimate(NamedTuple):
     """A cell: a number and the limits of its interval, in the unit of its column; NaN if unknown.
 
-    Both are shown with these significant `digits`, or with those that the interval justifies: the
-    last one is a twentieth to a half of its half-width. `up` rounds up, for required minima.
+    Both are shown with these significant `digits`, or with as many as the interval justifies: the
+    last digit is a twentieth to a half of its half-width. `up` rounds up, for required minima.
     """
 
     value: float
@@ -55,7 +55,7 @@ class Estimate(NamedTuple):
 
     @classmethod
     def of(cls, row: Mapping[Any, Any], name: str, factor: float = 1.0, **how: Any) -> Estimate:
-        """Cell of a number of a row, whose limits are in NAME_low and NAME_high, if at all."""
+        """Cell of a number of a row, whose limits are in NAME_low and NAME_high, if present."""
         return cls(*(factor * row.get(f"{name}{end}", math.nan) for end in ENDS), **how)
 
     @property
@@ -85,8 +85,8 @@ class Estimate(NamedTuple):
 
     @property
     def interval(self) -> str:
-        """The interval in brackets; "" without a number, or without an interval that digits need
-        for."""
+        """The interval in brackets; "" without a number, or without an interval that justifies
+        digits."""
         if not self.has_interval:
             return "" if self.digits or math.isnan(self.value) else TOO_FEW
         low, high = self.shown(self.low), self.shown(self.high, up=self.up)
@@ -97,7 +97,7 @@ class Estimate(NamedTuple):
 
 
 def in_line(cell: object) -> str:
-    """A cell of several lines in one."""
+    """A cell of several lines on one line."""
     return translated(cell).replace("\n", " ")
 
 
@@ -121,7 +121,7 @@ def between(low: object, high: object) -> str:
 
 class Column(NamedTuple):
     """A column: its label, or its name in a table of data; its unit, and the decimals that texts
-    show of its numbers (None: three digits that count)."""
+    show of its numbers (None: three significant digits)."""
 
     label: str = ""
     unit: str = ""
@@ -219,8 +219,8 @@ def data_table(frame: pd.DataFrame) -> Table:
 
 def as_text(table: Table, indent: str = "  ") -> str:
     """Table for a terminal, without its caption: columns as wide as their longest cell, the first
-    left-aligned, the others right-aligned; the lines of a cell below each other, long heads broken,
-    and columns for which a line has no room below the others, with the first one again."""
+    left-aligned, the others right-aligned; lines of a cell below each other, long heads broken, and
+    columns that do not fit below the others, with the first column repeated."""
     cells = [*table.texts()]
     head = [[_wrapped(name, cells, k) for k, name in enumerate(table.head)]] * any(table.head)
     lines: list[list[str]] = []
@@ -238,7 +238,7 @@ def as_text(table: Table, indent: str = "  ") -> str:
 
 
 def _wrapped(head: str, rows: Sequence[Sequence[str]], k: int) -> str:
-    """Head of the k-th column, but the first, broken to about the width of its cells."""
+    """Head of the k-th column, except the first, broken to about the width of its cells."""
     if not k:
         return head
     lines = (line for row in rows if len(row) > 1 for line in row[k].split("\n"))
@@ -246,7 +246,7 @@ def _wrapped(head: str, rows: Sequence[Sequence[str]], k: int) -> str:
 
 
 def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Columns that fit side by side, each time with the first one."""
+    """Columns that fit side by side, each time with the first column."""
     parts: list[list[int]] = [[0][: len(widths)]]
     for k in range(1, len(widths)):
         if len(parts[-1]) > 1 and sum(2 + widths[j] for j in (*parts[-1], k)) - 2 > room:

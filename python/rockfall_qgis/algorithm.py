@@ -59,7 +59,7 @@ def _layer(one):
 
 
 def _new_file(filter_):
-    """A file that is written; one that may be left out is not written by default."""
+    """A file to be written; optional files are not written by default."""
     return lambda one: QgsProcessingParameterFileDestination(
         one.name, one.label, filter_, optional=one.optional, createByDefault=not one.optional
     )

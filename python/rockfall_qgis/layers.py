@@ -37,8 +37,8 @@ def write_layer(source, path, name, context, feedback):
 def load_results(folder, context):
     """Load every map and layer in a folder into QGIS; returns their names.
 
-    Processing loads files without the styles next to them, so they are loaded here. Sources that
-    are cells are loaded as the areas that they make together, not as thousands of points.
+    Processing loads files without the styles next to them, so they are loaded here. Source cells
+    are loaded as joined areas, not as thousands of points.
     """
     found = [QgsRasterLayer(str(path), path.stem) for path in sorted(Path(folder).glob("*.tif"))]
     for path in sorted(Path(folder).glob("*.gpkg")):

@@ -21,7 +21,7 @@ class Refused(Exception):
 
 
 class Interrupted(Exception):
-    """Raised if the program was cancelled, with what it kept in one line."""
+    """Raised if the program was cancelled, with a line on the results kept."""
 
 
 def call(words, feedback):

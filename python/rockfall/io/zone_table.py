@@ -59,11 +59,11 @@ class Zone(NamedTuple):
 
     @property
     def names_ground(self) -> bool:
-        """Return True if its ground is not simply that of the case."""
+        """Return True if the zone has a ground other than that of the case."""
         return bool(self.ground or self.pair)
 
     def ground_in(self, usual: NamedGround) -> NamedGround:
-        """Its ground; `usual` is the ground of the case.
+        """Ground of the zone; `usual` is the ground of the case.
 
         >>> usual = NamedGround("talus", {"strength": 2e5, "relief": 12.5})
         >>> str(Zone((), "", 3e5).ground_in(usual))
@@ -79,8 +79,7 @@ def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[
 
     Cells are separated by commas or semicolons; unknown columns are ignored, with one of the
     `remarks`. An empty size is not given, and is refused where it is needed. A zone with its own
-    ground may have no rocks: sizes of zero. A strength and relief replace those that the
-    ground has.
+    ground may have no rocks: sizes of zero. A strength and relief replace those of the ground.
     """
     where, columns, rows = read_table(path)
     names = ("zone", *MATERIAL)
@@ -111,11 +110,11 @@ def _note_marks(remarks: list[str], path: str | Path, zones: dict[int, Zone]) ->
 def zones_of_polygons(
     columns: dict[str, np.ndarray], path: str, field: str, remarks: list[str] | None = None
 ) -> tuple[np.ndarray, dict[int, Zone], bool]:
-    """Id of each polygon (int32), the zones by id, and whether ids are those of the layer, for
+    """Id of each polygon (int32), the zones by id, and whether the ids are from the layer, for
     polygons whose attributes are the columns of a table of zones.
 
-    Polygons with equal attributes are one zone. Its id is that of an integer attribute `field` if
-    this distinguishes zones, else its number in the order of the file, from 1.
+    Polygons with equal attributes are one zone. Its id is the value of an integer attribute `field`
+    if this distinguishes zones, else its number in the order of the file, from 1.
     """
     texts_of = {name: attribute(columns, name) for name in (*MATERIAL, *NAMES)}
     given = {
@@ -147,7 +146,7 @@ def zones_of_polygons(
 
 
 def _own_ids(values: np.ndarray | None, kinds: list[tuple[str, ...]]) -> list[int] | None:
-    """Ids of polygons, if none stands for different kinds."""
+    """Ids of polygons, if no id stands for different kinds."""
     if values is None or values.dtype.kind not in "iu":
         return None
     ids = [int(value) for value in values]

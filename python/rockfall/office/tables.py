@@ -43,8 +43,8 @@ def check_tables(formats: Iterable[str], language: str) -> None:
 def put_tables(
     result: xr.Dataset, folder: Path, formats: Sequence[str], language: str, checksum: str = ""
 ) -> Iterator[Path]:
-    """Write line statistics, return levels and what barriers did to tables.xlsx and tables.docx in
-    a new folder, with what was run; `checksum` is that of the result's file, if any."""
+    """Write line statistics, return levels and effects of barriers to tables.xlsx and tables.docx
+    in a new folder, with facts on the run; `checksum` is that of the result's file, if any."""
     sheets = [*_result_sheets(result)] if "xlsx" in formats else []  # texts as in CSV files
     with speaking(language):
         facts = _facts(result, checksum)
@@ -94,7 +94,7 @@ def put_design(
 
 
 def _result_sheets(result: xr.Dataset) -> Iterator[Sheet]:
-    """Tables of a result as they are in CSV files."""
+    """Tables of a result as in CSV files."""
     if line_names(result):
         yield Sheet("line_statistics", data_table(line_statistics(result)))
         yield Sheet("return_levels", data_table(return_levels(result)))
@@ -103,7 +103,7 @@ def _result_sheets(result: xr.Dataset) -> Iterator[Sheet]:
 
 
 def _result_parts(result: xr.Dataset) -> Iterator[Part]:
-    """Tables of a result as they are in a report."""
+    """Tables of a result as in a report."""
     if line_names(result):
         shown = [*line_tables(rows_of(result)), level_table(return_levels(result))]
         if barriers_of(result) and has_rows(result):
@@ -130,7 +130,7 @@ def _fact_sheet(facts: Iterable[Table], notes: Iterable[str]) -> Sheet:
 
 
 def _notes_of(name: str, notes: Iterable[str]) -> Iterator[str]:
-    """Notes that are not empty, after the name of what they are on."""
+    """Notes that are not empty, after the name of their subject."""
     for note in filter(None, notes):
         yield say("join.colon", before=name, after=translated(note))
 

@@ -23,7 +23,7 @@ DIGITS = 3  # shown at least of a number; its cell has all
 
 
 class Sheet(NamedTuple):
-    """A sheet: its name, and its table, or texts side by side that are none."""
+    """A sheet: its name, and its table, or rows of texts."""
 
     name: str
     table: Table

@@ -57,7 +57,7 @@ def history_figure(result: xr.Dataset, line: int) -> Figure:
 
 
 def _mark_minor(axes: Axes) -> None:
-    """Draw the minor ticks of a logarithmic axis without labels as one row of marks: each tick
+    """Draw the minor ticks of a logarithmic axis, without labels, as one row of marks: each tick
     takes a millisecond."""
     import matplotlib
     from matplotlib.markers import TICKDOWN

@@ -22,8 +22,8 @@ class LeftOut:
     def attempt(
         self, part: str, make: Callable[Given, Made], *given: Given.args, **more: Given.kwargs
     ) -> Made | None:
-        """Return what `make` makes of its arguments; None, with a note on the `part` (the id of a
-        message), if it raises a RockfallError."""
+        """Return the result of `make` for its arguments; None, with a note on the `part` (the id of
+        a message), if it raises a RockfallError."""
         try:
             return make(*given, **more)
         except RockfallError as error:

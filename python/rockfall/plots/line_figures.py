@@ -62,8 +62,8 @@ def distribution_figure(
     result: xr.Dataset, quantity: str, observed: Any = None, which: Iterable[int] | None = None
 ) -> Figure:
     """Distribution of a quantity among the boulders that pass, with a panel for each line or for
-    `which` of them, counted from 0; below it mean and standard deviation, and those which
-    `observed` has (see `rockfall.plots.figures`)."""
+    `which` of them, counted from 0; below it mean and standard deviation, also from `observed` (see
+    `rockfall.plots.figures`)."""
     which = list(range(result.sizes["line"]) if which is None else which)
     display, names = QUANTITIES[quantity], [line_names(result)[k] for k in which]
     ours = [display.factor * values_at(result, quantity, k) for k in which]
@@ -128,7 +128,7 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
 
 def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
     """Draw the curve of `passing_figure`. The final distance of boulders that left the terrain is
-    unknown: beyond the nearest place where one left, the curve lies between two dotted ones."""
+    unknown: beyond the nearest exit, the curve lies between two dotted curves."""
     gone, distance = left_terrain(result), stop_distances(result)
     shown, fraction, low, high = passing(result, distance)
     _, upper, _, high = passing(result, np.where(gone, np.inf, distance))
@@ -198,8 +198,8 @@ def _deviation(values: np.ndarray) -> float:
 
 
 def _bins(samples: list[np.ndarray]) -> np.ndarray:
-    """Edges of bins of a round width, up to a value that one in 500 of any sample exceeds; as many
-    as the largest sample supports."""
+    """Edges of bins of a round width, up to a value exceeded by one in 500 of any sample; their
+    number depends on the largest sample."""
     high = max((float(np.quantile(v, BEYOND)) for v in samples if v.size), default=1.0)
     low = min([0.0, *(float(v.min()) for v in samples if v.size)])
     largest = max(v.size for v in samples)

@@ -55,12 +55,12 @@ def map_figure(
     look: Look | None = None,
     room: Room = PAGE,
 ) -> Figure:
-    """A map variable of the result in classes, nothing where no boulder passed; observed stops
+    """A map variable of the result in classes, blank where no boulder passed; with observed stops
     (n, 2).
 
     Classes and colours are the same for every result. Passages and fractions are percentages of all
-    boulders, with an outline at 1 %. Of a map with more cells than the picture has dots, each dot
-    shows the max of its cells.
+    boulders, with an outline at 1 %. If a map has more cells than the picture has dots, each dot
+    shows the maximum of its cells.
     """
     look = look or Look()
     key = [*key_of(result), *_observed_key(observed)]
@@ -115,8 +115,7 @@ def is_fraction(name: str) -> bool:
 
 
 def map_note(result: xr.Dataset, name: str) -> str:
-    """Note on cells that are blank though they have values, and on the basis of the values of a
-    map."""
+    """Note on blank cells that have values, and on the basis of the values of a map."""
     attrs = result[name].attrs
     notes = map_comment(name, attrs)
     if "min_passages" in attrs:

@@ -46,7 +46,7 @@ KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
 
 
 def beside_paper(result: xr.Dataset) -> bool:
-    """Return True if the rebounds are comparable with values of the paper, which are by impact
+    """Return True if the rebounds are comparable with values of the paper, which apply to impact
     sets."""
     return not (classical_grounds(result) or table_grounds(result))
 
@@ -54,7 +54,7 @@ def beside_paper(result: xr.Dataset) -> bool:
 @styled
 def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
     """Histograms of the run side by side, each in per cent of its rebounds, with the values of the
-    paper where these may be compared."""
+    paper where comparable."""
     figure = new_figure(WIDE, 2.3)
     panels = figure.subplots(1, len(names), squeeze=False)[0]
     for axes, name in zip(panels, names, strict=True):

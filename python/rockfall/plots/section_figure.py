@@ -48,8 +48,8 @@ def section_figure(section: Section) -> Figure:
     """Profile at true scale with the recorded trajectories within the corridor; boulders at each
     station; mean, 95 % quantile with its 95 % band, and maximum of total energy, passing height and
     speed: of recorded trajectories, of the cells of the maps, and at the lines that the section
-    crosses. Barriers have their height and capacity. Nothing is drawn where too few boulders give
-    a number."""
+    crosses. Barriers have their height and capacity. Numbers from too few boulders are not
+    drawn."""
     length = float(lengths(section.line.vertices)[-1])
     high, furthest = true_scale(_relief(section), length, TALLEST)
     figure = new_figure(WIDE, high + sum(HEIGHTS) + 1.3)
@@ -76,7 +76,7 @@ def _relief(section: Section) -> float:
 
 
 def _draw_profile(axes: Axes, section: Section) -> None:
-    """Draw the ground, barriers as high as they are, and trajectories, at true scale."""
+    """Draw the ground, barriers at their height, and trajectories, at true scale."""
     draw_curves(axes, [(along, z) for along, z in section.paths])
     distance, ground = (section.table[name].to_numpy(float) for name in ("distance", "elevation"))
     axes.plot(distance, ground, color=INK, lw=1.0)
@@ -91,7 +91,7 @@ def _draw_profile(axes: Axes, section: Section) -> None:
 
 
 def _bases(section: Section) -> str:
-    """Boulders behind the numbers of a section, and those that it leaves out."""
+    """Boulders behind the numbers of a section, and the boulders that it leaves out."""
     style = {"part": section.recorded, "n": section.boulders, "within": section.line.within}
     left_out = section.not_kept
     more = [say_count("figures.section_not_kept", left_out)] if left_out else []
@@ -165,7 +165,7 @@ def _mark_lines(panels: np.ndarray, lines: pd.DataFrame) -> None:
 
 
 def _draw_key(figure: Figure, panels: np.ndarray) -> None:
-    """Draw the key of what has been drawn in any panel."""
+    """Draw a common key for all panels."""
     from matplotlib.container import ErrorbarContainer
 
     shown: dict[str, Any] = {}

@@ -91,7 +91,7 @@ def draw_bars(axes: Axes, fraction: np.ndarray, edges: np.ndarray) -> None:
 
 
 def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
-    """Write a figure atomically, with reproducible bytes; Stopped if no more are wanted."""
+    """Write a figure atomically, with reproducible bytes; Stopped if a stop was requested."""
     import matplotlib
 
     step()
@@ -133,7 +133,7 @@ def _kept(axis: Axis, make: Callable[[], list[Tick]]) -> Callable[[], list[Tick]
 
 
 def _room(axis: Axis) -> tuple[float, ...]:
-    """Return what ticks depend on: the view, and the space for them."""
+    """Inputs of the ticks: the view, and the space for them."""
     return *axis.get_view_interval(), min(axis.get_tick_space(), MOST_TICKS)
 
 

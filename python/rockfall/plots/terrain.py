@@ -65,7 +65,7 @@ def _places(result: xr.Dataset, beside: Path | None) -> list[Path]:
 
 
 def _found(result: xr.Dataset, places: list[Path]) -> Path:
-    """First of these files that is the DEM of the run."""
+    """First of the given files that is the DEM of the run."""
     there = [path for path in places if Path(raster_file(str(path))).exists()]
     for path in there[:-1]:
         with contextlib.suppress(RockfallError):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Candidate alignments of a barrier above what it protects: a line shifted step by step towards the
-sources, or lines that the user has drawn."""
+"""Candidate alignments of a barrier above a protected line: the line shifted step by step towards
+the sources, or lines drawn by the user."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class Shift(NamedTuple):
 
 
 def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Alignment]]:
-    """The scene with copies of a line as evaluation lines, and these; the line itself comes first.
-    Copies that lie entirely outside the terrain are left out."""
+    """The scene with copies of a line as evaluation lines, and these lines; the line itself comes
+    first. Copies that lie entirely outside the terrain are left out."""
     number = _steps(shift)
     vertices = vertices_of(scene.case, line)
     step = _direction(scene, line, vertices, shift.direction) * shift.every
@@ -77,7 +77,7 @@ def drawn_scene(
     case: Case, scene: Scene, line: str, layer: Any, name: str | None, arrays: Mapping[str, Any]
 ) -> tuple[Scene, list[Alignment]]:
     """The scene of a case with the lines of a layer (a file, or a GeoDataFrame) as evaluation
-    lines, and these; `scene` is that of the case without them."""
+    lines, and these lines; `scene` is the scene of the case without them."""
     given = {"candidates": layer} if is_frame(layer) else {}
     with frame_files(given) as files:
         file = files.get("candidates", layer if is_frame(layer) else Path(layer).resolve())
@@ -109,8 +109,8 @@ def vertices_of(case: Case, line: str) -> np.ndarray:
 def alignment(
     scene: Scene, name: str, vertices: np.ndarray, line: np.ndarray, shift: float | None = None
 ) -> Alignment:
-    """An alignment above a line, shifted from it or not, with its elevation, on the known terrain
-    below it; NaN if there is none."""
+    """An alignment above a line, shifted or not, with the elevation of the known terrain below it;
+    NaN without terrain."""
     apart = beside(spaced(vertices, SAMPLES), line)[0]
     distance = float(apart.mean()) if shift is None else shift
     z, grid, places = scene.rasters.z, scene.grid, spaced(vertices, SAMPLES)

@@ -51,8 +51,8 @@ def crossings(result: xr.Dataset, line: int) -> Crossings:
 
 
 def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:
-    """Mark boulders that a barrier of this height [m] and capacity [J] lets pass, over it or
-    through it, when they first reach it: the kernel's own rule, without its stop speed."""
+    """Mark boulders that a barrier of this height [m] and capacity [J] lets pass, over or through
+    it, when they first reach it: the kernel's rule without its stop speed."""
     if not came.n:
         return np.zeros(0, bool)
     outcome = barrier_outcomes(height, capacity, came.passing_height, came.energy_total)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requirements of the standards for a barrier where these boulders pass: energy, height, EAD
+"""Requirements of the standards for a barrier that these boulders reach: energy, height, EAD
 class."""
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ Row = dict[str, float]
 def demand(came: Crossings, factors: Factors, density: float, volume: float | None = None) -> Row:
     """Design values, in SI units: v_d, m_d, E_d, h_d (of the centre, vertical, and normal to the
     slope), with the limits of their 95 % intervals; `height_needed` = h_d + f_min, and the EAD
-    class that takes E_d. `volume` [m3] is that of the design block; None: a quantile of the
-    boulders that reach the line. `density` is that of the case, unless a layer of sources has
-    given others."""
+    class for E_d. `volume` [m3] of the design block; None: a quantile of the boulders that reach
+    the line. `density` is that of the case, unless a layer of sources gives densities."""
     if volume is None:
         volume = quantile(came.volume, factors["quantile_volume"], came.source)[0]
     values = _uni if factors.conditions.standard == "UNI" else _onr
@@ -40,8 +39,8 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
 
 
 def _density(came: Crossings, density: float) -> float:
-    """Density of the densest boulder that came, from its energy; that of the case if it is the
-    same."""
+    """Density of the densest boulder that came, from its energy; the density of the case if
+    equal."""
     moves = came.speed > 0
     mass = 2 * came.energy_translational[moves] / came.speed[moves] ** 2
     densest = float((mass / came.volume[moves]).max(initial=0.0))
@@ -49,8 +48,8 @@ def _density(came: Crossings, density: float) -> float:
 
 
 def class_for(energy: float, factors: Factors) -> float:
-    """Lowest EAD class that takes a design energy [J]; ABOVE if none does, NaN if the energy is
-    unknown. Kits of class 0 are not tested at a SEL."""
+    """Lowest EAD class whose capacity covers a design energy [J]; ABOVE if none does, NaN if the
+    energy is unknown. Kits of class 0 are not tested at a SEL."""
     first = 1 if factors.conditions.limit_state == "SEL" else 0
     enough = [k for k in range(first, ABOVE) if energy < usable(EAD_ENERGY[k], factors)]
     return np.nan if np.isnan(energy) else enough[0] if enough else ABOVE

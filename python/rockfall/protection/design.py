@@ -67,8 +67,8 @@ class Design:
     `checks`: of each barrier; `choices`: for each line and EAD class the height that leaves at most
     `residual`; `along`: as `demand`, for windows of a line; None unless requested. Their column
     `unconfirmed` names the unconfirmed assumptions of the loads (rebounds, forest, logs): a check
-    that passes under them is not proven. `warnings` are the remarks on the model. `kept` states of
-    which boulders the numbers are where a run did not keep all; else "".
+    that passes under them is not proven. `warnings` are the remarks on the model. `kept` describes
+    the boulders behind the numbers if a run did not keep all; else "".
     """
 
     factors: Factors
@@ -97,11 +97,10 @@ def design(
 ) -> Design:
     """Requirements for a barrier on each line of a result, and checks of its barriers.
 
-    `along` names a line to be cut into windows of `width` [m]; one to which fewer than
-    `min_boulders`
-    boulders come is blank. `residual` is the fraction of the boulders that may pass, `volume` [m3]
-    the design block, `factors` a table with the numbers of the standard, without which its
-    requirements are left open, `costs` one of prices, and `conditions` are those of
+    `along` names a line to be cut into windows of `width` [m]; windows with fewer than
+    `min_boulders` boulders are blank. `residual` is the fraction of the boulders that may pass,
+    `volume` [m3] the design block, `factors` a table with the numbers of the standard, without
+    which its requirements are left open, `costs` a table of prices, and `conditions` are those of
     `rockfall.protection.factors.Conditions`.
 
     >>> import rockfall
@@ -154,7 +153,7 @@ def design(
 
 
 def _block_remarks(result: xr.Dataset, volume: float | None) -> Iterator[str]:
-    """Remark on a design block that is far from the boulders whose speeds it gets."""
+    """Remark on a design block whose size is far from that of the boulders whose speeds it gets."""
     low, high = float(result["volume"].min()), float(result["volume"].max())
     if volume is not None and not low / FAR <= volume <= high * FAR:
         yield say("design.far_block", volume=volume, low=low, high=high)
@@ -225,7 +224,7 @@ def _loads(line: str, samples: LineSamples, k: int) -> Iterator[dict[str, Any]]:
 def _check_of(
     result: xr.Dataset, k: int, asked: dict[str, Any], factors: Factors
 ) -> dict[str, Any]:
-    """Check of a barrier against the standard, and the boulders it let pass in the run."""
+    """Check of a barrier against the standard, and the boulders that passed it in the run."""
     came = crossings(result, k)
     height, capacity = (float(result[f"barrier_{name}"][k]) for name in ("height", "capacity"))
     flags = flags_of(result["crossing_outcome"])
@@ -247,8 +246,8 @@ def _check_of(
 
 
 def verdict_of(row: Mapping[str, Any]) -> str:
-    """Verdict on a barrier, for the table and for all texts: "no" where a requirement certainly
-    fails, "undecided" where the interval of one straddles its limit, or where the loads rest on
+    """Verdict on a barrier, for the table and for all texts: "no" if a requirement certainly fails,
+    "undecided" if the interval of a requirement contains its limit, or if the loads depend on
     unconfirmed assumptions, else "yes"; with the requirements that decide. A barrier that no
     boulder reaches has none ("")."""
     if not row["n"]:
@@ -269,8 +268,8 @@ def verdict_of(row: Mapping[str, Any]) -> str:
 def _verdict(
     asked: dict[str, Any], name: str, suffices: Callable[[float], bool]
 ) -> tuple[bool, bool]:
-    """Verdict on a requirement, and whether it holds over the entire interval; unknown limits are
-    ignored."""
+    """Verdict on a requirement, and whether it is valid over the entire interval; unknown limits
+    are ignored."""
     value, low, high = (asked[f"{name}{end}"] for end in ENDS)
     if suffices(value):
         return True, suffices(high)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Partial factors of the standards, from a table of the user: none is shipped, because no text of a
-standard was read."""
+"""Partial factors of the standards, from the user's table: none is shipped, because we have read no
+text of a standard."""
 
 from __future__ import annotations
 

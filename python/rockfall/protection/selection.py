@@ -41,7 +41,7 @@ class Choice(NamedTuple):
 def height_for(came: Crossings, capacity: float, residual: float) -> float:
     """Minimum height [m] of a barrier of this capacity [J] that at most the fraction `residual` of
     the boulders passes, over it or through it; NaN where too many break through. Needs one sort: of
-    the boulders it can stop, those left of `residual` may pass over."""
+    the boulders that it can stop, the remainder of `residual` may pass over."""
     heights = np.sort(came.passing_height[came.energy_total <= capacity])
     over = math.floor(residual * came.n * (1 + 1e-12)) - (came.n - heights.size)
     if not came.n or over < 0:
@@ -53,7 +53,7 @@ def choices(
     came: Crossings, residual: float, costs: Costs | None = None
 ) -> list[dict[str, float | bool]]:
     """Height for each EAD class that leaves at most `residual`, the actual residual fraction with
-    its 95 % interval, and the cost per metre; `cheapest` marks one."""
+    its 95 % interval, and the cost per metre; `cheapest` marks the cheapest."""
     rows: list[dict[str, float | bool]] = []
     by_class = [
         Choice.of(k, height_for(came, capacity, residual), costs)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Barriers by the frequency of what they let pass: loads of a return period at the lines of a
-hazard, the barrier of each class that lets no more pass, and the barriers of the case."""
+"""Barriers by the frequency of passing boulders: loads of a return period at the lines of a hazard,
+the sufficient barrier of each class, and the barriers of the case."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class YearlyDesign:
     """Tables for a return period [year], in SI units, with 95 % limits.
 
     `loads`: for each line and barrier the boulders that come a year, and the energy and height that
-    one of them reaches once in the period. `choices`: for each line and class of EAD 340059 the
-    least height [m], up to `HIGHEST`, of a barrier that lets a boulder pass at most once in the
-    period, by the upper limit, or NaN; how many are left `behind` it a year, and how many would
-    break `through` any of that class; and which one is advised: the cheapest, where boulders may
-    come more often than once in the period. `checks`: what the barriers of the case let pass a
-    year, and whether that is at most once in the period.
+    a boulder reaches once in the period. `choices`: for each line and class of EAD 340059 the least
+    height [m], up to `HIGHEST`, of a barrier that lets a boulder pass at most once in the period,
+    by the upper limit, or NaN; boulders a year `behind` it, and boulders a year that would break
+    `through` any barrier of the class; and which barrier is advised: the cheapest, if boulders may
+    come more often than once in the period. `checks`: boulders a year that pass the barriers of the
+    case, and whether they are at most one in the period.
     """
 
     period: float
@@ -54,7 +54,7 @@ def yearly_design(
 ) -> YearlyDesign:
     """Design of barriers at the lines of a hazard for a return period [year], over all of its
     scenarios. `costs` is a table of prices of barriers, as in `rockfall.design`. A RockfallError
-    refuses a hazard without lines, and other return periods than those of its levels.
+    refuses a hazard without lines, and return periods other than those of its levels.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -131,7 +131,7 @@ def _choices(
 
 
 def _check(hazard: xr.Dataset, k: int, allowed: float) -> dict[str, Any]:
-    """Check of the barrier at a line by what it lets pass."""
+    """Check of the barrier at a line by the boulders that pass it."""
     value, low, high = (
         float(limit) for limit in yearly(hazard, hazard["line_behind"].values[:, k])
     )

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """XML of a project: coordinate system, tree of layers, layers, themes, extent, layouts.
 
-Elements and attributes are those that QGIS 3.22 and later read; what is left out has its default
+Elements and attributes are those that QGIS 3.22 and later read; omitted ones have their defaults
 there. Sources of layers are relative to the project.
 """
 

@@ -47,7 +47,7 @@ NORTH = (
 
 
 class Texts(NamedTuple):
-    """Texts of a layout: title, subtitle, lines below them, those below the legend, and what goes
+    """Texts of a layout: title, subtitle, lines below them, lines below the legend, and the texts
     before the scale and the date of printing."""
 
     title: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Project of an exported result: which layers it has, in which groups, themes and layouts."""
+"""Project of an exported result: its layers, groups, themes and layouts."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def put_project(
     language: str = "en",
 ) -> Iterator[Path]:
     """Write project.qgz for the files of an export in a new folder, and elevation_m.tif with its
-    style if the terrain is known. `files` may hold those of a hazard."""
+    style if the terrain is known. `files` may include those of a hazard."""
     extent = reached(data, terrain)
     with speaking(language):
         relief: list[Layer] = []
@@ -115,9 +115,9 @@ def _relief(terrain: Terrain, extent: Extent, folder: Path) -> list[Layer]:
 
 
 def _vectors(path: Path) -> dict[str, Layer]:
-    """Layers of a GeoPackage that have a style, in the order in which they lie; none if there is no
-    file. Objects of several kinds of shapes have none: QGIS would give them a colour by chance, and
-    their layers of risk lie there."""
+    """Layers of a GeoPackage that have a style, in drawing order; none if there is no file. Objects
+    with several kinds of shapes have no style: QGIS would choose a random colour, and layers of
+    risk show them."""
     if not path.exists():
         return {}
     with closing(sqlite3.connect(path)) as database:
@@ -181,7 +181,7 @@ def _base(layers: _Layers) -> tuple[tuple[Layer, ...], tuple[Layer, ...]]:
 
 
 def _groups(layers: _Layers) -> Iterator[Group]:
-    """Groups from the top of the map to its ground, what is shown at first chosen."""
+    """Groups from the top of the map to its ground, with the initial selection."""
     above, _ = _base(layers)
     first = next((name for name in PASSED if name in layers.maps), next(iter(layers.maps), ""))
     chosen = {layer.id for layer in above} | {name for name in (_id(layers.maps, first),) if name}
@@ -214,7 +214,7 @@ def _id(layers: dict[str, Layer], name: str) -> str:
 def _texts(
     data: xr.Dataset, title: str, theme: str, imprint: Imprint, relief: Sequence[Layer]
 ) -> Texts:
-    """Texts of a layout: who and when, contours, coordinate system, data, program and seed."""
+    """Texts of a layout: author and date, contours, coordinate system, data, program and seed."""
     crs = data["crs"].attrs
     files = read_names(case_of(data))
     more = [f"+ {len(files) - MAX_FILES}"] if len(files) > MAX_FILES else []

@@ -22,7 +22,7 @@ class Variable:
     """Values along named dimensions, with attributes."""
 
     def __init__(self, dims: str | tuple[str, ...], values: Any, attrs: Mapping[str, Any]) -> None:
-        """`values` may also be a column that is read from a file when it is needed."""
+        """`values` may also be a column that is read from a file on demand."""
         self.dims = (dims,) if isinstance(dims, str) else dims
         self.held = values if hasattr(values, "pieces") else np.asarray(values)
         self.attrs = dict(attrs)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """First crossings of evaluation lines: one row for each line that a boulder crosses, sorted by
-line, then by boulder. Results keep what the kernel measured; speeds, energies and further heights
-follow by its rules."""
+line, then by boulder. Results keep the values measured by the kernel; speeds, energies and further
+heights follow by its rules."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def line_index(result: Held, line: str | int) -> int:
 
 
 def chosen_lines(result: Held, lines: Sequence[str | int] | None = None) -> list[tuple[int, str]]:
-    """Index and name of each line, or of those given by names or indices."""
+    """Index and name of each line, or of the lines given by names or indices."""
     names = line_names(result)
     chosen = range(len(names)) if lines is None else [line_index(result, line) for line in lines]
     return [(k, names[k]) for k in chosen]
@@ -67,8 +67,8 @@ def rows_at(result: Known, line: int) -> slice:
 
 
 class AtLine:
-    """Crossings of the line of this index by the boulders of a result; some may have
-    been selected; what is read or computed is kept."""
+    """Crossings of the line of this index by the boulders of a result; boulders may have been
+    selected; values read or computed are cached."""
 
     def __init__(self, result: Known, line: int) -> None:
         """Crossings of a result, or of arrays by name, which have no energies: they lack a case."""
@@ -146,13 +146,13 @@ def masses_of(result: Held, boulders: np.ndarray | slice = slice(None)) -> np.nd
 
 @lru_cache(maxsize=8)
 def _density(text: str, file: str) -> float:
-    """Density of the boulders of a case [kg/m3]; to read the case of many lines takes longer than
-    to compute what happens at one."""
+    """Density of the boulders of a case [kg/m3]; cached, because reading a case of many lines takes
+    longer than the numbers at a line."""
     return float(case_in({"case": text, "case_file": file}).boulder["density"])
 
 
 class _Shared:
-    """Crossings of the lines of a result, the last used last, as far as they fit."""
+    """Crossings of the lines of a result, the most recent last, as far as memory allows."""
 
     def __init__(self, result: Known) -> None:
         self.result = result
@@ -166,7 +166,7 @@ class _Shared:
         return at
 
     def _size(self) -> int:
-        """Bytes of what may be derived."""
+        """Bytes of the quantities that may be derived."""
         return 8 * len(DERIVED) * sum(at.boulders.size for at in self._lines.values())
 
 
@@ -175,8 +175,8 @@ _shared: ContextVar[_Shared | None] = ContextVar("shared", default=None)
 
 @contextmanager
 def sharing(result: Known) -> Iterator[None]:
-    """Within the block, in which this result does not change, what is read and derived of a line is
-    kept for all its analyses."""
+    """Share values read and derived of a line between all analyses within the block, in which the
+    result must not change."""
     token = _shared.set(_Shared(result))
     try:
         yield
@@ -210,7 +210,7 @@ def stored_at(result: Known, name: str, line: int) -> np.ndarray:
 
 
 def values_at(result: Held, quantity: str, line: int) -> np.ndarray:
-    """Values of a quantity of the boulders that cross a line, in the order of `boulders_at`."""
+    """Values of a quantity for the boulders that cross a line, in the order of `boulders_at`."""
     check_rows(result, "a quantity of each boulder at a line")
     return at_line(result, line).values(quantity)
 
@@ -236,7 +236,7 @@ def outcomes_at(result: Held, line: int) -> np.ndarray:
 
 
 def without_absent(result: Held) -> Held:
-    """Result without the crossings of boulders that it does not have, as after a selection."""
+    """Result without crossings of missing boulders, such as after a selection."""
     if isinstance(result, Contents) or "row_size" not in result:
         return result
     line, number = (result[f"crossing_{name}"].values for name in ("line", "boulder"))

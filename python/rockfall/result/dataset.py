@@ -95,7 +95,7 @@ def open_result(path: str | Path) -> xr.Dataset:
 
 def read_result(path: str | Path) -> xr.Dataset:
     """Read the result of a run from its netCDF file into memory, as `rockfall.run` returned it.
-    More than a million crossings of lines stay in the file, and are read where they are used.
+    More than a million crossings of lines stay in the file, and are read on demand.
 
     >>> import rockfall
     >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "result.nc")
@@ -173,8 +173,8 @@ def _attached(result: Held, name: str) -> dict[str, Any]:
 
 
 def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
-    """Storage options of a variable: rasters are compressed in tiles, and data from which another
-    run resumes have checksums (Fletcher, by HDF5)."""
+    """Storage options of a variable: rasters are compressed in tiles, and data for resuming runs
+    have checksums (Fletcher, by HDF5)."""
     how: dict[str, Any] = {}
     if variable.dims[-2:] == ("y", "x"):
         tile = [1] * (variable.ndim - 2) + [min(TILE, size) for size in variable.shape[-2:]]

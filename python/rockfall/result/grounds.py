@@ -50,21 +50,20 @@ def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
 
 
 def source_text(values: Variables) -> str:
-    """Program and what the rebounds of a run follow, in English, for its file."""
+    """Program and rebound models of a run, in English, for its file."""
     with speaking("en"):
         return f"rockfall {__version__}, {_models(values)}"
 
 
 def program_text(data: xr.Dataset) -> str:
-    """The program of a result or a hazard, and what its rebounds follow, in the language of a
-    report."""
+    """The program of a result or a hazard, and its rebound models, in the language of a report."""
     program, _, _ = str(data.attrs["source"]).partition(", ")
     return f"{program}, {_models(data)}"
 
 
 def _models(values: Variables) -> Text:
-    """Models that the rebounds of a run follow: the stochastic impact model, tables of impacts,
-    classical models by name."""
+    """Rebound models of a run: the stochastic impact model, tables of impacts, classical models by
+    name."""
     grounds = rebounds_by_ground(values)
     followed = {ground.model for ground in grounds if ground.rebounds}
     parts = []

@@ -2,9 +2,9 @@
 """Motion of recorded boulders between their vertices, by the kind of each leg.
 
 A boulder flies on a parabola. On the ground it goes from point to point of the terrain, straight in
-plan at its mean speed; where a contact takes longer than that, it waits at the end. A roll or slide
-begins at a rebound; the flight after it begins above its last vertex, by what the boulder rose in
-the contact.
+plan at its mean speed; if a contact takes longer, it waits at the end. A roll or slide begins at a
+rebound; the flight after it begins above its last vertex, by the rise of the boulder during the
+contact.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _NAMES = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
 
 
 class Motion(NamedTuple):
-    """Flights, legs on the ground and waits, in order of time for each boulder. One that never
-    moved has one piece, without duration."""
+    """Flights, legs on the ground and waits, in order of time for each boulder. A boulder that
+    never moved has one piece, without duration."""
 
     start: np.ndarray  # (4, n) x, y, z [m], time since release [s]
     end: np.ndarray  # (4, n)
@@ -46,8 +46,8 @@ class Motion(NamedTuple):
         return Motion(*(values[..., pieces] for values in self))
 
     def straightened(self) -> Motion:
-        """Each leg on the ground straight to its end, as the kernel follows it to lines and
-        cells."""
+        """Motion with each leg on the ground straight to its end, as the kernel traces it to lines
+        and cells."""
         slides = (self.gravity == 0) & self.velocity.any(axis=0)
         joins = slides & np.roll(slides, 1) & (np.diff(self.vertex, prepend=-1) == 0)
         first = np.flatnonzero(~joins)
@@ -91,8 +91,8 @@ def motion_of(result: Held, number: int | None = None, gravity: float | None = N
 
 
 def are_met(boulder: np.ndarray, leg: np.ndarray) -> np.ndarray:
-    """Mask of the vertices that are releases, contacts, obstacles hit and ends: not the points
-    between the start and the end of a leg on the ground."""
+    """Mask of the vertices that are releases, contacts, obstacles hit and ends: not intermediate
+    points of a leg on the ground."""
     straight, same = leg > LEG["flight"], np.diff(boulder, prepend=-1) == 0
     return ~(straight & np.roll(straight, 1) & same)
 
@@ -128,9 +128,9 @@ def seconds(values: np.ndarray) -> np.ndarray:
 
 
 def spins(result: Held, motion: Motion) -> np.ndarray:
-    """W = R_b omega [m/s] of each piece of all motion of a result. That of a roll or slide is its
-    speed; at vertices without a rebound it follows from the piece before: at a hit of a tree or
-    barrier a boulder loses as large a part of W as of the speed."""
+    """W = R_b omega [m/s] of each piece of all motion of a result. For a roll or slide it is the
+    speed; at vertices without a rebound it follows from the piece before: at a tree or barrier a
+    boulder loses the same fraction of W as of the speed."""
     vertex, first, indices = np.unique(motion.vertex, return_index=True, return_inverse=True)
     piece = motion.take(first)
     out_w, ratio = (result[f"trajectory_{name}"].values[vertex] for name in ("out_w", "ratio"))
@@ -147,7 +147,7 @@ def spins(result: Held, motion: Motion) -> np.ndarray:
 
 
 def _are_parallel(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """True for vectors (3, n) of one direction, or opposite ones; never for one of no length."""
+    """True for vectors (3, n) of equal or opposite directions; never for vectors without length."""
     size = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
     return np.linalg.norm(np.cross(a, b, axis=0), axis=0) < PARALLEL * size
 
@@ -169,10 +169,10 @@ class Sampled(NamedTuple):
 
 
 def sampled(motion: Motion, tolerance: float = TOLERANCE) -> Sampled:
-    """Sample motion so that chords leave no parabola by more than `tolerance` [m].
+    """Sample motion so that chords deviate from parabolas by at most `tolerance` [m].
 
-    A parabola leaves the chord of a part that takes h seconds by at most g h^2/8, in space and,
-    when the chord is followed at a constant speed, at any time.
+    The deviation of a chord over h seconds is at most g h^2/8, in space and, when the chord is
+    followed at a constant speed, at any time.
     """
     if not 0 < tolerance < np.inf:
         raise RockfallError(f"--tolerance {tolerance:g}: must be > 0 [m]")

@@ -26,7 +26,7 @@ class Array(NamedTuple):
 
 
 class _Row(NamedTuple):
-    """A row of that table as the kernel has it. (RunArrays keeps no views, which keep it alive.)"""
+    """A row of the kernel's table. (RunArrays keeps no views, which would keep it alive.)"""
 
     group: str
     name: str
@@ -38,7 +38,7 @@ class _Row(NamedTuple):
 
 
 class RunArrays:
-    """Handle of a run; closed when neither the run nor a view of it remains."""
+    """Handle of a run; closed when no run and no view of it remains."""
 
     def __init__(self, opened: tuple[int, int, bytes], name: str) -> None:
         handle, code, message = opened
@@ -64,14 +64,14 @@ class RunArrays:
         check_kernel(code, message, "merge")
 
     def arrays(self, *groups: str) -> Iterator[Array]:
-        """All arrays, or those of some groups, including those that the next chunk replaces."""
+        """All arrays, or those of some groups, including arrays that the next chunk replaces."""
         if self._table is None:
             self._table = [*self._listed()]
         return self._views(row for row in self._table if not groups or row.group in groups)
 
     def part_arrays(self) -> Iterator[Array]:
-        """All arrays of the part, as files have them; the next part replaces those that the run
-        itself does not have."""
+        """All arrays of the part, as in files; the next part replaces arrays that the run does not
+        own."""
         return self._views([*self._listed(of_part=True)])
 
     def _views(self, rows: Iterable[_Row]) -> Iterator[Array]:
@@ -103,11 +103,12 @@ class RunArrays:
         raise KeyError(file_name)
 
     def pack_part(self, only_samples: bool = False) -> None:
-        """Pack the results into a part, or only the samples; the run must be settled."""
+        """Pack the results, or only the samples, into a part; the run must be complete up to this
+        boulder."""
         check_kernel(*_core.pack_part(self.handle, only_samples))
 
     def begin_part(self, boulders: int, lengths: Sequence[int], name: str) -> None:
-        """Make room for a part of the first boulders, to be filled: numbers of rows, cells, shared
+        """Allocate a part for the first boulders, to be filled: numbers of rows, cells, shared
         cells, bins, and coarse bins of samples, crossings (-1: none)."""
         code, message = _core.begin_part(self.handle, boulders, lengths)
         check_kernel(code, message, name)
@@ -115,7 +116,7 @@ class RunArrays:
 
     def unpack_part(self, name: str, grid: Grid, only_samples: bool = False) -> None:
         """Store the filled part, or only its samples and the numbers of its rows, and forget it; a
-        RockfallError names values that no run has."""
+        RockfallError names values that are impossible in a run."""
         corner, nodes = (grid.west, grid.north, grid.cell), (grid.nx, grid.ny)
         code, message = _core.unpack_part(self.handle, only_samples, corner, nodes)
         check_kernel(code, message, name)

@@ -76,8 +76,8 @@ def _crs_name(data: xr.Dataset) -> str:
 
 
 def _extent(result: xr.Dataset) -> np.ndarray:
-    """Extent of its boulders: minimum and maximum x and y [m], (2, 2); that of all places where
-    neither maps nor rows show it."""
+    """Extent of its boulders: minimum and maximum x and y [m], (2, 2); of all places if neither
+    maps nor rows give it."""
     if "x" in result.sizes:
         half = corner_of(result["crs"].attrs)[2] / 2
         ends = [

@@ -22,13 +22,13 @@ def simulated(result: Held) -> int:
 
 
 def kept_note(result: Held) -> str:
-    """Note on the boulders behind numbers that need rows; "" if these are all."""
+    """Note on the boulders behind numbers that need rows; "" if these are all boulders."""
     rows, boulders = result.sizes["boulder"], simulated(result)
     return "" if rows == boulders else say("compare.kept", part=rows, n=boulders)
 
 
 def has_rows(result: Held) -> bool:
-    """Return True if a result has rows of boulders, of all or of some."""
+    """Return True if a result has rows of boulders, for all or some boulders."""
     return bool(result.sizes["boulder"])
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crossings of a result that stay in its file, since they may take most of the memory: some lines
-are read at a time, and checked when they are."""
+"""Crossings of a result that stay in its file, since they may take most of the memory: a few lines
+are read at a time, and checked then."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ MOST = 1_000_000  # crossings that are read into memory at once
 
 
 def crossings_in_file(data: xr.Dataset, path: str | Path) -> dict[str, xr.Variable]:
-    """Variables of the crossings of an opened result, which are read from its file when they are
-    used; {} if they are few. The file stays open as long as one of them lives."""
+    """Variables of the crossings of an opened result, which are read from its file on demand; {} if
+    they are few. The file stays open while any of them exists."""
     if data.sizes.get("crossing", 0) <= MOST:
         return {}
     import xarray as xr
@@ -82,7 +82,7 @@ def _column(rows: _Rows, name: str) -> Any:
     from xarray.core.indexing import IndexingSupport, explicit_indexing_adapter
 
     class Column(BackendArray):
-        """One dimension; read-only, so that a copy is the same."""
+        """One-dimensional and read-only, so that a copy is identical."""
 
         shape, dtype = (rows.size,), rows.dtype(name)
 

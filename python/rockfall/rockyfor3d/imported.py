@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Conversion of a folder of Rockyfor3D to a case, which names the original files, and copies only
-of those whose meaning differs here."""
+where the meaning differs here."""
 
 from __future__ import annotations
 

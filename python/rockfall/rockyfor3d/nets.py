@@ -20,14 +20,14 @@ DECIMALS = 3  # of coordinates [m]
 
 
 class Net(NamedTuple):
-    """A barrier, and the number of its cells off its line, in branches or loops."""
+    """A barrier, and the number of its cells outside its line, in branches or loops."""
 
     keys: dict[str, Any]
     off: int
 
 
 def barriers(folder: Folder) -> Iterator[Net]:
-    """Barriers for each net, or for each connected part of one."""
+    """Barriers for each net, or for each connected part of a net."""
     from scipy.ndimage import label
 
     number, energy, height = (folder.read(name) for name in NETS)

@@ -51,7 +51,7 @@ class Ground:
     largest: float = 0.0
 
     def take(self, band: Rasters, box: Box) -> None:
-        """Add the rows of a box from rasters that hold them and their neighbours."""
+        """Add the rows of a box from rasters that contain them and their neighbours."""
         inner = slice(box.row - band.at[0], box.stop_row - band.at[0])
         z = band.z[inner]
         for rows in row_blocks(z.shape):
@@ -61,7 +61,7 @@ class Ground:
         self._take_sizes(band, inner)
 
     def with_sources(self, band: Rasters, box: Box, x: np.ndarray, y: np.ndarray) -> Ground:
-        """Statistics with those of the sources in a box, of all at x, y, added."""
+        """Statistics with those of the sources (of all at x, y) in a box added."""
         row = ((band.grid.north - y) / band.grid.cell).astype(int).clip(0, band.grid.ny - 1)
         in_box = (row >= box.row) & (row < box.stop_row)
         if not in_box.any():
@@ -142,8 +142,8 @@ class Ground:
         return _degrees(self.slopes, QUANTILES)
 
     def roughness(self) -> float:
-        """Robust standard deviation of the angles by which the ground turns from a cell to the next
-        on slopes in MIDDLE [degree]; NaN where these are few."""
+        """Robust standard deviation of the angles by which the ground turns between adjacent cells
+        on slopes in MIDDLE [degree]; NaN if these are few."""
         slopes = np.degrees(np.arctan(np.concatenate([np.empty(0), *self.slopes])))
         is_middle = (slopes > MIDDLE[0]) & (slopes < MIDDLE[1])
         if not is_middle.size or is_middle.mean() < MIN_MIDDLE:

@@ -63,7 +63,7 @@ class KernelScene:
             self._box = None
 
     def keep_within(self, box: Box) -> None:
-        """Confine boulders to the cells of maps; called once, the same for all runs."""
+        """Confine boulders to the cells of maps; called once, for all runs."""
         if self._box != box:
             _core.limit_terrain(self.handle, **box.corners())
             self._box = box

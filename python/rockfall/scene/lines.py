@@ -51,7 +51,7 @@ def read_lines(inputs: Inputs, stages: Stages = FRESH) -> Case:
 
 
 def with_lines_of(case: Case, read: Case) -> Case:
-    """A case with the coordinates of the same case as read."""
+    """A case with the coordinates of the case as read."""
     return case.replace(**{group: getattr(read, group) for group in _groups()})
 
 

@@ -59,7 +59,7 @@ def read_scene(
     stands, clearings) may be given as GeoDataFrames: lines, barriers and dams in addition to those
     of the case. If rasters in files need more than half of `memory` [bytes], they are read in
     windows on demand: see `rockfall.scene.windows`. An open session keeps `stages` and
-    `frame_store` from one reading to the next: only what changed is then read.
+    `frame_store` from one reading to the next, so that only changed inputs are read.
     """
     if not isinstance(case, Case):
         raise RockfallError(f"case = {case!r}: must be a Case: rockfall.read_case(path) reads one")
@@ -131,7 +131,7 @@ def _scene(
     rows: Callable[[], Iterable[tuple[Rasters, Box]]],
     stages: Stages = FRESH,
 ) -> Scene:
-    """The scene of a case with its rasters; impact sets are read last of all."""
+    """The scene of a case with its rasters; impact sets are read last."""
     sources = take_inputs(
         stages, "sources", inputs, (rasters.z,), lambda inputs: read_sources(inputs, rows())
     )
@@ -207,8 +207,8 @@ def _with_arrays(case: Case, keys: set[str]) -> Case:
 
 
 def _check_files(case: Case, arrays: dict[str, Any]) -> None:
-    """Check that every file exists that the case names and that is to be read; the error names all
-    that do not."""
+    """Check that every file that the case names and that is to be read exists; the error lists all
+    missing files."""
     missing = []
     unread = {*RADII} - {*size_columns(case)}
     for key, file in case.files():

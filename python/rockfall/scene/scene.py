@@ -40,7 +40,7 @@ class Findings:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scene(Sources):
-    """Checked inputs of a run: sources, and all else."""
+    """Checked inputs of a run, with its sources."""
 
     case: Case
     rasters: Rasters
@@ -192,8 +192,8 @@ class Scene(Sources):
         return range(int(first), int(last) + 1)
 
     def around(self, first: int, boulders: int) -> tuple[Scene, int]:
-        """Scene with rasters for boulders from number `first` on, and the number of boulders it
-        serves: itself, or one with a window of the terrain."""
+        """Scene with rasters for boulders from number `first`, and the number of boulders that it
+        covers: itself, or one with a window of the terrain."""
         windows = self.windows
         if windows is None:
             return self, boulders

@@ -37,7 +37,7 @@ class Stages:
         return None
 
     def keep(self, name: str, uses: tuple[Any, ...], result: Any) -> None:
-        """Keep a result that depends on these objects alone."""
+        """Keep a result that depends only on these objects."""
 
 
 FRESH = Stages()
@@ -53,7 +53,7 @@ class _Kept:
     result: Any
 
     def is_of(self, uses: tuple[Any, ...]) -> bool:
-        """Return True if these are the objects that it depends on."""
+        """Return True if these are the objects that the result depends on."""
         return len(self.uses) == len(uses) and all(map(is_, self.uses, uses))
 
     def holds(self, case: Case, uses: tuple[Any, ...]) -> bool:
@@ -72,7 +72,7 @@ class KeptStages(Stages):
         self._kept = kept or {}
 
     def copy(self) -> KeptStages:
-        """Stages that start from these results and leave them as they are."""
+        """Copy that starts from these results without changing them."""
         return KeptStages(dict(self._kept))
 
     def take(
@@ -99,8 +99,8 @@ class KeptStages(Stages):
 
 
 class WatchedCase(Case):
-    """A case that notes which of its groups are looked at, and, for a stage that `reads` files, the
-    states of the files that these groups name, before they are read."""
+    """A case that notes the groups that are read, and, for a stage that `reads` files, the states
+    of the files that these groups name, before they are read."""
 
     def __init__(self, case: Case, reads: bool) -> None:
         self.__dict__ |= case.__dict__
@@ -130,7 +130,7 @@ class WatchedCase(Case):
 
 
 def _state(path: Path) -> tuple[int, int, int] | None:
-    """Something that differs once a file is written again; None for a file that does not exist."""
+    """Marker that changes when a file is written again; None for a missing file."""
     try:
         status = os.stat(path)
     except OSError:

@@ -114,8 +114,8 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
 
 
 def _outside_plane(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
-    """Remarks on a ground whose boulders all meet a relief or strength outside the tables thrown.
-    Harder ground than any thrown does not yield, and is what the hardest is."""
+    """Remarks on a ground whose boulders all meet a relief or strength outside the simulated
+    tables. Ground harder than the hardest table does not yield, and equals it."""
     if rule.plane is None:
         return
     ground, radii = rule.plane.ground, np.array(rule.plane.radii)
@@ -130,7 +130,7 @@ def _outside_plane(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
 
 
 def _differs(name: str, table: GroundTable, case: Case) -> bool:
-    """Return True if the table of impacts of a case is another one than the row of its name."""
+    """Return True if the table of impacts of a case differs from the row of its name."""
     return usual_ground(case).text != table.ground(name, case).text
 
 

@@ -2,7 +2,7 @@
 """Windows of a terrain that does not fit in memory, loaded one at a time around successive sources.
 
 Columns, rows and coordinates are those of the complete raster, so results do not depend on windows.
-A boulder that leaves its window is not tallied: it is simulated again in a larger one.
+A boulder that leaves its window is not tallied: it is simulated again in a larger window.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ RIM = 4  # cells of a window that boulders may not enter, where the raster conti
 
 
 class Windows:
-    """Windows of a given number of cells, larger where a source needs it; the one in memory, and
-    what was gathered from all rows."""
+    """Windows of a given number of cells, larger where a source needs it; the window in memory, and
+    the survey of all rows."""
 
     def __init__(self, cells: int, cell_bytes: int, survey: Survey, ground: Ground) -> None:
         self.cells, self.bytes = cells, cells * cell_bytes  # of a window, and its memory
@@ -40,7 +40,7 @@ class Windows:
         self.box = Box(0, 0, 0, 0)
 
     def fit(self, grid: Grid, sources: Sources, first: int) -> Box:
-        """Turn to the longest run of sources from the first that fits in a window (at least one);
+        """Move to the longest run of sources from the first that fits in a window (at least one);
         returns its box."""
         column = ((sources.x[first:] - grid.west) / grid.cell).astype(int)
         row = ((grid.north - sources.y[first:]) / grid.cell).astype(int)
@@ -73,7 +73,7 @@ class Windows:
 
 
 def bands(inputs: Inputs, cells: int) -> Iterator[tuple[Rasters, Box]]:
-    """All rows in order, in bands: rasters of about the given number of cells, which hold those
+    """All rows in order, in bands: rasters of about the given number of cells, which contain those
     rows and their neighbours."""
     ny, nx = inputs.grid.shape
     rows = max(1, cells // nx - 2 * RIM)

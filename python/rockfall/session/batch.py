@@ -31,8 +31,8 @@ RECORDED = 100  # trajectories, if no number is given
 
 
 class Batch:
-    """Results so far of a run of a session: of the boulders done when it was yielded, which come
-    from all sources alike (with maps of sources, from the first of them). The last batch of a run
+    """Results so far of a run of a session: of the boulders done when it was yielded, which are
+    evenly from all sources (with maps of sources: from the first sources). The last batch of a run
     is complete, with the bits of `rockfall.run`.
 
     Statistics and trajectories may be taken at any time; a Dataset, which has the maps, only

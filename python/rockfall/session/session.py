@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A scene that is kept open: what changes is read again, and nothing else."""
+"""A scene that is kept open: only changed inputs are read again."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ BATCH_SECONDS = 0.1
 def open_session(case: Case, *, threads: int | None = None, **arrays: Any) -> Session:
     """Open a case for many runs: a Session, which keeps what it has read and surveyed.
 
-    `arrays` (dem, zones, lines, ...) are as in `rockfall.run`, and are not to be changed in place;
-    `threads` are those of all runs (default: the case's). The terrain stays in memory: one that
-    needs more than half of it is refused. Likely mistakes in the case raise a UserWarning.
+    `arrays` (dem, zones, lines, ...) are as in `rockfall.run`, and must not be changed in place;
+    `threads` are those of all runs (default: the case's). The terrain stays in memory: a terrain
+    that needs more than half of it is refused. Likely mistakes in the case raise a UserWarning.
 
     >>> import rockfall
     >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -114,14 +114,14 @@ class Session:
         return implausible(self._opened())
 
     def change(self, **changes: Any) -> None:
-        """Change the case, and read what depends on the changes.
+        """Change the case, and read the inputs that depend on the changes.
 
         `changes` are groups of the case as in `case.replace` (`release={"x": [120.0]}`; a key that
         is None is removed; `line=[...]`, `barrier=[...]`, `dam=[...]` replace all groups of the
         name), and rasters and layers as in `rockfall.run` (`lines`, `barriers`, `sources`, `dem`,
-        ...), in place of those given before; None removes one. Files that have been written again
-        are read again, with `change()` alone too. New warnings raise a UserWarning. An error leaves
-        the session as it was.
+        ...), in place of those given before; None removes one. Files written since are read again,
+        also by `change()` alone. New warnings raise a UserWarning. An error leaves the session
+        unchanged.
 
         >>> import rockfall
         >>> session = rockfall.open(rockfall.read_case("case.nml"))
@@ -148,10 +148,10 @@ class Session:
         """Run the case, and yield the results so far about every `batch_seconds`, the complete ones
         last: see `Batch`.
 
-        `boulders` is the number over all sources, in place of the case's; the last batch is then
-        that of `rockfall.run` with `&case boulders_total`. The run ends early once the rules of
-        `until` (as in `rockfall.run_until`) are met, which each batch is tried for, or, without
-        another batch, within 0.05 s after `cancel`, an Event, has been set by another thread.
+        `boulders` is the number over all sources, in place of the case's; the last batch then
+        equals `rockfall.run` with `&case boulders_total`. The run ends early once the rules of
+        `until` (as in `rockfall.run_until`) are met, which each batch checks, or, without another
+        batch, within 0.05 s after `cancel`, an Event, has been set by another thread.
 
         >>> import rockfall
         >>> session = rockfall.open(rockfall.read_case("case.nml"))
@@ -183,7 +183,7 @@ class Session:
         return scene.case.case["threads"] if self._threads is None else self._threads
 
     def _read(self, case: Case, arrays: dict[str, Any], boulders: int | None) -> None:
-        """Read a case with this number of boulders, and take over all of it, or nothing."""
+        """Read a case with this number of boulders, and take over everything or nothing."""
         total = {"boulders": None, "boulders_total": boulders}
         stages = self._stages.copy()
         scene = read_scene(
@@ -209,12 +209,12 @@ class Session:
 
 
 def scene_of(session: Session) -> Scene:
-    """Scene that an open session has read, which is not to be changed."""
+    """Scene that an open session has read, which must not be changed."""
     return session._opened()
 
 
 def _changed_arrays(before: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Rasters and layers after changes; a place is given with the elevations that need it."""
+    """Rasters and layers after changes; the transform belongs to the elevations that need it."""
     arrays = {**before, **changes}
     if arrays.get("dem") is None or hasattr(arrays["dem"], "coords"):
         arrays["transform"] = changes.get("transform")
@@ -224,7 +224,8 @@ def _changed_arrays(before: dict[str, Any], changes: dict[str, Any]) -> dict[str
 def _batches(
     batches: Batches, until: str, criteria: list[Rule], cancelled: Event, seconds: float
 ) -> Iterator[Batch]:
-    """Advance a run, and yield its results, until all are done, enough, or not wanted."""
+    """Advance a run, and yield its results, until all are done, the rules are met, or the run is
+    cancelled."""
     complete = met = False
     while not complete and not met:
         batches.advance(seconds, cancelled.is_set)

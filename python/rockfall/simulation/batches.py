@@ -23,7 +23,7 @@ RECOVERY = 1.5  # growth of the rate that is expected, after a slow piece
 
 
 class Batches:
-    """The boulders of a tally that is empty, in an order in which those done are spread evenly."""
+    """The boulders of an empty tally, in an order in which the completed ones are evenly spread."""
 
     def __init__(self, tally: Tally) -> None:
         self.tally, self.lock = tally, RLock()
@@ -46,7 +46,7 @@ class Batches:
                 return
 
     def _size(self) -> int:
-        """Number of boulders that take the time of a piece."""
+        """Number of boulders for the duration of a piece."""
         return max(1, int(PIECE_SECONDS * self._rate)) if self._rate else FIRST_PIECE
 
     def _in_order(self) -> Iterator[range]:
@@ -56,8 +56,8 @@ class Batches:
             yield range(self.tally.done, stop)
 
     def _spread(self) -> Iterator[range]:
-        """Every n-th boulder, then others halfway between these, and so on, in pieces that each
-        is spread over all as well."""
+        """Every n-th boulder, then others halfway between these, and so on, in pieces that are each
+        spread over all boulders as well."""
         boulders = range(self.tally.boulders)
         for part in spread_parts(boulders, -(-len(boulders) // (LANES * self._threads))):
             for piece in spread_parts(part, -(-len(part) // self._size())):
@@ -92,8 +92,8 @@ class Batches:
 
 
 def spread_parts(numbers: range, parts: int) -> Iterator[range]:
-    """Every `parts`-th of some numbers, from each of the first ones on: in an order in which every
-    next part lies in a gap between those before it (van der Corput's)."""
+    """Every `parts`-th of some numbers, from each of the first ones, in an order in which each part
+    lies in a gap between earlier parts (van der Corput's)."""
     parts = min(parts, len(numbers))
     bits = max(0, parts - 1).bit_length()
     for k in range(1 << bits):

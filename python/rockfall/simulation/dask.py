@@ -34,9 +34,9 @@ def run_on_cluster(
 ) -> Contents:
     """Run a scene on the Dask cluster at an address, or on `local:N` processes of this machine.
 
-    Each worker reads the rasters once, from the files that the case names, which it must find under
-    the same paths. A part whose worker dies is repeated by another. The result is that of
-    `simulate`, bit for bit.
+    Each worker reads the rasters once, from the files that the case names, which must have the same
+    paths there. A part whose worker dies is repeated by another. The result is that of `simulate`,
+    bit for bit.
     """
     need("a Dask cluster needs", "cluster", "distributed")
     from distributed import as_completed

@@ -44,7 +44,7 @@ class Pilot:
     blocks: float  # of bins that all boulders of the run fill, where not all rows are kept
 
     def values(self) -> dict[str, Any]:
-        """Variables of its boulders, as a result has them, without names of lines."""
+        """Variables of its boulders, as in a result, without names of lines."""
         tally, scene = self.tally, self.tally.scene
         values: dict[str, Any] = tally.columns()
         if scene.grounds:
@@ -193,7 +193,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 
 def _sample_bytes(tally: Tally, pilot: Pilot, more: float) -> float:
-    """Bytes of counts in bins, of where they are, and of the largest values at lines, if the run
+    """Bytes of counts in bins, of their positions, and of the largest values at lines, if the run
     has this multiple of the boulders of its pilot."""
     passed = np.zeros(0)
     if tally.scene.case.lines:

@@ -24,8 +24,8 @@ def progress_bar(
 ) -> Iterator[Callable[..., None]]:
     """Yield a function that advances a progress bar by a count, and may change the total.
 
-    The bar appears after some seconds of `patience`. Where stderr is no terminal there is a line
-    every ten seconds; ROCKFALL_PROGRESS=lines requests a line for each call, =none silence.
+    The bar appears after some seconds of `patience`. If stderr is no terminal there is a line every
+    ten seconds; ROCKFALL_PROGRESS=lines requests a line for each call, =none no output.
     """
     wanted = os.environ.get("ROCKFALL_PROGRESS")
     if not shown or wanted == "none":
@@ -134,7 +134,7 @@ def add_steps(steps: int) -> None:
 
 
 def step(*_: Any) -> None:
-    """Note that a step of work is done; Stopped if no more is wanted."""
+    """Note that a step of work is done; Stopped if a stop was requested."""
     check_stop()
     if work := _work.get():
         work.step()

@@ -42,10 +42,10 @@ class Run(RunArrays):
         step: int = 1,
         seconds: float = sys.float_info.max,
     ) -> tuple[int, np.ndarray, np.ndarray]:
-        """Run boulders, every `step`-th from number `first` (from 1) on, on a scene, which may be a
-        window. After some seconds no more of them start. Returns the number of the boulders done,
-        at least one; and the numbers of boulders that left the window, which are not tallied, with
-        their places of exit (2, n)."""
+        """Run boulders, every `step`-th from number `first` (counted from 1), on a scene, which may
+        be a window. After some seconds no more of them start. Returns the number of the boulders
+        done, at least one; and the numbers of boulders that left the window, which are not tallied,
+        with their places of exit (2, n)."""
         done, left, code, message = _core.advance(
             self.handle, scene.kernel.handle, first, step, size, seconds
         )

@@ -49,7 +49,7 @@ LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be repeated in a 
 
 
 class Interrupted(KeyboardInterrupt):
-    """Raised on Ctrl-C; `result` holds the completed boulders.
+    """Raised on Ctrl-C; `result` contains the completed boulders.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -96,10 +96,9 @@ def simulate(
 ) -> Contents:
     """Results of the run of a scene; see `run`.
 
-    The run resumes from `checkpoint`, and updates it at intervals. Crossings of lines go to a file
-    without a name in the folder `spill`, if it is given, so that memory does not grow with them.
-    The rasters of a scene that need
-    not be kept are freed before the result is made, to save memory.
+    The run resumes from `checkpoint`, and updates it at intervals. Crossings of lines are stored in
+    an unnamed file in the folder `spill`, if given, so that memory does not grow with them. The
+    rasters of a scene that need not be kept are freed before the result is made, to save memory.
     """
     import netCDF4  # noqa: F401  what writes the result, before the run: there may be no memory
 
@@ -182,9 +181,8 @@ def run_chunks(
 
 
 def _run_range(tally: Tally, first: int, size: int) -> int:
-    """Simulate boulders from number `first` on, and store them: `size` of them, or those whose
-    sources lie in one window of the terrain, or those for which there is time. Returns their
-    number."""
+    """Simulate boulders from number `first`, and store them: `size` of them, or as many as have
+    sources in one window of the terrain, or as time allows. Returns their number."""
     scene = tally.scene
     assert isinstance(scene, Scene)
     windows, grid = scene.windows, scene.grid
@@ -221,8 +219,8 @@ def trace(tally: Tally) -> None:
 
 
 def recorded_numbers(scene: Scene, wanted: int, first: int, last: int) -> list[int]:
-    """Boulders from the first to the last whose trajectories are recorded, if a number of all
-    boulders of the run is wanted: evenly spread over them."""
+    """Boulders from the first to the last whose trajectories are recorded, if a number of them is
+    requested: evenly spread over all boulders of the run."""
     numbers, n = _core.recorded_numbers(scene.kernel.handle, first, last, wanted)
     return numbers[:n].tolist()
 

@@ -84,8 +84,8 @@ def write_jobs(
     or none.
 
     `program` is python or batch; the latter needs a case made by `rockfall prepare`. `threads` and
-    `time` (in Slurm's format) are the request of each job. `variant` is that of a case with
-    several.
+    `time` (in Slurm's format) are the request of each job. `variant` selects one of several
+    variants of a case.
     """
     case = chosen_variant(read_case(path), variant)
     if program not in PROGRAMS:

@@ -28,7 +28,7 @@ class _Block(NamedTuple):
 
 
 class SpilledCrossings:
-    """Blocks of crossings of the boulders of a run, in the order in which these end."""
+    """Blocks of crossings of the boulders of a run, in the order in which boulders end."""
 
     def __init__(self, folder: Path, lines: int) -> None:
         self._folder = folder
@@ -62,8 +62,7 @@ class SpilledCrossings:
             ) from error
 
     def columns(self, run: RunArrays) -> list[Array]:
-        """All crossings, those of the run too, as arrays whose values are read when they are
-        needed."""
+        """All crossings, including those of the run, as arrays that are read on demand."""
         self.take(run, 1)
         if not self._blocks:
             return [*run.arrays(*GROUPS)]
@@ -103,7 +102,7 @@ class SpilledCrossings:
 
 
 class _Column:
-    """A column of all crossings; numpy reads it as a whole, a slice alone."""
+    """A column of all crossings; NumPy reads it completely, or only a slice."""
 
     def __init__(self, store: SpilledCrossings, name: str, dtype: np.dtype) -> None:
         self._store, self._name, self.dtype = store, name, dtype

@@ -51,7 +51,7 @@ class Origin:
 
     def difference(self, other: Origin, own: range = ANY, theirs: range = ANY) -> str:
         """First item in which another run differs, "" if none; threads and the notation of the case
-        are ignored. Ranges of boulders differ unless theirs begins our own."""
+        are ignored. Ranges of boulders differ unless the other one begins this one."""
         texts, numbers, corners = zip(self._identity(own), other._identity(theirs), strict=True)
         cases = in_kernel(self.case), in_kernel(other.case)
         what = _core.run_difference(*cases, *texts, np.array(numbers).T, np.array(corners).T)
@@ -68,8 +68,8 @@ class Origin:
 
 @dataclass
 class Tally:
-    """A run in the kernel, of a scene or of parts alone, with the data that the kernel does not
-    hold."""
+    """A run in the kernel, of a scene or of parts alone, with data that the kernel does not
+    store."""
 
     scene: Scene | Origin
     run: Run
@@ -157,7 +157,7 @@ class Tally:
 
     @property
     def chosen(self) -> slice | np.ndarray:
-        """Rows of the boulders done: the first ones, or the indices of the marked ones."""
+        """Rows of the boulders done: the first rows, or the indices of the marked ones."""
         number = self.number
         if self.marks is not None:
             of_rows = self.marks if number is None else self.marks[number - self.before - 1]
@@ -175,7 +175,7 @@ class Tally:
         return np.arange(self.before + 1, self.before + self.done + 1, dtype="i8")
 
     def go_on(self, scene: Scene) -> None:
-        """Make room for the additional boulders of a scene."""
+        """Allocate space for the additional boulders of a scene."""
         self.run, self.scene, self.boulders = self.run.continued(scene), scene, scene.boulders
 
     def sort_rows(self) -> None:
@@ -188,12 +188,12 @@ class Tally:
                 array.values[...] = array.values[..., order]
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Kernel columns of these rows, and sums over boulders, by name."""
+        """Columns of the kernel for these rows, and sums over boulders, by name."""
         return {array.name: array.values for array in self.arrays("boulder", "count")}
 
     def settle(self, sign: int = 1) -> None:
-        """Reduce the counts of split sources in their cells to the completed boulders, as a part
-        stores them; with sign -1 restore the counts of all boulders, to continue the run."""
+        """Reduce the counts of split sources in their cells to the completed boulders, as stored in
+        a part; with sign -1 restore the counts of all boulders, to continue the run."""
         if tells_sources(self.scene.case):
             assert isinstance(self.scene, Scene)
             _core.settle_sources(self.run.handle, self.scene.kernel.handle, self.done, sign)

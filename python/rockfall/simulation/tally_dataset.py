@@ -209,7 +209,7 @@ def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, in
 
 
 def _layers(name: str, tally: Tally) -> np.ndarray | None:
-    """Layer of a stack of the kernel that is a map, or layers by threshold; None if none is."""
+    """Layer of a kernel stack for a map, or layers by threshold; None if there is none."""
     plan = plan_of(tally.scene.case)
     if name in variables.EXCEEDED:
         first = plan.counts[name] - 1
@@ -262,7 +262,7 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
 
 def run_attributes(tally: Tally) -> dict[str, Any]:
     """Attributes of a result, or of a part, that describe its run. The source is that of parts,
-    which rockfall-batch writes, too; a result has its own."""
+    which rockfall-batch writes too; results have another one."""
     scene = tally.scene
     return {
         "Conventions": CONVENTIONS,

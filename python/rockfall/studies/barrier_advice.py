@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The barrier that a siting leads to, verified by runs with it: what comes to the line today, and
-what still comes, by the same boulders."""
+"""The barrier that results from a siting, verified by runs with it: boulders that come to the line
+today, and those that still come, with the same boulders."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Wanted(NamedTuple):
 
 
 class Most(NamedTuple):
-    """The highest barrier that can be had, and the prices of barriers."""
+    """The highest available barrier, and the prices of barriers."""
 
     height: float = MAX_HEIGHT  # [m]
     ead_class: int = len(EAD_ENERGY) - 1
@@ -56,12 +56,12 @@ class Most(NamedTuple):
 
 @dataclass(frozen=True)
 class Advice:
-    """A barrier, and what comes to the protected line `today` and with it (`left`), with limits of
-    95 % intervals; `change` is their difference, by the same boulders. All are numbers a year if
-    the case has scenarios (`yearly`), else fractions of the boulders released.
+    """A barrier, and the boulders that come to the protected line `today` and with it (`left`),
+    with limits of 95 % intervals; `change` is their difference, with the same boulders. All are
+    numbers a year if the case has scenarios (`yearly`), else fractions of the boulders released.
 
-    `ways` has the shares of what still comes that pass over the barrier, break through it, or go
-    round its ends. `is_enough` is None if no frequency was given as acceptable.
+    `ways` has the fractions of these boulders that pass over the barrier, break through it, or pass
+    around its ends. `is_enough` is None if no frequency was given as acceptable.
     """
 
     barrier: Wanted
@@ -79,13 +79,14 @@ class Advice:
 
     @property
     def has_effect(self) -> bool:
-        """True if fewer boulders come than without it, beyond the error of the simulation."""
+        """True if fewer boulders come than without the barrier, beyond the error of the
+        simulation."""
         return self.change[2] < 0
 
 
 class _Came(NamedTuple):
-    """Boulders of a run that come to the line; the outcome of each at the barrier, 0 for those that
-    do not meet it before; their heights [m] and energies [J] there."""
+    """Boulders of a run that come to the line; the outcome of each at the barrier, 0 for boulders
+    that do not meet it before; their heights [m] and energies [J] there."""
 
     comes: np.ndarray
     outcome: np.ndarray
@@ -96,7 +97,7 @@ class _Came(NamedTuple):
 
 
 def check_acceptable(case: Case, acceptable: float | None) -> None:
-    """Refuse a frequency that no run of the case could be compared with."""
+    """Refuse a frequency that cannot be compared with runs of the case."""
     if acceptable is None:
         return
     if not 0 < acceptable < math.inf:
@@ -111,8 +112,8 @@ def check_acceptable(case: Case, acceptable: float | None) -> None:
 def wanted(
     rows: Sequence[Mapping[str, Any]], alignments: Sequence[Alignment], most: Most
 ) -> list[Wanted]:
-    """Barriers to be tried, the cheapest first, of alignments that are not refused: of the height
-    and class at the upper ends of their intervals where these exist, within the limits."""
+    """Barriers to be tried, the cheapest first, of alignments that are not refused: with the height
+    and class at the upper ends of their intervals, if these exist, within the limits."""
     able = [
         (row["fits"] != "yes", row["cost"], row["distance"], k)
         for k, row in enumerate(rows)
@@ -143,8 +144,8 @@ def advise(
 ) -> Advice | None:
     """The first of some barriers with which at most `acceptable` boulders a year come to the line,
     by the upper limit: unchanged, higher, or of a higher class. If none suffices, the barrier that
-    leaves least. None without barriers. `bare`: results without them, with their frequencies
-    [1/year], of the same scenarios, or of the case."""
+    leaves the fewest. None without barriers. `bare`: results without a barrier, with their
+    frequencies [1/year], of the same scenarios, or of the case."""
     if not barriers:
         return None
     yearly = {name: often for name, (_, often) in bare.items()}
@@ -259,7 +260,8 @@ def _factor(case: Case) -> Sequence[float]:
 
 
 def _ways(runs: Sequence[_Came]) -> dict[str, float]:
-    """Shares of the boulders that still come, by their way past the barrier; none without any."""
+    """Fractions of the boulders that still come, by their path past the barrier; empty if none
+    come."""
     masks = {name: number for name, number in OUTCOME.items() if name != "stopped"} | {ROUND: 0}
     parts = {
         name: sum(run.yearly * float(np.mean(run.comes & (run.outcome == k))) for run in runs)

@@ -54,8 +54,8 @@ class Convergence:
 
     - study: boulders from each source; value; low, high of its 95 % interval (the maximum has
       none); change from the row before, with fewer boulders.
-    - error: boulders over all sources, their cpu_seconds, relative error (root mean square over so
-      many blocks).
+    - error: boulders over all sources, their cpu_seconds, relative error (root mean square over
+      this number of blocks).
     - cost: slope of log error over log boulders and its standard error; relative error of 10,000
       boulders (one standard deviation); CPU seconds for 10, 1 and 0.1 %; boulders over all sources
       for half a 95 % interval of 5, 2 and 1 %, the numbers that `--until` and reports promise too.
@@ -85,13 +85,12 @@ def converge(
 ) -> Convergence:
     """Measure the convergence of the numbers at the lines of a case, as in `Convergence`.
 
-    The study simulates the first boulders of the case itself (as Bourrier et al. 2009 do for
-    their site; by default a million in all, in equal numbers from each source). Statistical
-    errors are those of blocks out of `reference` boulders from each source (a million in all, where
-    it is not given), against an equal number of others; each has its own seeds.
-    Numerical errors are changes of the numbers of a tenth of the boulders, the same ones on each
-    terrain. What boulders did at the lines is kept in memory, 24 bytes a line and boulder, and
-    nothing else.
+    The study simulates the first boulders of the case itself (as Bourrier et al. 2009 do for their
+    site; by default a million in all, in equal numbers from each source). Statistical errors are
+    those of blocks out of `reference` boulders from each source (default: a million in all),
+    against an equal number of other boulders; each has its own seeds. Numerical errors are changes
+    of the numbers of a tenth of the boulders, equal on each terrain. Only values at the lines are
+    kept in memory, 24 bytes per line and boulder.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -137,7 +136,7 @@ def converge(
 
 
 def _sizes(sources: int) -> list[int]:
-    """BOULDERS, or fewer in the same proportions where there are many sources."""
+    """BOULDERS, or fewer in the same proportions if there are many sources."""
     most = min(BOULDERS[-1], max(2, REFERENCE // sources))
     return [max(2, size * most // BOULDERS[-1]) for size in BOULDERS]
 
@@ -266,7 +265,7 @@ def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> 
 
 def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     """Covariance of the logarithms of root-mean-square errors over blocks of normal errors:
-    variance 1 / (2 blocks), and the same for two sizes in proportion to the boulders their blocks
+    variance 1 / (2 blocks), for two sizes multiplied by the fraction of boulders that their blocks
     have in common."""
     boulders = size * blocks
     shared = np.minimum.outer(boulders, boulders) / np.maximum.outer(size, size)

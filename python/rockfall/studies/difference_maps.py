@@ -31,12 +31,12 @@ MAPS = re.compile(r"(energy|speed|jump_height|passing_height)_(mean|max|max_map|
 
 def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray]:
     """Maps of the difference of each variant from the first, by name: of the fraction of boulders
-    that pass a cell, its verdict (-1 less, 1 more, 0 undecided), and of those maps of energy, speed
+    that pass a cell, its verdict (-1 less, 1 more, 0 undecided), and of the maps of energy, speed
     and height that both have, where boulders pass in both.
 
     Results do not record which boulders pass a cell, so that the fractions are taken as
     independent. The intervals are then too wide for common random numbers: the verdict of a cell
-    may be undecided where a line would show a difference, never the reverse.
+    may be undecided although a line shows a difference, never the reverse.
     """
     import xarray as xr
 
@@ -83,7 +83,7 @@ def have_passages(results: Mapping[str, xr.Dataset]) -> bool:
 
 
 def on_same_cells(results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-    """The first variant, and those whose maps have its cells."""
+    """The first variant, and the variants whose maps have its cells."""
     first = next(iter(results.values()))
     return {name: result for name, result in results.items() if _same_cells(first, result)}
 

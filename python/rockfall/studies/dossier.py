@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dossier of a case: the hazard of each variant, and what differs between them, from the same runs
-of the scenarios with common random numbers."""
+"""Dossier of a case: the hazard of each variant, and their differences, from the same runs of the
+scenarios with common random numbers."""
 
 from __future__ import annotations
 
@@ -41,9 +41,10 @@ class Second(NamedTuple):
 
 @dataclass(frozen=True)
 class Dossier:
-    """Hazards by variant, "" for a case without; frequencies at lines and objects as the table of
-    `rockfall.yearly_variants`; the return period [year] of its answers; the warnings on the models
-    of its runs; and the hazard of the first variant by another model that its ground admits."""
+    """Hazards by variant, "" for a case without variants; frequencies at lines and objects as the
+    table of `rockfall.yearly_variants`; the return period [year] of its answers; the warnings on
+    the models of its runs; and the hazard of the first variant by another model that its ground
+    admits."""
 
     hazards: Mapping[str, xr.Dataset]
     frequencies: pd.DataFrame
@@ -166,8 +167,8 @@ def _scenes(study: HazardInputs, by_name: Mapping[str, Any]) -> Iterator[tuple[s
 
 
 def _at_objects(study: HazardInputs, result: xr.Dataset, lines: list[str]) -> dict[str, np.ndarray]:
-    """Energies of all boulders at objects with a width, by name: with the layer where a line has
-    the same, and with its number where another object has."""
+    """Energies of all boulders at objects with a width, by name: with the layer if a line has the
+    same name, and with its number if another object has it."""
     energies: dict[str, np.ndarray] = {}
     for number, (energy, _) in object_hits(study.objects, result):
         name = study.objects.names[number]

@@ -68,12 +68,12 @@ def hazard(
 ) -> xr.Dataset:
     """Run each &scenario of a case and combine them: an xarray.Dataset of annual frequencies and
     hazard classes, with 95 % intervals, for each cell and each of the `objects` (a layer of points,
-    lines and polygons, or a GeoDataFrame, or a list of these; `objects_layer` is its name in a file
-    with several, or a list of names), and of risk where these have exposure; `vulnerability`
-    is a table of curves for them. The lines of another layer, roads, are cut into `segments` of
+    lines and polygons, a GeoDataFrame, or a list of these; `objects_layer` is the layer's name in a
+    file with several, or a list of names), and of risk if they have exposure; `vulnerability` is a
+    table of curves for them. The lines of another layer, roads, are cut into `segments` of
     `segment_length` [m], each with its own frequencies; without a length each line is a segment.
-    `results` are those of the scenarios, if they have been run elsewhere. docs/hazard.md explains
-    it; the other arguments are as in `rockfall.run`.
+    `results` are results of the scenarios that were run elsewhere. docs/hazard.md explains it; the
+    other arguments are as in `rockfall.run`.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

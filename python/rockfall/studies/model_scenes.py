@@ -96,9 +96,9 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
 def by_tables(
     case: Case, own: Scene, names: Sequence[str] | None, notes: list[str]
 ) -> Iterator[tuple[str, Scene]]:
-    """Scenes of a case by tables of impacts of these names in place of what `variants` varies,
-    except its own table; by default by all shipped ones, without those whose sizes of rocks are not
-    known. `own` is its own scene; `notes` collects remarks."""
+    """Scenes of a case by these tables of impacts in place of the grounds that `variants` varies,
+    except its own table; by default all shipped tables, without those that need unknown rock sizes.
+    `own` is the scene of the case; `notes` collects remarks."""
     own = _with_named_apart(own)
     varied, is_named = _varied(own), not _own_share(own)
     follows_table = case.impact["form"] == "table" or "ground" in case.surface
@@ -127,9 +127,9 @@ def by_tables(
 
 
 def second_model(own: Scene) -> tuple[str, Scene] | None:
-    """Name and scene of another model that the ground of a scene admits: impact sets in place of
-    its tables and classical grounds, where rocks have a suitable size; the table `talus` in place
-    of its impact sets. None if neither holds anywhere."""
+    """Name and scene of another model that is possible on the ground of a scene: impact sets in
+    place of its tables and classical grounds, where rocks have a suitable size; the table `talus`
+    in place of its impact sets. None if neither is possible anywhere."""
     own = _with_named_apart(own)
     varied = _varied(own)
     if not _on_grounds(own, varied).any():
@@ -146,8 +146,8 @@ def second_model(own: Scene) -> tuple[str, Scene] | None:
 def _unsized_notes(
     case: Case, option: str, rules: Iterable[GroundRule], unsized: float
 ) -> Iterator[str]:
-    """Remark on the grounds of an option that need sizes of rocks, where this part of their ground
-    has none; refused where all has none."""
+    """Remark on grounds of an option that need rock sizes which part of the terrain lacks; refused
+    if all of it lacks them."""
     needing = [rule.name for rule in rules if rule.rocks]
     if unsized == 1 and needing:
         raise RockfallError(
@@ -158,8 +158,8 @@ def _unsized_notes(
 
 
 def named_notes(own: Scene) -> Iterator[str]:
-    """Remark on the part of a terrain on which all models have the same ground, or on what they
-    vary where every place has a named ground."""
+    """Remark on the part of a terrain on which all models have the same ground, or on the grounds
+    that they vary if every place has a named ground."""
     own = _with_named_apart(own)
     if not (share := _own_share(own)):
         part = _on_grounds(own, _varied(own))[~np.isnan(own.rasters.z)].mean()
@@ -175,15 +175,15 @@ def _kept_models(own: Scene) -> set[str]:
 
 
 def _varied(own: Scene) -> set[str]:
-    """Names of the grounds that models replace: the default one; if every place has a named ground,
-    all except absorbing ones."""
+    """Names of the grounds that models replace: the default ground; if every place has a named
+    ground, all except absorbing ones."""
     if _own_share(own):
         return {usual_name(own.case)}
     return {ground.name for ground in own.grounds if ground.model != ABSORBS}
 
 
 def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
-    """The unchanged case, and the case by its impact sets with each method for which it has
+    """The unchanged case, and the case with its impact sets by each method for which it has
     sizes."""
     if "ground" in case.surface:
         yield usual_name(case), own
@@ -224,8 +224,8 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
 
 
 def _with_named_apart(scene: Scene) -> Scene:
-    """Scene in which zones that name the case's own ground have a copy of it under another name:
-    they keep it where models vary the case's own."""
+    """Scene in which zones that name the case's ground have a copy of it under another name, so
+    that they keep it when models vary the case's ground."""
     usual = named_ground(scene.case)
     own, zones = str(usual), case_zones(scene.case).values()
     named = np.array([zone.ground and str(zone.ground_in(usual)) == own for zone in zones], bool)
@@ -251,7 +251,7 @@ def _unsized_part(scene: Scene, varied: Collection[str]) -> float:
 
 
 def _on_grounds(scene: Scene, names: Collection[str]) -> np.ndarray:
-    """Cells of the terrain that have one of these grounds."""
+    """Mask of the terrain cells with one of these grounds."""
     grounds = [ground.name for ground in scene.grounds] or [usual_name(scene.case)]
     listed = np.array([False, *(name in names for name in grounds)])
     return listed[_grounds_of(scene.rasters)] & ~np.isnan(scene.rasters.z)
@@ -267,7 +267,7 @@ def _grounds_of(cells: Rasters) -> np.ndarray:
 
 
 def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """A test of the sizes of rocks, (columns, ...), of each cell, or of all at once."""
+    """Test of rock sizes (columns, ...), for each cell or for one size everywhere."""
     if cells.values is not None:
         return test(cells.values)
     return np.append(False, test(cells.sizes.T))[1 if cells.zone is None else cells.zone]
@@ -276,8 +276,8 @@ def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.
 def with_rocks(
     scene: Scene, small: GroundRule, large: GroundRule, varied: Collection[str] = ()
 ) -> Scene:
-    """Scene with these grounds for its small and large rocks, in place of the grounds of these
-    names; by default in place of the default ground."""
+    """Scene with these grounds for its small and large rocks, in place of the named grounds
+    (default: the default ground)."""
     cells = scene.rasters
     varied = varied or {usual_name(scene.case)}
     others = [ground for ground in scene.grounds if ground.name not in varied]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs of a case by every rebound model, with common random numbers: the same boulders, from the
-same places, with the same random words, so that only the models differ."""
+"""Runs of a case by every rebound model, with common random numbers: boulders, places and random
+words are equal, so that only the models differ."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ TEXTS = COLUMNS[:4]  # the others are numbers
 class Models:
     """Results of a case by each model, in SI units.
 
-    `low` and `high` are the limits of 95 % confidence intervals. `difference` is that from the
-    first model, boulder by boulder, so that chance common to both is not in its interval.
+    `low` and `high` are the limits of 95 % confidence intervals. `difference` is from the first
+    model, boulder by boulder, so that its interval excludes common chance.
     """
 
     title: str
@@ -68,15 +68,15 @@ def run_models(
     progress: bool = False,
     tables: Sequence[str] = (),
 ) -> Models:
-    """Run a case by the impact sets with methods A and B, as far as it has their sizes, and by each
-    classical model, or by these `grounds` (rows of its table, impact sets) in place of those; and
-    by these `tables` of impacts.
+    """Run a case by the impact sets with methods A and B, if it has their sizes, and by each
+    classical model, or by these `grounds` (rows of its table, impact sets) instead; and by these
+    `tables` of impacts.
 
     Ground that the case assigns to zones or cells by name is the same for all models; models differ
     where its own impact sets or table, or its `&surface ground`, apply. There classical models use
-    the shipped grounds in `ROCKS` for rocks of that size; if no rocks have a size there, with
-    either ground, and those that need a size are left out, or refused among `grounds`. If every
-    place has a named ground, all of them except absorbing ones are varied.
+    the shipped grounds in `ROCKS` for rocks of that size. If no rocks have a size there, both
+    grounds are run, and models that need a size are left out, or refused among `grounds`. If every
+    place has a named ground, all except absorbing ones are varied.
     """
     import pandas as pd
 
@@ -141,7 +141,7 @@ def read_models(path: str | Path) -> Models:
 
 
 def _rows(result: xr.Dataset, first: xr.Dataset) -> Iterator[dict[str, Any]]:
-    """Numbers of a result, and their differences from those of the first."""
+    """Numbers of a result, and their differences from the first result."""
     source = sources(result)
     for k, line in enumerate(line_names(result)):
         crossed, before = (has_crossed(run, k) for run in (result, first))

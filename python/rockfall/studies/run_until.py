@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs that end when the confidence intervals at the lines reach a requested width.
 
-This is no study of several scenes (`rockfall.studies.study`): it is one run, whose tallies continue
-with more boulders until they are enough.
+This is not a study of several scenes (`rockfall.studies.study`): it is one run, whose tallies
+continue with more boulders until they are enough.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ def run_until(
 
     `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
     result is that of `run` with the final number of boulders, which replaces the case's own; its
-    attributes `until` and `until_met` hold the rules, and 1 if all are met or 0 if not. Without a
-    `cap` the limit is a million boulders over all sources.
+    attributes `until` and `until_met` are the rules, and 1 if all are met, else 0. Without a `cap`
+    the limit is a million boulders over all sources.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -121,8 +121,8 @@ def simulate_until(
 ) -> Contents:
     """Results of the run; see `run_until`. The rasters of a scene that need not be kept are freed.
 
-    The boulders of one source continue those of the stage before. With several sources each stage
-    starts again, because the source of a boulder follows from its number.
+    With one source the boulders continue the stage before. With several sources each stage starts
+    again, because the source of a boulder follows from its number.
     """
     refuse_by_area(scene.case, scene, "--until")
     criteria = read_rules(rules, [line["name"] for line in scene.case.lines])
@@ -155,7 +155,8 @@ def simulate_until(
 
 
 def _next_tally(scene: Scene, last: Tally | None) -> Tally:
-    """Tally for the boulders of the next stage: one source adds to the tally of the last stage."""
+    """Tally for the boulders of the next stage: with one source it continues the tally of the last
+    stage."""
     if last is None or scene.x.size > 1 or tells_sources(scene.case):
         tally = start(scene, scene.case.case["threads"])
         if last is not None:
@@ -167,10 +168,10 @@ def _next_tally(scene: Scene, last: Tally | None) -> Tally:
 
 
 def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
-    """Boulders from each source of the stage after one of `n`; `n` itself if that is the last.
+    """Boulders from each source in the stage after one of `n`; `n` itself if it is the last.
 
-    A distant need is approached from below, in steps: the width from which it follows is itself an
-    estimate, and boulders cannot be removed.
+    A distant target is approached from below, in steps: the width behind it is itself an estimate,
+    and boulders cannot be removed.
     """
     needs = [verdict.need for verdict in verdicts if not verdict.met and not np.isinf(verdict.need)]
     if not needs:
@@ -194,8 +195,8 @@ def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:
 
 
 def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
-    """Verdict on a rule; the need follows from the width. If the sources are sampled, the part due
-    to their differences does not decrease with more boulders."""
+    """Verdict on a rule; the boulders needed follow from the width. If the sources are sampled, the
+    part due to their differences does not decrease with more boulders."""
     n = line_samples.boulders / max(line_samples.sources, 1)
     sample = line_samples.sample(rule.line, rule.quantity)
     row = numbers(sample, rule.quantity)
@@ -220,8 +221,8 @@ def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
 
 
 def _expected_width(sample: Sample, row: Mapping[str, float], statistic: str) -> float:
-    """Relative half-width of an interval, for quantiles without the chance that makes theirs narrow
-    or wide: runs that went by it were a third too long."""
+    """Relative half-width of an interval, for quantiles without the random part of their width,
+    which made runs a third too long."""
     level, width = LEVELS.get(statistic), half_width(row, statistic)
     if level is None or not 0 < width < np.inf:
         return width

@@ -34,11 +34,11 @@ def run(
     `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
     depend on `threads` (default: the case's) or `chunk`, the boulders per call of the kernel
     (default: as many as take a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
-    boulders: a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted`, which holds
-    the completed boulders. Rasters that need more than half of `memory` [bytes] (default: that of
-    the machine) are read in windows. Each likely mistake in the case, and each limit of
-    its model that matters, is a UserWarning; the attribute `model_warnings` has the latter, one a
-    line (parts have none).
+    boulders: a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted` with the
+    completed boulders. Rasters that need more than half of `memory` [bytes] (default: that of the
+    machine) are read in windows. Each likely mistake in the case, and each relevant limit of its
+    model, is a UserWarning; the attribute `model_warnings` has the limits, one a line (parts have
+    none).
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -54,8 +54,8 @@ def run(
 
 
 def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
-    """Merge the parts of a run (results, or their files) into its result, bit for bit that of a run
-    in one piece except for times and threads.
+    """Merge the parts of a run (results, or their files) into its result, bit for bit equal to a
+    run in one piece except for times and threads.
 
     A RockfallError names parts of another run, and missing or duplicate boulders. Warnings on the
     model are as in `run`.

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Siting of a barrier: what it would have to take at candidate alignments above a protected line,
-from one run with all of them as evaluation lines, so that every alignment meets the same boulders.
+"""Siting of a barrier: the required energy and height at candidate alignments above a protected
+line, from one run with all of them as evaluation lines, so that all alignments have common
+boulders.
 """
 
 from __future__ import annotations
@@ -62,9 +63,9 @@ COLUMNS += ["fits", "fails", "choice", "unconfirmed"]
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a barrier that can be had: height [m], EAD class, the fraction of the boulders that
-    come to the protected line that may pass around its ends, and the distance from the line that
-    it needs to brake [m]. None: no limit."""
+    """Limits of available barriers: height [m], EAD class, the fraction of the boulders that come
+    to the protected line that may pass around its ends, and the distance from the line that it
+    needs to brake [m]. None: no limit."""
 
     height: float | None = None
     ead_class: int | None = None
@@ -77,15 +78,15 @@ class Siting:
     """Candidate alignments above a protected line, in SI units; intervals are 95 % confidence
     intervals.
 
-    `table` has COLUMNS, a row for each alignment. Of the boulders that cross it: `energy_q95`
-    (total) and `height_q95` (of the centre, vertical); E_d, height and EAD class that the standard
-    requires. Of the boulders that reach the protected line: `bypass`, the fraction that does not
-    cross the alignment before, and `remaining`, the fraction that still comes with a barrier of
-    that height and class there. `cost` is for its length. `fits` is True if it is within the
-    limits; `fails` lists limits that are exceeded or undecided, and unconfirmed assumptions.
-    `choice` gives the best alignment under these assumptions. `advice` is the barrier that follows,
-    verified by a run with it; None where no alignment is within the limits. With &scenario groups
-    all numbers are of their boulders, weighted by frequency.
+    `table` has COLUMNS, a row for each alignment. For boulders that cross it: `energy_q95` (total)
+    and `height_q95` (of the centre, vertical); E_d, height and EAD class that the standard
+    requires. For boulders that reach the protected line: `bypass`, the fraction that does not cross
+    the alignment before, and `remaining`, the fraction that still comes with a barrier of that
+    height and class there. `cost` is for its length. `fits` is True if it is within the limits;
+    `fails` lists limits that are exceeded or undecided, and unconfirmed assumptions. `choice` gives
+    the best alignment under these assumptions. `advice` is the resulting barrier, verified by a run
+    with it; None if no alignment is within the limits. With &scenario groups all numbers are of
+    their boulders, weighted by frequency.
     """
 
     line: str
@@ -136,18 +137,19 @@ def site(
 
     Candidates are the line itself and copies of it, shifted every `every` metres `to` a distance,
     perpendicular to the line on the side of the sources, or in a `direction` [degree from north];
-    or the lines of a layer `candidates` (a file, or a GeoDataFrame). The case is run with all of
-    them as evaluation lines, or each of its &scenario groups, whose boulders count by frequency. If
-    boulders at all of these need more than half of `memory` [bytes] (default: that of the machine),
-    it is run again and again with some of them, by the same boulders. `max_height` [m] and
-    `max_class` (0 to 7) limit the barrier, `max_bypass` the fraction of the boulders that may pass
-    around its ends; alignments nearer to the line than the `space` [m] in which a barrier brakes
-    are refused. `volume`, `factors`, `costs` and the conditions of the standard are as in
-    `rockfall.design`; all else `given` are arrays and layers as in `rockfall.run`.
+    or the lines of a layer `candidates` (a file, or a GeoDataFrame). The case, or each of its
+    &scenario groups (whose boulders are weighted by frequency), is run with all candidates as
+    evaluation lines. If boulders at all of them need more than half of `memory` [bytes] (default:
+    that of the machine), there are several runs with some of them and the same boulders.
+    `max_height` [m] and `max_class` (0 to 7) limit the barrier, `max_bypass` the fraction of the
+    boulders that may pass around its ends; alignments nearer to the line than the `space` [m] in
+    which a barrier brakes are refused. `volume`, `factors`, `costs` and the conditions of the
+    standard are as in `rockfall.design`; other arguments `given` are arrays and layers as in
+    `rockfall.run`.
 
-    The barrier that follows is verified by a run with it, by the same boulders; by one for each
-    &scenario, if there are any. If more than `acceptable` boulders a year still come, by the upper
-    limit of the 95 % interval, the next cheapest alignments are tried.
+    The resulting barrier is verified by a run with the same boulders, or by a run for each
+    &scenario. If more than `acceptable` boulders a year still come, by the upper limit of the 95 %
+    interval, the next cheapest alignments are tried.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -285,14 +287,14 @@ def _named(name: str, values: tuple[float, float, float]) -> dict[str, float]:
 
 
 def _capacity(ead_class: float) -> float | None:
-    """Energy [J] of an EAD class; None for one above the list, and where no boulder comes."""
+    """Energy [J] of an EAD class; None for a class above the list, or without boulders."""
     return EAD_ENERGY[int(ead_class)] if ead_class < len(EAD_ENERGY) else None
 
 
 def _cost(row: Mapping[str, Any], end: str, prices: Costs | None) -> float:
-    """Cost of the length of an alignment: of the cheapest barrier of the class that is needed, or a
-    higher one, that is high enough; NaN if there is none. Without prices class energy times height
-    times length [kJ m2]."""
+    """Cost of the length of an alignment: with the cheapest barrier of at least the needed class
+    and height; NaN if there is none. Without prices class energy times height times length [kJ
+    m2]."""
     ead_class, high = row[f"ead_class{end}"], row[f"height_needed{end}"]
     if math.isnan(ead_class) or math.isnan(high):
         return math.nan
@@ -301,7 +303,7 @@ def _cost(row: Mapping[str, Any], end: str, prices: Costs | None) -> float:
 
 
 def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
-    """Verdict on the limits, over the intervals of what is needed. An unknown upper limit decides
+    """Verdict on the limits, over the intervals of the requirements. An unknown upper limit decides
     nothing."""
     checks = {"height": ("height_needed", limits.height), "class": ("ead_class", limits.ead_class),
               "bypass": ("bypass", limits.bypass)}  # fmt: skip
@@ -321,9 +323,8 @@ def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
 
 
 def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
-    """Verdict of an alignment whose loads rest on unconfirmed assumptions, for the table and for
-    all texts: one that is within the limits under them is not proven, one that exceeds a limit
-    stays refused."""
+    """Verdict on an alignment whose loads depend on unconfirmed assumptions, for the table and all
+    texts: within the limits it is not proven, beyond a limit it stays refused."""
     fits, fails = row["fits"], row["fails"]
     if unconfirmed and fits != NO:
         fails = "; ".join(filter(None, [fails, f"unconfirmed: {unconfirmed}"]))
@@ -333,9 +334,8 @@ def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
 
 def choose(rows: list[dict[str, Any]]) -> None:
     """Mark the alignment of the lowest cost among those within the limits (those undecided if there
-    are no others), and those whose difference is not significant. Intervals that overlap
-    decide nothing, though the same boulders are behind them: this errs on the side of "not
-    significant"."""
+    are no others), and those whose difference is not significant. Overlapping intervals count as
+    not significant, although common boulders would allow more: this is conservative."""
     for row in rows:
         row["choice"] = ""
     open_ones = [row for row in rows if row["fits"] != NO and not math.isnan(row["cost"])]

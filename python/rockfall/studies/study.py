@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The engine of all studies: named scenes with common random numbers, run one after the other.
 
-A study lists the scenes that it runs and the numbers that it takes of each result. A boulder has
+A study lists the scenes that it runs and the numbers that it takes from each result. A boulder has
 the same random words in all of them, so that results can be compared boulder by boulder (see
 `rockfall.analysis.precision.paired`). Progress, checkpoints and warnings are here; each result is
-gone before the next run, unless it is itself the number that is taken.
+freed before the next run, unless the study takes the result itself.
 """
 
 from __future__ import annotations
@@ -80,10 +80,10 @@ class Study:
     ) -> Iterator[tuple[Name, Numbers]]:
         """Names of the scenes, and the numbers of the result of each.
 
-        Scenes may be made when they are needed: each is gone before the next is made. Those that
-        are `compared` have the seed of the first, and their warnings are collected; others, such as
-        members of a sample, keep their own. A result in place of a scene is taken unchanged. Ctrl-C
-        raises `Interrupted`, with the result of the run that it stopped.
+        Scenes may be made on demand: each is freed before the next is made. `compared` scenes have
+        the seed of the first, and their warnings are collected; others, such as members of a
+        sample, keep their own. A result in place of a scene is taken unchanged. Ctrl-C raises
+        `Interrupted`, with the result of the run that it stopped.
         """
         seed: int | None = None
         for name, scene in scenes:

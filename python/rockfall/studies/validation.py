@@ -63,8 +63,8 @@ class Validation:
     statistic: mean, std, q05, q50, q95, for run-outs lateral_std (perpendicular to the line to the
     mean of the observed places), ks and its p, wasserstein; for blocks at rest without a known
     release log_density, the mean logarithm of the density of simulated boulders there [m-2]. Errors
-    are standard errors: of observations from resampled boulders, of simulations over seeds. The
-    verdict is on `BOUNDS`.
+    are standard errors: of observations from resampled boulders, of simulations over seeds.
+    Verdicts refer to `BOUNDS`.
     """
 
     title: str
@@ -84,9 +84,9 @@ def validate(
     progress: bool = False,
 ) -> Validation:
     """Run a case by its own rebound model, its impact sets, each classical model, and each table of
-    impacts (those of these names, by default all shipped ones), over seeds following the case's,
-    and compare each with the observations: places or distances of rest, samples and numbers at
-    lines. Models differ on the same ground as in `run_models`; the notes list exceptions.
+    impacts (the named ones, by default all shipped ones), over seeds following the case's, and
+    compare each with the observations: places or distances of rest, samples and numbers at lines.
+    Models differ on the same ground as in `run_models`; the notes list exceptions.
 
     Raises a RockfallError if no observation can be compared with a run, no ground can have another
     model, or a table of these names needs sizes of rocks that the case lacks.
@@ -165,7 +165,7 @@ def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Nu
 
 def _at_rest(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> Number | None:
     """Mean logarithm of the density of simulated boulders [m-2] at blocks at rest without a known
-    release; None without such blocks, or where too few boulders come to rest."""
+    release; None without such blocks, or if too few boulders come to rest."""
     rests = [rest for pair in pairs for rest in agreement(*pair)]
     if not rests:
         return None
@@ -251,8 +251,7 @@ def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
 
 
 def _verdict(statistic: str, seen: Number, simulated: float, error: float) -> str:
-    """Verdict on a bound, if there is one: undecided where the interval of the error straddles
-    it."""
+    """Verdict on a bound, if there is one: undecided if the interval of the error contains it."""
     if statistic not in BOUNDS or not seen.observed > 0 or simulated != simulated:
         return ""
     off = abs(simulated / seen.observed - 1)

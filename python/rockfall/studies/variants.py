@@ -59,9 +59,9 @@ def run_variants(
 ) -> dict[str, xr.Dataset]:
     """Run each &variant of a case: results by name, for `compare_variants` and `report_variants`.
 
-    All variants have the seed of the case, and so common random numbers. All are read and checked
-    before the first is run; one whose boulders would start elsewhere, or have other volumes, is
-    refused. `arrays` are the same for all; arguments are as in `rockfall.run`.
+    All variants have the seed of the case, hence common random numbers. All are read and checked
+    before the first is run; variants whose boulders would start elsewhere, or have other volumes,
+    are refused. `arrays` are the same for all; arguments are as in `rockfall.run`.
 
     >>> import rockfall
     >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
@@ -90,8 +90,8 @@ def run_each(
     checkpoints: Mapping[str, Checkpoint] = NO_CHECKPOINTS,
     **given: Any,
 ) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
-    """Results of variants that `check_variant_scenes` has passed, and the warnings on their models;
-    each resumes from its checkpoint. `given`: see `read_scene`."""
+    """Results of variants checked by `check_variant_scenes`, and the warnings on their models; each
+    resumes from its checkpoint. `given`: see `read_scene`."""
     study = Study(progress=progress, threads=threads, checkpoints=checkpoints, keep=False)
     scenes = ((name, read_scene(own, **given)) for name, own in variants(case).items())
     return dict(study.run(scenes, lambda _, result: result)), study.warnings
@@ -134,7 +134,7 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
 
 
 def _starts(scene: Scene) -> dict[str, Any]:
-    """Inputs that decide on the starts and volumes of boulders, by their names in messages."""
+    """Inputs that determine the starts and volumes of boulders, by their names in messages."""
     own = None if scene.source_boulders is None else scene.source_boulders.volume
     features = scene.features
     of_case = {key: value for key, value in scene.case.boulder.items() if "volume" in key}
@@ -164,16 +164,16 @@ def _equal(first: Any, other: Any) -> bool:
 
 def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     """Rows of COLUMNS by line, variant, quantity and statistic, in SI units: the fraction of all
-    boulders that pass the line, also with at least each energy of &hazard thresholds [kJ]; of
-    those that pass, mean and 95 % quantile of speed, highest point and total energy; and the
+    boulders that pass the line, also with at least each energy of &hazard thresholds [kJ]; for
+    boulders that pass, mean and 95 % quantile of speed, highest point and total energy; and the
     difference from the first variant, with the limits of its 95 % interval.
 
-    Protection selects: few may pass a net, but fast ones. Numbers of passing boulders may rise
-    where each boulder is slower or stopped; fractions above an energy do not mislead so.
+    Protection is selective: only fast boulders may pass a net. Means of passing boulders may thus
+    increase although each boulder is slower or stopped; fractions above an energy avoid this bias.
 
     A boulder that a barrier stops at the line does not pass it. `verdict` is less, more, or
-    undecided if the interval contains 0 or too few boulders pass to have one. Lines of some
-    variants only have no difference. Variants must have the same sources, boulders and seed.
+    undecided if the interval contains 0 or too few boulders pass for one. Lines of some variants
+    only have no difference. Variants must have the same sources, boulders and seed.
 
     Differences of fractions have the limits of Newcombe (1998, Statistics in Medicine 17, 2635,
     method 10) with the correlation of boulders within their sources, those of means and quantiles
@@ -250,8 +250,8 @@ def _rows(
     source: Sources,
     thresholds: Sequence[float],
 ) -> Iterator[dict[str, object]]:
-    """Rows of a variant at a line; `before`: of the first variant, None if it lacks the line or is
-    this one."""
+    """Rows of a variant at a line; `before`: values of the first variant, None if it lacks the line
+    or is this variant."""
     n = int(np.count_nonzero(~np.isnan(here["speed"])))
 
     def row(quantity: str, statistic: str, value: float, *compared: float) -> dict[str, object]:

@@ -112,7 +112,8 @@ def run_name(variant: str, scenario: str) -> str:
 def _scenes(
     case: Case, of_runs: dict[str, tuple[str, float]], given: Mapping[str, Any]
 ) -> Iterator[tuple[str, Scene]]:
-    """Scenes by the names of their runs; variants and frequencies [1/year] go to `of_runs`."""
+    """Scenes by the names of their runs; variants and frequencies [1/year] are added to
+    `of_runs`."""
     for variant, own in variants(case).items():
         scene = read_scene(base_case(own, ROWS_ONLY), **given)
         for scenario in scenarios_of(scene, scene.case.line):
@@ -146,7 +147,8 @@ def _rows(
     first: Sequence[YearlyRun] | None,
     hazard: Mapping[str, Any],
 ) -> Iterator[dict[str, object]]:
-    """Rows of a variant at a line; `first`: runs of the first variant, None if this is it."""
+    """Rows of a variant at a line; `first`: runs of the first variant, None if this is the
+    first."""
     factor, yearly = hazard["frequency_factor"], [run.yearly for run in runs]
     energies = [run.energies[line] for run in runs]
     before = [run.energies[line] for run in first or () if line in run.energies]

@@ -45,7 +45,7 @@ def parameter_table(analysis: Back) -> Table:
 
 
 def evidence_table(analysis: Back) -> Table:
-    """Table of the sets of data: what each contributes, and whether it agrees with the others."""
+    """Table of the sets of data: contribution of each, and whether it agrees with the others."""
     rows = []
     for row in analysis.data.to_dict("records"):
         p, agreement = row["predictive_p"], row["agreement"]

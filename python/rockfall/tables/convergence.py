@@ -91,7 +91,7 @@ def _rule(key: tuple[str, str, str]) -> str:
 
 
 def cost_table(cost: pd.DataFrame) -> Table:
-    """Monte Carlo errors, and what small ones cost."""
+    """Monte Carlo errors, and the cost of small errors."""
     targets = [f"boulders for +- {100 * target:g} %" for target in TARGETS]
     rows = []
     for row in cost.itertuples(index=False):

@@ -60,8 +60,8 @@ def load_tables(design: Design) -> Iterator[Table]:
 
 
 def load_table(design: Design, asked: Mapping[Any, Any]) -> Table:
-    """Loads at a line: quantiles, and the level that one in 1,000 exceeds; and what a standard
-    requires there, if it is known."""
+    """Loads at a line: quantiles, and the level exceeded by one in 1,000; and the requirements of a
+    standard, if known."""
     line, standard = asked["line"], design.factors.conditions.standard
     rows: list[list[object]] = []
     for row in design.loads[design.loads["line"] == line].to_dict("records"):
@@ -144,7 +144,7 @@ def unconfirmed(row: Mapping[str, Any]) -> str:
 
 
 def factor_lines(factors: Factors) -> Iterator[Text]:
-    """Partial factors, or which ones are to be filled in."""
+    """Partial factors, or the factors to be filled in."""
     if factors.open:
         yield say("design.open", standard=factors.conditions.standard, names=factors.open)
         return
@@ -163,7 +163,7 @@ def needed(row: Mapping[Any, Any], name: str, factor: float = 1.0) -> Estimate:
 
 
 def class_name(row: Mapping[str, Any]) -> str:
-    """Sufficient class, and those at the ends of its interval if different."""
+    """Sufficient class, and the classes at the ends of its interval if different."""
     value, low, high = (row[f"ead_class{end}"] for end in ENDS)
     text = f"{value:.0f}"
     if value == ABOVE:

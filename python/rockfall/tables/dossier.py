@@ -116,7 +116,7 @@ def _protection(designs: dict[str, YearlyDesign]) -> Section:
 
 
 def barrier_answers(designs: dict[str, YearlyDesign]) -> list[Text]:
-    """Sentences on the barrier that is advised, then on those of the variants."""
+    """Sentences on the advised barrier, then on the barriers of the variants."""
     texts = list(advice(next(iter(designs.values())))) if designs else []
     for name, sheet in designs.items():
         for text in verdicts(sheet):
@@ -126,7 +126,7 @@ def barrier_answers(designs: dict[str, YearlyDesign]) -> list[Text]:
 
 def second_tables(dossier: Dossier) -> Iterator[Table]:
     """Frequency, and energy once in the period, at each place by the case and by the second model,
-    and which of them governs; no table without a second one."""
+    and the governing model; no table without a second model."""
     if dossier.second is None:
         return
     own, (model, other) = dossier.first, dossier.second
@@ -145,7 +145,7 @@ def second_tables(dossier: Dossier) -> Iterator[Table]:
 
 
 def _governing(rates: Sequence[Estimate], levels: Sequence[Any], model: str) -> Text:
-    """Model by which the frequency is higher, and that by which the energy is."""
+    """Models with the higher frequency and with the higher energy."""
     numbers = [getattr(level, "value", level) for level in levels]
     names = say("dossier.the_case"), model
     if "-" in numbers:
@@ -170,7 +170,7 @@ def second_answer(dossier: Dossier) -> Iterator[Text]:
 
 
 def costs_of(dossier: Dossier) -> dict[str, float]:
-    """Cost of each variant that has one."""
+    """Cost of each variant, if given."""
     given = case_in(dossier.first.attrs).variant or []
     return {variant["name"]: variant["cost"] for variant in given if "cost" in variant}
 
@@ -264,8 +264,8 @@ def period_table(dossier: Dossier) -> Table:
 
 
 def remaining_table(dossier: Dossier) -> Table:
-    """Table of what is left with each variant: the highest class of an object, damage, expected
-    deaths and the highest individual risk a year, and its cost."""
+    """Table of the remaining hazard of each variant: the highest class of an object, damage,
+    expected deaths and the highest individual risk a year, and its cost."""
     costs, risky = costs_of(dossier), has_risk(dossier.first)
     heads: list[str | Column] = [say("dossier.variant"), say("dossier.highest_class")]
     heads += [say(f"dossier.{name}") for name in ("damage", "deaths", "individual")] * risky

@@ -31,8 +31,7 @@ LEAST_EXCESS = 0.005  # minimum visible difference of two indices, in whole per 
 
 
 def ensemble_summary(data: xr.Dataset) -> str:
-    """Tables of each line; and the remarks on the model in the run of the unchanged case, which the
-    data hold."""
+    """Tables of each line; and the stored remarks on the model in the run of the unchanged case."""
     blocks, variants = data.sizes["run"], data.sizes["variant"]
     parts = [
         f"{data.attrs['title'] or 'rockfall'}: {blocks} draws of {variants} runs, "
@@ -76,7 +75,7 @@ def headline_numbers(result: xr.Dataset, line: str) -> Iterator[list[str]]:
 
 def range_tables(result: xr.Dataset, rows: Rows, *, detailed: bool = False) -> list[Table]:
     """Tables of an ensemble for each line: both uncertainties of its numbers, and the inputs behind
-    the epistemic one. None for other results."""
+    the epistemic uncertainty. Empty for other results."""
     if not is_ensemble(result):
         return []
     tables = []
@@ -87,8 +86,8 @@ def range_tables(result: xr.Dataset, rows: Rows, *, detailed: bool = False) -> l
 
 
 def _uncertainties(at: xr.Dataset, line: str, numbers: Numbers, detailed: bool) -> Table:
-    """Both uncertainties of the numbers at a line; in detail with the mean of the draws, and in how
-    many runs too few boulders pass."""
+    """Both uncertainties of the numbers at a line; in detail with the mean of the draws, and the
+    number of runs in which too few boulders pass."""
     keys = ["case_value", "q05", "q95", "monte_carlo_std", "epistemic_std", "mean"]
     rows = []
     for name, (quantity, number_name) in RESULTS.items():
@@ -174,7 +173,7 @@ def sorted_inputs(at: xr.Dataset) -> list[str]:
 
 
 def indices_of(data: xr.Dataset, kind: str) -> Iterator[object]:
-    """Indices of an input, for each result, with their intervals [%]; "-" if there is no epistemic
+    """Indices of an input for each result, with their intervals [%]; "-" if there is no epistemic
     variance to explain."""
     for value, error in zip(data[kind].values, data[f"{kind}_error"].values, strict=True):
         index, low, high = (100 * limit for limit in limits(value, error))

@@ -89,7 +89,7 @@ def period_tables(hazard: xr.Dataset) -> Iterator[Table]:
 
 
 def level_cell(value: float, low: float, high: float) -> Estimate | float:
-    """Level of a return period with its interval; 0 if boulders come more rarely."""
+    """Level of a return period with its interval; 0 if boulders are less frequent."""
     if high == 0:
         return 0.0
     is_open = np.isinf(high) and not low
@@ -166,8 +166,8 @@ def assumptions(hazard: xr.Dataset) -> list[str]:
 
 
 def class_number(row: Mapping[str, Any]) -> str:
-    """Number of a class of individual risk, and those at the ends of its interval if they differ:
-    names of the classes are ranges themselves."""
+    """Number of a class of individual risk, and the numbers at the ends of its interval if they
+    differ: names of the classes are ranges themselves."""
     names = class_words().tolist()
     value, low, high = (
         Number(f"{names.index(row[f'risk_class{end}'])}") for end in ("", "_lower", "_upper")
@@ -187,13 +187,14 @@ def has_layers(hazard: xr.Dataset) -> bool:
 
 
 def class_within(row: Mapping[str, Any]) -> str:
-    """Class of hazard, and those at the ends of its interval if they differ."""
+    """Class of hazard, and the classes at the ends of its interval if they differ."""
     name, low, high = (word(row[f"hazard{end}"]) for end in ("", "_lower", "_upper"))
     return name if low == high else stacked(name, between(low, high))
 
 
 def _frequencies(hazard: xr.Dataset) -> tuple[list[str], list[str]]:
-    """Columns of the annual frequencies, of all boulders and above each threshold; their heads."""
+    """Columns of the annual frequencies of all boulders and above each threshold, and their
+    heads."""
     thresholds = [shown("threshold", value) for value in hazard["threshold"].values.tolist()]
     titles = [say("hazard.above", energy=Number(threshold)) for threshold in thresholds]
     names = [f"frequency_above_{threshold}" for threshold in thresholds]

@@ -64,7 +64,7 @@ def estimate(row: Mapping[Any, Any], name: str, quantity: str, **how: Any) -> Es
 
 
 def rising_estimates(row: Row, names: Sequence[str], quantity: str) -> Iterator[Estimate]:
-    """Estimates of numbers that do not fall, rounded so that none is below the one before it."""
+    """Estimates of non-decreasing numbers, rounded so that none is below the previous one."""
     before, decimals = -math.inf, 0
     for name in names:
         cell = estimate(row, name, quantity)
@@ -91,8 +91,8 @@ def key_numbers(numbers: Numbers) -> Iterator[Estimate]:
 
 
 def line_tables(rows: Rows, *, short: bool = False) -> Iterator[Table]:
-    """Each line's mean, deviation, quantiles and maximum, under names in words or in short; none
-    for a line that no boulder crosses."""
+    """Each line's mean, deviation, quantiles and maximum, under names in words or in short; no
+    table for a line that no boulder crosses."""
     for line, numbers in rows.items():
         if n := numbers["speed"]["n"]:
             names = STATISTICS if short else map(statistic, STATISTICS)

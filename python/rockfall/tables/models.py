@@ -57,7 +57,7 @@ def check_models(result: xr.Dataset, models: Models, what: str) -> None:
 
 
 def missing_spread(result: xr.Dataset, models: Models | None) -> list[str]:
-    """Note that the spread belongs on the page and is missing."""
+    """Note that the spread over models is missing on the page."""
     if models is not None or not classical_grounds(result):
         return []
     return [say("spread.missing", case_file=result.attrs["case_file"])]
@@ -166,7 +166,7 @@ def validation_text(validation: Validation) -> str:
 
 
 def validation_table(rows: pd.DataFrame) -> Table:
-    """Numbers of a quantity at a place: what was observed, and by each rebound model."""
+    """Numbers of a quantity at a place: observed, and by each rebound model."""
     line, display = rows["line"].iloc[0], ABOUT[rows["quantity"].iloc[0]]
     names = [name for name in TITLES if name in set(rows["statistic"])]
     n = f"{rows['n_observed'].iloc[0]:,.0f} observed" if rows["n_observed"].notna().any() else ""

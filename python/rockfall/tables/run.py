@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run as tables: how boulders ended, rebounds by ground, what barriers did, dams, stands of
-trees; and what was run."""
+"""A run as tables: ends of boulders, rebounds by ground, effects of barriers, dams, stands of
+trees; and facts on the run."""
 
 from __future__ import annotations
 
@@ -97,8 +97,8 @@ def _requested(dam: DamShape, k: int) -> Text:
 
 
 def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[Table]:
-    """Stands of trees with their stems, of more than `most` the sum of the others; no table without
-    stands."""
+    """Stands of trees with their stems, beyond `most` the sum of the others; no table
+    without stands."""
     rows: list[tuple[object, ...]] = [
         (stand.name, Number(f"{stand.area:.3g}"), stand.stems, stand.density, stand.stated)
         for stand in stands[:most]
@@ -115,7 +115,7 @@ def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[T
 
 
 def provenance(result: xr.Dataset) -> dict[str, Any]:
-    """Provenance of a result, and the command that reproduces it, if one can."""
+    """Provenance of a result, and the command that reproduces it, if there is one."""
     attrs = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
     clocks = {clock: result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu")}

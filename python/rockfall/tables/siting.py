@@ -26,7 +26,7 @@ WAYS = {
 
 
 def siting_text(siting: Siting) -> str:
-    """Table of alignments, the choice, and what the numbers rest on."""
+    """Table of alignments, the choice, and the basis of the numbers."""
     first = (
         f"{siting.line}: {siting.come:,} of {siting.boulders:,} boulders come; {_limits(siting)}"
     )
@@ -54,7 +54,7 @@ def _limits(siting: Siting) -> str:
 
 
 def siting_table(siting: Siting) -> Table:
-    """Alignments: what they need, and what it costs."""
+    """Alignments with their requirements and costs."""
     rows = []
     for row in siting.table.to_dict("records"):
         verdict = ": ".join(filter(None, [row["fits"], row["fails"]]))
@@ -94,7 +94,7 @@ def _choice(siting: Siting) -> Iterator[str]:
 
 
 def advice_lines(siting: Siting) -> Iterator[str]:
-    """The advised barrier, what a run with it showed, and what would improve it."""
+    """The advised barrier, the result of a run with it, and possible improvements."""
     advice, line = siting.advice, siting.line
     assert advice is not None
     alignment, height, ead_class = advice.barrier

@@ -46,7 +46,7 @@ def variants_text(
 
 
 def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) -> Iterator[str]:
-    """Notes on the boulders that numbers of variants are of (see `population_notes`), and on lines
+    """Notes on the boulders behind the numbers of variants (see `population_notes`), and on lines
     of one name in two places."""
     first = next(iter(results.values()))
     yield from population_notes(case_of(first), yearly)
@@ -63,8 +63,8 @@ def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) ->
 
 
 def variant_table(of_line: pd.DataFrame, frequencies: pd.DataFrame | None = None) -> Table:
-    """Numbers of a line, each with its difference from the first variant: first those of the
-    scenarios of the case, from `rockfall.studies.yearly_variants`, then those of its boulders."""
+    """Numbers of a line, each with its difference from the first variant: first over the scenarios
+    of the case, from `rockfall.studies.yearly_variants`, then of its boulders."""
     rows: list[tuple[object, ...]] = []
     if frequencies is not None:
         rows += _yearly_rows(of_line, frequencies)
@@ -136,8 +136,8 @@ def _cell(row: Mapping[Any, Any], factor: float) -> str:
 
 
 def value_text(row: Mapping[Any, Any], factor: float) -> str:
-    """A number; where no boulder passes, with the upper limit of the fraction, as a road that none
-    of some hundred reach may still be reached."""
+    """A number; if no boulder passes, with the upper limit of the fraction, because a road that
+    none of a few hundred boulders reach may still be reached."""
     value = number(factor * row["value"])
     is_none = row["value"] == 0 and row["value_high"] > 0
     high = number(factor * row["value_high"], up=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Barriers by the frequency of what they let pass, as tables, as sentences, and as text."""
+"""Barriers by the frequency of passing boulders, as tables, sentences and text."""
 
 from __future__ import annotations
 
@@ -102,7 +102,8 @@ def verdicts(sheet: YearlyDesign) -> Iterator[Text]:
 
 
 def advice(sheet: YearlyDesign) -> Iterator[Text]:
-    """For each line without a barrier the barrier that is advised, and why no weaker one."""
+    """For each line without a barrier the advised barrier, and the reason why no weaker one
+    suffices."""
     held = {*sheet.checks["line"]}
     for load in sheet.loads.to_dict("records"):
         line = load["line"]

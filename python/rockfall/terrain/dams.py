@@ -109,7 +109,7 @@ def higher(shape: DamShape) -> int:
 def _shape(
     z: np.ndarray, raised: np.ndarray, grid: Grid, dam: Mapping[str, Any], vertices: np.ndarray
 ) -> DamShape:
-    """Shape of a dam as rasterised, from profiles across the surface that boulders meet."""
+    """Shape of a dam as rasterised, from profiles across the surface seen by boulders."""
     base, wide, fall = dam["height"], dam["crest_width"], np.tan(np.radians(dam["slope"]))
     places, normal = _stations(vertices)
     half = wide / 2 + 2 * grid.cell + 3 * base / fall

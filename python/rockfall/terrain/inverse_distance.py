@@ -20,7 +20,7 @@ class Weights(NamedTuple):
 
 
 def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray:
-    """Elevations (ny, nx) [m] at cell centres, from points (n, 3) [m]; NaN where none is near
+    """Elevations (ny, nx) [m] at cell centres, from points (n, 3) [m]; NaN if no point is near
     enough. At a point the result is its elevation, and equal elevations are reproduced."""
     from scipy.spatial import cKDTree
 
@@ -37,7 +37,7 @@ def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray
 
 def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray:
     """Leave-one-out error: height (n) [m] of the interpolation from the other points above each
-    point, or above one of `every`; NaN where no other is near enough."""
+    point, or above one of `every`; NaN if no other point is near enough."""
     from scipy.spatial import cKDTree
 
     tree, asked = cKDTree(points[:, :2]), np.arange(0, len(points), every)
@@ -62,7 +62,8 @@ def _beyond(within: float) -> float:
 
 
 def _mean(z: np.ndarray, apart: np.ndarray, which: np.ndarray, power: float) -> np.ndarray:
-    """Mean weighted by distances to the points, the nearest first; infinite ones are ignored."""
+    """Mean weighted by inverse distances to the points, the nearest first; infinite ones are
+    ignored."""
     if not apart.shape[-1]:
         return np.full(apart.shape[:-1], np.nan)
     nearest = apart[..., :1]

@@ -35,7 +35,7 @@ def spaced(vertices: np.ndarray, number: int) -> np.ndarray:
 
 def intersections(vertices: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances along two polylines of the places where they meet, in the order of the first [m];
-    none where they run along each other."""
+    none where they coincide."""
     start, side = vertices[:-1, None], np.diff(vertices)[:, None]
     begin, across = other[:-1], np.diff(other)
     turn = (np.conj(side) * across).imag

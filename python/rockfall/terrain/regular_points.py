@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points that are the nodes of one regular grid, as national surveys deliver grids: x, y and z of
+"""Points that are the nodes of one regular grid, the usual form of national surveys: x, y and z of
 each node, with or without gaps."""
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ SPARSE = 100  # nodes for each point: more are no grid with gaps
 
 
 class Nodes(NamedTuple):
-    """Elevations (ny, nx) [m] of nodes, NaN where no point is; their grid has a cell around each
-    node. `shared` nodes have several points that differ, whose mean it is."""
+    """Elevations (ny, nx) [m] of nodes, NaN without a point; their grid has a cell around each
+    node. `shared` nodes have several different points, and their mean."""
 
     z: np.ndarray
     grid: Grid
@@ -34,7 +34,7 @@ class Nodes(NamedTuple):
 
 
 class _Axis(NamedTuple):
-    """Nodes along an axis: the first, their spacing [m], and where each point is."""
+    """Nodes along an axis: the first, their spacing [m], and the position of each point."""
 
     first: float
     step: float
@@ -46,13 +46,13 @@ class _Axis(NamedTuple):
 
 
 def spacings(points: np.ndarray) -> tuple[float, float] | None:
-    """Spacing of the nodes in x and y [m]; None if points (n, 3) are no nodes of a grid."""
+    """Spacing of the nodes in x and y [m]; None if points (n, 3) are not the nodes of a grid."""
     axes = _axes(points)
     return None if axes is None else (axes[0].step, axes[1].step)
 
 
 def regular_nodes(points: np.ndarray) -> Nodes | None:
-    """Nodes of the one regular grid of square cells that points (n, 3) [m] are; else None."""
+    """Nodes of a regular grid of square cells, if points (n, 3) [m] are nodes of one; else None."""
     axes = _axes(points)
     if axes is None:
         return None

@@ -34,7 +34,7 @@ def without_holes(z: np.ndarray, far: float) -> np.ndarray:
 
 
 def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
-    """Fill pits no deeper than `deepest` [m] up to their spill level; deeper ones, such as ditches
+    """Fill pits no deeper than `deepest` [m] up to their spill level; deeper pits, such as ditches
     and quarries, remain."""
     from scipy.ndimage import label, maximum
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random relief for slopes that are made up, as those of some cases are."""
+"""Random relief for synthetic slopes, such as those of some cases."""
 
 from __future__ import annotations
 

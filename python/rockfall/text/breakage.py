@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 def breakage_lines(
     case: Case, volumes: np.ndarray, density: np.ndarray | float
 ) -> list[tuple[str, str]]:
-    """Description of what breaks the median of these boulders [m3], [kg/m3], and into what; empty
-    where boulders do not break."""
+    """Description of the impacts that break the median of these boulders [m3], [kg/m3], and of its
+    fragments; empty if boulders do not break."""
     at = case.breakage["at"]
     if at == "none":
         return []

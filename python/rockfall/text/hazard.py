@@ -63,8 +63,8 @@ def _more(hazard: xr.Dataset, name: str) -> list[str]:
 
 def hazard_warnings(hazard: xr.Dataset, shown: Collection[str] = ()) -> Iterator[str]:
     """Model remarks of `run` for each scenario, merged if all are equal; warnings of too few
-    boulders to identify safe cells, and of zones that show less than the map; without messages of
-    these ids, which a document has `shown` already."""
+    boulders to identify safe cells, and of zones lower than the map; without messages with ids
+    already `shown` in a document."""
     for group in warning_groups(hazard):
         for sentence in group.texts:
             if isinstance(sentence, Text) and sentence.key in shown:
@@ -80,8 +80,8 @@ class WarningGroup(NamedTuple):
 
 
 def warning_groups(hazard: xr.Dataset) -> list[WarningGroup]:
-    """Warnings of `hazard_warnings` by the scenarios that they are about: those of all first, then
-    in the order of the scenarios."""
+    """Warnings of `hazard_warnings` by the scenarios concerned: warnings on all first, then in the
+    order of the scenarios."""
     groups: dict[str, list[str]] = {"": []}
     for names, text in _of_model(hazard):
         groups.setdefault(names, []).append(text)
@@ -110,7 +110,7 @@ def limits_of_hazard(hazard: xr.Dataset) -> Iterator[Text]:
 
 
 def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
-    """Remarks on the model with the names of their scenarios; "" for those of all."""
+    """Remarks on the model with the names of their scenarios; "" for remarks on all scenarios."""
     if "scenario_warnings" not in hazard:
         yield "", say("hazard.no_remarks")
         return

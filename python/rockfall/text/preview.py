@@ -39,7 +39,7 @@ DRAWS = 101  # of the sizes of rocks by boulder, for their quantiles
 
 
 def preview(scene: Scene) -> str:
-    """Page about a scene. Some of its boulders are simulated, for timing and statistics, without
+    """Overview of a scene; some of its boulders are simulated for timing and statistics, without
     output."""
     case = scene.case
     pilot = pilot_run(scene)
@@ -144,7 +144,7 @@ def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _band(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Command that runs the softer and firmer neighbours of the ground that all cells have."""
+    """Command that runs the softer and firmer neighbours of the ground of all cells."""
     names = {ground.name for ground in scene.grounds}
     others = band(names.pop()) if len(names) == 1 else ()
     if others:
@@ -251,8 +251,8 @@ def _rebounds(values: dict[str, np.ndarray]) -> str:
 
 def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
     """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks:
-    for the mean volume, and in brackets for the 5 and 95 % quantiles if they use other sets.
-    Boulders that meet smaller rocks count as larger ones."""
+    for the mean volume, and in brackets for the 5 and 95 % quantiles if they use other sets. For
+    smaller rocks boulders count as larger ones."""
     grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
     if sigma := scene.case.boulder["mean_radius_sigma"]:
         deviates = [NormalDist(sigma=sigma).inv_cdf((k + 0.5) / DRAWS) for k in range(DRAWS)]

@@ -79,8 +79,8 @@ def burn_polygons(
     key: str = "",
     numbers: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Integer `field` of the polygon that holds the centre of each cell (int32, `NO_ID` outside),
-    or its own of `numbers`; the last one where they overlap. Everything else is as in
+    """Integer `field` of the polygon that contains the centre of each cell (int32, `NO_ID`
+    outside), or its value of `numbers`; the last one where they overlap. Everything else is as in
     `_on_terrain`."""
     remarks, read = [] if remarks is None else remarks, [field] if numbers is None else []
     need("polygons need", "vector", "pyogrio", "shapely")
@@ -129,7 +129,7 @@ def layer_names(path: str | Path) -> list[str]:
 def numbered_polygons(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Number, from 1, of the part of a polygon that holds the centre of each cell (0: none), the
+    """Number, from 1, of the part of a polygon that contains the centre of each cell (0: none), the
     last one where they overlap; the feature, from 1, of each part, after a 0; and the attributes of
     all features. Everything else is as in `_on_terrain`."""
     polygons = _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)
@@ -145,7 +145,7 @@ def numbered_polygons(
 def _numbered(
     polygons: _Features, grid: Grid, order: int = 1
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Number of the last part of a polygon (the first, for order -1) that holds each cell, the
+    """Number of the last part of a polygon (the first, for order -1) that contains each cell, the
     feature of each part, and the parts."""
     import shapely
 
@@ -270,7 +270,7 @@ def _on_terrain(
 
     Coordinates in another CRS than the terrain's are reprojected, vertex by vertex, with a note in
     `remarks`; a layer without a CRS is refused. On a terrain without a CRS they are used unchanged,
-    whatever the CRS of the layer. Those of a drawing are the terrain's, with a note.
+    whatever the CRS of the layer. Coordinates of a drawing are taken as the terrain's, with a note.
     """
     path = str(path)
     if is_drawing(path):
@@ -298,8 +298,8 @@ def _drawn(
     key: str,
 ) -> np.ndarray:
     """Shapes of a layer of a drawing, which has no attributes and no CRS. Closed lines and hatches
-    are polygons where these are allowed; what cannot be a shape of the given kinds, such as a text,
-    is left out, with a remark, but not a line in place of a polygon."""
+    are polygons where these are allowed; entities that cannot be shapes of the given kinds, such as
+    texts, are left out with a remark; a line in place of a polygon is not."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import shapely
 

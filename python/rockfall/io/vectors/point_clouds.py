@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Point clouds: LAS and LAZ (laspy, lazrs), and XYZ text, read in chunks.
 
-Memory: 48 bytes for each point that is kept while they are joined, 24 afterwards; where points are
-averaged in squares, about 150 for each square that has some, and 0.3 GB for the chunks.
+Memory: 48 bytes for each point that is kept while they are joined, 24 afterwards; if points are
+averaged in squares, about 150 for each square with points, and 0.3 GB for the chunks.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _WKT, _DESCRIPTION = 2112, 3  # records of LAS: coordinate system, text area
 
 
 def is_cloud(path: str | Path) -> bool:
-    """Return True for the name of a point cloud, and for other texts with points in rows."""
+    """Return True for the name of a point cloud, and for text files with points in rows."""
     return Path(path).suffix.lower() in (*LASER, TEXT) or is_point_text(path)
 
 
@@ -57,10 +57,10 @@ def read_clouds(
     thin: float | None = None,
     given: CRS | None = None,
 ) -> tuple[np.ndarray, CRS | None]:
-    """Points (n, 3) [m] of all files, and their common CRS: that of LAS files, or the one `given`.
+    """Points (n, 3) [m] of all files, and their common CRS: that of LAS files, or the `given` one.
 
-    Of LAS files points of the `classes` (default: 2, ground) are taken, but not those withheld;
-    with `thin`, the mean of the points in each square of that side [m].
+    From LAS files the points of the `classes` (default: 2, ground) are taken, except withheld ones;
+    with `thin`, the mean of the points in each square with this side [m].
     """
     if thin is not None and not 0 < thin < np.inf:
         raise RockfallError(f"--thin {thin:g}: must be > 0 [m]")
@@ -114,7 +114,7 @@ def _joined(chunks: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def _averaged(chunks: Iterable[np.ndarray], side: float) -> np.ndarray:
-    """Mean of the points in each square that has some: the same for chunks of any size but for
+    """Mean of the points in each square that has any: equal for chunks of any size, except for
     rounding. A plane stays a plane."""
     squares, sums = _sums(np.empty(0, np.int64), np.empty((0, 4)))
     waiting: list[tuple[np.ndarray, np.ndarray]] = []
@@ -141,7 +141,7 @@ def _together(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, n
 
 
 def _sums(squares: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Each square once, with the sum of its values, added in their order."""
+    """Distinct squares, with the sum of the values of each, added in their order."""
     if not len(squares):
         return squares, values
     order = np.argsort(squares, kind="stable")
@@ -151,7 +151,7 @@ def _sums(squares: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
-    """CRS that all files name, or none; a RockfallError refuses a mixture."""
+    """CRS of all files, or None; a RockfallError refuses a mixture."""
     named = [(path, _laser_crs(path)) for path in paths if _is_laser(path)]
     for path, crs in named:
         if crs is not None and given is not None:
@@ -166,7 +166,7 @@ def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
 
 
 def _laser_crs(path: str | Path) -> CRS | None:
-    """CRS of a LAS file, None if it names none. A file whose records contradict each other is
+    """CRS of a LAS file, None if it has none. A file whose records contradict each other is
     refused: laspy takes the last, other readers the first, or join them."""
     from rasterio.crs import CRS
 
@@ -216,8 +216,8 @@ def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any])
 
 
 def _in_metres(path: Path, factor: str) -> str:
-    """Command that makes a cloud with heights multiplied by a factor, without its statement of
-    systems, which readers would convert again: --crs gives that of the plan."""
+    """Command that makes a cloud with heights multiplied by a factor, without its coordinate
+    systems, by which readers would convert again: --crs gives the system in plan."""
     made = str(path.with_name(f"{path.stem}_m{path.suffix}"))
     code = f"import laspy; p = laspy.read({str(path)!r}); p.z = p.z * {factor}; p.vlrs = []; "
     code += f"p.evlrs = []; p.write({made!r})"
@@ -225,7 +225,7 @@ def _in_metres(path: Path, factor: str) -> str:
 
 
 class _Laser:
-    """A LAS file that is open; whatever goes wrong is a RockfallError."""
+    """An open LAS file; all its errors are RockfallErrors."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = path
@@ -253,7 +253,7 @@ class _Laser:
 
 
 def _check_header(path: str | Path) -> None:
-    """Refuse a file whose header claims more than it holds, before laspy believes it."""
+    """Refuse a file whose header claims more than it contains, before laspy relies on it."""
     size, start = os.path.getsize(path), start_of(path)
     if len(start) < _HEADER.size or not start.startswith(b"LASF"):
         raise RockfallError(f"{path}: not a LAS file")
@@ -276,8 +276,8 @@ def _check_header(path: str | Path) -> None:
 
 
 def _chunk_points(path: str | Path, offset: int, size: int) -> int:
-    """Number of points that a LAZ file holds uncompressed, the first of each of its chunks; -1 if
-    it contains nothing valid."""
+    """Number of uncompressed points in a LAZ file, the first of each of its chunks; -1 if nothing
+    is valid."""
     with open(path, "rb") as file:
         file.seek(offset)
         (table,) = _PLACE.unpack(file.read(_PLACE.size).ljust(_PLACE.size, b"\0"))

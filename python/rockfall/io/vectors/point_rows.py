@@ -31,8 +31,8 @@ def is_point_layer(path: str | Path) -> bool:
 def read_point_rows(
     path: str | Path, grid: Grid, remarks: list[str]
 ) -> tuple[str, list[str], Iterator[Row]]:
-    """Columns of a layer of points, and its rows, as `rockfall.io.tables.read_table` returns those
-    of a CSV file: x and y [m] in the CRS of the grid, and the attributes, in lower case.
+    """Columns of a layer of points, and its rows, in the form of `rockfall.io.tables.read_table`: x
+    and y [m] in the CRS of the grid, and the attributes, in lower case.
 
     Reprojections are noted in `remarks`. A RockfallError names what is wrong with the layer.
     """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Points in rows of a text (XYZ): columns by the names of the first line, else the first three.
 
-Columns that slip are refused: elevations from the wrong column may look like terrain.
+Shifted columns are refused: elevations from the wrong column may look like terrain.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class _Layout(NamedTuple):
 
 
 def is_point_text(path: str | Path) -> bool:
-    """Return True for an existing text, by its extension, whose first line is one of points: three
-    numbers or more, or their names x, y and z parted by blanks."""
+    """Return True for an existing text, by its extension, whose first line describes points: three
+    or more numbers, or the names x, y and z separated by blanks."""
     path = Path(path)
     if path.suffix.lower() not in MAYBE_TEXT or not path.is_file():
         return False
@@ -115,7 +115,7 @@ def _longer(path: str | Path, line: int, layout: _Layout) -> str:
 
 
 def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: bool) -> None:
-    """Refuse rows that are longer than the first line, and numbers that are not x, y and z."""
+    """Refuse rows that are longer than the first line, and columns that are not x, y and z."""
     surplus = table.iloc[:, layout.total :].notna().any(axis=1)  # separators may end a line
     if surplus.any():
         line = int(table.index[surplus][0]) + 1 + layout.head
@@ -138,7 +138,7 @@ def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: b
 
 
 def _cells(line: str) -> tuple[list[str], str]:
-    """Cells of a line, and what separates them, as pandas names it."""
+    """Cells of a line, and their separator in the notation of pandas."""
     for mark in ";", ",":
         decimal = mark == "," and len(line.split()) > 2
         decimal = decimal and all(map(_COMMA_NUMBER.fullmatch, line.split()[:3]))
@@ -148,8 +148,8 @@ def _cells(line: str) -> tuple[list[str], str]:
 
 
 def _in_metres(path: Path, factor: str, cells: list[str], separator: str, head: int) -> str:
-    """Command that makes points with z multiplied by a factor, of a text with these first cells
-    below some lines."""
+    """Command that makes points with z multiplied by a factor, from a text with these first cells
+    after some lines."""
     is_head = not all(map(_NUMBER.fullmatch, filter(None, cells)))
     names = [cell.lower().lstrip("#/")[:1] for cell in cells] if is_head else ["x", "y", "z"]
     names = names[1:] if names[0] == "" else names

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Polygons as areas: parts on the terrain, overlaps, points inside, cells that they hold or touch.
+"""Polygons as areas: parts on the terrain, overlaps, points inside, cells contained or touched.
 
-A place on the border of two polygons belongs to one of them: that to its west, or south of it on a
-border from west to east. So polygons that share borders share no cell, and leave none out.
+A point on the border of two polygons belongs to the western one, or to the southern one on an
+east-west border. Polygons with common borders thus share no cell, and omit none.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ def note_outside(
 
 
 def empty_polygons(cells: np.ndarray, shapes: np.ndarray, grid: Grid) -> np.ndarray:
-    """Mark polygons that hold no cell, given their number (from 1) in each. Most are found in a few
-    cells, the others within their bounds."""
+    """Mark polygons that contain no cell centre, given their number (from 1) in each. Most are
+    found in a few cells, the others within their bounds."""
     import shapely
 
     held = np.zeros(len(shapes) + 1, bool)
@@ -123,7 +123,7 @@ def held_cells(shapes: Iterable[tuple[Any, int]], grid: Grid, cells: np.ndarray)
 
 
 def touched_cells(shapes: np.ndarray, numbers: np.ndarray, grid: Grid) -> np.ndarray:
-    """Number of the last polygon that touches each cell, be it at an edge; 0 where none does."""
+    """Number of the last polygon that touches each cell, even at an edge; 0 if none does."""
     import shapely
     from rasterio.features import rasterize
 

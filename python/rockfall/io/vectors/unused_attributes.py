@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Attributes of layers, and columns of tables, that are likely mistakes: those that nothing uses,
-misspelt ones among them, and numbers that stand for missing ones."""
+"""Attributes of layers, and columns of tables, that are likely mistakes: unused or misspelt names,
+and numbers that represent missing values."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def note_marks(
     used: Iterable[str],
     plain: Callable[[str], str] = str.lower,
 ) -> None:
-    """Add a remark on each used column whose largest number is one that marks missing numbers, far
-    above all others."""
+    """Add a remark on each used column whose largest number marks missing values, far above all
+    others."""
     names = {plain(name) for name in used} - _NO_NUMBERS
     names |= {name[:SHORT] for name in names}
     for name, column in columns.items():

@@ -59,7 +59,7 @@ class Labels:
 
 
 def beside(x: np.ndarray, y: np.ndarray) -> Iterator[Place]:
-    """Candidate places for the name of a polyline, from its start on."""
+    """Candidate places for the name of a polyline, from its start."""
     for at in np.linspace(0, x.size - 1, TRIED) if x.size else ():
         for offset in BESIDE:
             place = (float(np.interp(at, np.arange(x.size), c)) for c in (x, y))

@@ -24,7 +24,7 @@ FINEST, COARSEST = 1000.0, 5000.0  # denominators of its scale
 @styled
 def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure:
     """Map of the zones, lines, barriers and objects of a hazard, at 1:1,000 to 1:5,000: of the part
-    around the objects and lines where all of it would be smaller."""
+    around objects and lines if the scale of the complete map would be smaller."""
     key = zone_key(hazard)
     wide, high = inner_size(room, key)
     extent = extent_of(hazard, terrain)

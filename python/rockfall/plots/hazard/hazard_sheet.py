@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard map on a sheet of A3, as authorities publish them: zones, with a title block that gives
-what they mean and what they were made of; and pages with all warnings.
+"""Hazard map on a sheet of A3, as authorities publish them: zones, with a title block that explains
+them and lists their inputs; and pages with all warnings.
 
 All positions are in inches, from the lower left corner of the paper.
 """
@@ -94,8 +94,8 @@ def hazard_sheet(
 
 
 def _place_on_paper(sheet: Sheet) -> None:
-    """Put the map, which fills a figure, at the lower left of the paper. What is drawn in inches
-    stays where it is; the rest keeps its size."""
+    """Put the map, which fills a figure, at the lower left of the paper. Elements placed in inches
+    keep their position; the others keep their size."""
     figure = sheet.figure
     wide, high = figure.get_size_inches()
     places = {axes: axes.get_position() for axes in figure.axes}
@@ -246,8 +246,8 @@ def _write_sources(block: _Block, hazard: xr.Dataset, sheet: Sheet) -> None:
 
 
 def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
-    """Write how many warnings there are and where all are in full, and the first ones as far as
-    they fit complete: one that is cut may lose that the numbers err low."""
+    """Write the number of warnings, the place of the full list, and the first warnings that fit
+    completely: a cut warning may lose the part that numbers err low."""
     if not warnings:
         return
     block.write(say("sheet.warnings", n=len(warnings)), NORMAL, "bold")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Map of the sources by what comes from them to a place: the cells of half of it, of the next
-30 %, of the rest, and those from which nothing comes."""
+"""Map of the sources by their contribution to a place: the cells that contribute half of all
+boulders, the next 30 %, the rest, and cells without a contribution."""
 
 from __future__ import annotations
 
@@ -37,8 +37,9 @@ def origin_place(hazard: xr.Dataset) -> Place | None:
 
 
 def parts_of_total(rates: np.ndarray) -> np.ndarray:
-    """Class of each cell by its frequency: 0 for those that together make half of the sum, then up
-    to 80 %, the rest, and 3 where nothing comes; equal frequencies may be in two classes."""
+    """Class of each cell by its frequency: 0 for cells that together contribute half of the sum, 1
+    up to 80 %, 2 for the rest, and 3 without a contribution; equal frequencies may be in two
+    classes."""
     order = np.argsort(-rates, kind="stable")
     before = np.concatenate([[0.0], np.cumsum(rates[order])[:-1]]) / rates.sum()
     classes = np.empty(rates.size, int)
@@ -48,7 +49,7 @@ def parts_of_total(rates: np.ndarray) -> np.ndarray:
 
 @styled
 def origin_map(hazard: xr.Dataset, terrain: Terrain | None, place: Place, room: Room) -> Figure:
-    """Map of the sources of what comes to a place."""
+    """Map of the sources of the boulders that come to a place."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 

@@ -37,7 +37,7 @@ def roads_of_segments(hazard: xr.Dataset) -> list[str]:
 def segment_figure(hazard: xr.Dataset, road: str) -> Figure:
     """Figure of the segments of a road: class of hazard, annual frequencies with 95 % bands, 95 %
     quantiles of the energy and of the height of the upper edge of the boulders that touch them,
-    hatched where too few boulders give an upper limit."""
+    hatched where there are too few boulders for an upper limit."""
     rows = segment_table(hazard)
     rows = rows[rows["road"] == road].sort_values("chainage_from")
     thresholds = hazard["threshold"].values.tolist()
@@ -98,8 +98,8 @@ def _draw_frequencies(axes: Axes, rows: pd.DataFrame, thresholds: list[float]) -
 def _draw_steps(
     axes: Axes, rows: pd.DataFrame, name: str, colour: str, label: str | None = None
 ) -> None:
-    """Draw a number of each segment as a step with its band; hatched upwards, where too few
-    boulders give an upper limit."""
+    """Draw a number of each segment as a step with its band, hatched upwards where there are too
+    few boulders for an upper limit."""
     top = rows[[name, f"{name}_high"]].max().max()
     for k, (_, row) in enumerate(rows.iterrows()):
         ends = [row["chainage_from"], row["chainage_to"]]

@@ -28,7 +28,7 @@ COMMENTS = {
 
 
 def map_label(name: str, long_name: str) -> str:
-    """Label of a map with these names; the long name where no message is for it."""
+    """Label of a map with these names; the long name if there is no message."""
     parts = PARTS.fullmatch(name)
     base, places = parts.groups() if parts else (name, "")
     label = _label(base)
@@ -47,7 +47,7 @@ def map_comment(name: str, attrs: Mapping[str, Any]) -> list[str]:
 
 
 def _label(name: str) -> str:
-    """Label of a map in plan; "" without a message."""
+    """Label of a map in plan; "" if there is no message."""
     if is_message(f"variable.{name}"):
         return say(f"variable.{name}")
     for end, key in LIMITS.items():

@@ -53,7 +53,7 @@ def plain_name(name: str) -> str:
 
 
 def matching(key: str, columns: Iterable[str]) -> list[str]:
-    """Attributes that give a value of a stand, as they are called in the layer; shapefiles truncate
+    """Attributes that give a value of a stand, by their names in the layer; shapefiles truncate
     their names.
 
     >>> matching("dbh_mean", ["FID", "BHD", "Baumart"])
@@ -70,7 +70,7 @@ class Attributes(NamedTuple):
     columns: dict[str, np.ndarray]
 
     def own_name(self, key: str) -> str | None:
-        """Name of the attribute in the layer; None if it has none. Several names are no matter."""
+        """Name of the attribute in the layer; None if it has none. Several names are allowed."""
         matches = matching(key, self.columns)
         if len(matches) > 1 and key != "name":
             raise RockfallError(
@@ -79,7 +79,8 @@ class Attributes(NamedTuple):
         return matches[0] if matches else None
 
     def note_unused(self, remarks: list[str], keys: Iterable[str]) -> None:
-        """Add remarks on attributes that give none of the values `keys`, and on marks in others."""
+        """Add remarks on attributes that give none of the values `keys`, and on marks of missing
+        values in others."""
         names = [name for key in keys for name in NAMES[key]]
         note_unused(remarks, self.where, self.columns, names, plain_name)
         note_marks(remarks, self.where, self.columns, names, plain_name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees of a scene: listed or generated, and what thinnings leave of them."""
+"""Trees of a scene: listed or generated, and thinned."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stands of trees: polygons with stems a hectare, diameters, and conifers or species.
+"""Stands of trees: polygons with stems per hectare, diameters, and conifers or species.
 
-Each cell that a polygon touches draws the number of stems of its densest polygon, anywhere in
-the cell. A stem then stands if it lies in a polygon, with the probability of that polygon's density
-over that of the densest: a thinned Poisson process is a Poisson process (Lewis and Shedler 1979),
-so cells cut by an edge contain stems by the areas of their parts. Where all of a cell lies in one
-polygon, stems are those of a raster with its values.
+Each cell that a polygon touches draws the number of stems of its densest polygon, anywhere in the
+cell. A stem is kept if it lies in a polygon, with the probability of that polygon's density over
+that of the densest: a thinned Poisson process is a Poisson process (Lewis and Shedler 1979), so
+cells cut by an edge contain stems by the areas of their parts. A cell entirely within one polygon
+has the stems of a raster with its values.
 """
 
 from __future__ import annotations
@@ -67,13 +67,13 @@ class Stands(NamedTuple):
     def thinned(
         self, stand: np.ndarray, row: np.ndarray, column: np.ndarray, u: np.ndarray
     ) -> np.ndarray:
-        """Mark stems that stand, by the stand and the cell of each, and a uniform number."""
+        """Mark stems that are kept, by the stand and the cell of each, and a uniform number."""
         densest = self.by_rank[self.ranks[row, column]]
         return (stand >= 0) & (u * densest < self.density[stand])
 
     def draw_species(self, stand: np.ndarray, u: np.ndarray, factors: np.ndarray) -> np.ndarray:
-        """Set the toughness factors of stems in stands of given species, by a uniform number of
-        each; returns a mark for these stems."""
+        """Set the toughness factors of stems in stands of given species, by a uniform number for
+        each; returns a mask of these stems."""
         drawn = np.zeros(u.size, bool)
         for k, mixture in enumerate(self.mixtures):
             if mixture is not None:
@@ -134,8 +134,8 @@ def _note_units(
     with_trees: np.ndarray,
     names: Sequence[str],
 ) -> None:
-    """Add a remark on each value that is likely in another unit in some stands; one in all of them
-    is found with the trees."""
+    """Add a remark on each value that is likely in another unit in some stands; a unit wrong in all
+    stands is found with the trees."""
     for key, smallest in SMALLEST.items():
         own = np.where(with_trees, values.get(key, 0.0), 0.0)
         odd = np.flatnonzero((own > 0) & (own <= smallest))
@@ -161,7 +161,7 @@ def _areas(inputs: Inputs, path: Path, shapes: np.ndarray) -> np.ndarray:
 def _check_given_once(
     inputs: Inputs, path: Path, attributes: Attributes, key: str, values: Any, needed: bool
 ) -> None:
-    """Refuse values given by both layer and case, or by none."""
+    """Refuse values given by both layer and case, or by neither."""
     forest = inputs.case.forest
     given = [name for name in (key, f"uniform_{key}") if name in forest]
     if values is not None and given:

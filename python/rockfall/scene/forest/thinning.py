@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Changes of a stand: no stems near sources, and fewer after felling or a storm.
 
-Whether a stem remains depends only on its place and on a number of its own, so the stems that
-remain are a part of those before, and of those after a weaker thinning: variants of a forest have
+Whether a stem remains depends only on its place and on a number of its own, so the remaining stems
+are a subset of the stems before, and of those after a weaker thinning: variants of a forest have
 common trees.
 """
 

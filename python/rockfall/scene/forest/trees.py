@@ -28,7 +28,7 @@ class Trees(NamedTuple):
         return sum(values.nbytes for values in self) + STEM * self.x.size
 
     def area(self) -> float:
-        """Forest area [ha]: total area of the squares that hold a stem."""
+        """Forest area [ha]: total area of the squares with a stem."""
         column, row = (np.floor(values / SQUARE).astype("i8") for values in (self.x, self.y))
         squares = np.unique(column - column.min() + (np.ptp(column) + 1) * (row - row.min())).size
         return squares * SQUARE**2 / HECTARE

@@ -43,8 +43,8 @@ class SetFile(NamedTuple):
         return hashlib.sha256(self.text).hexdigest()
 
     def read(self, turning: str) -> tuple[Coefficients, int]:
-        """Numbers of the set, with all that a turning rule needs, and the number of draws in the
-        file. Raises a RockfallError that names file, group and key."""
+        """Numbers of the set, with all numbers that a turning rule needs, and the number of draws
+        in the file. Raises a RockfallError that names file, group and key."""
         *values, ranges, draws, code, message = _core.read_sets(
             *kernel_text(self.text, self.name), turning, self.draw
         )
@@ -59,7 +59,7 @@ def open_sets(path: Path) -> SetFile:
 
 
 def draws_in(path: Path, turning: str) -> list[SetFile]:
-    """Each draw of a file that may hold several, with all that a turning rule needs."""
+    """Each draw of a file that may contain several, with all numbers that a turning rule needs."""
     first = open_sets(path)._replace(draw=1)
     _, number = first.read(turning)
     draws = [first._replace(draw=draw) for draw in range(1, number + 1)]
@@ -70,7 +70,7 @@ def draws_in(path: Path, turning: str) -> list[SetFile]:
 
 def covariance_root(covariance: np.ndarray, name: str = "covariance") -> np.ndarray:
     """Root L (n, n) of a covariance C (n, n) in the unit of C: C = L L^T, by the kernel's rule
-    (theory, chapter 5). Raises a RockfallError that starts with `name` where C is no covariance."""
+    (theory, chapter 5). Raises a RockfallError that starts with `name` if C is no covariance."""
     root, code, message = _core.covariance_root(name, covariance)
     check_kernel(code, message)
     return root

@@ -8,9 +8,9 @@ from typing import Any
 
 
 def stated_frequency(scenario: Mapping[str, Any], boulder: Mapping[str, Any]) -> float:
-    """Boulders a year of what its `frequency_per` names. An activity is the number larger than
-    1 m3, of a power distribution between the ends of the volumes of the scenario, or of &boulder
-    (Hungr et al. 1999)."""
+    """Boulders a year for each unit that `frequency_per` names. An activity is the number larger
+    than 1 m3, of a power distribution between the ends of the volumes of the scenario, or of
+    &boulder (Hungr et al. 1999)."""
     if "frequency" in scenario:
         return float(scenario["frequency"])
     if "return_period" in scenario:

@@ -15,7 +15,7 @@ class Survey:
     """Terrain data needed before a run, gathered from all its rows."""
 
     def __init__(self, case: Case, grid: Grid, minima: np.ndarray | None = None) -> None:
-        """`minima` are those of all rows, where they are known already."""
+        """`minima` are those of all rows, if already known."""
         self._output, self._grid = case.output, grid
         self.head = np.full(1, -np.inf)  # energy head [m]
         nodes = grid.nx, grid.ny
@@ -26,8 +26,8 @@ class Survey:
         self.minima = np.full(blocks, np.inf, order="F") if minima is None else minima
 
     def take(self, kernel: KernelScene, first: int, stop: int) -> None:
-        """Add rows `first` to `stop` - 1 of the raster; the scene in the kernel holds them and four
-        more on either side.
+        """Add rows `first` to `stop` - 1 of the raster; the scene in the kernel contains them and
+        four more on either side.
 
         A source from which no boulder can start is refused.
         """

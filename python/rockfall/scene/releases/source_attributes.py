@@ -81,7 +81,7 @@ class Table:
         return coordinates
 
     def number(self, k: int, name: str, value: Any) -> float:
-        """Parse a number from a column that may hold anything."""
+        """Parse a number from a column with any contents."""
         if value is None:
             return np.nan
         if self.is_text and np.isfinite(number := decimal(value)):
@@ -190,7 +190,7 @@ def axes_of(table: Table) -> np.ndarray | None:
 
 
 def _axis_shapes(table: Table) -> np.ndarray:
-    """Number of the block shape nearest to the axes of each feature; 0 where there are none."""
+    """Number of the block shape nearest to the axes of each feature; 0 where axes are missing."""
     shape = np.zeros(table.size, np.int8)
     if (given := axes_of(table)) is None:
         return shape
@@ -238,7 +238,7 @@ def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) ->
 
 
 def _check_shapes(case: Case, table: Table, shape: np.ndarray | None) -> None:
-    """Check that each feature gives a block shape, where sources must: rasters give it, too."""
+    """Check that each feature gives a block shape if sources must; rasters give it, too."""
     if BY_SOURCE not in case.boulder["block_shape"] or facts(case, "boulder", "release").by_raster:
         return
     given = np.zeros(table.size, bool) if shape is None else shape > 0

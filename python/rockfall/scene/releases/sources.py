@@ -66,7 +66,7 @@ def read_sources(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Source
     """Release points, or the centres of source cells in raster order, with their boulder
     properties.
 
-    `bands` are rows of the terrain in order, each in rasters that hold it and its neighbours.
+    `bands` are rows of the terrain in order, each in rasters that contain it and its neighbours.
     """
     release = inputs.case.release
     if "x" in release:
@@ -119,16 +119,16 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
 
 @dataclass
 class Unknown:
-    """Cells that are sources by a raster or polygons, and those of them where no boulder can
-    start: without an elevation, or without enough around them."""
+    """Cells that are sources by a raster or polygons, and the number of these in which no boulder
+    can start: without an elevation, or with too few around them."""
 
     part: int = 0
     n: int = 0
 
 
 class Polygons(NamedTuple):
-    """Parts of polygons of sources: the number of that in each cell (0: none), the feature of each
-    (both from 1), and the attributes of features."""
+    """Parts of polygons of sources: the number of the part in each cell (0: none), the feature of
+    each (both from 1), and the attributes of features."""
 
     cells: np.ndarray
     owner: np.ndarray
@@ -178,8 +178,8 @@ def _with_attributes(
     owner: np.ndarray | None = None,
     part: np.ndarray | None = None,
 ) -> Sources:
-    """Sources with the release attributes of features; those of each source are given, for cells
-    also the part of a polygon, and the feature of each part."""
+    """Sources with the release attributes of features; the features of each source are given, for
+    cells also the part of a polygon, and the feature of each part."""
     features, frequency = read_attributes(inputs.case, table, feature)
     note_unused(inputs.remarks, table.path, table.columns, table.asked)
     note_marks(inputs.remarks, table.path, table.columns, table.asked)
@@ -229,8 +229,8 @@ def _note_lost(
     owner: np.ndarray,
     part: np.ndarray,
 ) -> None:
-    """Note parts of polygons without a source: those that are narrower than a cell, lie outside the
-    known terrain or under later ones, or are not steep. Whatever comes from them is left out."""
+    """Note parts of polygons without a source: parts that are narrower than a cell, lie outside the
+    known terrain or under later parts, or are not steep. They release no boulders."""
     is_lost = np.bincount(part, minlength=owner.size) == 0
     is_lost[0] = False
     if not is_lost.any():
@@ -251,7 +251,7 @@ def _note_lost(
 
 
 def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
-    """Sources with the volume, inertia and density of their boulders; those of shape 0 have none
+    """Sources with the volume, inertia and density of their boulders; sources of shape 0 have none
     and are left out."""
     boulder = inputs.case.boulder
     if "shape" in boulder:
@@ -287,7 +287,7 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
 
 def _block_shapes(inputs: Inputs, axes: np.ndarray) -> np.ndarray | None:
     """Number of the block shape nearest to the axes (3, n) of the boulders of each source; None,
-    with a remark where these differ, if the case has shapes of its own."""
+    with a remark if these differ, if the case has shapes of its own."""
     case, given = inputs.case, inputs.case.boulder["block_shape"]
     shape = _core.shapes_of_axes(axes)
     if BY_SOURCE in given:

@@ -52,7 +52,7 @@ RG_FULL = 100.0  # [m] an Rg of Rockyfor3D that means water
 
 
 def boulder_rules(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings about boulder starts, boulder properties, and what boulders meet."""
+    """Warnings about boulder starts, boulder properties, and the ground that boulders meet."""
     for rule in (
         _release, _source_cells, _source_points, _densities, _volumes, _exponents, _spreads, _stops,
         _gravity, _rocks,
@@ -135,7 +135,8 @@ class _Volumes(NamedTuple):
 
 
 def _distributions(scene: Scene) -> Iterator[_Volumes]:
-    """Volume distributions of the case, of each scenario, and of each feature with its own."""
+    """Volume distributions of the case, of each scenario, and of each feature with a distribution
+    of its own."""
     boulder = scene.case.boulder
     yield _Volumes("", "&boulder", boulder)
     for scenario in scene.case.scenario:
@@ -154,8 +155,8 @@ def _distributions(scene: Scene) -> Iterator[_Volumes]:
 
 
 def largest_volumes(scene: Scene) -> Iterator[float]:
-    """Largest volume [m3] of each distribution that a run or a hazard of a scene draws from; inf
-    where it has no limit."""
+    """Largest volume [m3] of each distribution that a run or a hazard of a scene draws from; inf if
+    unlimited."""
     if scene.source_boulders is not None:
         yield float(scene.source_boulders.volume.max())
     for group, _, keys in _distributions(scene):
@@ -185,7 +186,8 @@ def _volumes(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _exponents(scene: Scene) -> Iterator[InputWarning]:
-    """Exponents of the number of larger boulders that are those of its density, larger by 1."""
+    """Exponents that are likely those of the density instead of the number of larger boulders,
+    which are smaller by 1."""
     for _, where, keys in _distributions(scene):
         exponent = keys.get("volume_exponent", 0.0)
         if keys.get("volume") == "pareto" and exponent > EXPONENT:
@@ -204,8 +206,9 @@ def _stops(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
-    """Normal distributions whose mean changes when they are truncated at zero, and lognormal ones
-    as wide as normal ones may not be; of features, the one with the largest relative spread."""
+    """Normal distributions whose mean changes when they are truncated at zero, and lognormal
+    distributions wider than allowed for normal ones; for features, the one with the largest
+    relative spread."""
     widest_of: dict[str, tuple[float, str, float, float]] = {}
     for group, where, keys in _distributions(scene):
         mean, std = keys.get("volume_mean"), keys.get("volume_std")
@@ -254,8 +257,8 @@ def _rocks(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _order(scene: Scene) -> Iterator[InputWarning]:
-    """Rg in the wrong order: larger where more frequent, nearly everywhere. Published tables do
-    this in some zones (Bourrier et al. 2009, table 1)."""
+    """Rg in the wrong order nearly everywhere: larger values for more frequent obstacles. Published
+    tables do this in some zones (Bourrier et al. 2009, table 1)."""
     ground = scene.ground
     if scene.case.surface["method"] == "B":
         return
@@ -267,7 +270,8 @@ def _order(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _operator(scene: Scene) -> Iterator[InputWarning]:
-    """A table of impacts, or impact sets, that a case gives in addition to a ground for all."""
+    """A table of impacts, or impact sets, given by a case in addition to a ground for all
+    places."""
     key = usual_key(scene.case)
     name, ground = scene.case.impact[key], scene.case.surface.get("ground", "")
     if ground not in ("", name) and is_given(scene.case, "impact", key):
@@ -275,7 +279,7 @@ def _operator(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _shapes(scene: Scene) -> Iterator[InputWarning]:
-    """Block shapes that the case gives, where all tables of impacts are for all shapes; shapes
+    """Block shapes given by the case although all tables of impacts are for all shapes; shapes
     without a share; axes in several units."""
     given = given_groups(scene.case).get("boulder", {})
     shares = given.get("block_shape_share", [])
@@ -293,8 +297,8 @@ def _shapes(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _rests(scene: Scene) -> Iterator[InputWarning]:
-    """Ground without rocks that holds boulders as talus does: because the case gives one angle for
-    all, or because the user's row gives none."""
+    """Ground without rocks on which boulders rest as on talus, because the case gives one angle for
+    all grounds, or the user's row gives none."""
     given = scene.case.impact.get("rest_angle")
     angle = repose() if given is None else given
     smooth = [

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Keys of a case that its files leave without effect. The kernel refuses keys without effect by the
-case alone."""
+"""Keys of a case that have no effect with its files. The kernel refuses keys without effect in the
+case itself."""
 
 from __future__ import annotations
 

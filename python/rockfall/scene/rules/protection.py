@@ -58,7 +58,7 @@ def _barriers(scene: Scene) -> Iterator[InputWarning]:
 def _twins(
     members: Sequence[Mapping[str, Any]], key: Callable[[Mapping[str, Any]], Hashable]
 ) -> Iterator[tuple[str, str]]:
-    """Names of members with one key: of the first of them, and of each that repeats it."""
+    """Names of members with equal keys: of the first one, and of each that repeats it."""
     first: dict[Hashable, str] = {}
     for member in members:
         name = first.setdefault(key(member), member["name"])
@@ -67,7 +67,7 @@ def _twins(
 
 
 def _place(barrier: Mapping[str, Any]) -> Hashable:
-    """Vertices in either direction, and height: a net may stand on the line of a lower wall."""
+    """Vertices in either direction, and height: a net may be on the line of a lower wall."""
     vertices = tuple(zip(barrier["x"], barrier["y"], strict=True))
     return min(vertices, vertices[::-1]), barrier.get("height")
 

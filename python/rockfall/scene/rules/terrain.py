@@ -63,7 +63,7 @@ def _nodata(scene: Scene) -> Iterator[Text]:
 
 
 def _low(scene: Scene) -> Iterator[Text]:
-    """Elevations between those of land and a nodata value, as resampling creates them at voids."""
+    """Elevations between those of land and a nodata value, as created by resampling at voids."""
     low, deep = scene.ground.low, scene.ground.deep
     if LOW < low.value < LOWEST_LAND and not (low.count == deep and low.next - low.value > GAP):
         yield say("input.too_low", n=deep, land=LOWEST_LAND, lowest=low.value)
@@ -92,7 +92,8 @@ def _units(scene: Scene) -> Iterator[Text]:
 
 
 def is_too_steep(half: float, steep: float) -> bool:
-    """Return True for median and 90 % quantile of slopes [degree] that no terrain has."""
+    """Return True for median and 90 % quantile of slopes [degree] that are implausible for
+    terrain."""
     return half > STEEP or (half > FEET[0] and steep > FEET[1])
 
 
@@ -113,7 +114,7 @@ def _steps(scene: Scene) -> Iterator[Text]:
 
 
 def _rough(scene: Scene) -> Iterator[Text]:
-    """Fine cells that hold the rocks which R_m and tables stand for, or noise."""
+    """Fine cells that contain noise, or rocks that R_m and tables represent already."""
     cell = scene.grid.cell
     if FINE[0] <= cell <= FINE[1] and (angle := scene.ground.roughness()) > ROUGH:
         yield say("input.rough", angle=angle, metres=2 * cell)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checkpoints of long runs: a part file that is replaced atomically, so that a killed run resumes
-from the last one. A failure to write it (a full disk) does not end the run. rockfall-batch uses the
-same files, and either program can resume the other's runs."""
+from the last checkpoint. A failure to write it (a full disk) does not end the run. rockfall-batch
+uses the same files, and either program can resume the other's runs."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Checkpoint:
         self.next = time.monotonic() + every
 
     def found(self) -> int:
-        """Number of boulders in the file, 0 without one; any other file of this name is refused."""
+        """Number of boulders in the file, 0 without one; another file with this name is refused."""
         if not os.path.lexists(self.path):
             return 0
         boulders = boulders_in(self.path)
@@ -65,8 +65,8 @@ class Checkpoint:
             check_space(self.output, tally.row_bytes)
 
     def restore(self, tally: Tally) -> None:
-        """Resume from the file, if it exists. A damaged file, or one of another case, input,
-        version or range of boulders, is refused."""
+        """Resume from the file, if it exists. Damaged files, and files of another case, input,
+        version or range of boulders, are refused."""
         if not self.found():
             return
         part = read_part(self.path)
@@ -115,7 +115,7 @@ class Checkpoint:
 
     @contextmanager
     def named(self) -> Iterator[None]:
-        """Name the file, if it exists, in an error of what is done with the result."""
+        """Name the file, if it exists, in errors raised while the result is processed."""
         try:
             yield
         except RockfallError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Outputs that are finished already: `--resume`, and `merge` again, leave them as they are."""
+"""Outputs that are finished already: `--resume`, and `merge` again, leave them unchanged."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FINISHED = "is finished already, from the same case; nothing was changed"
 
 def is_finished(path: Path, origin: Origin, boulders: range) -> bool:
     """Return True if a file has exactly these boulders (from 1) of a run: its result, if they are
-    all, or a part. Any other file, and a damaged one, is not finished."""
+    all, or a part. False for any other or damaged file."""
     try:
         with open_netcdf(path) as file:
             attrs = {name: file.getncattr(name) for name in file.ncattrs()}

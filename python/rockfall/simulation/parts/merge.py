@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 
 def join(parts: Iterable[Held | str | Path]) -> Contents:
-    """Merge the parts of a run (results, or their files) into its result, bit for bit that of a run
-    in one piece except for times and threads.
+    """Merge the parts of a run (results, or their files) into its result, bit for bit equal to a
+    run in one piece except for times and threads.
 
     A RockfallError names parts of another run, and missing or duplicate boulders.
     """

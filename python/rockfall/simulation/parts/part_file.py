@@ -119,8 +119,8 @@ class Part:
 
     def load(self, run: Run) -> None:
         """Store the part in an empty run that begins with its boulders; a RockfallError names
-        values that are impossible in a run. The cells of sources that the part splits are left to
-        be joined or restored."""
+        values that are impossible in a run. Cells of sources that the part splits must then be
+        joined or restored."""
         arrays, boulders = self.arrays, self.last - self.first + 1
         lengths = [arrays[name].size if name in arrays else -1 for name in LENGTHS]
         run.begin_part(boulders, lengths, self.name)
@@ -165,8 +165,8 @@ def boulders_in(path: Path) -> int | None:
 
 
 def read_part(part: Held | str | Path) -> Part:
-    """Read a part from a Dataset or a file; a RockfallError refuses other files, and those of other
-    shapes. Files are read directly, since xarray would take several times as long."""
+    """Read a part from a Dataset or a file; a RockfallError refuses other files, and files with
+    other shapes. Files are read directly, since xarray would take several times as long."""
     if not isinstance(part, str | Path):
         head = _head(part.attrs, part["crs"].attrs if "crs" in part else {}, "a part")
         held: Mapping[Any, Any] = part.variables
@@ -378,7 +378,7 @@ def _check_shapes(
 
 
 def _check_trajectories(part: Part) -> None:
-    """Check that vertices are numbers, those of boulders of the part in order."""
+    """Check that vertices are numbers, for boulders of the part, in order."""
     vertices = {name: part.arrays[name] for name in part.arrays if name.startswith("trajectory_")}
     for name, values in vertices.items():
         if not np.isfinite(values).all():

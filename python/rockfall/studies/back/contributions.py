@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Contribution of each set of data to the posterior, and conflicts between them.
 
-Of set k with the log-likelihood l_k, the posterior by this set alone weights the same members by
-its own likelihood. Its loss with the others is E_alone(l_k) - E(l_k). Where the likelihoods
-are normal and the sets agree, its expectation is 0 and twice the loss, plus d, is at most
-chi-square distributed with d degrees of freedom, the number of parameters: beyond the 95 % quantile
-of that the set is in conflict with the others. Each member has boulders of its own, so that the
-standard error of the loss, from the members by their weights, is one over seeds; where its 95 %
-interval straddles the limit the verdict is undecided.
+For set k with the log-likelihood l_k, the posterior by this set alone weights the same members by
+its likelihood. Its loss with the others is E_alone(l_k) - E(l_k). If the likelihoods are normal and
+the sets agree, its expectation is 0 and twice the loss, plus d, is at most chi-square distributed
+with d degrees of freedom, the number of parameters: beyond its 95 % quantile the set is in conflict
+with the others. Each member has boulders of its own, so that the standard error of the loss, from
+the members by their weights, covers the variation between seeds; if its 95 % interval contains the
+limit the verdict is undecided.
 """
 
 from __future__ import annotations

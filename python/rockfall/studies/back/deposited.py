@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Likelihood of blocks mapped at rest, given the boulders at rest of a run.
 
-Each block has the predictive density of `rockfall.analysis.observed.deposits` at its place. With
-the urn behind it, whose mean that is, the blocks drawn before it would count as much as simulated
-boulders do; they may come in any order, so that half of the others count. With bins in place of
-kernels the product over the blocks is then the Dirichlet-multinomial probability of
-`rockfall.studies.back.evidence`, by the midpoint rule: it knows that few boulders leave the density
-open, and that blocks side by side are one surprise rather than many.
+Each block has the predictive density of `rockfall.analysis.observed.deposits` at its place. In the
+underlying urn model, earlier blocks count as much as simulated boulders; since blocks may come in
+any order, half of the others count. With bins in place of kernels the product over the blocks is
+then the Dirichlet-multinomial probability of `rockfall.studies.back.evidence`, by the midpoint
+rule: few boulders leave the density uncertain, and adjacent blocks are one surprise rather than
+many.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Deposited(Witnesses):
 
     @classmethod
     def of_run(cls, sets: list[Blocks], base: xr.Dataset, cell: float) -> Deposited:
-        """Blocks with the kernels that the boulders of a run give."""
+        """Blocks with the kernels of the boulders of a run."""
         origins = _starts(base, sets)
         rests = [at_rest(base, impact_set, origins) for impact_set in sets]
         kernels = [fitted_kernel(*pair, cell) for pair in zip(sets, rests, strict=True)]
@@ -90,7 +90,7 @@ class Deposited(Witnesses):
         return np.concatenate([np.full(len(block.place), kernel.floor) for kernel, block in pairs])
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the worth of a simulated boulder, from runs of the same inputs."""
+        """Set the weight of a simulated boulder from runs of the same inputs."""
         near, squares, boulders = self._sums(runs)
         part = near / np.maximum(boulders, 1)
         expected = (squares / np.maximum(boulders, 1) - part**2) / np.maximum(boulders, 1)
@@ -130,7 +130,7 @@ class Deposited(Witnesses):
 
 
 def _starts(result: xr.Dataset, sets: list[Blocks]) -> Starts | None:
-    """Starts of the boulders of a result, if some blocks are of a known source."""
+    """Starts of the boulders of a result, if some blocks have a known source."""
     return starts(result) if any(impact_set.source for impact_set in sets) else None
 
 

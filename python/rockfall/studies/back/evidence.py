@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Likelihood of observations given the boulders of a run, and a check that some run explains them.
+"""Likelihood of observations given the boulders of a run, and a check whether some run explains
+them.
 
 Quantiles of the observed boulders define bins. Of S simulated boulders s_k are in bin k, of the
 observed ones c_k. The frequencies of the bins are only known from the simulated boulders, so with
@@ -16,8 +17,8 @@ smaller number of boulders, S'. A member and the field each have such a deviatio
 count as 1/(2/S' - 1/S) boulders.
 
 Dependent sets of data, such as speed and energy, are down-weighted: each with the inverse of the
-sum of its squared rank correlations with all, itself included, among the simulated boulders.
-Blocks at rest without a known release, and marks, are of other boulders, and count in full.
+sum of its squared rank correlations with all, itself included, among the simulated boulders. Blocks
+at rest without a known release, and marks, come from other boulders, and count in full.
 """
 
 from __future__ import annotations
@@ -62,10 +63,10 @@ MIN_PRINTED = 2  # boulders behind a printed mean
 class Counted:
     """Observed values of boulders, as counts in bins.
 
-    Methods: `kept` is the data kept of a run, `counted` that of its values, `log_likelihood` that
-    of each run (runs, numbers kept), `remarks` has notes on the data besides the
-    weighted runs, `discrepancy` the distance of the data, and of an equal number of boulders
-    from selected runs, from the weighted prediction of all runs.
+    Methods: `kept`: data kept of a run; `counted`: counts of its values; `log_likelihood`: by run
+    (runs, numbers kept); `remarks`: notes on the data and the weighted runs; `discrepancy`:
+    distance of the data, and of an equal number of boulders from selected runs, from the weighted
+    prediction of all runs.
     """
 
     name: str
@@ -86,7 +87,7 @@ class Counted:
         return self.values.size
 
     def _in_bins(self, values: np.ndarray) -> np.ndarray:
-        """Boulders in each bin; one on an edge counts half in each."""
+        """Boulders in each bin; a boulder on an edge counts half in each."""
         sides = [np.searchsorted(self.edges, values, side) for side in ("left", "right")]
         both = [np.bincount(side, minlength=self.edges.size + 1) for side in sides]
         return (both[0] + both[1]) / 2
@@ -110,7 +111,7 @@ class Counted:
         return np.where(runs.sum(axis=1) >= MIN_CROSSED, likelihood, -np.inf)
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the worth of a simulated boulder, from runs of the same inputs."""
+        """Set the weight of a simulated boulder from runs of the same inputs."""
         size = runs.sum(axis=1).mean()
         if not size:
             return
@@ -168,7 +169,7 @@ class Printed:
         return np.array([values.size, values.mean(), std, (apart**4).mean() / std**4])
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the worth of a simulated boulder, from runs of the same inputs."""
+        """Set the weight of a simulated boulder from runs of the same inputs."""
         size, mean, std, _ = runs.T
         times = mean.var(ddof=1) / (std**2 / size).mean()
         self.worth = worth_of(times) if np.isfinite(times) else 1.0
@@ -179,7 +180,7 @@ class Printed:
 
     def _standing(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Expected mean and logarithm of the standard deviation (runs, 1 or 2), and the joint
-        sampling errors of the observed and simulated ones (Bonett 2006, to first order)."""
+        sampling errors of observed and simulated values (Bonett 2006, to first order)."""
         size, mean, std, kurtosis = runs.T
         fewer = 1 / self.n + 1 / (self.worth * np.maximum(size, 1))
         expected = np.stack([mean, np.log(std)], axis=1)
@@ -216,8 +217,8 @@ Evidence = Counted | Printed | Deposited | Marked
 def evidence(
     result: xr.Dataset, seen: Observed, marks: list[Mark]
 ) -> tuple[list[Evidence], list[str]]:
-    """Sets of data that a back-analysis can use, and notes on those that it cannot; `result` is a
-    run of the case, which has a line at each of the marks."""
+    """Sets of data that a back-analysis can use, and notes on data that it cannot use; `result` is
+    a run of the case, which has a line at each of the marks."""
     notes: list[str] = []
     data = [
         *_of_stops(result, seen, notes),

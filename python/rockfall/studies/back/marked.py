@@ -41,7 +41,7 @@ class Marked(Witnesses):
 
     @classmethod
     def of_run(cls, marks: list[Mark], base: xr.Dataset) -> Marked:
-        """Marks with the kernels that the boulders of a run give."""
+        """Marks with the kernels of the boulders of a run."""
         passing = [passing_at(base, mark) for mark in marks]
         every = [mark.height for mark in marks]
         greatest = max([*every, *(crossing.heights.max(initial=0.0) for crossing in passing)])
@@ -76,7 +76,7 @@ class Marked(Witnesses):
         return likelihood
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the worth of a simulated boulder, from runs of the same inputs."""
+        """Set the weight of a simulated boulder from runs of the same inputs."""
         near, squares, _, crossed = self._sums(runs)
         n = np.maximum(crossed, 1)
         part = near / n
@@ -122,7 +122,7 @@ def _again(
     random: np.random.Generator,
 ) -> np.ndarray:
     """Log-density of a mark, and of hits by boulders of the run (2, AGAIN), each given the others;
-    0 where fewer than two pass."""
+    0 if fewer than two pass."""
     n = heights.size
     uniform = random.random((Marked.AGAIN, mark.hits))
     if n < 2:

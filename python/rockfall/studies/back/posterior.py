@@ -145,7 +145,7 @@ def _row(analysis: Back, parameter: Parameter) -> dict[str, Any]:
 
 
 def _informed(analysis: Back, moved: bool) -> str:
-    """Interpretation of a posterior that is, or is not, distinct from the prior."""
+    """Interpretation of a posterior by its distance from the prior."""
     return "informed" if moved else "not informed" if analysis.is_enough else "undecided"
 
 
@@ -185,8 +185,8 @@ def _set_row(analysis: Back) -> dict[str, Any]:
 
 def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> float:
     """Value below which a fraction of the weight lies, interpolated between the middles of the
-    steps. Of n effective draws, level (n + 1) are below it (Weibull 1939), so that the next draw,
-    like the truth, is below it with this probability; ranges are wider for small n."""
+    steps. With n effective draws the rank is level (n + 1) (Weibull 1939), so that another draw, or
+    the true value, is below it with this probability; ranges are wider for small n."""
     n = effective(weight)
     return value_at(values, weight, (level * (n + 1) - 0.5) / n)
 
@@ -225,8 +225,8 @@ def warnings(analysis: Back) -> Iterator[str]:
 
 
 def draws_table(analysis: Back) -> pd.DataFrame:
-    """Draws of the posterior, each with equal probability (systematic resampling), in the form that
-    `&ensemble draws` reads."""
+    """Draws of the posterior, each with equal probability (systematic resampling), in the form of
+    `&ensemble draws`."""
     columns = [name for name in analysis.members if name.startswith(
         ("radius_", "volume", "drop_height", "source_east", "source_north", "set",
          *(f"{key}_" for key in PAIR)))]  # fmt: skip

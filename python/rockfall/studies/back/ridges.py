@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ridges of a posterior: on one slope boulders are as fast, and come as far, over hard and rough
-ground as over soft and smooth ground."""
+"""Ridges of a posterior: on one slope boulders have equal speed and run-out over hard, rough ground
+and over soft, smooth ground."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Ridge(NamedTuple):
 
 
 def ridges(analysis: Back) -> Iterator[Ridge]:
-    """Ridge of each ground whose strength and relief are both sought."""
+    """Ridge of each ground whose strength and relief are both parameters."""
     inputs, sought = analysis.inputs, {*analysis.sought.tolist()}
     weight, first = analysis.weight, int(inputs.ends[-2])
     for i, k in enumerate(inputs.pairs):

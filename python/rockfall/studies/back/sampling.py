@@ -2,8 +2,8 @@
 """Adaptive importance sampling (Cornuet et al. 2012) in the space of normal scores, where the prior
 is normal with mean 0 and variance 1 in each direction.
 
-The first points are draws of the prior. Later ones come from a mixture: a fifth from the prior, so
-that weights are bounded; the others from normal kernels around the existing points, with their
+The first points are draws of the prior. Later points come from a mixture: a fifth from the prior,
+so that weights are bounded; the rest from normal kernels around the existing points, with their
 weights (West 1993). Every point is weighted by prior times likelihood over the density of all the
 mixtures combined (Owen and Zhou 2000). The likelihood is smoothed over all points: otherwise points
 with favourable noise would have the largest weights. If few points carry the weight, the likelihood
@@ -64,7 +64,7 @@ class Sampler:
         return new
 
     def more_of_prior(self, points: np.ndarray) -> None:
-        """Add points of the prior, if no point is likely so far."""
+        """Add points of the prior, if no point is likely yet."""
         self.points = np.concatenate([self.points, points])
         self.sizes[0] += len(points)
         self.densities = [density(self.points) for density in self._all()]

@@ -5,7 +5,7 @@ through all of them (Rasmussen and Williams 2006, chapter 2; Järvenpää et al.
 The mean is a quadratic in each direction; departures from it are a Matérn process of roughness 5/2
 with a length in each direction. The deficit t below the maximum has noise of variance a + b t,
 since far from the observations each boulder matters more. Lengths, amplitude, a and b are
-maximum-likelihood estimates. Each member has its own boulders: common ones would make the noise
+maximum-likelihood estimates. Each member has its own boulders: common boulders would make the noise
 common, too.
 """
 

@@ -57,9 +57,9 @@ class Back:
     """Results of a back-analysis.
 
     `members` has a row for each run: the numbers drawn, in the order of `inputs.kept_names`, its
-    `log_likelihood`, the one `smooth` over members, and `weight`; `data` one for each set of data:
-    n, its weight, the posterior predictive p, and its `contributions`. `effective`: the number of
-    equally weighted members with the same information.
+    `log_likelihood`, the one `smooth` over members, and `weight`; `data` has a row for each set of
+    data: n, its weight, the posterior predictive p, and its `contributions`. `effective`: the
+    number of equally weighted members with the same information.
     """
 
     case: Case
@@ -130,7 +130,7 @@ def back_analysis(
 
 
 def _check_request(case: Case, members: int, enough: int) -> None:
-    """Refuse numbers that make no study, and cases whose members have no likelihood."""
+    """Refuse numbers without a valid study, and cases whose members have no likelihood."""
     if members < 2 * ROUND:
         raise RockfallError(f"--members {members}: must be at least {2 * ROUND}")
     if not 2 <= enough <= members:
@@ -185,7 +185,7 @@ def _read(
 
 
 class _Rounds:
-    """Members of a study, run in rounds: each learns from the likelihood of those before."""
+    """Members of a study, run in rounds: each uses the likelihood of earlier members."""
 
     def __init__(self, read: _Read) -> None:
         inputs, sought = read.inputs, read.sought
@@ -202,7 +202,7 @@ class _Rounds:
         self.weight = self.ahead = np.empty(0)
 
     def run(self, study: Study) -> None:
-        """Run the members of a round, and learn their likelihoods."""
+        """Run the members of a round, and compute their likelihoods."""
         read = self.read
         runs = study.run(
             self._scenes(), lambda _, run: [item.kept(run) for item in read.data], compared=False
@@ -230,7 +230,7 @@ class _Rounds:
             yield number, drawn_scene(scene, draws, inputs.boulders_seed(number))
 
     def propose(self) -> None:
-        """Add the members of another round: near those of high likelihood, or of the prior."""
+        """Add the members of another round: near members of high likelihood, or from the prior."""
         seed, sought = self.read.case.case["seed"], self.read.sought
         shape = ROUND, self.cube.shape[1]
         points = np.random.default_rng((seed, STREAM, len(self.cube))).random(shape)
@@ -299,7 +299,7 @@ def _row(draws: Iterable[Draw]) -> dict[str, float]:
 
 
 def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
-    """Columns of the cube that are parameters; of rock sizes only those that boulders reach."""
+    """Columns of the cube that are parameters; rock sizes only if boulders reach them."""
     all_columns: list[int] = []
     for name in inputs.names:
         k = INPUTS.index(name)
@@ -320,7 +320,7 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
 
 def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
     """Numbers of strength and relief, one after the other for each ground, that are uncertain and
-    of grounds on which boulders rebound."""
+    belong to grounds on which boulders rebound."""
     reached = {ground.name for ground in rebounds_by_ground(base) if ground.rebounds}
     is_given = [inputs.given[key] > 1 for key in PAIR_FACTORS]
     return [
@@ -333,7 +333,7 @@ def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
 
 
 def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
-    """Rows of the rock sizes that boulders reach; a factor on others has no effect."""
+    """Rows of the rock sizes that boulders reach; a factor on other rows has no effect."""
     if scene.rasters.values is not None:
         return {0}
     rows = {0}

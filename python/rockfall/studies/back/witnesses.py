@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Base of blocks at rest and of marks: witnesses of boulders that nobody compared one by one."""
+"""Base of blocks at rest and of marks: witnesses of boulders that cannot be compared one by one."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 
 def worth_of(times: float) -> float:
     """Weight of a simulated boulder when run-to-run scatter exceeds the binomial scatter by this
-    as by their boulders: a member and the field each have such a deviation."""
+    factor: a member and the field each have such a deviation."""
     return 1 / (2 * max(times, 1.0) - 1)
 
 
 @dataclass(kw_only=True)
 class Witnesses:
     """Base of the data of witnesses; see `evidence.Counted` for the methods. The data kept of a run
-    are, for each witness, sums over boulders; and log-densities of its own boulders instead."""
+    are sums over boulders for each witness, and log-densities of its own boulders for the noise."""
 
     SUMS: ClassVar[int]  # over boulders, of each witness
     AGAIN: ClassVar[int]  # samples of equal size from each run, for predictive probabilities

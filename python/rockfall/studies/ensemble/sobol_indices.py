@@ -42,7 +42,7 @@ def deviations(values: np.ndarray, name: str, row: dict[str, float], source: Sou
     `line_numbers`, `name` is fraction, mean or a quantile such as q95.
 
     To first order, a result deviates by the mean influence of its boulders (Hampel 1974). The
-    boulders of a source are a stratum: other boulders would come from the same sources.
+    boulders of a source are a stratum: other samples would have the same sources.
     """
     crossed = ~np.isnan(values)
     if name == "fraction":
@@ -71,7 +71,7 @@ def _conditional(values: np.ndarray, name: str, row: dict[str, float]) -> np.nda
 
 
 def _apart(numbers: np.ndarray, source: Sources) -> np.ndarray:
-    """Numbers less the mean of their stratum, scaled so that their squares sum to the variance of
+    """Numbers minus the mean of their stratum, scaled so that their squares sum to the variance of
     the overall mean; NaN for a stratum of one boulder."""
     n = source.released
     mean = np.bincount(source.stratum, numbers, n.size) / np.maximum(n, 1)
@@ -127,7 +127,7 @@ def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
     """Sobol' indices, of first order and total: parts as fractions of the epistemic variance.
 
     Standard errors come from resampled blocks (Efron 1979), those of an index from the linearised
-    ratio. They assume independent blocks, so an even design has smaller ones. Indices are given
+    ratio. They assume independent blocks, so an even design has smaller errors. Indices are given
     where the epistemic variance is significantly above zero (95 %).
     """
     estimate = parts(y, covariance)
@@ -146,8 +146,8 @@ def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
 
 
 def limits(value: float, error: float) -> tuple[float, float, float]:
-    """An index with its 95 % interval, both clipped to 0 and 1; NaN where it is undecided: where
-    the interval is longer than half of that range."""
+    """An index with its 95 % interval, both clipped to 0 and 1; NaN if undecided: the interval is
+    longer than half of that range."""
     half = Z * error
     if not half <= RESOLVED:
         return np.nan, np.nan, np.nan

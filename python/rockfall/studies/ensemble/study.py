@@ -70,13 +70,13 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     """Run a case over the uncertain inputs in its group &ensemble: an xarray.Dataset with the
     result of the unchanged case, and more.
 
-    For each line and result it holds the value of the unchanged case, the mean over the runs, and
-    two standard deviations: `monte_carlo_std`, of a run with its number of boulders, which more of
-    them reduce, and `epistemic_std`, of the uncertain inputs, which they do not; and the fractions
-    of the epistemic variance that each input explains (`first_order`, `total`). docs/ensemble.md
-    explains them, `rockfall.studies.ensemble.sobol_indices` their estimation. NaN where too few
-    boulders pass in some run, or where the epistemic variance is not significant. The Dataset also
-    holds the draws, the results of every run, and, if the case requests passages or
+    For each line and result it has the value of the unchanged case, the mean over the runs, and two
+    standard deviations: `monte_carlo_std`, due to the number of boulders of a run, which more
+    boulders reduce, and `epistemic_std`, due to the uncertain inputs, which they do not; and the
+    fractions of the epistemic variance that each input explains (`first_order`, `total`).
+    docs/ensemble.md explains them, `rockfall.studies.ensemble.sobol_indices` their estimation. NaN
+    where too few boulders pass in some run, or where the epistemic variance is not significant. The
+    Dataset also has the draws, the results of every run, and, if the case requests passages or
     reach_probability, maps over the runs. `arrays` are as in `rockfall.run`. On Ctrl-C it raises
     `Interrupted`, whose `result` is the ensemble of the completed draws, if there are enough.
 

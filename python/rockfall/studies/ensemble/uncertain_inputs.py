@@ -115,8 +115,8 @@ class Uncertain:
 
     def _operators(self) -> list[Operator]:
         """Random operators of the names in `sets`, one per draw: impact sets instead of the set of
-        the case, together with tables in place of its grounds: of `talus` each draw of a
-        `talus-ensemble`, of the default ground any other table."""
+        the case, together with tables in place of its grounds: for `talus` each draw of
+        `talus-ensemble`, for the default ground any other table."""
         case, files = self.scene.case, list[SetFile]()
         stand_ins: dict[str, list[GroundRule]] = {}
         for name in self.given.get("sets", []):
@@ -147,7 +147,7 @@ class Uncertain:
         return list(starmap(Operator, product(sets, together)))
 
     def _table(self, name: str) -> Path | None:
-        """File of the table with a name in `sets`; None if it is of impact sets."""
+        """File of the table with a name in `sets`; None for impact sets."""
         case = self.scene.case
         path, is_table = find_operator(case, name)
         if case.impact["form"] == "table" and not is_table:
@@ -159,8 +159,8 @@ class Uncertain:
         return path if is_table else None
 
     def _check_factors(self) -> None:
-        """Refuse factors on values that a source layer does not give (the kernel refuses those that
-        a case without one does not give), and on rocks that no zone has."""
+        """Refuse factors on values that a source layer does not give (the kernel does so for a case
+        without a layer), and on rocks that no zone has."""
         scene = self.scene
         of_case, features = {**scene.case.boulder, **scene.case.release}, scene.features
         for name in ("volume_std", "drop_height") if features is not None else ():
@@ -229,8 +229,8 @@ class Uncertain:
         return self.at(name, self.design[run, side], 2 * run + side)
 
     def at(self, name: str, point: np.ndarray, number: int) -> Draw:
-        """An input at a point of the unit cube: uniform numbers of all inputs. `number` seeds what
-        the point does not determine: errors of the terrain, repeated shifts."""
+        """An input at a point of the unit cube: uniform numbers of all inputs. `number` is the seed
+        of everything else: errors of the terrain, repeated shifts."""
         k = INPUTS.index(name)
         numbers = point[self.ends[k] : self.ends[k + 1]]
         if name in STREAMS:
@@ -333,7 +333,7 @@ class Uncertain:
         return Draw({"z": (z + error).astype(z.dtype)})
 
     def _source(self, numbers: np.ndarray, random: np.random.Generator) -> Draw:
-        """A common shift of all sources, repeated until all of them lie on known terrain."""
+        """A common shift of all sources, drawn again until all lie on known terrain."""
         deviation = self.given["source_shift"]
         for tried in range(TRIES):
             shift = deviation * (random.standard_normal(2) if tried else normal_scores(numbers))
@@ -345,7 +345,7 @@ class Uncertain:
         )
 
     def _shifted(self, east: float, north: float) -> Draw | None:
-        """Shifted sources, None if one would leave the known terrain."""
+        """Shifted sources, None if a source would leave the known terrain."""
         x, y = self.scene.x + east, self.scene.y + north
         if not self.scene.known_at(x, y).all():
             return None
