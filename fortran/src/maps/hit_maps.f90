@@ -5,13 +5,14 @@ module rockfall_hit_maps
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
    use rockfall_flight, only: flight_t
-   use rockfall_maps, only: maps_t, visits_t, visit_nearby, spare_visits, count_exceeded, lock_band, unlock_band
+   use rockfall_maps, only: maps_t, visits_t, start_visits, enter_other_cell, count_exceeded, lock_band, unlock_band
    implicit none
    private
    public :: path_t, paths_t, needs_hits, record_path, find_hits, add_hits
 
-   integer, parameter :: at_once = spare_visits  !! cells
-   integer, parameter :: first_paths = 128       !! initial size of a list of paths
+   integer, parameter :: at_once = 64           !! cells
+   integer, parameter :: first_paths = 128     !! initial size of a list of paths
+   real(wp), parameter :: none = -1.0_wp       !! less than any energy
 
    !> Straight path in plan: a flight, or one along the ground, which is without gravity.
    type :: path_t
@@ -54,68 +55,122 @@ contains
       paths%path(paths%n) = path_t(flight%x, flight%y, flight%v, gravity, time, spin)
    end subroutine record_path
 
-   !> Add the cells whose middle is within a distance of a path, each with the maximum energy within that distance: that
-   !> at one of its two ends, because the vertical speed changes steadily.
-   pure subroutine find_hits(hits, dem, path, distance)
+   !> Find the cells whose middle is within a distance of a boulder's paths, each once, with the maximum energy there:
+   !> that at one of the two ends of a path there, because the vertical speed changes steadily. The maxima are kept cell
+   !> by cell, in the columns of each row that the paths come near to, which costs less than a search for the cell.
+   pure subroutine find_hits(hits, dem, paths, distance)
       type(visits_t), intent(inout) :: hits
       type(terrain_t), intent(in) :: dem
-      type(path_t), intent(in) :: path
-      real(wp), intent(in) :: distance     !! [m]
-      real(wp) :: start(2), v(2), from, to, times(2)
-      real(wp), dimension(at_once) :: east, north
-      integer :: n, column, row, rows(2), columns(2)
+      type(paths_t), intent(in) :: paths
+      real(wp), intent(in) :: distance                 !! [m]
+      real(wp), allocatable :: twice(:)                !! maxima of twice the energy per mass [m2/s2]
+      integer, allocatable :: columns(:, :), first(:)  !! of each row: its columns; what precedes them in `twice`
+      integer :: near(2, 2), rows(2), row, column, k, n
 
-      start = [path%x, path%y]
-      v = path%v(:2)
+      call start_visits(hits)
+      rows = [dem%ny, 0]
+      do k = 1, paths%n
+         near = nodes_near(paths%path(k), dem, distance)
+         rows = [min(rows(1), near(1, 2)), max(rows(2), near(2, 2))]
+      end do
+      allocate (columns(2, rows(1):rows(2)), first(rows(1):rows(2)))
+      columns(1, :) = dem%nx
+      columns(2, :) = 0
+      do k = 1, paths%n
+         near = nodes_near(paths%path(k), dem, distance)
+         do row = near(1, 2), near(2, 2)
+            columns(1, row) = min(columns(1, row), near(1, 1))
+            columns(2, row) = max(columns(2, row), near(2, 1))
+         end do
+      end do
       n = 0
-      rows = nodes_between(min(start(2), start(2) + v(2)*path%time) - distance, &
-                           max(start(2), start(2) + v(2)*path%time) + distance, dem%per_cell, dem%ny)
       do row = rows(1), rows(2)
-         call restrict_times(start(2) - (row - 1)*dem%cell, v(2), distance, path%time, times)
-         from = start(1) + v(1)*times(1)
-         to = start(1) + v(1)*times(2)
+         first(row) = n - columns(1, row) + 1
+         n = n + max(0, columns(2, row) - columns(1, row) + 1)
+      end do
+      allocate (twice(n), source=none)
+      do k = 1, paths%n
+         call raise_near(twice, first, rows(1), dem, paths%path(k), distance)
+      end do
+      do row = rows(1), rows(2)
+         do column = columns(1, row), columns(2, row)
+            if (.not. twice(first(row) + column) > none) cycle
+            call enter_other_cell(hits, [column, dem%ny + 1 - row])
+            hits%visit(hits%n)%max(2) = twice(first(row) + column)
+         end do
+      end do
+   end subroutine find_hits
+
+   !> Raise the maxima of the cells whose middle is within a distance of a path.
+   pure subroutine raise_near(twice, first, low, dem, path, distance)
+      real(wp), intent(inout), contiguous :: twice(:)  !! as in find_hits
+      integer, intent(in) :: low                       !! row of the first element of `first`
+      integer, intent(in), contiguous :: first(low:)   !! as in find_hits
+      type(terrain_t), intent(in) :: dem
+      type(path_t), intent(in) :: path
+      real(wp), intent(in) :: distance                 !! [m]
+      real(wp), dimension(at_once) :: east, north      !! start of the path from cells [m]
+      integer :: at(at_once)                           !! of these in `twice`
+      real(wp) :: offset, from, to, times(2)
+      integer :: near(2, 2), columns(2), row, column, n
+
+      n = 0
+      near = nodes_near(path, dem, distance)
+      do row = near(1, 2), near(2, 2)
+         offset = path%y - (row - 1)*dem%cell
+         call restrict_times(offset, path%v(2), distance, path%time, times)
+         from = path%x + path%v(1)*times(1)
+         to = path%x + path%v(1)*times(2)
          columns = nodes_between(min(from, to) - distance, max(from, to) + distance, dem%per_cell, dem%nx)
          do column = columns(1), columns(2)
             n = n + 1
-            east(n) = column - 1
-            north(n) = row - 1
+            east(n) = path%x - (column - 1)*dem%cell
+            north(n) = offset
+            at(n) = first(row) + column
             if (n < at_once) cycle
-            call hit_cells(hits, dem, path, distance, n, east, north)
+            call raise_cells(twice, at, path, distance, east, north)
             n = 0
          end do
       end do
-      call hit_cells(hits, dem, path, distance, n, east, north)
-   end subroutine find_hits
+      call raise_cells(twice, at(:n), path, distance, east, north)
+   end subroutine raise_near
 
-   !> Add those of n cells whose middle is within a distance of the path. Branchless, as a branch for each would be
-   !> mispredicted.
-   pure subroutine hit_cells(hits, dem, path, distance, n, east, north)
-      type(visits_t), intent(inout) :: hits
-      type(terrain_t), intent(in) :: dem
+   !> Raise the maxima of those cells whose middle is within a distance of the path. Branchless, as a branch for each
+   !> would be mispredicted.
+   pure subroutine raise_cells(twice, at, path, distance, east, north)
+      real(wp), intent(inout), contiguous :: twice(:)  !! as in find_hits
+      integer, intent(in), contiguous :: at(:)
       type(path_t), intent(in) :: path
-      real(wp), intent(in) :: distance  !! [m]
-      integer, intent(in) :: n
-      real(wp), dimension(at_once), intent(in) :: east, north  !! cells from the south-western one, integers [-]
-      real(wp), dimension(at_once) :: energy, meets
-      real(wp) :: size, speed2, meeting
-      integer :: cell(2, at_once + 1), hit, k
+      real(wp), intent(in) :: distance                 !! [m]
+      real(wp), intent(in), dimension(at_once) :: east, north  !! as in raise_near
+      real(wp) :: energy(at_once), plan2, inverse, speed2, meets
+      integer :: k
 
-      size = dem%cell
-      !$omp simd private(speed2, meeting)
-      do k = 1, n
-         call meet_object(path%x - east(k)*size, path%y - north(k)*size, path%v(1), path%v(2), path%v(3), &
-                          path%gravity, distance, path%time, speed2, meeting)
-         energy(k) = speed2 + path%spin
-         meets(k) = meeting
+      plan2 = max(path%v(1)*path%v(1) + path%v(2)*path%v(2), tiny(plan2))
+      inverse = 1/plan2
+      !$omp simd private(speed2, meets)
+      do k = 1, size(at)
+         call meet_object(east(k), north(k), path%v(1), path%v(2), path%v(3), plan2, inverse, path%gravity, distance, &
+                          path%time, speed2, meets)
+         energy(k) = meets*(speed2 + path%spin) + (meets - 1)  ! `none` where it does not
       end do
-      hit = 0
-      do k = 1, n
-         cell(:, hit + 1) = [int(east(k)) + 1, dem%ny - int(north(k))]
-         energy(hit + 1) = energy(k)
-         hit = hit + int(meets(k))
+      do k = 1, size(at)
+         twice(at(k)) = max(twice(at(k)), energy(k))
       end do
-      call visit_nearby(hits, cell(:, :hit), energy)
-   end subroutine hit_cells
+   end subroutine raise_cells
+
+   !> Columns (:, 1) and rows (:, 2) of nodes, first and last, that may be within a distance of a path.
+   pure function nodes_near(path, dem, distance) result(nodes)
+      type(path_t), intent(in) :: path
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: distance  !! [m]
+      integer :: nodes(2, 2)
+      real(wp) :: end(2)
+
+      end = [path%x, path%y] + path%v(:2)*path%time
+      nodes(:, 1) = nodes_between(min(path%x, end(1)) - distance, max(path%x, end(1)) + distance, dem%per_cell, dem%nx)
+      nodes(:, 2) = nodes_between(min(path%y, end(2)) - distance, max(path%y, end(2)) + distance, dem%per_cell, dem%ny)
+   end function nodes_near
 
    !> First and last node between two coordinates along an axis.
    pure function nodes_between(low, high, per_cell, n) result(nodes)
@@ -142,20 +197,21 @@ contains
    end subroutine restrict_times
 
    !> Maximum squared speed while a path is within a distance of a point, and whether it is.
-   elemental subroutine meet_object(offset1, offset2, v1, v2, v3, gravity, distance, time, speed2, meets)
+   elemental subroutine meet_object(offset1, offset2, v1, v2, v3, plan2, inverse, gravity, distance, time, speed2, &
+                                    meets)
       real(wp), intent(in) :: offset1, offset2, v1, v2, v3  !! of the start from the point [m]; [m/s]
+      real(wp), intent(in) :: plan2, inverse                !! squared speed in plan [m2/s2]; 1/plan2
       real(wp), intent(in) :: gravity, distance, time       !! [m/s2], [m], [s]
       real(wp), intent(out) :: speed2  !! [m2/s2]
       real(wp), intent(out) :: meets   !! 1 or 0
-      real(wp) :: outside, along, plan2, root2, root, first, last
+      real(wp) :: outside, along, root2, root, first, last
 
       outside = offset1*offset1 + offset2*offset2 - distance*distance
       along = -(offset1*v1 + offset2*v2)
-      plan2 = max(v1*v1 + v2*v2, tiny(plan2))
       root2 = along*along - plan2*outside
       root = sqrt(max(0.0_wp, root2))
-      first = max(0.0_wp, (along - root)/plan2)
-      last = min(time, (along + root)/plan2)
+      first = max(0.0_wp, (along - root)*inverse)
+      last = min(time, (along + root)*inverse)
       meets = merge(1.0_wp, 0.0_wp, first <= last)
       meets = merge(meets, 0.0_wp, root2 >= 0)
       first = v3 - gravity*first

@@ -14,7 +14,7 @@ module rockfall_maps
    private
    public :: maps_t, layer_t, per_unit, visits_t, needs_visits, needs_heights, start_visits, visit_path, visit_cell
    public :: enter_cell, enter_other_cell, raise_values, first_cell, leaving_time, mark_path, take_back_path
-   public :: join_visits, merge_visits, extend_times, visit_nearby, spare_visits
+   public :: join_visits, merge_visits, extend_times
    public :: add_visits, add_deposit, add_value, count_bin, count_exceeded, is_requested, lacks_slots, raise_maximum
    public :: square_base, init_locks, free_locks, lock_band, unlock_band
 
@@ -26,7 +26,6 @@ module rockfall_maps
    real(wp), parameter :: untimed = huge(1.0_wp)  !! time of a visit of unknown time [s]: 1/time is 0
    !> Factor of the row in the hash of a cell: neighbours get different entries.
    integer, parameter :: row_factor = 33
-   integer, parameter :: near_cells = 256  !! a power of two
 
    !> Tallies of one quantity: energy (translational and rotational) [J], speed [m/s], jump height or passing height
    !> [m]; each boulder contributes its maximum in the cell.
@@ -82,7 +81,6 @@ module rockfall_maps
       integer :: timed = 0                    !! number of known times
       integer :: path = 0                     !! number where the current path starts; only for `take_back_path`
       real(wp) :: max(3) = 0.0_wp             !! as in visit_t, of the last one there
-      integer, allocatable :: near(:)         !! 0-based: visits of cells nearby, by their hash; only for `visit_nearby`
    end type visits_t
 
    !> Cells under a straight path, along one axis.
@@ -160,10 +158,7 @@ contains
    pure subroutine start_visits(visits)
       type(visits_t), intent(inout) :: visits
 
-      if (.not. allocated(visits%visit)) then
-         allocate (visits%visit(first_visits))
-         allocate (visits%near(0:near_cells - 1), source=1)
-      end if
+      if (.not. allocated(visits%visit)) allocate (visits%visit(first_visits))
       visits%n = 0
       visits%timed = 0
    end subroutine start_visits
@@ -284,31 +279,6 @@ contains
       call enter_cell(visits, cell)
       call raise_values(visits, speed2, spin, jump_height)
    end subroutine visit_cell
-
-   !> Raise the maxima of twice the energy in cells, many of them visited recently. Branchless, because the cells are
-   !> unpredictable.
-   pure subroutine visit_nearby(visits, cell, energy)
-      type(visits_t), intent(inout) :: visits
-      integer, intent(in) :: cell(:, :)    !! (column and row, cells), at most `spare_visits`
-      real(wp), intent(in) :: energy(:)    !! of each, twice, per mass [m2/s2]
-      integer :: n, at, k, m, is_new
-      real(wp) :: before
-
-      call make_room(visits)
-      n = visits%n
-      do m = 1, size(cell, 2)
-         at = iand(cell(1, m) + row_factor*cell(2, m), near_cells - 1)
-         k = visits%near(at)  ! where visits were joined, or started again, it may be another cell's
-         is_new = ior(ieor(visits%visit(k)%cell(1), cell(1, m)), ieor(visits%visit(k)%cell(2), cell(2, m)))
-         is_new = merge(1, merge(1, 0, is_new /= 0), k > n)
-         before = merge(0.0_wp, visits%visit(k)%max(2), is_new > 0)
-         n = n + is_new
-         k = merge(n, k, is_new > 0)
-         visits%near(at) = k
-         visits%visit(k) = visit_t(cell(:, m), [0.0_wp, max(before, energy(m)), 0.0_wp])
-      end do
-      visits%n = n
-   end subroutine visit_nearby
 
    !> Update the maxima in the current cell.
    pure subroutine raise_values(visits, speed2, spin, jump_height)

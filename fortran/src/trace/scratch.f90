@@ -4,7 +4,7 @@ module rockfall_scratch
    use rockfall_kinds, only: wp, i8
    use rockfall_flight, only: flight_t
    use rockfall_rolling, only: touch_t
-   use rockfall_maps, only: visits_t, start_visits, join_visits
+   use rockfall_maps, only: visits_t, start_visits
    use rockfall_hit_maps, only: paths_t, find_hits
    use rockfall_tree_maps, only: tree_hits_t
    use rockfall_histogram, only: histograms_t
@@ -93,13 +93,8 @@ contains
       real(wp), intent(in) :: radius  !! of the boulder [m]
       type(paths_t), intent(in) :: paths
       type(visits_t), intent(inout) :: hits
-      integer :: k
 
-      call start_visits(hits)
-      do k = 1, paths%n
-         call find_hits(hits, scene%dem, paths%path(k), 0.5_wp*scene%object_width + radius)
-      end do
-      call join_visits(hits)
+      call find_hits(hits, scene%dem, paths, 0.5_wp*scene%object_width + radius)
    end subroutine find_all_hits
 
    !> Count a rebound on a ground.

@@ -4,8 +4,8 @@ program test_hit_maps
    use rockfall_kinds, only: wp, i4
    use rockfall_terrain, only: terrain_t, terrain
    use rockfall_flight, only: flight_t
-   use rockfall_maps, only: maps_t, visits_t, needs_visits, start_visits, join_visits
-   use rockfall_hit_maps, only: path_t, needs_hits, find_hits, add_hits
+   use rockfall_maps, only: maps_t, visits_t, needs_visits
+   use rockfall_hit_maps, only: path_t, paths_t, needs_hits, find_hits, add_hits
    use check_m, only: check, finish
    implicit none
 
@@ -45,8 +45,7 @@ contains
          if (mod(turn, 5) == 0) flight%v(mod(turn, 2) + 1) = 0
          time = 2*draw(6)**4
          distance = 0.2_wp + 8*draw(7)
-         call start_visits(found)
-         call find_hits(found, dem, path_t(flight%x, flight%y, flight%v, gravity, time, spin), distance)
+         call find_hits(found, dem, paths_t(1, [path_t(flight%x, flight%y, flight%v, gravity, time, spin)]), distance)
          near = huge(near)
          top = 0
          do k = 0, samples
@@ -96,8 +95,7 @@ contains
       flight%x = 10
       flight%y = 10
       flight%v = [0.0_wp, 0.0_wp, -4.0_wp]
-      call start_visits(found)
-      call find_hits(found, dem, path_t(flight%x, flight%y, flight%v, gravity, 0.0_wp, 0.0_wp), 2.0_wp)
+      call find_hits(found, dem, paths_t(1, [path_t(flight%x, flight%y, flight%v, gravity, 0.0_wp, 0.0_wp)]), 2.0_wp)
       call check("a node and its neighbours", found%n == 5)
       call check("at its speed", all(abs(found%visit(:5)%max(2) - 16) < 1.0e-12_wp))
    end subroutine test_at_rest
@@ -106,6 +104,8 @@ contains
    subroutine test_counts()
       type(flight_t) :: flight
       type(visits_t) :: found
+      type(path_t) :: path
+      type(paths_t) :: twice
 
       maps%threshold = [0.0_wp, 100.0_wp]
       maps%hits_exceeded => exceeded
@@ -115,10 +115,10 @@ contains
       flight%x = 20
       flight%y = 20
       flight%v = [10.0_wp, 0.0_wp, 0.0_wp]
-      call start_visits(found)
-      call find_hits(found, dem, path_t(flight%x, flight%y, flight%v, 0.0_wp, 1.0_wp, 0.0_wp), 1.0_wp)
-      call find_hits(found, dem, path_t(flight%x, flight%y, flight%v, 0.0_wp, 0.5_wp, 0.0_wp), 1.0_wp)
-      call join_visits(found)
+      path = path_t(flight%x, flight%y, flight%v, 0.0_wp, 1.0_wp, 0.0_wp)
+      twice = paths_t(2, [path, path])
+      twice%path(2)%time = 0.5_wp
+      call find_hits(found, dem, twice, 1.0_wp)
       call add_hits(maps, found, 1.0_wp)  ! 50 J
       call add_hits(maps, found, 3.0_wp)  ! 150 J
       call check("cells along ten metres", count(hits == 2) == 6 .and. all(hits == 0 .or. hits == 2))
