@@ -20,3 +20,23 @@ def decoded(message):
         for one in header["arrays"]
     }
     return header
+
+
+class Talk:
+    """What the page in the browser is to a room, without a socket."""
+
+    def __init__(self, room, page, sent):
+        self.room, self.page, self.sent = room, page, sent
+
+    def send(self, type, **content):
+        self.room.take(self.page, json.dumps({"type": type, **content}))
+
+    def ask(self, **view):
+        self.send("view", **{"map": "passages", "trajectories": 20, "lines": [], **view})
+
+    def until(self, type, **content):
+        while True:
+            found = self.sent.get(timeout=600)
+            assert found["type"] != "fault", found
+            if found["type"] == type and content.items() <= found.items():
+                return found

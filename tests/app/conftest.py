@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A browser, and a case on a lively slope that it shows."""
 
+import queue
 from pathlib import Path
 
 import pytest
@@ -39,3 +40,25 @@ def window(browser, slope):
         errors = [one for one in browser.get_log("browser") if one["level"] == "SEVERE"]
         browser.get("about:blank")
     assert errors == []
+
+
+@pytest.fixture
+def enter():
+    """Open files, as pages that write."""
+    from app_messages import Talk, decoded
+    from rockfall.app.outbox import Client
+    from rockfall.app.room import Room
+
+    rooms = []
+
+    def opened(path, **given):
+        room = Room(Path(path), **given)
+        rooms.append(room)
+        sent = queue.Queue()
+        page = Client(lambda kind, message: sent.put(decoded(message)))
+        room.enter(page, {"language": "en"})
+        return Talk(room, page, sent)
+
+    yield opened
+    for room in rooms:
+        room.close()

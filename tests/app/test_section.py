@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A section in the live window: its numbers are those of the command, and two clicks show it."""
 
-import json
-import queue
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +11,7 @@ pytest.importorskip("shapely", reason="the vector extra is not installed")
 
 import rockfall
 import scenes
-from app_messages import decoded
 from made import make_raster
-from rockfall.app.outbox import Client
-from rockfall.app.room import Room
 from rockfall.app.sections import COLUMNS, MAPS
 from rockfall.app.show import PAGE
 from rockfall.result.dataset import write_result
@@ -44,40 +39,6 @@ def place(tmp_path, monkeypatch):
     make_raster("dem.tif", scenes.rough(dtype="f4"))
     scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
     Path("case.nml").write_text(CASE, encoding="utf-8")
-
-
-@pytest.fixture
-def enter():
-    """Open files, as pages that write."""
-    rooms = []
-
-    def opened(path):
-        room = Room(Path(path))
-        rooms.append(room)
-        sent = queue.Queue()
-        page = Client(lambda kind, message: sent.put(decoded(message)))
-        room.enter(page, {"language": "en"})
-        return Talk(room, page, sent)
-
-    yield opened
-    for room in rooms:
-        room.close()
-
-
-class Talk:
-    def __init__(self, room, page, sent):
-        self.room, self.page, self.sent = room, page, sent
-
-    def ask(self, **view):
-        text = {"type": "view", "map": "passages", "trajectories": 20, "lines": [], **view}
-        self.room.take(self.page, json.dumps(text))
-
-    def until(self, type, **content):
-        while True:
-            found = self.sent.get(timeout=600)
-            assert found["type"] != "fault", found
-            if found["type"] == type and content.items() <= found.items():
-                return found
 
 
 def numbers_agree(shown, cut):

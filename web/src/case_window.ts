@@ -135,8 +135,10 @@ export class CaseWindow {
         opacity: (value) => this.view.setOverlayOpacity(value),
         trajectories: (number) => this.want({ ...this.wanted, trajectories: number }),
         bySpeed: (on) => this.results.colourBySpeed(on),
+        objects: (objects) => this.want({ ...this.wanted, objects }),
       },
-      welcome.view.trajectories,
+      welcome.view,
+      welcome.offers,
       OPACITY,
     );
     this.variantPanel = new VariantPanel({
@@ -155,6 +157,7 @@ export class CaseWindow {
         : [display, features],
     );
     this.display.offer('drawn_zones', forms.layers.zones !== undefined);
+    this.display.setObjects(welcome.view.objects);
     this.output = new Output(connection, welcome.file.replace(/\.[^.]*$/, '') || 'case', welcome.folder);
     this.grounds = new GroundDialog(welcome.grounds, ({ name, radius }) => this.store.setGround(name, radius));
     this.topBar = new TopBar(this.shell.top, welcome, this.runBar.root, !connection.standalone, {
@@ -258,6 +261,12 @@ export class CaseWindow {
         return;
       case 'done':
         this.output.done(message.files);
+        return;
+      case 'objects':
+        this.view.objects.show(message.objects);
+        this.display.setObjects(message.chosen);
+        this.wanted = { ...this.wanted, objects: message.chosen };
+        this.view.fitAtFirst();
         return;
       case 'unfinished':
         this.unfinished = message.runs;

@@ -4,13 +4,15 @@ import type { Layer } from './protocol';
 
 export type Rgb = readonly [number, number, number];
 
-export const LAYER_COLOURS: Readonly<Record<Layer | 'trees' | 'stops' | 'trajectories', string>> = {
+export const LAYER_COLOURS: Readonly<Record<Layer | 'trees' | 'stands' | 'objects' | 'stops' | 'trajectories', string>> = {
   sources: '#d55e00',
   lines: '#0072b2',
   barriers: '#cc79a7',
   dams: '#e69f00',
   zones: '#009e73',
   trees: '#007a59',
+  stands: '#006148',
+  objects: '#4b1d1d',
   stops: '#111827',
   trajectories: '#1f2937',
 };

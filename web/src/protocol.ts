@@ -83,6 +83,7 @@ export interface Wanted {
   trajectories: number;
   lines: readonly string[];
   section: readonly Position[]; // its vertices
+  objects: string; // which of `Welcome.offers`; '': none
 }
 /** A ground for a document that has none; `radius` of its rocks [m], where it needs one. */
 export interface GroundChoice {
@@ -108,6 +109,7 @@ export interface Welcome {
   forms: Forms;
   grounds: GroundChoice[];
   maps: MapName[];
+  offers: string[]; // layers of objects
   view: Wanted;
   limits: Record<string, number>;
 }
@@ -141,6 +143,7 @@ export type Text =
   | { type: 'role'; writer: boolean }
   | { type: 'document'; document: CaseDocument; revision: number } // as another window left it
   | { type: 'done'; task: LongTask; files: string[] }
+  | { type: 'objects'; chosen: string; objects: Shape[]; remarks: string[] }
   | { type: 'unfinished'; runs: { name: string; boulders: number }[] } // that can be resumed
   | { type: 'refused'; task: string; text: string; exists: boolean }
   | { type: 'saved'; files: string[]; remark: string; document_revision: number }
@@ -167,6 +170,12 @@ export interface BackgroundMessage {
   zones: { value: number; name: string }[];
   sources: number;
   trees: number;
+  stands: Shape[];
+}
+/** A shape with a name that is not edited; its geometry is that of GeoJSON. */
+export interface Shape {
+  name: string;
+  geometry: object;
 }
 /** A value with its 95 % interval; null where withheld. */
 export type Estimate = [number | null, number | null, number | null];

@@ -86,7 +86,7 @@ export class Results {
 
   private setBackground(message: Binary<BackgroundMessage>): void {
     const { view, legend, display } = this.parts;
-    const { zones, sources, trees } = message.header;
+    const { zones, sources, trees, stands } = message.header;
     const cells = message.u1('zones');
     this.background = message;
     view.setBackground(message, this.shade?.cell ?? 1);
@@ -94,6 +94,7 @@ export class Results {
     display.offer('zones', cells !== null);
     display.offer('background_sources', sources > 0);
     display.offer('trees', trees > 0);
+    display.offer('stands', stands.length > 0);
     view.fitAtFirst();
   }
 

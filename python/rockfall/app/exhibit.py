@@ -26,6 +26,7 @@ from rockfall.app.pictures import (
     trajectory_message,
 )
 from rockfall.app.sections import section_message
+from rockfall.app.surroundings import stands_of
 from rockfall.case import case_of, given_groups
 from rockfall.io.rasters.grid import Grid
 from rockfall.language import LANGUAGES
@@ -87,7 +88,7 @@ class Exhibit:
         before, self.view = self.view, view
         if view.section != before.section:
             self._tell("section", self._section())
-        if view != before._replace(section=view.section):
+        if (view.map, view.trajectories) != (before.map, before.trajectories):
             self._show()
 
     def _show(self) -> None:
@@ -136,11 +137,14 @@ class Exhibit:
         return section_message(self.result, self.view.section, self._terrain, revision=0)
 
     def _background(self) -> bytes:
-        """Message with the places from which boulders started."""
+        """Message with the places from which boulders started, and the stands of forest."""
         places = np.column_stack([self.result[f"start_{axis}"].values for axis in "xy"])
         places = np.unique(places, axis=0)
         arrays = {"sources": sampled_rows(MAX_SOURCES, *places.T)}
-        return binary_message("background", arrays, zones=[], sources=len(places), trees=0)
+        stands = stands_of(self.case, self.site.grid)
+        return binary_message(
+            "background", arrays, zones=[], sources=len(places), trees=0, stands=stands
+        )
 
 
 def _fixed(form: Form) -> Form:

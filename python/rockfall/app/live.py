@@ -16,6 +16,7 @@ from rockfall.app.messages import Refused, fault_message, text_message
 from rockfall.app.pictures import BY_SOURCE, Ground, View, background_message
 from rockfall.app.progress import Progress, Send
 from rockfall.app.sections import MAPS
+from rockfall.app.surroundings import stands_of
 from rockfall.case import REPEATABLE, Case, key_table
 from rockfall.case.variants import BASE
 from rockfall.case.zones import case_zones
@@ -57,7 +58,7 @@ class Live:
         self._frames: dict[str, Frame] = {}
         self._layers: dict[str, Any] = {}
         self._ground: Ground | None = None
-        self._seen: tuple[Any, Any, Any] = (None, None, None)  # in the background
+        self._seen: tuple[Any, ...] = (None,) * 4  # in the background
         self._progress: Progress | None = None
         self._aside: Progress | None = None  # of a variant that is compared
         self._compared: list[Document] = []  # variants that wait for theirs
@@ -269,15 +270,17 @@ class Live:
             self._seen = seen
             self._send("background", message)
 
-    def _background(self, made: Runnable, **fields: Any) -> tuple[tuple[Any, Any, Any], bytes]:
-        """Zones, sources and trees of the case that are not features, and their message."""
+    def _background(self, made: Runnable, **fields: Any) -> tuple[tuple[Any, ...], bytes]:
+        """Zones, sources, trees and stands that are not features, and their message."""
         assert self._session is not None and self._ground is not None
         scene, drawn = scene_of(self._session), made.layers
         zones = None if "zones" in drawn else scene.rasters.zone
         sources = None if "sources" in drawn else scene.x
         rows = {} if zones is None else case_zones(made.case)
+        stands = stands_of(made.case, self.site.grid) if scene.stands else []
+        fields |= {"stands": stands}
         message = background_message(scene, rows, sources is not None, self._ground, **fields)
-        return (zones, sources, scene.trees), message
+        return (zones, sources, scene.trees, scene.stands), message
 
     def _change(self, made: Runnable) -> None:
         """Open the session, or change it; an unchanged layer keeps its frame."""

@@ -16,8 +16,8 @@ REPLACED = {
     "batch": ("batch", "lines"),
     "state": ("state", "batch", "lines", "trajectories", "section"), "section": ("section",),
     "trajectories": ("trajectories",), "terrain": ("terrain",), "progress": ("progress",),
-    "background": ("background",), "document": ("document",), "variant batch": ("variant batch",),
-    "unfinished": ("unfinished",),
+    "background": ("background",), "objects": ("objects",), "document": ("document",),
+    "variant batch": ("variant batch",), "unfinished": ("unfinished",),
 }  # fmt: skip
 
 

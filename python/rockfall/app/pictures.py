@@ -42,12 +42,13 @@ BY_SOURCE = ("sources", "reach_probability_by_source")  # maps for which runs go
 
 class View(NamedTuple):
     """Map and number of trajectories shown besides statistics, the lines whose statistics are in
-    view where there are more than MAX_LINES, and the section."""
+    view where there are more than MAX_LINES, the section, and the layer of objects."""
 
     map: str = ""
     trajectories: int = 100
     lines: tuple[str, ...] = ()
     section: tuple[tuple[float, ...], ...] = ()  # vertices [m]
+    objects: str = ""  # label of an `Offer`
 
 
 class Ground:

@@ -27,6 +27,7 @@ from rockfall.app.messages import (
 from rockfall.app.outbox import Client
 from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
 from rockfall.app.recent import note_recent, recent_files
+from rockfall.app.surroundings import Given, Offer, objects_message, offered_objects
 from rockfall.app.tasks import EXPORT, REPORT, SIMULATE, Task, outputs, unfinished
 from rockfall.errors import RockfallError
 from rockfall.language import LANGUAGES, say, speaking, texts_of
@@ -37,6 +38,7 @@ MAX_VISIBLE = 200  # lines in view
 MAX_REVISION = 2**53  # up to which numbers of JSON are exact in a browser
 KEPT = (
     "terrain",
+    "objects",
     "background",
     "state",
     "batch",
@@ -50,13 +52,15 @@ STALE = {
     "batch": ("lines",),
 }  # kinds that it ends
 
+NOTHING = Given()
+
 Shown: TypeAlias = "Live | Exhibit"
 
 
 class Room:
     """An opened file, its live run, and the pages. Methods may be called from any thread."""
 
-    def __init__(self, path: Path | None, language: str = "") -> None:
+    def __init__(self, path: Path | None, language: str = "", given: Given = NOTHING) -> None:
         if language and language not in LANGUAGES:
             raise RockfallError(f"--language {language}: must be one of {', '.join(LANGUAGES)}")
         self._language, self._lock = language, RLock()
@@ -65,6 +69,7 @@ class Room:
         self._last: dict[str, list[Message]] = {}  # messages of the kinds KEPT
         self._shown: Shown | None = None
         self._task: Task | None = None
+        self._given, self._offers = given, dict[str, Offer]()
         if path is not None:
             self._open(path)
 
@@ -159,15 +164,22 @@ class Room:
             shown = Exhibit(read_result(path), path, self._send)
         else:
             shown = Live(*open_site(path), self._send, language)
+        offers = {
+            offer.label: offer for offer in offered_objects(path.absolute().parent, self._given)
+        }
+        first = next(iter(offers), "") if self._given.objects else ""
+        shown.view = shown.view._replace(objects=first)
+        objects = objects_message(offers.get(first), shown.site.grid)
         note_recent(path)
         before = self._shown
         if before is not None:
             before.close()
         with self._lock:
             self._last.clear()
-            self._shown = shown
+            self._shown, self._offers = shown, offers
             for client in self._clients:
                 self._welcome(client)
+        self._send("objects", objects)
         shown.start()
 
     def _send(self, kind: str, message: Message) -> None:
@@ -191,7 +203,8 @@ class Room:
             "trajectories": MAX_TRAJECTORIES,
         }  # fmt: skip
         fields = {
-            "writer": client is self._writer, "version": __version__, "recent": recent,
+            "offers": [*self._offers], "writer": client is self._writer,
+            "version": __version__, "recent": recent,
             "language": client.language, "languages": LANGUAGES, "limits": limits,
             "texts": texts_of(client.language, "app"),
         }  # fmt: skip
@@ -240,7 +253,12 @@ class Room:
             raise Refused(say("app.server_wrong_type", name="lines"))
         cut = message.get("section") or []
         section = tuple(tuple(at) for at in positions(cut, 2, {})) if cut else ()
-        self._shown.look(View(name, number, tuple(lines), section))
+        chosen = message.get("objects", "")
+        if not isinstance(chosen, str) or chosen not in ("", *self._offers):
+            raise Refused(say("app.server_wrong_type", name="objects"))
+        if chosen != self._shown.view.objects:
+            self._send("objects", objects_message(self._offers.get(chosen), self._shown.site.grid))
+        self._shown.look(View(name, number, tuple(lines), section, chosen))
 
     def _compare(self, _: Client, message: dict[str, Any]) -> None:
         live, variant = self._live(), message.get("variant")

@@ -191,6 +191,7 @@ def _add_app(commands: _Commands) -> None:
     app.add_argument("path", metavar="PATH", type=Path, nargs="?", help=text)
     _option(app, "--language XX", str, "de, en, fr or it; default: that of the browser", default="")
     _option(app, "--port N", int, "port on this machine; default: any that is free", default=0)
+    _add_object_layers(app)
     _switch(app, "--keep", "keep running when the last page has closed, until Ctrl-C")
     _switch(app, "--no-browser", "print the address only")
 
@@ -340,14 +341,8 @@ def _add_dossier(commands: _Commands) -> None:
 
 
 def _add_objects(command: argparse.ArgumentParser) -> None:
-    """Add the layers of objects at risk."""
-    text = "points, lines, polygons, with name, vulnerability, value, persons, aadt, ...; several: "
-    text += "--objects A --objects B"
-    command.add_argument(
-        "--objects", metavar="LAYER", type=Path, action="append", default=[], help=text
-    )
-    text = "of a file with several layers; again for another of them, or one for each file"
-    _option(command, "--objects-layer NAME", str, text, action="append", default=[])
+    """Add the layers of objects at risk, roads, and curves of vulnerability."""
+    _add_object_layers(command)
     text = "lines of roads, with name, width, chainage: frequencies of each segment"
     _option(command, "--segments LAYER", Path, text)
     _option(command, "--segments-layer NAME", str, "of a file with several layers")
@@ -355,6 +350,16 @@ def _add_objects(command: argparse.ArgumentParser) -> None:
     _option(command, "--segment-length LENGTH", float, text)
     text = "curves for the objects: name, energy [kJ], vulnerability, source"
     _option(command, "--vulnerability CURVES.csv", Path, text)
+
+
+def _add_object_layers(command: argparse.ArgumentParser) -> None:
+    text = "points, lines, polygons, with name, vulnerability, value, persons, aadt, ...; several: "
+    text += "--objects A --objects B"
+    command.add_argument(
+        "--objects", metavar="LAYER", type=Path, action="append", default=[], help=text
+    )
+    text = "of a file with several layers; again for another of them, or one for each file"
+    _option(command, "--objects-layer NAME", str, text, action="append", default=[])
 
 
 def _add_results(commands: _Commands) -> None:

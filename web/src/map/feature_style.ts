@@ -57,7 +57,7 @@ function makeStyles(layer: Exclude<Layer, 'dams'>, wide: number): Style[] {
     case 'sources':
       return [
         new Style({
-          image: new Circle({ radius: 6.5 + wide, fill: new Fill({ color: colour }), stroke: stroke('#fff', 2) }),
+          image: new Circle({ radius: 6.5 + wide, fill: new Fill({ color: colour }), stroke: stroke('#fff', 2), declutterMode: 'none' }),
           stroke: stroke(colour, 2 + wide),
           fill: new Fill({ color: translucent(colour, 25) }),
           zIndex: 4,
@@ -122,9 +122,10 @@ const VERTEX = new RegularShape({
   angle: Math.PI / 4,
   fill: new Fill({ color: '#fff' }),
   stroke: stroke(ACCENT, 2),
+  declutterMode: 'none',
 });
-const MIDDLE = new Circle({ radius: 3.5, fill: new Fill({ color: '#fff' }), stroke: stroke(ACCENT, 1.5) });
-const RING = new Circle({ radius: 11, stroke: stroke(ACCENT, 2.5) });
+const MIDDLE = new Circle({ declutterMode: 'none', radius: 3.5, fill: new Fill({ color: '#fff' }), stroke: stroke(ACCENT, 1.5) });
+const RING = new Circle({ declutterMode: 'none', radius: 11, stroke: stroke(ACCENT, 2.5) });
 
 function handleStyles(geometry: unknown): Style[] {
   if (geometry instanceof Point) return [new Style({ image: RING, zIndex: 6 })];

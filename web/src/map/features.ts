@@ -129,6 +129,7 @@ function makeLayer(
   return new VectorLayer({
     source: new VectorSource({ wrapX: false }),
     zIndex,
+    declutter: true, // names, where they would cover one another
     style: (feature, resolution) => {
       const data = feature instanceof OlFeature && dataOf(feature);
       return data ? style(feature, data, resolution) : [];

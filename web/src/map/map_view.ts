@@ -15,6 +15,7 @@ import { FeatureLayers } from './features';
 import { type Extent, RasterLayer } from './plot_layer';
 import { hillshade, resultRaster, zoneRaster } from './rasters';
 import { SectionLayer } from './section_layer';
+import { ShapeLayer } from './surroundings';
 import { DotLayer, TrajectoryLayer } from './trajectory_layer';
 
 /** What can be switched on and off. */
@@ -25,6 +26,8 @@ export type Shown =
   | 'stops'
   | 'trees'
   | 'background_sources'
+  | 'stands'
+  | 'objects'
   | 'sources'
   | 'lines'
   | 'barriers'
@@ -52,6 +55,8 @@ export class MapView {
   });
   private readonly stops = new DotLayer(22, { colour: LAYER_COLOURS.stops, radius: 1.3, shape: 'circle', halo: false });
   readonly section = new SectionLayer(45);
+  readonly objects = new ShapeLayer('objects', 24);
+  private readonly stands = new ShapeLayer('stands', 13);
   private readonly overlayCanvas = element('canvas');
   private overlayOpacity = 0.85;
   private preliminary = false;
@@ -68,10 +73,12 @@ export class MapView {
         this.shade,
         this.zones,
         this.overlay,
+        this.stands,
         this.trees,
         this.sources,
         this.trajectories,
         this.stops,
+        this.objects,
         ...this.features.all,
         this.section,
       ],
@@ -127,6 +134,7 @@ export class MapView {
       this.zones.display(image, [west, north - ny * cell, west + nx * cell, north]);
     } else this.zones.display(null, [0, 0, 1, 1]);
     this.sources.display(message?.f8('sources')?.values ?? new Float64Array(), 2);
+    this.stands.show(message?.header.stands ?? []);
     this.trees.display(message?.f8('trees')?.values ?? new Float64Array(), 3);
   }
 
@@ -194,6 +202,8 @@ export class MapView {
       stops: this.stops,
       trees: this.trees,
       background_sources: this.sources,
+      stands: this.stands,
+      objects: this.objects,
       sources,
       lines,
       barriers,
@@ -267,6 +277,7 @@ export class MapView {
       const extent = layer.getSource()?.getExtent();
       if (extent) extend(whole, extent);
     }
+    extend(whole, this.objects.getSource()?.getExtent() ?? createEmpty());
     extend(whole, this.sources.extent);
     extend(whole, this.resultExtent() ?? createEmpty());
     const room = Math.max(FIRST * this.terrainOrThrow().cell - Math.max(getWidth(whole), getHeight(whole)), 0) / 2;

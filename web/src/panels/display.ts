@@ -2,6 +2,7 @@
 // What the map shows: layers on and off, opacity of the result, number and colour of trajectories.
 import { checkbox, element, select, uniqueId } from '../dom';
 import type { Shown } from '../map/map_view';
+import type { Wanted } from '../protocol';
 import { decimal, say } from '../texts';
 import { swatch } from './features';
 
@@ -15,6 +16,8 @@ const CASE: readonly Shown[] = [
   'background_sources',
   'zones',
   'trees',
+  'stands',
+  'objects',
 ];
 const HIDDEN_AT_FIRST: readonly Shown[] = ['stops'];
 const NUMBERS = [0, 20, 50, 100, 200, 500, 1000];
@@ -24,14 +27,17 @@ interface Actions {
   opacity(value: number): void;
   trajectories(number: number): void;
   bySpeed(on: boolean): void;
+  objects(label: string): void;
 }
 
 export class DisplayPanel {
   readonly root = element('div', { class: 'display' });
   private readonly rows = new Map<Shown, HTMLElement>();
   private readonly number: HTMLSelectElement;
+  private readonly objects: HTMLSelectElement;
 
-  constructor(actions: Actions, trajectories: number, opacity: number) {
+  constructor(actions: Actions, view: Wanted, offers: readonly string[], opacity: number) {
+    const { trajectories } = view;
     const row = (name: Shown): HTMLElement => {
       const label = element('span', {}, colourOf(name), say(`app.show.${name}`));
       const made = checkbox(label, !HIDDEN_AT_FIRST.includes(name), (on) => actions.visible(name, on), {
@@ -52,6 +58,12 @@ export class DisplayPanel {
       (value) => actions.trajectories(Number(value)),
       { id: uniqueId('number'), attributes: { 'data-action': 'trajectories' } },
     );
+    this.objects = select(
+      [['', say('app.display.none')], ...offers.map((label) => [label, label] as const)],
+      view.objects,
+      actions.objects,
+      { id: uniqueId('objects'), attributes: { 'data-action': 'objects' } },
+    );
     this.root.append(
       element('h2', {}, say('app.display.results')),
       ...RESULTS.map(row),
@@ -70,12 +82,25 @@ export class DisplayPanel {
       checkbox(say('app.display.by_speed'), false, actions.bySpeed, { attributes: { 'data-show': 'by_speed' } }),
       element('h2', {}, say('app.display.case')),
       ...CASE.map(row),
+      element(
+        'div',
+        { class: 'field wide' },
+        element('label', { attributes: { for: this.objects.id } }, say('app.display.objects')),
+        this.objects,
+      ),
+      element('p', { class: 'hint' }, say('app.display.objects_hint')),
     );
   }
 
-  /** Let the number of trajectories be chosen. */
+  /** Let the number of trajectories and the layer of objects be chosen. */
   enable(on: boolean): void {
-    this.number.disabled = !on;
+    this.number.disabled = this.objects.disabled = !on;
+  }
+
+  /** Name the layer of objects that is shown. */
+  setObjects(label: string): void {
+    this.objects.value = label;
+    this.offer('objects', label !== '');
   }
 
   /** Leave out what the case does not have. */

@@ -69,10 +69,8 @@ def read_objects(
 ) -> Objects:
     """Read the objects of layers, with their vulnerability for each intensity between the
     thresholds [J], or by a curve, and the persons and values exposed there."""
-    read = [_read(file, grid, remarks) for file in files]
-    names = distinct_names([layer.names for layer in read], [file.label for file in files])
     all_objects = []
-    for file, layer, own in zip(files, read, names, strict=True):
+    for file, (layer, own) in zip(files, named_layers(files, grid, remarks), strict=True):
         objects = Objects([str(file.path)], [file.label] * len(own), layer.shapes, own)
         widths = layer.layer.numbers("width", np.nan, missing=True)
         for number, (shape, width) in enumerate(zip(layer.shapes, widths.tolist(), strict=True)):
@@ -107,7 +105,17 @@ def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
         yield remark(layer.path, "input.object_again", n=len(again), name=name, before=before)
 
 
-class _Read(NamedTuple):
+def named_layers(
+    files: Sequence[File], grid: Grid, remarks: list[str]
+) -> list[tuple[Read, list[str]]]:
+    """Layers with their shapes, and the names of their objects, which give the layer where
+    several have the same."""
+    read = [_read(file, grid, remarks) for file in files]
+    names = distinct_names([layer.names for layer in read], [file.label for file in files])
+    return list(zip(read, names, strict=True))
+
+
+class Read(NamedTuple):
     """A layer with its shapes and names of objects."""
 
     layer: Layer
@@ -115,7 +123,7 @@ class _Read(NamedTuple):
     names: list[str]
 
 
-def _read(file: File, grid: Grid, remarks: list[str]) -> _Read:
+def _read(file: File, grid: Grid, remarks: list[str]) -> Read:
     import shapely
 
     shapes, columns = read_features(file.path, grid, remarks, file.layer, "--objects-layer")
@@ -126,7 +134,7 @@ def _read(file: File, grid: Grid, remarks: list[str]) -> _Read:
     columns = {name.lower(): values for name, values in columns.items()}
     numbers = [str(number) for number in range(1, len(shapes) + 1)]
     names = [str(name) for name in columns.get("name", numbers)]
-    return _Read(Layer(str(file.path), columns, len(shapes)), shapely.force_2d(shapes), names)
+    return Read(Layer(str(file.path), columns, len(shapes)), shapely.force_2d(shapes), names)
 
 
 def _joined(parts: Sequence[Objects]) -> Objects:

@@ -53,5 +53,7 @@ def app_command(arguments: argparse.Namespace) -> int:
 def _open_room(arguments: argparse.Namespace) -> Room:
     """Open the file; imported only now, while the browser starts and loads the page."""
     need("the window needs", "app", "shapely")
-    room: Room = import_module("rockfall.app.room").Room(arguments.path, arguments.language)
+    rooms = import_module("rockfall.app.room")
+    given = rooms.Given(arguments.objects, arguments.objects_layer)
+    room: Room = rooms.Room(arguments.path, arguments.language, given)
     return room

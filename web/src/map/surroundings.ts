@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What is around the document on the map: houses and other objects, stands of forest, each with its name.
+import GeoJSON from 'ol/format/GeoJSON';
+import OlFeature from 'ol/Feature';
+import VectorLayer from 'ol/layer/Vector';
+import VectorSource from 'ol/source/Vector';
+import { Circle, Fill, Stroke, Style, Text } from 'ol/style';
+import { LAYER_COLOURS } from '../colours';
+import type { Shape } from '../protocol';
+
+const NAMED = 300; // shapes, above which their names would hide the map
+const format = new GeoJSON();
+
+/** Shapes with names that nobody edits here. */
+export class ShapeLayer extends VectorLayer<VectorSource> {
+  constructor(kind: 'objects' | 'stands', zIndex: number) {
+    super({ source: new VectorSource({ wrapX: false }), zIndex, declutter: true });
+    const style = STYLES[kind];
+    const names = new Map<string, Style>();
+    this.setStyle((feature) => {
+      const name = String(feature.get('name') ?? '');
+      if (!name || (this.getSource()?.getFeatures().length ?? 0) > NAMED) return style;
+      let label = names.get(name);
+      if (!label) names.set(name, (label = nameStyle(name, kind)));
+      return [style, label];
+    });
+  }
+
+  show(shapes: readonly Shape[]): void {
+    const source = this.getSource();
+    source?.clear();
+    source?.addFeatures(shapes.map(({ name, geometry }) => new OlFeature({ geometry: format.readGeometry(geometry) ?? undefined, name })));
+  }
+}
+
+const STYLES = {
+  objects: new Style({
+    stroke: new Stroke({ color: LAYER_COLOURS.objects, width: 2 }),
+    fill: new Fill({ color: 'rgb(75 29 29 / 0.55)' }),
+    image: new Circle({ radius: 5, fill: new Fill({ color: LAYER_COLOURS.objects }), stroke: new Stroke({ color: '#fff', width: 1.5 }), declutterMode: 'none' }),
+  }),
+  stands: new Style({
+    stroke: new Stroke({ color: LAYER_COLOURS.stands, width: 1.5, lineDash: [2, 3] }),
+    fill: new Fill({ color: 'rgb(0 122 89 / 0.12)' }),
+  }),
+} as const;
+
+function nameStyle(name: string, kind: 'objects' | 'stands'): Style {
+  return new Style({
+    text: new Text({
+      text: name,
+      font: '600 11.5px system-ui, sans-serif',
+      overflow: true,
+      offsetY: kind === 'objects' ? -11 : 0,
+      fill: new Fill({ color: LAYER_COLOURS[kind] }),
+      stroke: new Stroke({ color: 'rgb(255 255 255 / 0.9)', width: 3.5 }),
+    }),
+  });
+}
