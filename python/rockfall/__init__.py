@@ -32,6 +32,7 @@ _MODULES = {  # module of each public name, and the name there if different
     "import_avaframe": "importers.avaframe",
     "import_platrock": "importers.platrock",
     "import_rockyfor3d": "rockyfor3d.imported",
+    "layers": "files.geodataframes",
     "line_profile": "analysis.lines.profile",
     "line_statistics": "analysis.line_statistics",
     "measure_ground": "grounds.measured_ground",

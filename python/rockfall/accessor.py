@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 OF_RESULTS = (
     "at_lines", "barrier_statistics", "crossings", "exceedance", "export", "ground_strength",
-    "line_profile", "line_statistics", "report", "return_levels", "return_period", "section",
-    "show", "trajectories", "write_hazard", "write_result",
+    "layers", "line_profile", "line_statistics", "report", "return_levels", "return_period",
+    "section", "show", "trajectories", "write_hazard", "write_result",
 )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case.keys import REPEATABLE, Key, file_keys
+from rockfall.case.keys import REPEATABLE, Key, file_keys, gone_with
 from rockfall.case.rules import first_fault
 from rockfall.case.text import (
     KernelValues,
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 FROM_ARRAY = "(array)"  # the DEM of a case whose elevations come from `run(case, dem=...)`
 LINES = tuple(_core.fields("line_group").decode().split())  # groups of lines, in their order
 OPERATOR = {"sets": "matrix", "table": "table"}  # forms of what keys of `impact` name
-OF_MAPS = ("map_extent", "min_passages")  # keys of `output` that only concern maps
 
 
 def read_case(path: str | Path) -> Case:
@@ -177,25 +176,27 @@ class Case:
 
     def replace(self, **groups: Any) -> Case:
         """Return a copy with other values: `case.replace(surface={"method": "A"})`; None removes a
-        key. A list replaces all groups of its name: `case.replace(line=[])`. `sets` or `table` of
-        `impact` bring their form with them; `maps` of `output` takes its keys along.
+        key, with all keys that are only valid with it: `zones` with their table, field and layer. A
+        list replaces all groups of its name: `case.replace(line=[])`. `sets` or `table` of
+        `impact` bring their form with them.
 
         >>> import rockfall
         >>> case = rockfall.read_case("case.nml")
         >>> other = case.replace(boulder={"volume_mean": 2.0}, line=[])
         >>> other.boulder["volume_mean"], other.boulder["density"], other.line
         (2.0, 2800.0, [])
+        >>> "table" in case.replace(surface={"zones": None, "ground": "talus"}).surface
+        False
         """
         changes = self._changes_in_place()
         for group, values in groups.items():
             if group not in REPEATABLE:
                 changes[group] = {**changes.get(group, {}), **values}
+                changes[group] |= gone_with(group, self._groups[group], changes[group])
             elif values is not None:
                 changes[group] = values
         if "impact" in groups:
             changes["impact"] |= _new_form(groups["impact"])
-        if changes.get("output", {}).get("maps", "") is None:
-            changes["output"] |= dict.fromkeys(OF_MAPS)
         return _made(self._changed(changes), self.folder, self.name)
 
     def _changed(self, changes: dict[str, Any]) -> KernelValues:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from math import isnan
 from typing import Any, NamedTuple
@@ -11,6 +12,26 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case.text import read_values
 
 REPEATABLE = tuple(_core.fields("repeatable_group").decode().split())  # groups that are lists
+
+
+FOREST = "trees", "polygons", "stems", "uniform_stems"
+#: Keys of a group, each only valid with one of some others: they go with the last of these. None
+#: stands for all other keys of the group.
+ONLY_WITH: dict[str, list[tuple[tuple[str, ...], tuple[str, ...] | None]]] = {
+    "surface": [(("zones",), ("zones_layer", "zone_field", "table", "default_zone"))],
+    "release": [
+        (("points",), ("points_layer",)),
+        (("polygons",), ("polygons_layer",)),
+        (("points", "polygons"), ("name_field",)),
+    ],
+    "forest": [
+        (("trees",), ("trees_layer", "dbh_field", "species_field")),
+        (("polygons",), ("polygons_layer",)),
+        (("clearings",), ("clearings_layer",)),
+        (FOREST, None),
+    ],
+    "output": [(("maps",), ("map_extent", "min_passages"))],
+}
 
 
 class Key(NamedTuple):
@@ -52,6 +73,19 @@ def key_table() -> tuple[Key, ...]:
 def keys_of(group: str) -> dict[str, Key]:
     """Keys of a group by name, in order."""
     return {key.name: key for key in key_table() if key.group == group}
+
+
+def gone_with(group: str, before: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, None]:
+    """Keys of a group that changes leave without meaning: only valid with a key that is removed
+    (None), and not given again."""
+    after = {**before, **changes}
+    gone: dict[str, None] = {}
+    for owners, keys in ONLY_WITH.get(group, ()):
+        is_removed = any(owner in changes for owner in owners)
+        if is_removed and all(after.get(owner) is None for owner in owners):
+            idle = keys_of(group).keys() - {*owners} if keys is None else keys
+            gone |= dict.fromkeys(key for key in idle if key not in changes)
+    return gone
 
 
 @cache

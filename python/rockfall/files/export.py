@@ -145,9 +145,7 @@ def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
 def _export(
     data: xr.Dataset, folder: Path, formats: Sequence[str], tolerance: float
 ) -> Iterator[Path]:
-    moving = None
-    if {"gpkg", "kml", "dxf"} & {*formats} and data.sizes.get("trajectory_vertex"):
-        moving = sampled(motion_of(data), tolerance)
+    moving = _moving(data, tolerance) if {"gpkg", "kml", "dxf"} & {*formats} else None
     layers = _layers(data, moving) if "gpkg" in formats else {}
     maps = [str(name) for name, variable in data.data_vars.items() if variable.dims == PLAN]
     tables = 1 + len(line_names(data)) if data.sizes.get("boulder") else 0
@@ -329,6 +327,18 @@ def _cells(column: xr.DataArray) -> list[Any]:
     for k in np.flatnonzero(missing):
         cells[k] = ""
     return cells
+
+
+def export_layers(data: xr.Dataset, tolerance: float = TOLERANCE) -> Layers:
+    """Layers of rockfall.gpkg, by name, with parabolas drawn to `tolerance` [m]."""
+    data = flat_maps(data.set_coords({"crs"} & set(data.data_vars)))
+    return _layers(data, _moving(data, tolerance))
+
+
+def _moving(data: xr.Dataset, tolerance: float) -> Sampled | None:
+    """Recorded trajectories, if there are any."""
+    has_any = data.sizes.get("trajectory_vertex")
+    return sampled(motion_of(data), tolerance) if has_any else None
 
 
 def _layers(data: xr.Dataset, moving: Sampled | None, what: str = "GeoPackages") -> Layers:

@@ -120,7 +120,7 @@ def export_hazard(path: str | Path, folder: str | Path, formats: Sequence[str]) 
 
 def _put_drawings(hazard: xr.Dataset, folder: Path, formats: list[str]) -> Iterator[Path]:
     """Drawings of the generalised zones, and of objects."""
-    layers = {name: layer for name, layer in _layers(hazard) if name in ("zones", "objects")}
+    layers = {name: layer for name, layer in hazard_layers(hazard) if name in ("zones", "objects")}
     if not layers:
         raise RockfallError("the hazard has no zones and no objects")
     styles = _styles({name: kind for name, (kind, _) in layers.items()})
@@ -161,7 +161,7 @@ def put_zones(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 
 def _put_zones(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
-    if layers := dict(_layers(hazard)):
+    if layers := dict(hazard_layers(hazard)):
         styles = _styles({name: kind for name, (kind, _) in layers.items()})
         yield write_geopackage(folder / "hazard.gpkg", layers, crs_wkt(hazard), styles)
 
@@ -194,7 +194,7 @@ def _put_maps(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
         yield write_palette(path, words, colours_of(data))
 
 
-def _layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
+def hazard_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
     """Zones of both kinds, uncertain areas, and objects; a layer without features is left out."""
     import shapely
 

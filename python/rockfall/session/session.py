@@ -7,12 +7,13 @@ import warnings
 from collections.abc import Iterator
 from threading import Event, RLock
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from rockfall.case import Case, key_table
 from rockfall.errors import RockfallError
 from rockfall.scene.frames import FrameFiles
 from rockfall.scene.read import read_scene
+from rockfall.scene.releases.source_frame import source_frame
 from rockfall.scene.rules.plausible import implausible
 from rockfall.scene.scene import Scene
 from rockfall.scene.stages import KeptStages
@@ -21,6 +22,9 @@ from rockfall.simulation.batches import Batches
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.simulate import check_overflow, check_team, start
 from rockfall.studies.run_until import Rule, read_rules
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
 
 BATCH_SECONDS = 0.1
 
@@ -112,6 +116,18 @@ class Session:
         True
         """
         return implausible(self._opened())
+
+    @property
+    def sources(self) -> GeoDataFrame:
+        """Sources as points with their release attributes, a GeoDataFrame: `rockfall.run(case,
+        sources=...)` and `change(sources=...)` take it, with other values, too. Needs geopandas.
+
+        >>> import rockfall
+        >>> session = rockfall.open(rockfall.read_case("case.nml"))
+        >>> len(session.sources)
+        1
+        """
+        return source_frame(self._opened())
 
     def change(self, **changes: Any) -> None:
         """Change the case, and read the inputs that depend on the changes.

@@ -143,6 +143,11 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
 
 def find_place(hazard: xr.Dataset, place: str, among: Sequence[str] = PLACES) -> tuple[str, int]:
     """Kind (one of those given) and index of a place, by its name."""
+    if "frequency" not in hazard:
+        raise RockfallError(
+            f"{place}: a run has no frequencies a year: give the case &scenario groups, and use "
+            "rockfall.hazard"
+        )
     kinds = [kind for kind in _kinds(hazard) if kind in among]
     named = [
         (kind, k)

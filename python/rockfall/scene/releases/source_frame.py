@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sources of a scene as a GeoDataFrame that a run takes as sources."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.errors import need
+from rockfall.grounds.impact_tables import BLOCK_SHAPES
+from rockfall.scene.releases.source_attributes import LAWS, VALUES
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
+
+    from rockfall.scene.scene import Scene
+
+
+def source_frame(scene: Scene) -> GeoDataFrame:
+    """Points of the sources with their release attributes, by the names of docs/releases.md: name,
+    volume and its numbers, density, drop height, velocity, block shape and frequency, as far as the
+    layer gives them to any source."""
+    need("GeoDataFrames need", "vector", "geopandas", "shapely")
+    import shapely
+    from geopandas import GeoDataFrame
+
+    columns: dict[str, np.ndarray] = {}
+    if (features := scene.features) is not None:
+        own = features.number - 1
+        columns["name"] = np.array(features.names, object)[own]
+        if features.law is not None and features.value is not None:
+            columns["volume"] = np.array([None, *LAWS], object)[features.law[own]]
+            columns |= dict(zip(VALUES, features.value[own].T, strict=True))
+        if features.shape is not None:
+            columns["block_shape"] = np.array([None, *BLOCK_SHAPES], object)[features.shape[own]]
+    if scene.frequency is not None:
+        columns["frequency"] = scene.frequency
+    given = {name: column for name, column in columns.items() if (column == column).any()}
+    given = {name: column for name, column in given.items() if any(v is not None for v in column)}
+    crs = None if scene.grid.crs is None else scene.grid.crs.to_wkt()
+    return GeoDataFrame(given, geometry=shapely.points(scene.x, scene.y), crs=crs)
