@@ -148,6 +148,8 @@ def _add_draft(commands: _Commands) -> None:
         "compact, soft-soil or another ground (repeatable)"
     )
     _option(new, "--ground [ZONE=]GROUND", str, text, action="append")
+    text = "lowest one seen at the site or in the region, with which runs are compared"
+    _option(new, "--energy-line-angle DEGREE", float, text)
     text = "make a DEM of surveyed points, or edit one: edits are applied in the given order"
     dem = _add(commands, "draft", "dem", text)
     text = "points.csv with x, y, z; point clouds (.las, .laz, .xyz), several too; or a DEM"

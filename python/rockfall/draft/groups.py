@@ -11,6 +11,7 @@ from typing import Any
 from rockfall.case import keys_of
 from rockfall.case.text import Entry, Group, case_text
 from rockfall.draft.grounds import CHOICES, needs_rocks
+from rockfall.draft.observed import Observed
 from rockfall.draft.recognise import LINES, SEVERAL, SOURCES, STANDS, TREES, ZONES, Layer
 from rockfall.draft.zones import Zones
 from rockfall.io.files import relative_name
@@ -18,6 +19,7 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.scene.forest.attributes import matching
 
 VOLUME = 1.0  # [m3]
+ANGLE = 31.0  # [degree], an example
 RADIUS = 0.25  # [m]: with VOLUME, R_b/R_m is 2.5, within the range of impact sets
 MAPS = ("passages", "deposits", "reach_probability", "energy_mean", "energy_q95", "jump_height_q95")
 TRAJECTORIES = 200
@@ -38,6 +40,7 @@ class New:
     used: dict[str, list[Layer]] = field(default_factory=dict)  # by their use
     zones: Zones | None = None
     ground: str = ""  # of a case without zones
+    observed: Observed | None = None
     notes: list[str] = field(default_factory=list)  # use of each layer
     remarks: list[str] = field(default_factory=list)  # oddities
     sources: int = 0  # number of sources, once known
@@ -56,7 +59,7 @@ def new_text(new: New, place: Path) -> str:
     groups = [
         _case(new), Group("terrain", [_entry("terrain", "dem", _name(new.dem, place))]),
         _surface(new, place), _boulder(new), _release(new, place),
-        *_forest(new, place), *_drawn(new, place), _output(),
+        *_forest(new, place), *_drawn(new, place), *_observed(new, place), _output(),
     ]  # fmt: skip
     return case_text(_head(new), groups, _foot(new))
 
@@ -88,6 +91,9 @@ def _head(new: New) -> Iterator[str]:
 
 
 def _foot(new: New) -> Iterator[str]:
+    if new.observed is None or not (new.observed.files or new.observed.angle):
+        yield "No observations were given. Runs are compared with those of the site, such as:"
+        yield f"&observed files = 'blocks.csv', energy_line_angle = {ANGLE} /"
     if LINES in new.used:
         return
     west, east, y = (f"{end:.10g}" for end in (new.grid.west, new.grid.east, new.grid.y.mean()))
@@ -204,6 +210,22 @@ def _drawn(new: New, place: Path) -> Iterator[Group]:
             if field and new.has_key(group, "field"):
                 entries.append(_entry(group, "field", layer.own_names[field]))
             yield Group(group, entries)
+
+
+def _observed(new: New, place: Path) -> Iterator[Group]:
+    """Group of the observations at the site, if there are any."""
+    seen = new.observed
+    if seen is None or not (seen.files or seen.angle is not None):
+        return
+    copies = {path: path.name for path in seen.copies}
+    files = [copies.get(path) or _name(path, place) for path in seen.files]
+    entries = [_entry("observed", "files", files)] if files else []
+    angle, why = seen.angle, "CHOOSE: the lowest of blocks here, or in the region"
+    is_given = angle is not None
+    entries.append(
+        _entry("observed", "energy_line_angle", angle if is_given else ANGLE, why, on=is_given)
+    )
+    yield Group("observed", entries)
 
 
 def _output() -> Group:

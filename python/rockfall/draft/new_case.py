@@ -9,11 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from rockfall.analysis.observed.compare import site_observations
 from rockfall.case import read_case
 from rockfall.draft.grounds import Ask, Grounds
 from rockfall.draft.groups import New, new_text
+from rockfall.draft.observed import AskAngle, copy_names, observed_of
 from rockfall.draft.recognise import (
+    BLOCKS,
     OBJECTS,
+    SCARS,
     SEVERAL,
     SOURCES,
     STANDS,
@@ -45,13 +49,17 @@ def new_case(
     ground: str = "",
     grounds: Mapping[str, str] | None = None,
     ask: Ask | None = None,
+    energy_line_angle: float | None = None,
+    ask_angle: AskAngle | None = None,
 ) -> New:
     """Write a commented case for a DEM and the layers of some files, with a table of zones next to
     it if there are any, without overwriting files; returns its contents.
 
     `grounds` gives zones a ground by name or id; `ground` is for zones without a ground in their
     attributes or names, or for a case without zones. `ask` returns the ground of a zone that is
-    still open; without it, or for "", such a case is refused.
+    still open; without it, or for "", such a case is refused. Blocks at rest and scars become
+    observations (`&observed`), with the lowest `energy_line_angle` [degree] seen at the site or in
+    the region; `ask_angle` returns it for layers of observations, None if it is not known.
 
     >>> import rockfall
     >>> new = rockfall.new_case("dem.tif", ["cliff.gpkg"], "new.nml", ground="talus")
@@ -61,7 +69,8 @@ def new_case(
     dem, out, files = Path(dem), Path(out), [Path(path) for path in layers]
     if out.suffix.lower() != ".nml":
         raise RockfallError(f"{out}: output name must end in .nml")
-    for path in out, *(out.with_name(f"{out.stem}_zones.{ending}") for ending in ("csv", "gpkg")):
+    of_zones = (out.with_name(f"{out.stem}_zones.{ending}") for ending in ("csv", "gpkg"))
+    for path in out, *of_zones, *copy_names(out):
         if os.path.lexists(path):
             raise RockfallError(f"{path}: already exists; not overwritten")
     z, grid = read_dem(dem)
@@ -80,6 +89,8 @@ def new_case(
             new.zones = zones_of(new.used[ZONES][0], grid, z, out.stem, place, chosen)
             new.notes += chosen.notes()
             new.remarks += new.used[ZONES][0].remarks if new.zones.copy else []
+        seen = [(kind, layer) for kind in (BLOCKS, SCARS) for layer in new.used.get(kind, ())]
+        new.observed = observed_of(seen, grid, out, place, energy_line_angle, ask_angle)
         _write(new, place, files)
     return new
 
@@ -127,6 +138,8 @@ def _of_user(text: str, new: New, place: Path, files: Iterable[Path]) -> str:
     names = {place / relative_name(file.resolve(), place): file for file in (new.dem, *files)}
     if new.zones:
         names |= dict.fromkeys([new.zones.copy] if new.zones.copy else [], new.used[ZONES][0].path)
+    if new.observed:
+        names |= {path: layer.path for path, layer in new.observed.files.items()}
     names |= {place / new.out.name: new.out, place: new.out.parent}
     for path, name in names.items():
         text = text.replace(str(path), str(name))
@@ -151,6 +164,7 @@ def _write(new: New, place: Path, files: Iterable[Path]) -> None:
     path.write_text(new_text(new, place), encoding="utf-8")
     try:
         scene = read_scene(read_case(path), memory=machine_memory())
+        site_observations(scene)
     except RockfallError as error:
         if new.zones and str(new.zones.table) in str(error):
             text = f"{error} (made of {new.used[ZONES][0]})"

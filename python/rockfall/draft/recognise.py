@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rockfall.analysis.observed.observations import START
 from rockfall.errors import RockfallError
 from rockfall.io.rasters.grid import Grid
 from rockfall.io.vectors.layers import EXTENSIONS, layer_names, plain, read_features
@@ -22,6 +23,7 @@ from rockfall.scene.releases.source_attributes import VALUES
 ZONES, SOURCES, LINES = "zones", "sources", "lines"
 BARRIERS, DAMS, TREES, OBJECTS = "barriers", "dams", "trees", "objects"
 STANDS = "stands"
+BLOCKS, SCARS = "blocks at rest", "scars"
 SEVERAL = {LINES: "line", BARRIERS: "barrier", DAMS: "dam"}  # groups that may occur several times
 SYMBOLS = {"mean_radius": "r_m"}  # common field symbols for them
 WORDS = {  # prefixes of names: English, German, French, Italian
@@ -32,6 +34,10 @@ WORDS = {  # prefixes of names: English, German, French, Italian
                "muro"),
     DAMS: ("dam", "embankment", "bund", "digue", "merlon", "vallo", "rilevato"),
     TREES: ("tree", "stem", "baum", "arbre", "alber"),
+    BLOCKS: ("deposit", "stopped", "fallen", "ablager", "abgelagert", "liegend", "dépos", "dépôt",
+             "depos", "fermi", "cadut"),
+    SCARS: ("scar", "impact", "witness", "silent", "narbe", "schlagmarke", "blessure", "cicatri",
+            "impatt", "ferit"),
     OBJECTS: ("object", "house", "building", "objekt", "haus", "geb", "maison", "batiment",
               "edific", "casa"),
 }  # fmt: skip
@@ -39,6 +45,7 @@ AVAFRAME = re.compile(r"rel(?!ief)", re.IGNORECASE)  # begins the names of its r
 #: Attributes of sources.
 OF_SOURCES = {"volume", "volume_class", "frequency", "block_shape", *VALUES} - {"density"}
 NAMES = ("name", "bezeichnun", "nom", "nome", "label")  # attributes with the name of a feature
+IMPACT = "impact"  # attribute of scars
 SHORT = 10  # maximum length of attribute names in a shapefile
 
 
@@ -105,6 +112,8 @@ class Layer:
         if kind == SOURCES and AVAFRAME.match(self.path.stem):
             return True
         words = re.split(r"[\W\d_]+", f"{self.name} {self.path.stem}".lower())
+        if kind == BLOCKS and "rest" in words:
+            return True
         return any(word.startswith(WORDS[kind]) for word in words)
 
 
@@ -129,6 +138,14 @@ def kind_of(layer: Layer) -> tuple[str, str]:
         return _lines(layer)
     if layer.shape != "Point":
         return "", "points, lines and polygons are mixed: one kind to a layer"
+    if layer.attribute(IMPACT):
+        return SCARS, f"points with {IMPACT}"
+    if layer.is_called(SCARS):
+        return "", f"scars need an attribute {IMPACT}: a name or a number"
+    if {*START} <= layer.columns.keys():
+        return BLOCKS, f"points with {', '.join(START)}"
+    if layer.is_called(BLOCKS) and not layer.is_called(SOURCES):
+        return BLOCKS, "points, by their name"
     if layer.has("dbh"):
         return TREES, "points with dbh"
     if layer.is_called(TREES):
@@ -155,7 +172,7 @@ def may_be_sources(layer: Layer, kind: str) -> bool:
     """Return True for a layer of no known use that may be meant for sources."""
     if layer.is_called(SOURCES):
         return kind in ("", LINES)
-    return not kind and not layer.is_called(TREES)
+    return not kind and not any(map(layer.is_called, (TREES, SCARS)))
 
 
 def _why_sources(layer: Layer) -> str:

@@ -22,6 +22,7 @@ from rockfall.draft.dem import (
 )
 from rockfall.draft.grounds import GROUNDS
 from rockfall.draft.new_case import new_case
+from rockfall.draft.observed import check_angle
 from rockfall.errors import RockfallError
 from rockfall.importers.avaframe import import_avaframe
 from rockfall.importers.imported import CASE
@@ -36,7 +37,10 @@ OF_POINTS = ("cell", "power", "neighbours", "within", "crs", "classes", "thin")
 def new_command(arguments: argparse.Namespace) -> int:
     usual, by_zone = _grounds(arguments.ground or ())
     ask = _ask if sys.stdin.isatty() else None
-    new = new_case(arguments.dem, arguments.layers, arguments.output, usual, by_zone, ask)
+    new = new_case(
+        arguments.dem, arguments.layers, arguments.output, usual, by_zone, ask,
+        arguments.energy_line_angle, _ask_angle if ask else None,
+    )  # fmt: skip
     for line in new.remarks:
         warn(line)
     print(*new.notes, sep="\n", end="\n" if new.notes else "")
@@ -57,6 +61,24 @@ def _grounds(options: Iterable[str]) -> tuple[str, dict[str, str]]:
         else:
             usual = ground
     return usual, by_zone
+
+
+def _ask_angle() -> float | None:
+    """Read an energy-line angle [degree] from the terminal; None if it is not known."""
+    print("Lowest energy-line angle seen here or in the region [degree]?", file=sys.stderr)
+    while True:
+        try:
+            answer = input("number, or nothing if not known: ").strip()
+        except EOFError:
+            return None
+        if not answer:
+            return None
+        try:
+            angle = float(answer)
+            check_angle(angle)
+            return angle
+        except ValueError as error:
+            print(error, file=sys.stderr)
 
 
 def _ask(what: str) -> str:
