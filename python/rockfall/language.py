@@ -13,7 +13,7 @@ import gettext
 import importlib.resources
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
@@ -24,8 +24,22 @@ from typing import Any
 from rockfall.errors import RockfallError
 
 LANGUAGES = ("en", "de", "fr", "it")
-#: Thousands and decimals outside English (ISO 80000-1).
+#: Regions that may follow a language, as in de-AT.
+REGIONS = ("AT", "CH", "DE", "FR", "GB", "IT", "LI", "LU", "US")
+#: Thousands and decimals outside English (ISO 80000-1), and in the regions that write them as
+#: Switzerland does.
 MARKS = str.maketrans({",": "\u202f", ".": ","})
+SWISS_MARKS = str.maketrans({",": "\u2019"})
+SWISS = ("de-CH", "de-LI", "it-CH")
+#: Words of the German catalogue, which is Swiss, where German is not: ß after a long vowel.
+NOT_SWISS = ("de-AT", "de-DE", "de-LU")
+SPELLING = (
+    (re.compile(r"(gr[oö]|stra|lie|st[oö]|f[uü]|m[aä](?=ss(?:st|g|n|ig|\b))|au(?=sse[rn]))ss",
+                re.IGNORECASE), r"\1ß"),
+    (re.compile(r"\bResultat(?=d|k)"), "Ergebnis"),
+    (re.compile(r"\bResultat(e?)(?=\b)"), lambda match: "Ergebnisse" if match[1] else "Ergebnis"),
+    (re.compile(r"\bResultats\b"), "Ergebnisses"),
+)  # fmt: skip
 _in_force: ContextVar[str] = ContextVar("language", default="en")
 
 
@@ -64,9 +78,10 @@ class Catalogue:
 
     ENTRY = re.compile(r'^msgid (".*")\n(?:msgid_plural .*\n)?((?:msgstr.*\n?)+)', re.MULTILINE)
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, locale: str) -> None:
+        spelt = spelling(locale)
         self.forms: dict[str, list[str]] = {
-            json.loads(key): [json.loads(form) for form in re.findall('".*"', forms)]
+            json.loads(key): [spelt(json.loads(form)) for form in re.findall('".*"', forms)]
             for key, forms in self.ENTRY.findall(text)
         }
         self.plural = gettext.c2py(re.findall("plural=(.+?);", text)[0])
@@ -82,11 +97,27 @@ class Catalogue:
 
 @cache
 def catalogue(language: str) -> Catalogue:
-    """Texts of a language; a RockfallError for unknown languages."""
-    if language not in LANGUAGES:
-        raise RockfallError(f"language = '{language}': must be one of {', '.join(LANGUAGES)}")
-    path = importlib.resources.files("rockfall") / "locale" / f"{language}.po"
-    return Catalogue(path.read_text(encoding="utf-8"))
+    """Texts of a language, or of one with a region; a RockfallError for unknown ones."""
+    name, dash, region = language.partition("-")
+    if name not in LANGUAGES or (dash and region not in REGIONS):
+        raise RockfallError(
+            f"language = '{language}': must be one of {', '.join(LANGUAGES)}, or with a region: "
+            "de-AT, de-CH"
+        )
+    path = importlib.resources.files("rockfall") / "locale" / f"{name}.po"
+    return Catalogue(path.read_text(encoding="utf-8"), language)
+
+
+def spelling(locale: str) -> Callable[[str], str]:
+    """Return the function that spells a text of the catalogue as in this region."""
+    rules = SPELLING if locale in NOT_SWISS else ()
+
+    def spelt(text: str) -> str:
+        for words, own in rules:
+            text = words.sub(own, text)
+        return text
+
+    return spelt
 
 
 def texts_of(language: str, room: str) -> dict[str, str]:
@@ -131,7 +162,10 @@ def translated(text: object) -> str:
 
 def localised(number: str, language: str = "") -> str:
     """Write a number, formatted in English, in the format of a language (default: current)."""
-    return number if (language or _in_force.get()) == "en" else str(number).translate(MARKS)
+    locale = language or _in_force.get()
+    if locale.startswith("en"):
+        return number
+    return str(number).translate(SWISS_MARKS if locale in SWISS else MARKS)
 
 
 def packed(text: object) -> Any:

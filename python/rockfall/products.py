@@ -113,7 +113,7 @@ def report(
     `dem` is the terrain under maps (default: the case's, if it exists), `observed` are CSV files of
     observations drawn with the result, `basemap` is a raster image under maps, `limits` are those
     of classes ("kJ=30,300"), and `view`, from `rockfall.show`, adds a map to explore and
-    trajectories in three dimensions. The page is in `language` (en, de, fr or it), and names
+    trajectories in three dimensions. The page is in `language` (en, de, de-AT ...), and names
     `project` (its name or number), `client` and `author` on page 1, for signature, and the date
     `dem_date` of the survey of the terrain; `hazard`, a file hazard.nc, adds its zones, `models`, a
     file models.nc of `rockfall models`, the spread over rebound models; `section`, a line as in
@@ -307,7 +307,7 @@ def export_project(
 
     `dem` is the terrain (default: the case's, if it exists); the part around the boulders
     becomes elevation_m.tif, drawn as relief and contours; `hazard`, a file hazard.nc, adds its
-    zones and classes; titles and texts are in `language` (en, de, fr or it); layouts name
+    zones and classes; titles and texts are in `language` (en, de, de-AT ...); layouts name
     `project` (its name or number), `client` and `author`. All layers are files of `folder`, found
     from the project, so that the folder may go elsewhere. Writes all files or, with a
     RockfallError, none; missing terrain gives a UserWarning.
@@ -333,7 +333,7 @@ def export_tables(
 
     tables.xlsx has a sheet for each table, with the numbers of the CSV tables, units, and limits of
     95 % confidence intervals in columns of their own; tables.docx has the tables of the report,
-    rounded, with intervals in brackets, in `language` (en, de, fr or it). They need the extra
+    rounded, with intervals in brackets, in `language` (en, de, de-AT ...). They need the extra
     `office`. Raises RockfallError for other `formats`.
 
     >>> import rockfall

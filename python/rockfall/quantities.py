@@ -128,11 +128,11 @@ def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
     return Number(f"{near:,.{max(0, beyond)}f}")
 
 
-def small(value: float) -> str:
+def small(value: float) -> Number:
     """A risk, by a power of ten: 2.3e-7."""
     if not math.isfinite(value):
-        return "-"
-    return f"{value:.1e}".replace("e-0", "e-").replace("e+00", "") if value else "0"
+        return Number("-")
+    return Number(f"{value:.1e}".replace("e-0", "e-").replace("e+00", "") if value else "0")
 
 
 def round_step(rough: float) -> float:

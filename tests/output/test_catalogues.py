@@ -57,6 +57,7 @@ def test_entries_are_apart(language):
         entry for entry in entries if entry.count("\nmsgid ") + (entry[:6] == "msgid ") != 1
     ] == []
     assert "\n\n\n" not in text
+    assert [one for one in entries if ("msgstr[" in one) != ("\nmsgid_plural " in one)] == []
 
 
 def places(text):
@@ -158,6 +159,53 @@ def test_numbers_are_written_in_the_format_of_the_language():
     assert say_count("inputs.doubtful", 1).startswith("1 input ")
 
 
-def test_an_unknown_language_is_refused():
-    with pytest.raises(RockfallError, match="language = 'xx': must be one of en, de, fr, it"):
-        catalogue("xx")
+@pytest.mark.parametrize(
+    ("locale", "number"),
+    [
+        ("en-GB", "1,234.5"), ("de-AT", "1\u202f234,5"), ("de-CH", "1’234.5"),
+        ("fr-CH", "1\u202f234,5"), ("it-CH", "1’234.5"),
+    ],
+)  # fmt: skip
+def test_numbers_are_written_as_in_the_region(locale, number):
+    with speaking(locale):
+        shown = say("summary.line_fraction", line="L", fraction=Number("1,234.5"))
+        assert number in shown
+    with speaking(locale[:2]):
+        assert shown.replace(number, "X") == say("summary.line_fraction", line="L", fraction="X")
+
+
+def test_german_outside_switzerland_has_its_own_spelling():
+    """ß after long vowels and diphthongs, ss after short ones, and no Swiss words."""
+    swiss, austrian = catalogue("de").forms, catalogue("de-AT").forms
+    assert swiss == catalogue("de-CH").forms
+    assert austrian == catalogue("de-DE").forms and austrian.keys() == swiss.keys()
+    text = "\n".join(form for forms in austrian.values() for form in forms)
+    for word_in in (
+        "Straße",
+        "außerhalb",
+        "Blockgröße",
+        "Maßstab",
+        "gemäß",
+        "Schutzmaßnahmen",
+        "umschließen",
+        "Masse",
+        "Klasse",
+        "Grundriss",
+        "passieren",
+        "zulässig",
+    ):
+        assert word_in in text, word_in
+    wrong = r"\w*(?:[Gg]r[oö]ss|[Ss]trass|[Aa]usser|liess|[Mm]assst|gem[äa]ss|Resultat)\w*"
+    assert re.findall(wrong, text) == []
+    assert {word for word in re.findall(r"\w*ß\w*", text) if "ßs" in word} == {"Maßstab"}
+    for key, forms in austrian.items():
+        assert [*map(places, forms)] == [*map(places, swiss[key])], key
+
+
+@pytest.mark.parametrize("language", ["xx", "de-XX", "xx-AT", "de-", "DE", "de_AT"])
+def test_an_unknown_language_is_refused(language):
+    with pytest.raises(RockfallError) as caught:
+        catalogue(language)
+    assert str(caught.value) == (
+        f"language = '{language}': must be one of en, de, fr, it, or with a region: de-AT, de-CH"
+    )

@@ -193,7 +193,7 @@ def test_a_document_has_the_tables_of_the_report(site):
 
 
 #: Of the proofing of Word.
-SPELLING = {"en": "en-GB", "de": "de-CH", "fr": "fr-FR", "it": "it-IT"}
+SPELLING = {"en": "en-GB", "de": "de-CH", "fr": "fr-FR", "it": "it-IT", "de-AT": "de-AT"}
 
 
 @pytest.mark.parametrize("language", SPELLING)

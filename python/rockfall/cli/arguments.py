@@ -448,7 +448,7 @@ def _add_tables(command: argparse.ArgumentParser, what: str) -> None:
 
 
 def _add_imprint(command: argparse._ActionsContainer, where: str, what: str = "") -> None:
-    help_text = f"{what}en (default), de, fr or it"
+    help_text = f"{what}en (default), de, fr, it, or with a region, as de-AT"
     _option(command, "--language XX", str, help_text, default="en")
     for name, help_text in (
         ("project", "its name or number"),
@@ -465,7 +465,7 @@ def _add_design(commands: _Commands) -> None:
     sheet.add_argument("results", metavar="OUT.nc", type=Path, nargs="*", help=text)
     _option(sheet, "-o --output DIR", Path, "for tables and figures")
     _add_tables(sheet, "the tables")
-    text = "of these tables: en (default), de, fr or it"
+    text = "of these tables: en (default), de, fr, it, or with a region, as de-AT"
     _option(sheet, "--language XX", str, text, default="en")
     _add_conditions(sheet)
     text = "that may pass, of the boulders that come; default: 0.01"

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 MAP = Room(180 / 25.4, 246 / 25.4)  # of page 2, with its title below
 SHEETS, ROWS = 8, (12, 8, 5, 3)  # at most; rows of tables, if there are more
-LOWEST, TITLE = 110.0, 22.0  # of the figure that closes the texts, and of its title [mm]
+LOWEST, TITLE = 95.0, 22.0  # of the figure that closes the texts, and of its title [mm]
 HOUSES, ADVICE, WARNINGS = 3, 4, 3  # sentences on page 1
 
 
@@ -80,14 +80,15 @@ def write_dossier_page(
 
 def _fitted(page: str, content: dict[str, Any], hazard: xr.Dataset, terrain: Terrain | None) -> str:
     """Page of this content on at most `SHEETS` sheets: with fewer table rows if it is longer, and
-    with a map of the sources if there is space at the end."""
+    with a map of the sources if there is space at the end, or a spare sheet."""
     fitted, sections, most = layout(page, "end"), content["sections"], iter(ROWS)
     while fitted.sheets > SHEETS and (rows := next(most, 0)):
         content["sections"] = [_cut(section, rows) for section in sections]
         page = rendered("dossier.html.j2", closing=None, **content)
         fitted = layout(page, "end")
     if place := origin_place(hazard):
-        closing = _closing(hazard, terrain, place, fitted.below)
+        spare = fitted.sheets < SHEETS
+        closing = _closing(hazard, terrain, place, fitted.below, spare)
         page = rendered("dossier.html.j2", closing=closing, **content)
     return page
 
@@ -102,14 +103,14 @@ def _cut(section: Section, most: int) -> Section:
 
 
 def _closing(
-    hazard: xr.Dataset, terrain: Terrain | None, place: Place, left: float
+    hazard: xr.Dataset, terrain: Terrain | None, place: Place, left: float, spare: bool
 ) -> Picture | None:
-    """Map of the sources for the remaining height [mm] of the last text page; None if it is too
-    small."""
+    """Map of the sources for the remaining height [mm] of the last text page, or for a spare
+    sheet; None if it is too small and there is none."""
     high = left - TITLE
-    if high < LOWEST:
+    if high < LOWEST and not spare:
         return None
-    room = Room(MAP.wide, high / 25.4)
+    room = Room(MAP.wide, high / 25.4) if high >= LOWEST else MAP
     title = say("dossier.origin", name=place.name)
     drawn = origin_map(hazard, terrain, place, room)
     return picture(drawn, title, say("dossier.origin_caption", name=place.name), on_paper=True)

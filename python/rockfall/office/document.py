@@ -34,7 +34,7 @@ def write_document(title: str, parts: Iterable[Part], path: Path) -> Path:
     from docx.shared import Cm
 
     document = Document()
-    _set_language(document, PROOFED[spoken()])
+    _set_language(document, PROOFED.get(spoken(), spoken()))
     section = document.sections[0]
     section.page_width, section.page_height = map(Cm, A4)
     for side in ("left", "right", "top", "bottom"):

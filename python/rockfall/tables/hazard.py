@@ -195,9 +195,10 @@ def class_within(row: Mapping[str, Any]) -> str:
 def _frequencies(hazard: xr.Dataset) -> tuple[list[str], list[str]]:
     """Columns of the annual frequencies of all boulders and above each threshold, and their
     heads."""
-    thresholds = [shown("threshold", value) for value in hazard["threshold"].values.tolist()]
-    titles = [say("hazard.above", energy=Number(threshold)) for threshold in thresholds]
-    names = [f"frequency_above_{threshold}" for threshold in thresholds]
+    thresholds = hazard["threshold"].values.tolist()
+    energies = [Number(shown("threshold", value, " ")) for value in thresholds]
+    titles = [say("hazard.above", energy=energy) for energy in energies]
+    names = [f"frequency_above_{shown('threshold', value)}" for value in thresholds]
     return ["frequency", *names], [say("hazard.boulders_a_year"), *titles]
 
 
@@ -208,4 +209,4 @@ def _estimate(row: Mapping[Any, Any], name: str, digits: int = 2) -> Estimate:
 def _risk(row: Mapping[Any, Any], name: str) -> str:
     """Risk and its interval, by powers of ten."""
     value, low, high = (small(row[f"{name}{end}"]) for end in ENDS)
-    return value if value == "-" else stacked(Number(value), between(Number(low), Number(high)))
+    return value if value == "-" else stacked(value, between(low, high))

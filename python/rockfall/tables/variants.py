@@ -173,18 +173,20 @@ def _barriers(case: Case) -> str:
 def _barrier(given: Mapping[str, object]) -> str:
     if "diameter" in given:
         return f"{given.get('name') or given.get('file')}: ⌀ {_digits(given['diameter'])} cm"
-    strength = f"EAD {given['class']}" if "class" in given else f"{given.get('capacity', 0.0):g} kJ"
-    height = localised(f"{given.get('height', 0.0):g}")
+    strength = (
+        f"EAD {given['class']}" if "class" in given else f"{_digits(given.get('capacity', 0.0))} kJ"
+    )
+    height = _digits(given.get("height", 0.0))
     return f"{given.get('name') or given.get('file')}: {height} m, {strength}"
 
 
 def _dams(case: Case) -> str:
-    heights = (localised(f"{dam.get('height', 0.0):g}") for dam in case.dam)
+    heights = (_digits(dam.get("height", 0.0)) for dam in case.dam)
     return "\n".join(f"{height} m" for height in heights) or "-"
 
 
 def _digits(value: object) -> str:
-    return localised(f"{value:g}")
+    return localised(f"{value:,.10g}")
 
 
 def _forest(case: Case) -> str:

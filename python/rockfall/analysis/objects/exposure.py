@@ -14,10 +14,11 @@ import numpy as np
 from rockfall.analysis.objects.attributes import NAMED, Layer
 from rockfall.analysis.objects.vulnerability import BUILDING, Curve, constant, doubt, stepped
 from rockfall.errors import RockfallError
-from rockfall.language import Text, remark, say
+from rockfall.language import Text, remark, say, word
 
 QUANTITIES = ("damage", "individual_risk", "collective_risk")
 PRESENCE, LETHALITY, VEHICLE_LENGTH, TRIPS = 1.0, 1.0, 5.0, 2.0  # without an attribute
+BY_DEFAULT = "default"  # source of a curve without an attribute
 HOURS, METRES = 24.0, 1000.0  # of a day, of a kilometre
 MAX_NAMED = 5  # objects in an assumption
 ALWAYS = (  # messages
@@ -169,7 +170,7 @@ class _Deaths:
             )
         }  # fmt: skip
         self.curves = self._lethalities(thresholds, curves)
-        self.defaults: dict[str, list[int]] = {}
+        self.defaults: dict[tuple[str, float], list[int]] = {}
         self.found = [self._of(k, points) for k in range(layer.size)]
 
     def _lethalities(
@@ -214,14 +215,14 @@ class _Deaths:
     def _number(self, k: int, name: str, default: float) -> float:
         """Value of an attribute, or its default, which is noted."""
         if np.isnan(value := self.numbers[name][k]):
-            self.defaults.setdefault(f"{name} = {default:g}", []).append(k)
+            self.defaults.setdefault((name, default), []).append(k)
             return default
         return float(value)
 
     def _lethality(self, k: int) -> Curve:
         if (curve := self.curves[k]) is None:
-            self.defaults.setdefault(f"lethality = {LETHALITY:g}", []).append(k)
-            return constant(LETHALITY, source="default")
+            self.defaults.setdefault(("lethality", LETHALITY), []).append(k)
+            return constant(LETHALITY, source=BY_DEFAULT)
         return curve
 
     def notes(self, names: list[str]) -> Iterator[Text]:
@@ -235,8 +236,9 @@ class _Deaths:
             yield say("risk.not_included", names=_listed(names, moving))
         harms = [death.individual_risk for death in self.found]
         yield from _of_curves("risk.lethality", harms, names)
-        for text, defaults in self.defaults.items():
-            yield say("risk.default", value=text, names=_listed(names, defaults))
+        for (name, value), defaults in self.defaults.items():
+            shown = _listed(names, defaults)
+            yield say("risk.default", name=word(name), value=value, names=shown)
 
 
 def _rests(harm: Harm | None) -> bool:
@@ -261,7 +263,8 @@ def _of_curves(key: str, harms: list[Harm | None], names: list[str]) -> Iterator
         if harm is not None:
             rows.setdefault((harm.curve.name, harm.curve.source), []).append(k)
     for (name, source), objects in rows.items():
-        yield say(key, curve=name, source=source, names=_listed(names, objects))
+        cited = word(source) if source == BY_DEFAULT else source
+        yield say(key, curve=name, source=cited, names=_listed(names, objects))
 
 
 def _named_curves(layer: Layer, name: str, curves: Mapping[str, Curve]) -> list[Curve | None]:

@@ -17,7 +17,7 @@ from rockfall.analysis.validity.rebounds import followed_text
 from rockfall.case import case_in
 from rockfall.case.files import read_names
 from rockfall.files.hazard_files import HAZARD_COLOURS
-from rockfall.language import Number, localised, say
+from rockfall.language import Number, localised, say, word
 from rockfall.plots.cartography.sheet import (
     INCH,
     LEFT,
@@ -48,13 +48,7 @@ COLUMNS = 3  # of a page of warnings
 COLUMN = (WIDE - 2 * MARGIN - (COLUMNS - 1) * GAP) / COLUMNS  # width
 LINE = 1.35 * NORMAL / 72  # height
 MAX_FILES = 8
-#: Message of each class, from the highest.
-WORDS = {
-    "high": "sheet.high",
-    "moderate": "sheet.moderate",
-    "low": "sheet.low",
-    "residual": "sheet.residual",
-}
+SHOWN = ("high", "moderate", "low", "residual")  # classes of the legend
 
 
 class Imprint(NamedTuple):
@@ -172,10 +166,10 @@ def _write_title(block: _Block, hazard: xr.Dataset, imprint: Imprint) -> None:
 
 
 def _write_legend(block: _Block) -> None:
-    for word, key in WORDS.items():
-        colour = HAZARD_COLOURS[CLASSES.index(word)]
+    for name in SHOWN:
+        colour = HAZARD_COLOURS[CLASSES.index(name)]
         block.fill(block.left, 1.6 * BOX, BOX, facecolor=colour, alpha=OPAQUE)
-        block.put(block.left + 2 * BOX, say(key))
+        block.put(block.left + 2 * BOX, word(name))
         block.skip(BOX + 0.06)
     block.fill(block.left, 1.6 * BOX, BOX, facecolor="none", hatch=HATCH)
     block.put(block.left + 2 * BOX, say("sheet.uncertain"))
