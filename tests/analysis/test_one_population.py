@@ -10,6 +10,7 @@ import scenes
 from made import leave_pictures_blank, make_layer
 from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.cli import main
+from rockfall.result.crossings import has_crossed
 from rockfall.studies.dossier import read_dossier, run_dossier
 from rockfall.text.summary import summary
 
@@ -91,6 +92,62 @@ def test_zero_changes_change_nothing_and_a_variant_has_the_numbers_of_its_hazard
                 )
                 assert own == expected
         assert (found["line_energy_by_period"].values[0] == alone["line_energy_by_period"]).all()
+
+
+@pytest.mark.parametrize("seed", [6, 7, 8])
+def test_every_product_has_the_same_numbers(tmp_path, seed):
+    """Hazard, variants with a net below, dossier, siting, design, layers and answers."""
+    case = random_case(tmp_path, seed)
+    found = hazard(case)
+    variants = [{"name": "bare", "without": ["barrier"]}, {"name": "net"}]
+    of_variants = case.replace(barrier=[NET], variant=variants)
+    dossier = run_dossier(
+        read_dossier(of_variants, AtRisk(tmp_path / "houses.gpkg"), one_model=True, **PLACE)
+    )
+    tables = dossier.frequencies, rockfall.yearly_variants(of_variants, **PLACE).table
+    site = rockfall.site(case, "road", every=40.0, to=40.0, factors=scenes.FACTORS, **PLACE)
+    design = rockfall.yearly_design(found).loads.set_index("line")
+    frames = rockfall.layers(found)
+    by_name = {"road": frames["lines"].iloc[0], "house": frames["objects"].iloc[0]}
+    for kind, name in (("line", "road"), ("object", "house")):
+        three = [float(found[f"{kind}_{end}"].sel({kind: name})) for end in FREQUENCIES]
+        curve = rockfall.exceedance(found, name)
+        assert curve.iloc[0][["frequency", "low", "high"]].tolist() == three
+        period = rockfall.return_period(found, name)
+        with np.errstate(divide="ignore"):
+            assert period == tuple(1 / np.array([three[0], three[2], three[1]]))
+        assert [by_name[name][end] for end in FREQUENCIES] == three
+        for table in tables:
+            rows = table[(table["line"] == name) & (table["quantity"] == "frequency")]
+            rows = rows[rows["statistic"] == "all"]
+            assert len(rows) == (2 if name in {*table["line"]} else 0)
+            assert np.allclose(rows["value"], three[0], rtol=1e-12)
+            assert (rows["difference"].dropna() == 0).all()
+    assert {*tables[0]["line"]} == {"road", "house", "way", "net"}
+    assert {*tables[1]["line"]} == {"road", "net"}
+    road = float(found["line_frequency"].sel(line="road"))
+    share = site.table.set_index("alignment")["fraction"]["road"]
+    assert share * found["frequency"].values.sum() == pytest.approx(road, rel=1e-12)
+    assert design["frequency"]["road"] == road
+
+
+@pytest.mark.parametrize("seed", [9, 10])
+def test_pieces_of_a_line_are_crossed_by_what_crosses_the_line(tmp_path, seed):
+    """A boulder that comes back may cross two pieces, but counts once at the line."""
+    case = random_case(tmp_path, seed)
+    (road,) = case.line
+    ends = [0.0, *np.sort(np.random.default_rng(seed).uniform(60, 240, 4)).tolist(), 300.0]
+    pieces = [road | {"name": f"piece {k}", "x": [*ends[k : k + 2]]} for k in range(5)]
+    case = case.replace(line=[road, *pieces])
+    passages = rockfall.hazard(case, **PLACE)["line_passages"].values
+    for counts, scenario in zip(passages, case.scenario, strict=True):
+        boulder = {"volume_mean": scenario["volume_mean"]}
+        result = rockfall.run(case.replace(boulder=boulder, scenario=[]), **PLACE)
+        whole, *parts = (has_crossed(result, k) for k in range(6))
+        assert counts.tolist() == [whole.sum(), *(part.sum() for part in parts)]
+        assert (np.any(parts, axis=0) == whole).all() and whole.any()
+        again = np.maximum(np.sum(parts, axis=0) - 1, 0).sum()
+        assert counts[1:].sum() == counts[0] + again
 
 
 def test_products_of_a_run_say_that_it_is_not_of_the_scenarios(tmp_path, monkeypatch, capsys):
