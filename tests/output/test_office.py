@@ -2,6 +2,7 @@
 """What tables as a workbook and as a document promise: the numbers of the CSV, with units, and
 what they came from."""
 
+import math
 import os
 import re
 from pathlib import Path
@@ -20,7 +21,7 @@ from rockfall.office.workbook import Sheet, number_format, write_workbook
 from rockfall.quantities import COLUMN_UNITS as UNITS
 from rockfall.result.crossings import at_lines
 from rockfall.scene.layers import file_checksum
-from rockfall.table import data_table
+from rockfall.table import Table, data_table
 from rockfall.tables.lines import line_tables, rows_of
 from rockfall.tables.run import provenance
 
@@ -285,3 +286,16 @@ def test_units_are_those_of_results(site):
     assert UNITS["height"] == result["barrier_height"].attrs["units"]
     assert UNITS["volume"] == result["volume"].attrs["units"]
     assert UNITS["v_d"] == at_lines(result)["line_speed"].attrs["units"]
+
+
+def test_rows_are_as_high_as_their_texts(tmp_path):
+    """LibreOffice shows texts of several lines above each other in rows without a height."""
+    rows = [("short", "1"), ("a word " * 40, "2"), ("three\nshort\nlines", "3"), ("", "4")]
+    table = Table.of("", ("text", "number"), rows)
+    path = write_workbook([Sheet("texts", table)], tmp_path / "texts.xlsx")
+    page = openpyxl.load_workbook(path).active
+    width = page.column_dimensions["A"].width
+    heights = [page.row_dimensions[row].height for row in range(1, 6)]
+    assert heights[0] is heights[1] is heights[4] is None
+    assert heights[2] >= 15 * math.ceil(len(rows[1][0]) / width) > 15
+    assert heights[3] == 45

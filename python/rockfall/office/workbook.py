@@ -20,6 +20,8 @@ CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f]")  # not allowed in XML
 WIDEST, PAD = 60, 2  # of a column, in letters
 NARROWEST_HEAD = 12  # letters from which a header is wrapped
 DIGITS = 3  # shown at least of a number; its cell has all
+LINE = 15.0  # height of a line [pt]
+LETTER = 1.2  # width of a letter at most, on average, in those of the column's width
 
 
 class Sheet(NamedTuple):
@@ -51,6 +53,7 @@ def write_workbook(sheets: Iterable[Sheet], path: Path) -> Path:
         if sheet.is_table:
             page.freeze_panes = "A2"
         _widen(page, sheet.is_table)
+        _heighten(page)
         _set_print(page, sheet.is_table)
     with atomic_write(path) as part, open(part, "wb") as file:
         book.save(file)
@@ -96,6 +99,21 @@ def _widen(page: Any, is_table: bool) -> None:
         first = len(str(head.value or ""))
         longest = max(longest, min(first, NARROWEST_HEAD) if is_table else first)
         page.column_dimensions[head.column_letter].width = min(longest, WIDEST) + PAD
+
+
+def _heighten(page: Any) -> None:
+    """Give each row with texts of several lines their height, which LibreOffice does not find."""
+    for row in page.rows:
+        lines = max(_lines(cell, page.column_dimensions[cell.column_letter].width) for cell in row)
+        if lines > 1:
+            page.row_dimensions[row[0].row].height = LINE * lines
+
+
+def _lines(cell: Any, width: float) -> int:
+    """Number of lines of a cell in a column of this width."""
+    if cell.data_type != "s":
+        return 1
+    return sum(max(1, math.ceil(len(line) * LETTER / width)) for line in cell.value.split("\n"))
 
 
 def _shown(cell: Any) -> str:
