@@ -91,7 +91,7 @@ contains
       end do
    end subroutine print_faults
 
-   !> Run a case. Input is read only after checking that the result can be written.
+   !> Run a case. Input is read after a check that the result can be written.
    subroutine run(arguments, error)
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
@@ -275,7 +275,7 @@ contains
       text = decimal(100.0_wp*part/max(1_i8, whole), 1)//" %"
    end function percent
 
-   !> Print what crossed each line.
+   !> Print the boulders that crossed each line.
    subroutine line_summaries(lines, state, store)
       type(case_line_t), intent(in) :: lines(:)
       type(run_t), intent(in) :: state
@@ -296,7 +296,7 @@ contains
       end do
    end subroutine line_summaries
 
-   !> Count and add up what crossed each line, by the rows of boulders in one pass, or by samples.
+   !> Count and sum up the boulders that crossed each line, from the rows in one pass, or from samples.
    subroutine add_up_crossings(state, store, n, total)
       type(run_t), intent(in) :: state
       type(crossing_store_t), intent(in) :: store

@@ -3,7 +3,7 @@
 
 from importlib import import_module
 
-_MODULES = {  # module of each public name, and the name there if different
+_MODULES = {  # module of each public name, and its name there if different
     "Case": "case.case",
     "Batch": "session.batch",
     "Interrupted": "simulation.simulate",

@@ -7,7 +7,7 @@ BAD_INPUT = 2  # exit status of errors that the user can correct, as in the kern
 OUR_FAULT = 1  # of internal errors
 
 
-FAULT_MARK = "\x1e"  # the kernel's, between the messages of several faults
+FAULT_MARK = "\x1e"  # separator of the kernel between several faults
 
 
 class RockfallError(ValueError):

@@ -14,7 +14,7 @@ from types import FrameType
 
 from rockfall.system import STOPS, signal_channel
 
-#: Seconds in which signals count as one: `timeout` signals both a process and its group.
+#: Seconds within which signals count as one: `timeout` signals both a process and its group.
 TOGETHER = 0.1
 
 _is_stopped: ContextVar[Callable[[], bool]] = ContextVar("is_stopped", default=lambda: False)

@@ -5,7 +5,7 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 
-ROOM = 2**14  # more than any list of numbers has
+ROOM = 2**14  # longer than any list of numbers
 
 
 def kernel_numbers(name: str) -> np.ndarray:
@@ -15,11 +15,11 @@ def kernel_numbers(name: str) -> np.ndarray:
 
 
 Z = _core.constant("z_95")  # of a normal distribution, 95 % within
-PIECE = int(_core.constant("piece"))  # values of a part or a scene that share a checksum
+PIECE = int(_core.constant("piece"))  # values of a part or a scene with a common checksum
 limit_ranks = _core.limit_ranks  # of the interval of a quantile of n values (binomial)
 USUAL_DENSITY = _core.constant("usual_density")  # of boulders on tables of impacts [kg/m3]
 USUAL_WEIGHT = _core.constant("usual_weight")  # [N/m3]
-decimal = _core.decimal  # number that a text spells, as in all files; NaN if none
+decimal = _core.decimal  # number spelled by a text, as in all files; NaN if invalid
 EAD_ENERGY = tuple(kernel_numbers("ead_energy").tolist())  # of barriers of classes 0 to 7 [J]
 barrier_outcomes = _core.barrier_outcomes  # of a barrier with boulders that reach it
 line_quantities = _core.line_quantities  # at a line: of motion (6, n), volumes and masses

@@ -78,7 +78,7 @@ class _Drawn(NamedTuple):
     observed: Observed | None
     look: Look
     left: LeftOut
-    of_site: bool  # `observed` is that of the case
+    of_site: bool  # `observed` is from the case
 
     def warn(self) -> None:
         """Warn of omissions, attributed to the caller's caller."""

@@ -77,11 +77,12 @@ QUANTITIES = {
     "position": Quantity("quantity.position", "m", 1, "quantity.along_line"),
     "stopping_distance": Quantity("quantity.stopping_distance", "m", 1),
 }
-DESIGN = {  # of loads on a barrier; heights above the ground
+DESIGN = {  # loads on a barrier; heights above the ground
     **QUANTITIES,
     "passing_height": _of_line("passing_height", "quantity.centre_vertical", 2),
 }
-#: Units of columns of data, as in results; "1" of fractions. Others are counts, marks, or without.
+#: Units of columns of data, as in results; "1" for fractions. Other columns are counts, marks, or
+#: without unit.
 COLUMN_UNITS = {
     "fraction": "1", "residual": "1",
     "height": "m", "height_needed": "m", "normal_height_needed": "m", "h_d": "m",

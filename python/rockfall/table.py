@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 TOO_FEW = "(–)"  # in place of an interval, if there are too few boulders for a valid one
 BY_ROW = "unit"  # column with the units of the rows of a table of data
-HEAD = 16  # letters from which a head is broken on a terminal, if its cells are shorter
+HEAD = 16  # letters above which a head is broken on a terminal, if its cells are shorter
 WIDEST = 120  # of a line on a terminal
-LETTERS = 108  # of the numbers of a row that fit on A4, upright, next to a label
+LETTERS = 108  # total width of the numbers of a row that fits on A4, upright, next to a label
 
 
 class Estimate(NamedTuple):
@@ -114,7 +114,7 @@ def between(low: object, high: object) -> str:
         return say("interval.from", low=low)
     if low == "-":
         return say("interval.up_to", high=high)
-    if "-" in f"{low}{high}":  # of a negative number, which a dash would hide
+    if "-" in f"{low}{high}":  # sign of a negative number, which a dash would hide
         return f"({say('interval.range', low=low, high=high)})"
     return say("interval.both", low=low, high=high)
 

@@ -65,7 +65,7 @@ def _new_file(filter_):
     )
 
 
-#: Kinds of parameters that are written.
+#: Kinds of output parameters.
 WRITTEN = {"folder", "maps", "page", "table", "runs"}
 #: Constructors of parameters, by the kind of the option.
 MAKERS = {

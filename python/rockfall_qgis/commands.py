@@ -14,7 +14,7 @@ class Option:
     name: str
     label: str
     kind: str
-    flag: str = ""  #: "" precedes its value without a flag
+    flag: str = ""  #: "": its value has no flag
     optional: bool = True
     advanced: bool = False
     choices: tuple[str, ...] = ()  #: texts of a choice, shapes of a layer, endings of a file
@@ -61,7 +61,7 @@ GROUND = Option(
     "GROUND", "Ground of zones without one, or of the slope", "choice",
     choices=("rock", "rocky-slope", "talus", "compact", "meadow", "vegetated-soil", "soft-soil"),
 )  # fmt: skip
-#: What `rockfall new` may take such a layer for, if not for its own name.
+#: Uses that `rockfall new` may give to such a layer, apart from its own name.
 KINDS = {"lines": {"lines", "barriers", "dams"}, "forest": {"trees", "stands"}}
 
 COMMANDS = (

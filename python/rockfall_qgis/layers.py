@@ -48,7 +48,7 @@ def load_results(folder, context):
             parts.pop("sources", None)
         for name, uri in parts.items():
             found.append(QgsVectorLayer(uri, name, "ogr"))
-            found[-1].loadDefaultStyle()  # once more: QGIS has switched its times off
+            found[-1].loadDefaultStyle()  # again: QGIS has switched its times off
     for layer in found:
         if not layer.isValid():
             raise QgsProcessingException(f"{layer.source()}: cannot be loaded")

@@ -54,7 +54,7 @@ def _follow(process, feedback):
     printed, last, open_streams, asked = [], "", 2, False
     while open_streams:
         if feedback.isCanceled() and not asked:
-            process.send_signal(signal.SIGINT)  # only once: a second would end it without saving
+            process.send_signal(signal.SIGINT)  # once: a second signal would end it without saving
             asked = True
         try:
             stream, line = lines.get(timeout=0.1)

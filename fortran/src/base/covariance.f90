@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Roots of covariances: the common rule of kernel, laboratory and planes to accept a covariance and draw
-!> from it (theory, chapter 5). LAPACK's Cholesky factor is the root where the correlations are clearly definite.
-!> Libraries disagree on the rank of singular matrices, so rotations in a fixed order decide that, and are the root of
-!> the others.
+!> Roots of covariances: the common rule of kernel, laboratory and planes to accept a covariance and draw from it
+!> (theory, chapter 5). LAPACK's Cholesky factor is the root if the correlations are clearly definite. Libraries
+!> disagree on the rank of singular matrices, so rotations in a fixed order decide on it and give the root of other
+!> matrices.
 module rockfall_covariance
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp

@@ -29,7 +29,7 @@ contains
       real_of = transfer(ior(n, bits_of_whole), real_of) - first_whole
    end function real_of
 
-   !> The least number of single precision that is no less than another.
+   !> Smallest single-precision number that is not below a given number.
    elemental real(sp) function rounded_up(x)
       real(wp), intent(in) :: x
 

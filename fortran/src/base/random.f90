@@ -16,7 +16,7 @@ module rockfall_random
    public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word
    public :: tree_class_word, tree_within_word, cone_word, around_word
 
-   !> Purposes, one stream each; 3, a former one, stays unused. Those from 65 on belong to the laboratory.
+   !> Purposes, one stream each; 3, a former one, remains unused. Purposes from 65 belong to the laboratory.
    integer(i8), parameter :: for_release = 1, for_impact = 2
    integer(i8), parameter :: for_ground = 5   !! properties of the ground at an impact
    integer(i8), parameter :: for_forest = 11  !! counter: cell, stem; stem 0 gives the number of stems
@@ -89,7 +89,7 @@ contains
       call philox(key, x(1), x(2), x(3), x(4))
    end function philox4x32
 
-   !> Philox4x32-10 on four scalars, which hold the counter on entry and the words on return.
+   !> Philox4x32-10 on four scalars, which contain the counter on entry and the words on return.
    elemental subroutine philox(key, c0, c1, c2, c3)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(inout) :: c0, c1, c2, c3
@@ -147,7 +147,7 @@ contains
       fragment_number = ior(boulder, shiftl(fragment, 32))
    end function fragment_number
 
-   !> Number of the boulder that a fragment is of.
+   !> Number of the boulder to which a fragment belongs.
    elemental integer(i8) function boulder_number(number)
       integer(i8), intent(in) :: number
 

@@ -15,10 +15,11 @@ module rockfall_sizes
    ! Columns of rows (rockfall_variables has their names):
    integer, parameter :: n_boulder_fields = 12, n_boulder_counts = 9, n_line_fields = 12, n_vertex_fields = 15
    integer, parameter :: n_line_quantities = 11  !! of samples, computed from a row
-   ! Impact sets: their number, numbers of a mean, limits between classes of incidence, these, quantiles of a class.
+   ! Impact sets: their number; lengths of a mean; limits between incidence classes; incidence classes; quantiles of a
+   ! class.
    integer, parameter :: n_impact_sets = 5, n_set_numbers = 9, n_incidence_limits = 8, n_lateral_classes = 9, &
                          n_lateral_quantiles = 13
-   ! Maps: layers of counts (with those of thresholds), sums and maxima that a plan names; stacks of layers.
+   ! Maps: layers of counts (including thresholds), sums and maxima in a plan; stacks of layers.
    integer, parameter :: n_map_counts = 7, n_map_sums = 7, n_map_maxima = 5, n_stacks = 3
    integer, parameter :: n_histograms = 6, n_ead_classes = 8  !! quantities of rebounds; energy classes of EAD 340059
    integer, parameter :: n_block_shapes = 3  !! of the laboratory

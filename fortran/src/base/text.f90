@@ -58,7 +58,7 @@ contains
       k = 0
    end function first_repeated
 
-   !> Names that take the fewest changes of a character to spell, the nearest first.
+   !> Names with the fewest differing characters, the nearest first.
    pure function nearest_names(word, names, n) result(nearest)
       character(len=*), intent(in) :: word, names(:)
       integer, intent(in) :: n  !! number of names that are wanted
@@ -220,7 +220,7 @@ contains
       if (power /= 0) text = text//"e"//integer_text(power)
    end function real_text
 
-   !> Join names without trailing blanks by a separator.
+   !> Join names, without trailing blanks, by a separator.
    pure function joined(names, separator) result(text)
       character(len=*), intent(in) :: names(:), separator
       character(len=:), allocatable :: text

@@ -32,7 +32,7 @@ module rockfall_threads
 
 contains
 
-   !> Number of threads of a run; 0 requests all that OpenMP offers (OMP_NUM_THREADS, the cores of the process).
+   !> Number of threads of a run; 0 requests all threads that OpenMP offers (OMP_NUM_THREADS, the cores of the process).
    integer function team_size(threads)
       !$ use omp_lib, only: omp_get_max_threads
       integer, intent(in) :: threads
@@ -82,7 +82,7 @@ contains
       end if
    end subroutine check_team
 
-   !> Time in this many seconds [ticks of system_clock].
+   !> Time after this number of seconds [ticks of system_clock].
    integer(i8) function deadline_in(seconds) result(deadline)
       real(wp), intent(in) :: seconds
       integer(i8) :: now, rate

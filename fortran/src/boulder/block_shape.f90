@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Shapes of the blocks that tables of impacts are thrown with, and the shape of each boulder among several (theory,
-!> chapter 3).
+!> Shapes of the blocks in the simulations behind tables of impacts, and the shape of each boulder among several
+!> (theory, chapter 3).
 module rockfall_block_shape
    use rockfall_kinds, only: wp, i1
    use rockfall_sizes, only: n_block_shapes
@@ -23,7 +23,7 @@ module rockfall_block_shape
 
 contains
 
-   !> Shapes drawn with these shares, which are not negative; all zero: each boulder has a given shape.
+   !> Shapes drawn with these fractions, which are not negative; all zero: each boulder has a given shape.
    pure type(shape_mix_t) function shape_mix(shares) result(mix)
       real(wp), intent(in) :: shares(n_block_shapes)
       integer :: k
@@ -33,7 +33,7 @@ contains
       mix%below = mix%below/mix%below(n_block_shapes)
    end function shape_mix
 
-   !> Shape of a boulder from a uniform number in (0, 1). One of share 0 has an empty interval.
+   !> Shape of a boulder from a uniform number in (0, 1). A shape with fraction 0 has an empty interval.
    pure integer function drawn_shape(mix, u)
       type(shape_mix_t), intent(in) :: mix
       real(wp), intent(in) :: u  !! [-]
@@ -41,7 +41,7 @@ contains
       drawn_shape = 1 + count(u >= mix%below)
    end function drawn_shape
 
-   !> Index of the ground whose table serves a shape on a ground.
+   !> Index of the ground whose table is used for a shape on a ground.
    pure integer function ground_of_shape(mix, ground, shape)
       type(shape_mix_t), intent(in) :: mix
       integer, intent(in) :: ground, shape

@@ -39,7 +39,7 @@ module rockfall_boulder
       real(wp) :: mass = 0    !! [kg]
    end type boulder_t
 
-   !> Draws of a boulder for the ground under it, on its whole way.
+   !> Draws of a boulder for the ground along its whole path.
    type :: soil_draw_t
       real(wp) :: deviate = 0.0_wp  !! standard normal: strength of the ground [-]
       real(wp) :: column = 0.5_wp, row = 0.5_wp  !! uniform in (0, 1): choice between parts of a table of impacts [-]
@@ -53,7 +53,7 @@ module rockfall_boulder
       real(wp) :: inertia = inertia_factor  !! I/(m R_b**2), R_b of the sphere of its volume [-]
    end type source_boulder_t
 
-   !> Release attributes of the sources of one feature of a layer: those in a polygon, or the one at a point.
+   !> Release attributes of the sources of one feature of a layer: sources in a polygon, or the source at a point.
    type :: feature_t
       type(volume_distribution_t) :: volumes
       real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
@@ -232,7 +232,7 @@ contains
       type(volume_distribution_t), intent(in) :: distribution
 
       select case (distribution%kind)
-      ! truncation at zero raises the mean most where the mean is zero: by sqrt(2/pi) = 0.798 of std
+      ! truncation at zero raises the mean most if the mean is zero: by sqrt(2/pi) = 0.798 of std
       case (normal_volume); volume = distribution%mean + 0.8_wp*distribution%std
       case (uniform_volume); volume = (distribution%min + distribution%max)/2
       case (pareto_volume); volume = mean_of_pareto(distribution)

@@ -18,7 +18,7 @@ module rockfall_breakage
    !> would give ever fewer fragments, and from 0.646 on none (D < 0): D is held there.
    real(wp), parameter :: ratio_of_max_dimension = 0.43_wp
 
-   !> When boulders break, and into what.
+   !> Conditions of breakage, and rule of fragments.
    type :: breakage_t
       logical :: at_release = .false., at_impact = .false.
       real(wp) :: min_ratio = 0.0_wp     !! area ratio above which a boulder breaks [-]
@@ -67,8 +67,8 @@ contains
    end function fractal_dimension
 
    !> Split a volume into at most `room` fragments of at least `min_volume`. Fragment i of a series has q i**(-1/D) of
-   !> its volume; what the series leaves is split by the same rule, and when there is no more room it stays one block.
-   !> The sum of all, with the fines, is the volume: each is subtracted from what is left.
+   !> its volume; the remainder of a series is split by the same rule; once the maximum number is reached it stays one
+   !> block. All fragments and fines sum to the volume: each is subtracted from the remainder.
    pure subroutine split_volume(volume, ratio, min_volume, room, split)
       real(wp), intent(in) :: volume      !! [m3]
       real(wp), intent(in) :: ratio       !! area ratio [-]

@@ -18,8 +18,8 @@ module rockfall_direction
    !> the paper) or ends at it; or the laboratory's deviations.
    integer, parameter :: past_aspect = 1, to_aspect = 2, by_lab = 3
 
-   !> Length below which a vector is rescaled before it is normalised [-]: far above the root of the smallest normal
-   !> number, 1.5e-154.
+   !> Length below which a vector is rescaled before it is normalised [-]: far above 1.5e-154, the root of the smallest
+   !> normal number.
    real(wp), parameter :: shortest = 1.0e-150_wp
 
    !> A heading this close to the aspect [rad] is treated as along it: on a plane the difference is rounding only, and
@@ -179,7 +179,7 @@ contains
       real(wp) :: length
 
       call divide_by_length(v(1), v(2), unit(1), unit(2), length)
-      if (.not. length > shortest) then  ! squares of such numbers underflow: rescale to order one first
+      if (.not. length > shortest) then  ! squares of such small numbers underflow: rescale to order one first
          unit = 0
          if (any(abs(v) > 0)) unit = v/maxval(abs(v))
          if (any(abs(v) > 0)) unit = unit/sqrt(unit(1)**2 + unit(2)**2)

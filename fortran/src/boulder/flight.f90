@@ -54,7 +54,7 @@ contains
       launch_rate = v(3) - dot_product(gradient(dem, patch, u, w), v(1:2))
    end function launch_rate
 
-   !> Compute a flight up to its first contact after the start, or to the edge of the known terrain.
+   !> Compute a flight up to its first contact after the start, or up to the edge of the known terrain.
    !>
    !> The loop keeps one invariant, so that no boulder can pass through the ground: the height at the entry of a patch
    !> is >= 0. It equals the height at the exit of the previous patch, which was >= 0; negative values from rounding

@@ -149,7 +149,7 @@ contains
    end function absorbed_fraction
 
    !> Return whether the plan path of a flight may enter the disc of a stem from outside: a test without roots and
-   !> divisions, true of all that hit a stem by find_first_hit and of few others.
+   !> divisions, true for all flights that hit a stem by find_first_hit, and for few others.
    pure logical function may_hit_tree(this, x, y, path, radius)
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: x, y            !! start of the flight [m]

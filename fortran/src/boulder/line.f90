@@ -106,8 +106,8 @@ contains
    end function entry_into_strip
 
    !> First crossing of a line by the plan path from a to b: fraction of the path in 0..1 [-], or 2 if there is none.
-   !> The side of a point is a sign, with zero on the left, so a path that ends on the line and continues from there
-   !> crosses it once.
+   !> The side of a point is a sign (zero: left), so a path that ends on the line and continues from there crosses it
+   !> once.
    pure real(wp) function first_crossing(this, a, b) result(fraction)
       type(line_t), intent(in) :: this
       real(wp), intent(in) :: a(2), b(2)  !! [m]

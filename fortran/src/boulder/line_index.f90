@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Index of many lines by place: the plane is divided into buckets, and each lists the lines that touch it, so a path is
-!> compared with few of them.
+!> Spatial index of many lines: the plane is divided into buckets, each with a list of the lines that touch it, so a
+!> path is compared with few lines.
 module rockfall_line_index
    use rockfall_kinds, only: wp
    use rockfall_line, only: line_t

@@ -20,7 +20,7 @@ module rockfall_rolling
    !> Height over R_b up to which the ground may lie above or below a chord between recorded points [-].
    real(wp), parameter :: chord_tolerance = 0.01_wp
 
-   !> Part of the duration of a path before its end in which a recorded point is the end, but for rounding [-].
+   !> Fraction of the duration before the end of a path within which a recorded point is the end, up to rounding [-].
    real(wp), parameter :: end_tolerance = 1.0e-9_wp
 
    !> Relative excess over the drop held by friction up to which a boulder is still held [-]: on a plane at the rest
@@ -42,7 +42,7 @@ module rockfall_rolling
       real(wp) :: waits = 0.0_wp       !! time spent waiting at the end [s]
    end type roll_t
 
-   !> State that a boulder on a table's ground keeps of its last contact.
+   !> State of the last contact of a boulder on a table's ground.
    type :: touch_t
       integer :: ground = 0        !! its ground; 0: none
       integer :: next = 0          !! record that followed its record in the laboratory; 0: none
@@ -311,7 +311,7 @@ contains
    end subroutine cut_roll
 
    !> Points between the start and the end of a straight path along the ground, so that chords follow the terrain: where
-   !> it meets the next patch, and within a patch as its curvature needs them.
+   !> it meets the next patch, and within a patch as its curvature requires.
    pure subroutine ground_points(dem, path, duration, radius, time, place)
       type(terrain_t), intent(in) :: dem
       type(flight_t), intent(in) :: path

@@ -29,7 +29,7 @@ module rockfall_case
    real(wp), parameter :: share_rounding = 0.002_wp  !! sums of shares with three decimals differ from 1 by less
 
    character(len=*), parameter :: line_groups(*) = [character(len=7) :: "line", "barrier"]  !! in this order in results
-   !> A barrier has one of these.
+   !> A barrier has exactly one of these attributes.
    character(len=*), parameter :: barrier_strengths(*) = [character(len=8) :: "capacity", "class", "diameter"]
 
    !> Evaluation line, or barrier.
@@ -88,7 +88,7 @@ module rockfall_case
 
 contains
 
-   !> Read a case from text, with one error for the first violation of the table or the rules.
+   !> Read a case from text; the error is the first violation of the table or the rules.
    pure subroutine read_case(text, file, this, error)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! file name, for messages
@@ -225,7 +225,7 @@ contains
    end function radius_of_reading
 
    !> Read the surface, given in one of three ways: zones with a table or attributes, rasters of values, or one value;
-   !> in none of them if the default ground does not need rock sizes.
+   !> not at all if the default ground needs no rock sizes.
    pure subroutine read_surface(group, this, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this
@@ -285,7 +285,7 @@ contains
       call fail(error, key_location(group, key)//" is missing: needed "//why)
    end subroutine require_key
 
-   !> Refuse a key that is only valid with something that the case does not have.
+   !> Refuse a key that is only valid with a feature that the case lacks.
    pure subroutine check_use(group, key, valid, with, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key, with
@@ -473,7 +473,7 @@ contains
       this%velocity = reals_of(group, "velocity")
    end subroutine read_release
 
-   !> Read when boulders break, and into what.
+   !> Read the conditions of breakage, and the rule of fragments.
    pure subroutine read_breakage(group, output, this, error)
       type(group_t), intent(in) :: group, output
       type(case_t), intent(inout) :: this

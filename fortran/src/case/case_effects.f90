@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Keys of a case that would have no effect: refused with what they are only valid with. A key that has its default is
-!> no fault, because a program that writes a case may write all of them.
+!> Keys of a case that would have no effect: refused with the feature that they require. A key with its default is
+!> allowed, because a program that writes a case may write all keys.
 module rockfall_case_effects
    use rockfall_error, only: error_t, gather
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
@@ -124,7 +124,7 @@ contains
                      "maps", error)
    end subroutine check_output
 
-   !> Thresholds and objects serve maps too, the rest the classes of hazard, which need frequencies.
+   !> Thresholds and objects are also used by maps; the other keys only by hazard classes, which need frequencies.
    pure subroutine check_hazard(list, group, error)
       type(namelist_t), intent(in) :: list
       type(group_t), intent(in) :: group
@@ -140,7 +140,7 @@ contains
                      "&scenario, or maps ..._exceeded", error)
    end subroutine check_hazard
 
-   !> Refuse the first of these keys that is not as its default, unless they are valid.
+   !> Refuse the first of these keys that differs from its default, unless they are valid.
    pure subroutine only_with(group, keys, valid, with, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: keys(:), with

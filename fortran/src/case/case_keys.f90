@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Keys of a case file: every group and key, its default and allowed values, in one table used by both programs.
+!> Keys of a case file: every group and key, its default and allowed values, in one table for both programs.
 module rockfall_case_keys
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i8
@@ -640,7 +640,7 @@ contains
       end do
    end subroutine check_reals
 
-   !> Lowest and highest number of a key; NaN where there is no limit but that of all numbers.
+   !> Lowest and highest number of a key; NaN for no limit other than that of all numbers.
    pure function limits_of(key) result(limits)
       type(key_t), intent(in) :: key
       real(wp) :: limits(2)
@@ -676,7 +676,7 @@ contains
       if (rule /= "" .and. key%unit /= "") rule = rule//" ["//trim(key%unit)//"]"
    end function broken_rule
 
-   !> Rule for a number that is one in another unit; "" if it is not. Numbers between other bounds may be tests.
+   !> Rule for a number that is likely in another unit; "" if plausible. Numbers between other bounds may be tests.
    pure function other_unit(unit, value) result(rule)
       character(len=*), intent(in) :: unit
       real(wp), intent(in) :: value

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Decimal commas and thousands commas in lists of numbers: `600,5` is two numbers in namelist text.
 !>
-!> Only commas without blanks around them can be meant so. A list without blanks, `600,620,640`, is a list.
+!> Only commas without blanks around them can be decimal. A list without blanks, `600,620,640`, is a list.
 module rockfall_decimal_commas
    use rockfall_namelist, only: entry_t, raw_value
    implicit none
@@ -13,8 +13,8 @@ module rockfall_decimal_commas
 
 contains
 
-   !> Index of the integer whose decimals may be the number behind a bare comma; 0 if none. Of several it is the one
-   !> with the fewest decimals: `600,620,5` has 620,5.
+   !> Index of the integer whose decimals may be the number behind a bare comma; 0 if none. Of several candidates it is
+   !> the one with the fewest decimals: `600,620,5` has 620,5.
    pure integer function comma_number(entry) result(found)
       type(entry_t), intent(in) :: entry
       integer :: k, digits_behind, fewest
@@ -30,7 +30,7 @@ contains
       end do
    end function comma_number
 
-   !> Index of the first number of a list whose comma cannot be meant as one of a list, where numbers are also
+   !> Index of the first number of a list whose comma cannot separate items of the list, because numbers are also
    !> separated otherwise (`600,5 620,5`), or long and short ones alternate (`600,5,620,5`); 0 if none.
    pure integer function misread_number(entry) result(found)
       type(entry_t), intent(in) :: entry
@@ -63,7 +63,7 @@ contains
       whole = raw_value(entry, k)
       rest = raw_value(entry, k + 1)
       rule = whole//"."//rest
-      if (index(rest, ".") > 0) rule = whole//rest  ! the comma is one of thousands
+      if (index(rest, ".") > 0) rule = whole//rest  ! a thousands comma
       if (len(rest) == 3 .and. verify(rest, digits) == 0) rule = rule//" or "//whole//rest  ! it may be
       rule = whole//","//rest//" is two numbers: write "//rule//", or blanks after the commas of a list"
    end function point_rule
@@ -100,7 +100,7 @@ contains
       end if
    end function is_thousands
 
-   !> What separates number `k` from the one before.
+   !> Separator between number `k` and the previous one.
    pure integer function gap_before(entry, k) result(gap)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: k

@@ -25,8 +25,8 @@ module rockfall_grounds
 
    integer, parameter :: max_grounds = huge(1_i1)  !! of a scene, numbered in one byte
 
-   !> Models, in the order of their numbers. The last two are of rows of a table of grounds, which a plane of tables
-   !> serves (theory, chapter 5).
+   !> Models, in the order of their numbers. The last two are for rows of a table of grounds with a plane of tables
+   !> (theory, chapter 5).
    character(len=*), parameter :: model_names(*) = [character(len=14) :: "impact_sets", "rockyfor3d", &
                                                     "pfeiffer_bowen", "bourrier_hungr", "constant", "absorbs", &
                                                     "impact_table", "ratio_table", "ploughed", "hard"]
@@ -124,7 +124,7 @@ contains
       end if
    end subroutine read_ground
 
-   !> Make a ground type of table k, for the ground of a row of a table of grounds, or for that of the table.
+   !> Make a ground type of table k, for the ground of a row of a table of grounds, or for the table's own ground.
    subroutine table_ground(tables, k, row, file, ground, error)
       type(table_arrays_t), intent(in) :: tables
       integer, intent(in) :: k
@@ -193,7 +193,7 @@ contains
       ground%lateral = [(lateral(sets%incidence(:, k), sets%lateral(:, :, k)), k=1, impact_ratios)]
    end subroutine read_stochastic
 
-   !> Read the parameters of a model: all that it needs and no others.
+   !> Read the parameters of a model: all required ones and no others.
    pure subroutine read_classical(group, numbers, classical, error)
       type(group_t), intent(in) :: group
       type(normal_table_t), intent(in) :: numbers

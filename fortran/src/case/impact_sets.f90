@@ -41,8 +41,8 @@ module rockfall_impact_sets
 
 contains
 
-   !> Read impact sets from text, check each by factoring it, and read what the rule of turning needs. The text must
-   !> have only one draw, unless `draw` selects one.
+   !> Read impact sets from text, check each by factoring it, and read the numbers for the rule of turning. The text
+   !> must have only one draw, unless `draw` selects one.
    subroutine read_sets(text, file, turning, draw, sets, error, draws)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! file name, for messages

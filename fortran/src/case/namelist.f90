@@ -177,7 +177,7 @@ contains
       entry%value%last = entry%value%last - first + 1
    end subroutine parse_entry
 
-   !> Parse the values from the cursor on, and move it past them.
+   !> Parse the values from the cursor, and move it past them.
    pure subroutine parse_values(text, file, cursor, values, error)
       character(len=*), intent(in) :: text, file
       type(cursor_t), intent(inout) :: cursor

@@ -9,8 +9,8 @@ module rockfall_namelist_changes
 
 contains
 
-   !> What is given in a namelist, without what is removed (`group`, or `group%key`, separated by blanks), and with the
-   !> groups of another: their keys replace those of the group of this name, or the group follows the others.
+   !> A namelist without removed entries (`group`, or `group%key`, separated by blanks), and with the groups of another
+   !> one: their keys replace those of the group of this name, or the group follows the others.
    pure subroutine change_namelist(list, removed, new, file, changed, error)
       type(namelist_t), intent(in) :: list, new
       character(len=*), intent(in) :: removed

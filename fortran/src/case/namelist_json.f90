@@ -23,7 +23,7 @@ module rockfall_namelist_json
 contains
 
    !> Format groups as JSON. Keys in the table have its kinds and are lists if they may have several values; values of
-   !> others have the kinds that they look like.
+   !> other keys have the kinds that they resemble.
    pure function json_of(list, table) result(text)
       type(namelist_t), intent(in) :: list
       type(key_t), intent(in) :: table(:)

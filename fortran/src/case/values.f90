@@ -112,7 +112,7 @@ contains
       end do
    end function key_index
 
-   !> Set an error that shows `key` with its value, or with value number `item` of several, and the `rule`.
+   !> Set an error that shows `key` with its value, or with value number `item` if it has several, and the `rule`.
    pure subroutine refuse(group, key, rule, error, item)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -146,7 +146,7 @@ contains
       call get_text(group, key, value, error)
    end function text_of
 
-   !> As `refuse`, for numbers that together cannot be: the rule is that of their commas, if these can be decimal.
+   !> Like `refuse`, for numbers that are invalid together: the rule concerns their commas if these can be decimal.
    pure subroutine refuse_list(group, key, rule, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key, rule

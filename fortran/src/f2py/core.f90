@@ -192,8 +192,8 @@ contains
       call return_run(opened, error, run, code, message)
    end subroutine open_run
 
-   !> Open a run without a scene, to be joined from parts, or a part of one: from a case, with the number of
-   !> grounds (0: only impact sets), sources from the features of a layer, and boulders of several shapes (1 or 0).
+   !> Open a run without a scene, to be joined from parts, or as a part: from a case, with the number of grounds (0:
+   !> only impact sets), sources from the features of a layer, and boulders of several shapes (1 or 0).
    subroutine open_joined_run(case, boulders, window, grounds, features, shapes, part_last, group_part, run, code, &
                               message, np, ng)
       integer(c_int), intent(in) :: np, ng
@@ -276,8 +276,9 @@ contains
       opened => run_at(pointer_of(run))
    end function run_of
 
-   !> Run n boulders, every `step`-th from the first on, on a scene, which may be a window of that of the run; `left` is
-   !> the number of boulders that left it and must be rerun. After `seconds` no more boulders start: `done` are.
+   !> Run n boulders, every `step`-th from the first on, on a scene, which may be a window of the run's terrain; `left`
+   !> is the number of boulders that left it and must be rerun. After `seconds` no more boulders start; `done` is the
+   !> number completed.
    subroutine advance(run, handle, first, step, n, seconds, done, left, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run, handle
@@ -405,8 +406,8 @@ contains
       fault = fault_of_values(name, values)
    end subroutine value_fault
 
-   !> Difference between two runs; theirs must begin ours. Blank if none. Texts are joined by character 1
-   !> in the order of identity_t; numbers are its integers, first those of boulders.
+   !> Difference between two runs; the other run must begin this one. Blank if none. Texts are joined by character 1 in
+   !> the order of identity_t; numbers are its integers, first those of boulders.
    subroutine run_difference(our_case, their_case, ours, theirs, numbers, corners, what)
       integer(c_int64_t), intent(in) :: our_case, their_case
       character(len=*), intent(in) :: ours, theirs
@@ -496,7 +497,7 @@ contains
       call give_error(error, code, message)
    end subroutine sort_crossings
 
-   !> Forget the crossings of a run, which somebody else keeps; views of them become invalid.
+   !> Forget the crossings of a run, which the caller keeps; views of them become invalid.
    subroutine forget_crossings(run)
       integer(c_int64_t), intent(in) :: run
       type(run_handle_t), pointer :: opened
@@ -519,7 +520,7 @@ contains
       call settle_run(opened%run, scene%scene%release, sign)
    end subroutine settle_sources
 
-   !> Restore the cells of sources that the boulders done cut, those of an unpacked part; good: 1 or 0.
+   !> Restore the cells of sources that are cut by the boulders done, from an unpacked part; good: 1 or 0.
    subroutine restore_sources(run, handle, good)
       integer(c_int64_t), intent(in) :: run, handle
       integer(c_int), intent(out) :: good
@@ -724,8 +725,8 @@ contains
       counts = [(stems_in_cell(random_key(seed), cell_number(nx, row, i), expected(i), even /= 0), i=1, n)]
    end subroutine stand_counts
 
-   !> Uniform numbers of each of these stems, cell by cell: four that make it or, for two, those that decide whether it
-   !> stands (rockfall_stand).
+   !> Uniform numbers of each of these stems, cell by cell: four that place it, or (two) those that decide whether it is
+   !> kept (rockfall_stand).
    subroutine stand_numbers(seed, nx, row, counts, numbers, n, m, nt)
       !f2py threadsafe
       integer(c_int), intent(in) :: n, m, nt
@@ -761,7 +762,7 @@ contains
       end do
    end subroutine shape_numbers
 
-   !> Nearest block shape of boulders with these axes, in any unit, each shorter than the one before or as long.
+   !> Nearest block shape of boulders with these axes, in any unit, in non-increasing order.
    subroutine shapes_of_axes(axes, shape, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: axes(3, n)
@@ -863,7 +864,7 @@ contains
       last = last_of(opened%scene%release, source)
    end subroutine boulders_of_source
 
-   !> Numbers of the n boulders in first..last whose trajectories are recorded, if `room` of all are.
+   !> Numbers of the n boulders in first..last whose trajectories are recorded, if `room` are recorded in total.
    subroutine recorded_numbers(handle, first, last, number, n, requested)
       integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(in) :: first, last
@@ -880,7 +881,7 @@ contains
       end associate
    end subroutine recorded_numbers
 
-   !> Number of boulders in the first `part` of `of` parts of a run of n.
+   !> Number of boulders in the first `part` of `of` parts of a run of n boulders.
    subroutine boulders_in_parts(n, part, parts, boulders)
       integer(c_int64_t), intent(in) :: n, part, parts
       integer(c_int64_t), intent(out) :: boulders
@@ -930,7 +931,7 @@ contains
       first = 0
    end subroutine check_numbers
 
-   !> Lowest and highest number that key k of a case may have; NaN: no such limit.
+   !> Lowest and highest number that key k of a case may have; NaN: no limit.
    subroutine key_limits(k, limits)
       integer(c_int), intent(in) :: k
       real(c_double), intent(out) :: limits(2)
@@ -954,7 +955,7 @@ contains
       call return_values(opened, error, handle, facts, length, code, message)
    end subroutine read_values
 
-   !> Make a case of another by changes, as in change_namelist; results as those of read_values.
+   !> Make a case from another by changes, as in change_namelist; results as in read_values.
    subroutine change_case(other, removed, text, name, handle, facts, length, code, message)
       integer(c_int64_t), intent(in) :: other
       character(len=*), intent(in) :: removed, text, name
@@ -1030,7 +1031,7 @@ contains
       end do
    end subroutine strength_deviates
 
-   !> Check the row of a table of grounds that a plane of tables of impacts serves.
+   !> Check a row of a table of grounds that uses a plane of tables of impacts.
    subroutine check_ground(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
@@ -1059,7 +1060,7 @@ contains
       call give_error(error, code, message)
    end subroutine refusal
 
-   !> Range of R_b of all but few boulders of a case, where it alone gives their volumes [m].
+   !> Range of R_b of all but few boulders of a case, if only the case gives their volumes [m].
    subroutine usual_radii(case, radii)
       integer(c_int64_t), intent(in) :: case
       real(c_double), intent(out) :: radii(2)
@@ -1069,7 +1070,7 @@ contains
       radii = sphere_radius(usual_volumes(opened%case%volumes))
    end subroutine usual_radii
 
-   !> Number that a text spells, as in files; NaN if none.
+   !> Number spelled by a text, as in files; NaN if invalid.
    subroutine decimal(text, value)
       character(len=*), intent(in) :: text
       real(c_double), intent(out) :: value
@@ -1119,7 +1120,7 @@ contains
    end subroutine table_model
 
    !> R_b of the largest blocks of a table of impacts [m], from its largest size, the strength of its ground [Pa] and
-   !> the R_b of that [m]; NaN: none.
+   !> the R_b of that strength [m]; NaN: none.
    subroutine largest_block(size, strength, strength_radius, radius)
       real(c_double), intent(in) :: size, strength, strength_radius
       real(c_double), intent(out) :: radius
@@ -1150,9 +1151,9 @@ contains
       outcome = int(barrier_outcome(height, capacity, passing_height, energy), c_int8_t)
    end subroutine barrier_outcomes
 
-   !> Row k of the table of keys (group|key|kind|most|default|allowed|unit|meaning|file), of that of a ground's
-   !> parameters (the same, then |models), of that of its models (name|rocks, as in rockfall_grounds), or of that of
-   !> result variables (as variable_text has it); blank past the end.
+   !> Row k of the table of keys (group|key|kind|most|default|allowed|unit|meaning|file), of a ground's parameters (the
+   !> same, then |models), of its models (name|rocks, as in rockfall_grounds), or of result variables (as in
+   !> variable_text); blank past the end.
    subroutine table_row(table, k, text)
       character(len=*), intent(in) :: table
       integer(c_int), intent(in) :: k
@@ -1166,7 +1167,7 @@ contains
       if (table == "variables") text = variable_text(k)
    end subroutine table_row
 
-   !> Root L of a covariance C = L L^T, by which all draws are made.
+   !> Root L of a covariance C = L L^T, used for all draws.
    subroutine covariance_root(name, covariance, root, code, message, n)
       integer(c_int), intent(in) :: n
       character(len=*), intent(in) :: name                 !! for messages
@@ -1330,8 +1331,8 @@ contains
       values(:n) = found(:n)
    end subroutine constants
 
-   !> Names of the columns of rows, of the distributions of volumes, of the quantities of samples, and of what cases
-   !> list: groups of lines, groups that may repeat, strengths of barriers.
+   !> Names of the columns of rows, of the distributions of volumes, of the quantities of samples, and of items in
+   !> cases: groups of lines, groups that may repeat, strengths of barriers.
    subroutine fields(rows, text)
       character(len=*), intent(in) :: rows
       character(len=max_list), intent(out) :: text
@@ -1373,7 +1374,7 @@ contains
       call give_error(error, code, message)
    end subroutine team_fits
 
-   !> End idle threads before a fork: the child does not have them, and would wait for them.
+   !> End idle threads before a fork: the child lacks them, and would wait for them.
    subroutine end_team()
       call release_team()
    end subroutine end_team

@@ -43,7 +43,7 @@ contains
       if (.not. allocated(error)) call case_of_keys(keys, file, case, error)
    end subroutine read_case_file
 
-   !> Refuse a case with variants: a scene file is that of one.
+   !> Refuse a case with variants: a scene file is for a single variant.
    pure subroutine check_single(case, error)
       type(case_t), intent(in) :: case
       type(error_t), allocatable, intent(inout) :: error

@@ -59,7 +59,7 @@ contains
                                                   //integer_text(boulders_in(this%name))//" boulders for --resume"
    end subroutine name_checkpoint
 
-   !> Check output and disk, and continue from the file, if it exists. A finished output ends the run without fault.
+   !> Check output and disk, and continue from the file, if it exists. A finished output ends the run without an error.
    subroutine on_start(this, run, error)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Command line of the standalone program, with the options of `rockfall run`; and text for people. Prints nothing
+!> Command line of the standalone program, with the options of `rockfall run`; and text for users. Prints nothing
 !> itself.
 module rockfall_console
    use rockfall_kinds, only: wp, i8

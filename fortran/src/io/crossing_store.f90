@@ -10,7 +10,7 @@ module rockfall_crossing_store
    private
    public :: crossing_store_t, block_crossings
 
-   !> Crossings in memory from which they go to the file.
+   !> Number of crossings in memory above which they are moved to the file.
    integer(i8), parameter :: block_crossings = 1000000
 
    type :: crossing_store_t
@@ -25,7 +25,7 @@ module rockfall_crossing_store
 
 contains
 
-   !> Take crossings over, which are forgotten where they were, if there are enough for a block.
+   !> Move crossings to the store, if there are enough for a block.
    subroutine take(this, rows, error)
       class(crossing_store_t), intent(inout) :: this
       type(crossing_rows_t), intent(inout) :: rows

@@ -39,7 +39,7 @@ module rockfall_part_file
 
 contains
 
-   !> Put the boulders done into a file, whole and on disk before it takes its name, by way of `part`.
+   !> Write the boulders done to a file, complete and on disk before it gets its name, by way of `part`.
    subroutine write_part(name, part, case, text, inputs, run, store, error)
       character(len=*), intent(in) :: name, part
       type(case_t), intent(in) :: case
@@ -201,7 +201,7 @@ contains
       end associate
    end function described
 
-   !> Transfer all arrays of a part, and the rows of the boulders done; crossings after `before` others.
+   !> Transfer all arrays of a part, and the rows of the boulders done; crossings follow `before` others.
    subroutine pass_arrays(file, run, part, before)
       type(netcdf_file_t), intent(inout) :: file
       type(run_t), intent(in), target :: run
@@ -246,7 +246,7 @@ contains
       end do
    end subroutine write_blocks
 
-   !> Transfer an array; of rows only the first ones, of crossings those after others.
+   !> Transfer an array; for rows only the first ones, for crossings after others.
    subroutine pass_array(file, row, rows, before)
       type(netcdf_file_t), intent(inout) :: file
       type(array_t), intent(in) :: row
@@ -356,8 +356,7 @@ contains
       call close_netcdf(file)
    end function is_finished
 
-   !> Read a part from which a run continues; it must start where the run starts. Others, and damaged ones, are
-   !> rejected.
+   !> Read a part from which a run continues; it must start where the run starts. Other and damaged parts are rejected.
    subroutine read_part(name, inputs, run, error)
       character(len=*), intent(in) :: name
       type(inputs_t), intent(in) :: inputs
@@ -398,7 +397,7 @@ contains
       length%crossings = length_of(file, "crossing")
    end function lengths_of
 
-   !> Check that the file belongs to this run, and that its boulders are the first to be done here.
+   !> Check that the file belongs to this run, and that its boulders are the first of this run.
    subroutine check_run(file, inputs, run, error)
       type(netcdf_file_t), intent(inout) :: file
       type(inputs_t), intent(in) :: inputs

@@ -286,7 +286,7 @@ contains
       end function axis
    end subroutine read_tables
 
-   !> Read the ground that serves each shape on each ground of the cells, which are the first of all `n`.
+   !> Read the ground of each shape on each ground of the cells, which come first among all `n`.
    subroutine read_shape_grounds(inputs, n)
       type(inputs_t), intent(inout) :: inputs
       integer, intent(in) :: n

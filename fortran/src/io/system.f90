@@ -56,7 +56,7 @@ module rockfall_system
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: a(*), b(*)
       end function c_same
-      !> Character other than "/" that may separate folders, if the system has one, else "/".
+      !> Second separator of folders, if the system has one besides "/", else "/".
       pure character(kind=c_char) function other_separator() bind(c, name="rockfall_separator")
          import :: c_char
       end function other_separator

@@ -18,8 +18,8 @@ module rockfall_flights
    public :: flights_t, landings_t, take_off, take_off_again, take_off_from, fly_to_landings, flight_of, landing_of
    public :: replace_landing, read_corners, read_next_corners, lanes, width, padded
 
-   !> Number of simultaneous flights: a multiple of `width`, but not a power of two, for which arrays would map to the
-   !> same few sets of the cache. More would need a stack above the minimum (rockfall_threads).
+   !> Number of simultaneous flights: a multiple of `width`, but not a power of two, which would map arrays to the same
+   !> few sets of the cache. More flights would need a stack above the minimum (rockfall_threads).
    integer, parameter :: lanes = 136
    integer, parameter :: width = 4   !! flights per instruction on the widest processors
 
@@ -390,7 +390,7 @@ contains
       j = j + left_cell*north
    end subroutine leave_cell
 
-   !> Record the cells that flights have left for others.
+   !> Record the cells that flights have just left.
    subroutine record_left_cells(left, f, ny, w, scratch)
       type(cell_t), intent(in) :: left
       type(flights_t), intent(in) :: f

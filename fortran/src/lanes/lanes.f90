@@ -46,7 +46,7 @@ module rockfall_lanes
    public :: run_in_lanes, impact_numbers, read_squares
 
    integer, parameter :: lanes_with_visits = 64
-   !> Number of draws not admissible below which they are redrawn one by one, which then takes less time.
+   !> Number of inadmissible draws below which redrawing one by one is faster.
    integer, parameter :: few = 2
    integer, parameter :: slots = lanes*width  !! of draws: each may be of another set
    integer, parameter :: counters = 4  !! of the draws of a set
@@ -205,7 +205,7 @@ contains
       end do
    end subroutine run_in_lanes
 
-   !> Number of lanes: fewer where maps need the cells that boulders visit, which then fit in the cache.
+   !> Number of lanes: fewer if maps need the visited cells, which then fit in the cache.
    pure integer function lanes_of_run(maps) result(n)
       type(maps_t), intent(in) :: maps
 
@@ -285,8 +285,8 @@ contains
       pool%w(lane) = w
    end subroutine set_heading
 
-   !> Find the flights that meet an obstacle in place of the ground, and hit it. Those that may, or cross a line, are
-   !> flown once more, one by one.
+   !> Find the flights that meet an obstacle in place of the ground, and hit it. Flights that may hit one, or that cross
+   !> a line, are flown once more, one by one.
    subroutine meet_obstacles(scene, active, pool, l, flights, scratch, spans, c)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: active(lanes)
@@ -400,7 +400,7 @@ contains
       end do
    end subroutine find_cells
 
-   !> Read the elevations of the cells and their neighbours. Where these are incomplete others are read, so that no
+   !> Read the elevations of the cells and their neighbours. If these are incomplete, other cells are read, so that no
    !> contact needs a branch.
    subroutine read_elevations(dem, n, c)
       type(terrain_t), intent(in) :: dem
@@ -437,7 +437,7 @@ contains
       end do
    end subroutine read_elevations
 
-   !> Find the ground properties at the landings; collect those by tables.
+   !> Look up the ground at each landing, and collect the contacts on table grounds.
    subroutine classify_contacts(scene, sets, active, pool, l, scratch, c, by_table)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets
@@ -499,7 +499,7 @@ contains
             end if
             call find_impact_set(scene, c%ratio(k), uniform(c%word(k, ratio_word)), set, c%outside(k))
             c%set(k) = sets%offset(c%ground(k)) + set
-            ! flat, like one with nodata: left to the scalar code
+            ! flat, or next to nodata: left to the scalar code
             if (.not. c%complete(k) > 0) c%z(k, :) = 0
          end associate
       end do
@@ -577,8 +577,8 @@ contains
       end do
    end subroutine draw_rebounds
 
-   !> Sort the draws by impact set; those of each fill vectors of their own. Neighbouring contacts, mostly of the same
-   !> set, are counted in turn by `counters`: one counter would have to wait for itself.
+   !> Sort the draws by impact set; the draws of each set fill their own vectors. Neighbouring contacts, mostly of one
+   !> set, are counted in turn by `counters`, because a single counter would wait for itself.
    subroutine group_by_set(n, c, first, number, d)
       integer, intent(in) :: n
       type(contacts_t), intent(in) :: c
@@ -838,7 +838,7 @@ contains
          touch%height = b%height(k)
          touch%rolling = b%rolls(k) > 0
          touch%next = int(b%next(k))
-         ! any record where none followed: a branch would be mispredicted
+         ! an arbitrary record if none followed: a branch would be mispredicted
          call prefetch_record(scene%grounds(b%ground(k))%table, max(1, touch%next))
       end associate
       call set_heading(pool, lane, b%heading1(k), b%heading2(k), b%next_w(k))

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Contacts by tables of impacts, for several boulders at a time. Each goes through the steps of `table_contact` in the
-!> same order, so results are bitwise identical. Steps with roots and divisions are loops over all contacts. Records
-!> are chosen in several loops of little each, and before the first is read, so that memory accesses overlap. Only a
-!> path that is needed, or leaves the known terrain, is found by `find_slide`.
+!> same order, so results are bitwise identical. Steps with roots and divisions are loops over all contacts. Records are
+!> chosen in several short loops before the first is read, so that memory accesses overlap. `find_slide` is only called
+!> for paths that are needed, or that leave the known terrain.
 !>
 !> Compiled three times, like rockfall_lanes.
 module rockfall_table_lanes
@@ -34,8 +34,8 @@ module rockfall_table_lanes
    private
    public :: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines, read_rows, find_bins
 
-   !> Numbers from one field of the records to the next: a power of two would put all of a lane's into the same few sets
-   !> of the cache.
+   !> Numbers from one field of the records to the next: a power of two would map all numbers of a lane to the same few
+   !> sets of the cache.
    integer, parameter :: column = lanes + 8
 
    !> Contacts by a table among the landings, each at the index of its landing. Elements are not cleared when they
@@ -210,8 +210,8 @@ contains
       end do
    end subroutine compute_incidence
 
-   !> Put contacts in the order of their grounds, and by a flight before those of boulders that roll. Boulders that land
-   !> along the normal have no tangent; `table_contact` handles them.
+   !> Sort contacts by ground, with contacts after flights before those of rolling boulders. Boulders that land along
+   !> the normal have no tangent; `table_contact` handles them.
    subroutine sort_contacts(b, first)
       type(table_batch_t), intent(inout) :: b
       integer, intent(out) :: first(:)  !! first contact of each: 2*ground - 1 by a flight, 2*ground of rolls
@@ -336,7 +336,7 @@ contains
       end do
    end subroutine find_kind_bins
 
-   !> Choose the records that did not follow, in loops of little each, so that many contacts overlap.
+   !> Choose the records of contacts without a follower, in short loops, so that many contacts overlap.
    subroutine choose_records(table, contact, word, b)
       type(impact_table_t), intent(in), target :: table
       integer, intent(in) :: contact(:)  !! contacts by this table
@@ -559,7 +559,7 @@ contains
       end do
    end subroutine find_paths_near_lines
 
-   !> Find the paths of the other contacts, and of those whose path is needed.
+   !> Find the paths of the other contacts, and all paths that are needed.
    subroutine find_paths(scene, l, g1, g2, paths, b)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(in) :: l

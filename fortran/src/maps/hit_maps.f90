@@ -14,7 +14,7 @@ module rockfall_hit_maps
    integer, parameter :: first_paths = 128     !! initial size of a list of paths
    real(wp), parameter :: none = -1.0_wp       !! less than any energy
 
-   !> Straight path in plan: a flight, or one along the ground, which is without gravity.
+   !> Straight path in plan: a flight, or motion along the ground (gravity 0).
    type :: path_t
       real(wp) :: x, y, v(3)  !! its start [m]; velocity there [m/s]
       real(wp) :: gravity     !! [m/s2]
@@ -22,8 +22,8 @@ module rockfall_hit_maps
       real(wp) :: spin        !! twice the rotational energy per mass [m2/s2]
    end type path_t
 
-   !> Paths of a boulder. Its hits are found at its end: the cells near all boulders that go at a time would not stay
-   !> in the cache.
+   !> Paths of a boulder. Its hits are found at its end: the cells near all boulders in motion would not stay in the
+   !> cache.
    type :: paths_t
       integer :: n = 0
       type(path_t), allocatable :: path(:)
@@ -182,8 +182,8 @@ contains
       nodes = [max(1, ceiling(low*per_cell) + 1), min(n, floor(high*per_cell) + 1)]
    end function nodes_between
 
-   !> Part of a path during which it is within a distance of a node along one axis; some of it, or all, if rounding
-   !> leaves none.
+   !> Part of a path during which it is within a distance of a node along one axis; or all of it, if rounding leaves
+   !> nothing.
    pure subroutine restrict_times(offset, v, distance, time, times)
       real(wp), intent(in) :: offset, v       !! of the start from the node [m], along the axis [m/s]
       real(wp), intent(in) :: distance, time  !! [m], [s]

@@ -16,7 +16,7 @@ module rockfall_map_tallies
 
    integer, parameter :: n_blocks = 7
 
-   !> Stacks of a thread's own.
+   !> Private stacks of a thread.
    type :: stacks_t
       integer(i4), allocatable :: counts(:, :, :)
       integer(i8), allocatable :: sums(:, :, :)
@@ -41,8 +41,8 @@ module rockfall_map_tallies
       type(c_ptr), private :: block(n_blocks) = c_null_ptr  !! of memory: counts to bin_counts, last_source, columns
    end type map_tallies_t
 
-   !> Tallies of threads' own: their maximum size, in all and for each boulder of a call, which takes some 30 us while
-   !> these bytes are added in less than one.
+   !> Private tallies of threads: their maximum size, in total and per boulder of a call. A boulder takes some 30 us,
+   !> adding these bytes less than one.
    integer(i8), parameter :: max_own = 2_i8**23, own_per_boulder = 4096  !! [bytes]
 
 contains
@@ -153,7 +153,7 @@ contains
 
    ! ---- maps ---------------------------------------------------------------------------------
 
-   !> Views of the maps, from a column and row on.
+   !> Views of the maps, starting at a column and row.
    function views_of(tallies, at) result(maps)
       type(map_tallies_t), intent(in), target :: tallies
       integer, intent(in) :: at(2)
@@ -165,8 +165,8 @@ contains
       maps%first_partial = tallies%first_partial
    end function views_of
 
-   !> Maps to which each thread adds in a call of n boulders: its own while they are small, because threads that share
-   !> them wait for each other; else the first for all. Columns of bin counts and marks of sources are shared.
+   !> Maps to which each thread adds in a call of n boulders: private maps while they are small, because threads that
+   !> share maps wait for each other; else one for all. Columns of bin counts and marks of sources are shared.
    function views_of_threads(tallies, threads, n) result(maps)
       type(map_tallies_t), intent(inout), target :: tallies
       integer, intent(in) :: threads
@@ -200,7 +200,7 @@ contains
 
    ! ---- sums ---------------------------------------------------------------------------------
 
-   !> Move what threads added to their own stacks to the first.
+   !> Add the private stacks of threads to the first.
    pure subroutine take_own_tallies(tallies)
       type(map_tallies_t), intent(inout) :: tallies
       integer :: k, j

@@ -323,9 +323,9 @@ contains
       std = sqrt(real(n*squares - int(total, i16)*total, wp)/(real(n, wp)*(n - 1)))
    end function std_of_sums
 
-   !> Rank of a limit of the 95 % interval of quantile p of n numbers, from the binomial distribution: that of line
-   !> statistics for independent boulders. There is no limit below the first or above the last number. Boulders of
-   !> a cluster may all behave alike, which increases the variance by at most the cluster size.
+   !> Rank of a limit of the 95 % interval of quantile p of n numbers, from the binomial distribution: as in line
+   !> statistics, for independent boulders. There is no limit below the first or above the last number. Boulders of a
+   !> cluster may all behave alike, which increases the variance by at most the cluster size.
    pure real(wp) function limit_rank(p, n, per_cluster, side)
       real(wp), intent(in) :: p    !! [-]
       integer(i8), intent(in) :: n

@@ -73,7 +73,7 @@ module rockfall_maps
    end type visit_t
 
    !> Visits of one boulder in their order, the last one in the current cell. A boulder that comes back to a cell visits
-   !> it again; `join_visits` leaves one visit of each cell.
+   !> it again; `join_visits` leaves one visit per cell.
    type :: visits_t
       integer :: n = 0
       type(visit_t), allocatable :: visit(:)
@@ -292,8 +292,8 @@ contains
       end associate
    end subroutine raise_values
 
-   !> Enter the first cell of a path, mostly the current one: most flights start where the last one ended. Visits are
-   !> joined here only, so that those of a path, which follow, can be taken back.
+   !> Enter the first cell of a path, mostly the current one, since flights start where the last one ended. Visits are
+   !> joined only here, so that the visits of a path can be taken back.
    pure subroutine enter_cell(visits, cell)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: cell(2)  !! column, row
@@ -351,8 +351,8 @@ contains
    end subroutine lengthen
 
    !> Join the visits of each cell to one, with the maxima and the earliest time, in order of the first visits: at the
-   !> end of a boulder, in a hash table of their indices (open addressing) that stays in the first cache, where one for
-   !> each boulder in flight would not.
+   !> end of a boulder, in a hash table of their indices (open addressing) that stays in the first-level cache, unlike
+   !> tables for all boulders in flight.
    pure subroutine join_visits(visits)
       type(visits_t), intent(inout) :: visits
       integer, allocatable :: entry(:)  ! 0-based; the size is a power of two; 0: free
@@ -383,7 +383,7 @@ contains
       visits%timed = timed
    end subroutine join_visits
 
-   !> Index of the visit of a cell; one more than there are if there is none, which the table then has.
+   !> Index of the visit of a cell; if there is none, the next index, which the table then has.
    pure subroutine find_visit(visit, cell, entry, index)
       type(visit_t), intent(in) :: visit(:)
       integer, intent(in) :: cell(2)         !! column, row
@@ -401,8 +401,8 @@ contains
       entry(k) = index
    end subroutine find_visit
 
-   !> Add the visits of a fragment to those of its boulder, whose energies are no longer per mass: with these, a boulder
-   !> of unit mass counts once per cell, with the maxima over its fragments.
+   !> Add the visits of a fragment to those of its boulder, with energies multiplied by mass: a boulder of unit mass
+   !> then counts once per cell, with the maxima over its fragments.
    pure subroutine merge_visits(visits, fragment, mass)
       type(visits_t), intent(inout) :: visits
       type(visits_t), intent(in) :: fragment
@@ -567,8 +567,7 @@ contains
       maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
    end subroutine count_bin
 
-   !> Assign a slot of counts to a cell; 0 if none is available. Memory that has never been written may hold
-   !> anything.
+   !> Assign a slot of counts to a cell; 0 if none is available. Memory that was never written may have any contents.
    subroutine assign_slot(maps, i, r, slot)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: i, r

@@ -74,7 +74,7 @@ contains
    end subroutine check_overflow
 
    !> Bound of the sum of n independent volumes [m3], by Chernoff: from 2e times its mean on, it exceeds k times the
-   !> maximum of one volume with a probability below 2**-k; k = 128 means practically never.
+   !> maximum of one volume with a probability below 2**-k; k = 128 makes an overflow practically impossible.
    pure real(wp) function sum_of_many(n, mean, max_single)
       integer(i8), intent(in) :: n
       real(wp), intent(in) :: mean, max_single  !! of one volume [m3]

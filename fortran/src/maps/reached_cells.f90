@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Tallies of the cells that boulders reached, as files have them.
+!> Tallies of the cells that boulders reached, in the form of files.
 module rockfall_reached_cells
    use rockfall_kinds, only: sp, i4, i8
    use rockfall_map_tallies, only: map_tallies_t

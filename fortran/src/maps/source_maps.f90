@@ -31,7 +31,7 @@ contains
       counts_sources = associated(maps%sources) .or. associated(maps%released)
    end function counts_sources
 
-   !> Add a boulder's cells to those of its source; `join_visits` leaves each once.
+   !> Add a boulder's cells to those of its source; after `join_visits` each occurs once.
    pure subroutine gather_cells(cells, visits)
       type(visits_t), intent(inout) :: cells  !! started with start_visits
       type(visits_t), intent(in) :: visits
@@ -121,7 +121,7 @@ contains
       sources = pack(ends, partial)
    end function partial_sources
 
-   !> Source that the beginning of a range of boulders cuts, 0 if none: later sources must not overwrite it in
+   !> Source cut by the beginning of a range of boulders, 0 if none: later sources must not overwrite it in
    !> `last_source`.
    pure integer(i8) function first_partial(release, first)
       type(release_t), intent(in) :: release

@@ -60,7 +60,7 @@ module rockfall_impact
 
 contains
 
-   !> Build a set from its mean and covariance. Errors as in covariance_root.
+   !> Build a set from its mean and covariance. Errors are those of covariance_root.
    pure subroutine impact_set(mean, covariance, set, error)
       real(wp), intent(in) :: mean(entries), covariance(entries, entries)  !! of a1..a9 [-]
       type(impact_set_t), intent(out) :: set
@@ -73,8 +73,8 @@ contains
       call set_covariance(set, drawn)
    end subroutine impact_set
 
-   !> Precompute what `velocity_distribution` needs of the covariance C of A: S_ij = sum over k, l of
-   !> C(3(i-1)+k, 3(j-1)+l) V_k V_l.
+   !> Precompute the terms of the covariance C of A for `velocity_distribution`: S_ij = sum over k, l of C(3(i-1)+k,
+   !> 3(j-1)+l) V_k V_l.
    pure subroutine set_covariance(set, c)
       type(impact_set_t), intent(inout) :: set
       real(wp), intent(in) :: c(entries, entries)  !! [-]

@@ -56,11 +56,12 @@ module rockfall_impact_table
    real(wp), parameter :: pull_tolerance = 0.2_wp, height_tolerance = 0.6_wp
    !> Speed over sqrt(g R_b) below which the relief governs the motion, which is then not proportional to velocity [-].
    real(wp), parameter :: relief_speed = 0.5_wp
-   !> Initial speed over sqrt(g R_b) above which no hollow holds a block, and each contact is drawn independently [-].
+   !> Initial speed over sqrt(g R_b) above which hollows do not stop a block, and each contact is drawn independently
+   !> [-].
    real(wp), parameter, public :: max_held_speed = 2.0_wp
 
    !> Bins of one kind of contact. Edges of each key are given per bin of the previous key. Infinite edges fill whole
-   !> vectors: a loop over what is left would be mispredicted.
+   !> vectors: a remainder loop would be mispredicted.
    type :: bins_t
       integer :: n(3) = 0
       integer :: total = 0                              !! in each part
@@ -70,7 +71,7 @@ module rockfall_impact_table
       real(wp), allocatable :: third_edge(:, :, :, :)   !! (n(3) - 1 and more, n(2), n(1), parts)
    end type bins_t
 
-   !> Ground of a table, as boulders meet it.
+   !> Ground of a table, for the boulders.
    type :: yielding_ground_t
       real(wp) :: rest_angle = 90.0_wp      !! on steeper ground a boulder that stops rolls on [degrees]
       real(wp) :: strength = 0.0_wp         !! median pressure at which it yields; 0: never [Pa]
@@ -129,7 +130,7 @@ module rockfall_impact_table
    end type outcome_t
 
    interface
-      !> Load the cache line of a number into the cache, without waiting for it.
+      !> Prefetch the cache line of a number.
       pure subroutine prefetch(number) bind(c, name="rockfall_prefetch")
          import :: c_float
          real(c_float), intent(in) :: number
@@ -168,8 +169,8 @@ contains
       end do
    end subroutine index_records
 
-   !> Find the speed beyond which bins have no record: that of the fastest at their incidence and spin. Bins of blocks
-   !> that roll have none.
+   !> Find the speed beyond which bins have no record: the speed of the fastest record at their incidence and spin. Bins
+   !> of rolling blocks have no such speed.
    pure subroutine find_fastest(table, bins)
       type(impact_table_t), intent(inout) :: table
       integer, intent(in) :: bins
@@ -214,7 +215,7 @@ contains
       has_ratios = columns > 1 .and. .not. strength > 0
    end function has_ratios
 
-   !> R_b of the largest boulders that a column of a table serves, at the median strength [m]; NaN if size does not
+   !> R_b of the largest boulders covered by a column of a table, at the median strength [m]; NaN if size does not
    !> matter, or is R_b/R_m.
    pure real(wp) function largest_block(largest_size, strength, strength_radius)
       real(wp), intent(in) :: largest_size               !! of a column [-]
@@ -224,7 +225,7 @@ contains
       if (strength > 0 .and. .not. strength_radius > 0) largest_block = largest_size*strength/usual_weight
    end function largest_block
 
-   !> Return whether a ratio R_b/R_m is outside those of a table, so that its smallest or largest serves in its place.
+   !> Return whether a ratio R_b/R_m is outside those of a table, so that its smallest or largest is used instead.
    pure logical function beyond_ratios(table, ratio)
       type(impact_table_t), intent(in) :: table
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
@@ -234,9 +235,9 @@ contains
       beyond_ratios = ratio < table%size(1) .or. ratio > table%size(size(table%size))
    end function beyond_ratios
 
-   !> Find the part of a table that serves a boulder: one of the two nearest columns for its size and one
-   !> of the two nearest rows for its relief, with probabilities that interpolate linearly in the logarithm of the size
-   !> and in the relief. A boulder on strong ground is so on its whole path, and on all grounds (theory, eq. 5.25).
+   !> Find the part of a table for a boulder: one of the two nearest columns for its size and one of the two nearest
+   !> rows for its relief, with probabilities that interpolate linearly in the logarithm of the size and in the relief.
+   !> Strong ground stays strong for a boulder on its whole path, and on all grounds (theory, eq. 5.25).
    pure subroutine find_part(table, radius, density, gravity, ratio, soil, part, key)
       type(impact_table_t), intent(in) :: table
       real(wp), intent(in) :: radius, density, gravity  !! R_b [m], of the boulder [kg/m3], [m/s2]
@@ -270,7 +271,7 @@ contains
       part = (row - 1)*size(table%size) + column
    end subroutine find_part
 
-   !> Index of the last value that is not above `x`, at least 1, at most the last but one.
+   !> Index of the last value that is not above `x`, from 1 to the second last.
    pure integer function place_below(values, x) result(k)
       real(wp), intent(in) :: values(:)  !! increasing
       real(wp), intent(in) :: x
@@ -300,7 +301,7 @@ contains
          relief = relief*power(radius/ground%relief_radius, ground%hurst - 1)
    end function relief_at
 
-   !> Find the bin of a contact, and its record if that is the one that followed in the laboratory.
+   !> Find the bin of a contact, and its record if the contact follows the recorded sequence.
    pure subroutine begin_draw(table, part, in, bin, record)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: part       !! from find_part
@@ -313,7 +314,7 @@ contains
       if (record > 0) bin = merge(0, bin, is_copied(table, record))
    end subroutine begin_draw
 
-   !> Record of a contact if that is the one that followed in the laboratory, or 0.
+   !> Record of a contact that follows the recorded sequence, or 0.
    pure integer function followed_record(table, in) result(record)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
@@ -330,7 +331,7 @@ contains
    end function is_copied
 
    !> Apply a record to this boulder: scale it to the boulder's velocity by the map of its bin, and to its slope. A slow
-   !> block is held by its hollow, so that a small difference in velocity or slope changes nothing, and the record is
+   !> block stays in its hollow, so that a small difference in velocity or slope changes nothing, and the record is
    !> copied.
    pure subroutine transfer_record(table, bin, record, in, out)
       type(impact_table_t), intent(in) :: table
@@ -391,7 +392,7 @@ contains
                                    r(pull_along), r(advance_out))
    end subroutine transfer_record
 
-   !> Load a record into the cache ahead of its use: records lie anywhere in memory, and two cache lines hold each.
+   !> Load a record into the cache ahead of its use: records are scattered in memory, and each takes two cache lines.
    pure subroutine prefetch_record(table, record)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: record
@@ -425,7 +426,7 @@ contains
       input_change = max(unit*lowest, min(unit*highest, input)) - of_record
    end function input_change
 
-   !> Row of the map of a bin, applied.
+   !> Apply the row of the map of a bin.
    elemental real(wp) function mapped_shift(change1, change2, change3, change4, m1, m2, m3, m4)
       real(wp), intent(in) :: change1, change2, change3, change4, m1, m2, m3, m4  !! inputs; the row [-]
 
@@ -441,7 +442,7 @@ contains
       own_duration = merge(of_record, of_record*stretch, keeps > 0)
    end function own_duration
 
-   !> Advance of a contact over the speed of its mean energy: that of the record, in the boulder's own duration.
+   !> Advance of a contact over the speed of its mean energy: the value of the record, scaled to the boulder's duration.
    elemental real(wp) function own_reach(of_record, keeps, stretch, speed, along, across, normal)
       real(wp), intent(in) :: of_record       !! advance [-]
       real(wp), intent(in) :: keeps, stretch  !! as in own_duration [-]
@@ -458,8 +459,8 @@ contains
       mean_speed = sqrt(0.5_wp*(speed*speed + (along*along + across*across + normal*normal)))
    end function mean_speed
 
-   !> Velocity along the heading, or across it. Velocities scale with speed, the work of gravity with duration only:
-   !> that of the record is removed.
+   !> Velocity along the heading, or across it. Velocities scale with speed, the work of gravity with duration only: the
+   !> contribution of the record is removed.
    elemental real(wp) function own_velocity(scale, of_record, pull, duration, record_pull, record_duration)
       real(wp), intent(in) :: scale, of_record               !! from speed_scale [-]; of the record [-]
       real(wp), intent(in) :: pull, duration                 !! of gravity there, over g; of the contact [-]
@@ -468,8 +469,8 @@ contains
       own_velocity = scale*of_record + pull*duration - scale*record_pull*record_duration
    end function own_velocity
 
-   !> Velocity along the heading, held back by the weight over the boulder's own duration of the contact, not that of
-   !> the block in the laboratory: by as much as drives it at the rest angle of the ground. It is not reversed.
+   !> Velocity along the heading, slowed by friction over the boulder's own duration of the contact instead of the
+   !> laboratory's: by the force that gravity exerts at the rest angle of the ground. It is not reversed.
    elemental real(wp) function held_longer(along, rolling, hold, pull1, pull2, stretch, duration)
       real(wp), intent(in) :: along         !! of a boulder that was held as long as the block [-]
       real(wp), intent(in) :: rolling       !! 1: a boulder that rolls, whose duration is the block's; or 0
@@ -494,8 +495,8 @@ contains
    end function takes_shift
 
    !> Maximum of twice the kinetic energy after a contact, over m g R_b, without the work of gravity along the slope:
-   !> that before it, and what the record gained beyond that work. The record owes it to the relief and to spin about
-   !> other axes: all of it may be gained on ground as steep as the record's, nothing on flat ground.
+   !> the energy before it, plus the gain of the record beyond that work. This gain is due to the relief and to spin
+   !> about other axes: it is allowed in full on ground as steep as the record's, and not at all on flat ground.
    elemental real(wp) function allowed_energy(v1, v2, v3, inertia, pull, ratio, in1, in2, in3, along, across, normal, &
                                               w, record_pull, advance)
       real(wp), intent(in) :: v1, v2, v3, inertia, pull, ratio  !! V_t, V_n, W; as in approach_t, speed_scale [-]
@@ -528,7 +529,7 @@ contains
       end if
    end function contact_bin
 
-   !> Number of bins before those of one kind of contact of a part.
+   !> Number of bins before the bins of one kind of contact of a part.
    pure integer function bins_before(table, part, rolling)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: part
@@ -583,9 +584,9 @@ contains
       edge_bin = 1 + int(sum(below))
    end function edge_bin
 
-   !> Return whether a hollow may hold a boulder. If so, its record is drawn from those nearest in gravity along the
-   !> heading, else from the whole bin: its response to gravity is then proportional, and among few, a record that
-   !> happened once in the laboratory would be drawn at every other contact on slopes near its own.
+   !> Return whether a hollow may stop a boulder. If so, its record is drawn from those nearest in gravity along the
+   !> heading, else from the whole bin: its response to gravity is then proportional, and with few candidates a rare
+   !> record would be drawn at every other contact on slopes near its own.
    pure logical function is_held(speed)
       real(wp), intent(in) :: speed  !! as in approach_t [-]
 
@@ -649,8 +650,8 @@ contains
       call prefetch_record(table, nearest_record)
    end function nearest_record
 
-   !> Return whether a boulder follows the block of its last record: the contact that followed there begins like this
-   !> one. So a boulder in a hollow of the relief stays in it as long as it did in the laboratory.
+   !> Return whether a boulder follows the block of its last record: the next recorded contact begins like this one. A
+   !> boulder in a hollow of the relief thus stays in it as long as in the laboratory.
    pure logical function continues_sequence(table, in)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
@@ -677,7 +678,7 @@ contains
       scaled_energy = along*along + across*across + normal*normal + inertia*w*w
    end function scaled_energy
 
-   !> Return 1 if a contact is faster than all records of its incidence and spin, else 0; 0 where it copies a record.
+   !> Return 1 if a contact is faster than all records of its incidence and spin, else 0; 0 if it copies a record.
    elemental real(wp) function exceeds_table(fastest, key3, copies)
       real(wp), intent(in) :: fastest  !! as in impact_table_t
       real(wp), intent(in) :: key3     !! from bin_keys

@@ -20,13 +20,13 @@ module rockfall_table_contact
    public :: update_touch, end_touch, keeps_sequence, resolve_on_plane, find_pull, find_record, apply_record, &
              limit_energy, after_fall, scale_to_energy, compute_departure, takeoff_height, velocity_after
 
-   !> Use of the random numbers of a contact: the record; side or heading, where the ground gives none.
+   !> Use of the random numbers of a contact: the record; side or heading, if the ground gives none.
    integer, parameter :: record_u = 1, side_u = 3
 
    !> Rise over R_b up to which a boulder whose last contact was cut is still in it [-]: the laboratory records higher
    !> rises as flights.
    real(wp), parameter :: max_rise = 0.02_wp
-   !> V_n over V_t above which a boulder that rolls against steeper ground meets it as if it flew [-].
+   !> V_n over V_t above which a boulder that rolls against steeper ground meets it as after a flight [-].
    real(wp), parameter :: impact_ratio = 0.5_wp
 
    !> Twice the kinetic energy over m g R_b below which the laboratory considers a block at rest [-].
@@ -119,7 +119,7 @@ contains
    end subroutine table_contact
 
    !> Keep the state of the previous contact if it still applies: the boulder is still in that contact if it has hardly
-   !> risen since; a different ground ends the sequence of records, and has another part of a table for its size.
+   !> risen since; a different ground ends the sequence of records, and uses another part of a table.
    pure subroutine update_touch(table, ground, ratio, boulder, soil, gravity, jump_height, touch)
       type(impact_table_t), intent(in) :: table  !! of the ground
       integer, intent(in) :: ground
@@ -145,8 +145,8 @@ contains
       touch%lift = touch%lift*(rolling*stays)
    end subroutine update_touch
 
-   !> Update whether a boulder is still in contact: leaving the ground, or hitting other ground, ends the sequence of
-   !> records of the laboratory.
+   !> Update whether a boulder is still in contact: leaving the ground, or hitting other ground, ends the recorded
+   !> sequence.
    pure subroutine end_touch(off, rolls, touch)
       logical, intent(in) :: off    !! from find_slide
       logical, intent(in) :: rolls  !! from leave
@@ -166,8 +166,8 @@ contains
       keeps_sequence = merge(0.0_wp, keeps_sequence, off > 0)
    end function keeps_sequence
 
-   !> Split a velocity into V_t and V_n, with the unit tangent of its motion on a plane. A boulder that is still in
-   !> contact keeps the V_n that presses it to the ground.
+   !> Split a velocity into V_t and V_n, with the unit tangent of its motion on a plane. A boulder still in contact
+   !> keeps its V_n towards the ground.
    elemental subroutine resolve_on_plane(v1, v2, v3, g1, g2, steepness, touches, pressed, tangential, normal, t1, t2, &
                                          t3)
       real(wp), intent(in) :: v1, v2, v3           !! [m/s]
@@ -234,7 +234,7 @@ contains
       if (bin > 0) fast = exceeds_table(table%fastest(bin), in%key*(in%speed*in%speed), 0.0_wp) > 0
    end subroutine find_record
 
-   !> Apply the record, and keep what the next contact needs.
+   !> Apply the record, and keep the state for the next contact.
    pure subroutine apply_record(table, bin, record, in, touch, out)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin, record

@@ -1,6 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the boulders of a scene can be and do at most: their number, volume, hits of trees, and the energy head from
-!> which they start.
+!> Upper bounds for the boulders of a scene: number, volume, tree hits, and energy head at the start.
 module rockfall_bounds
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -21,7 +20,7 @@ contains
       if (size(scene%release%x) > 0) boulder_count = last_of(scene%release, size(scene%release%x, kind=i8))
    end function boulder_count
 
-   !> Volume distribution of a scene; if sources give volumes, the largest and the heaviest of their boulders.
+   !> Volume distribution of a scene; if sources give volumes, that of their largest and heaviest boulders.
    pure type(volume_distribution_t) function max_volumes(scene) result(volumes)
       type(scene_t), intent(in) :: scene
       integer :: k

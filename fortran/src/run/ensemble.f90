@@ -50,8 +50,8 @@ module rockfall_ensemble
 contains
 
    !> Run boulders `first`, `first + step` and so on, as many as there are results; add to maps and histogram counts.
-   !> Boulders that left the window of the terrain (see status) are not counted. Each thread adds to maps of its own, or
-   !> all to the same. After `seconds` no more boulders start: only the first `done` are, at least one.
+   !> Boulders that left the window of the terrain (see status) are not counted. Each thread adds to private maps, or
+   !> all to shared ones. After `seconds` no more boulders start: only the first `done` are, at least one.
    subroutine run_boulders(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground, &
                            seconds, done)
       type(scene_t), intent(in) :: scene
@@ -158,7 +158,7 @@ contains
       integer(i8) :: quick
       integer :: k, from, to
 
-      quick = deadline_in(0.0_wp)  ! of the first boulder nothing is known
+      quick = deadline_in(0.0_wp)  ! nothing is known of the first boulder
       do
          call take_batch(next, size(results), merge(batch, 1, deadline_in(0.0_wp) < quick), deadline, from, to)
          if (from > to) return

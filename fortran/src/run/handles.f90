@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Cases, scenes and runs behind handles, for callers in other languages: a case is read once, others are made of it by
-!> changes; an empty scene receives its arrays by name and is built once; runs of it advance in chunks and list their
-!> arrays. Requests of callers are checked here.
+!> Cases, scenes and runs behind handles, for callers in other languages: a case is read once, and changed into others;
+!> an empty scene receives its arrays by name and is built once; its runs advance in chunks and list their arrays.
+!> Requests of callers are checked here.
 module rockfall_handles
    use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
    use rockfall_kinds, only: wp, sp, i4, i8
@@ -63,7 +63,7 @@ module rockfall_handles
 contains
 
    !> Read the groups of a text. `form` is "case", whose values are checked and complete; "defaults", every group of a
-   !> case, whatever the text; or "any", with unknown groups and keys.
+   !> case, for any text; or "any", with unknown groups and keys.
    subroutine read_values(this, form, text, name, error)
       class(case_handle_t), intent(inout) :: this
       character(len=*), intent(in) :: form, text, name  !! name: for messages
@@ -82,7 +82,7 @@ contains
       end select
    end subroutine read_values
 
-   !> Make a case of another by changes, as in change_namelist, whose text is read.
+   !> Make a case from another by changes in text, as in change_namelist.
    subroutine change(this, other, removed, text, name, error)
       class(case_handle_t), intent(inout) :: this
       type(case_handle_t), intent(in) :: other
@@ -190,7 +190,7 @@ contains
       end associate
    end function terrain_given
 
-   !> Confine boulders to these columns and rows, those of the maps: the same for all runs of a scene.
+   !> Confine boulders to these columns and rows, those of the maps: equal for all runs of a scene.
    subroutine limit(this, first, last)
       class(scene_handle_t), intent(inout) :: this
       integer, intent(in) :: first(2), last(2)

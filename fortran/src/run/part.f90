@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Part of a run as files have it: rows and sums of the run, tallies of the cells that boulders reached, and samples in
-!> bins that are not empty. A run is packed to be written; what was read is unpacked into a run, once it is known that
-!> a run can have its values.
+!> Part of a run in the form of files: rows and sums of the run, tallies of reached cells, and samples in non-empty
+!> bins. A run is packed for writing; a part that was read is unpacked into a run after a check of its values.
 module rockfall_part
    use, intrinsic :: iso_c_binding, only: c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
@@ -66,7 +65,7 @@ contains
       part%groups = filled_bins(size(run%samples%groups, kind=i8), run%samples%groups)
    end subroutine pack_samples
 
-   !> Table of the arrays of a part as files have them; of rows, more may be allocated than are used.
+   !> Table of the arrays of a part in the form of files; more rows may be allocated than used.
    function part_arrays(run, part) result(table)
       type(run_t), intent(in), target :: run
       type(part_t), intent(in), target :: part
@@ -164,8 +163,8 @@ contains
       end function is_between
    end subroutine make_room
 
-   !> Store a part in an empty run that begins with its boulders, if a run can have its values; the cells of sources
-   !> that it splits are left to be joined or restored.
+   !> Store a part in an empty run that begins with its boulders, if its values are possible in a run; the cells of
+   !> sources that it splits must then be joined or restored.
    subroutine unpack_part(run, part, grid, error)
       type(run_t), intent(inout), target :: run
       type(part_t), intent(in), target :: part
@@ -228,7 +227,7 @@ contains
 
    ! ---- values -------------------------------------------------------------------------------
 
-   !> First array of samples with values that the boulders done cannot have; "" if none.
+   !> First array of samples with values that are impossible for the boulders done; "" if none.
    function sample_fault(run, part) result(fault)
       type(run_t), intent(in) :: run
       type(part_t), intent(in) :: part
@@ -253,7 +252,7 @@ contains
           .or. any(part%layout%group_part /= run%layout%group_part)) fault = "sample_group_part"
    end function sample_fault
 
-   !> Return whether the known numbers of each column are a heap; sorted ones are.
+   !> Return whether the known numbers of each column form a heap, as sorted numbers do.
    pure logical function are_heaps(samples)
       type(samples_t), intent(in) :: samples
       integer :: k, line
@@ -269,7 +268,7 @@ contains
       end do
    end function are_heaps
 
-   !> Fault of the first array with values that a run cannot have; "" if none.
+   !> Fault of the first array with values that are impossible in a run; "" if none.
    function array_fault(run, table, grid) result(fault)
       type(run_t), intent(in), target :: run
       type(table_t), intent(in) :: table

@@ -27,7 +27,7 @@ module rockfall_run_loop
    integer(i8), parameter :: first_chunk = 16     !! boulders in the first call
    real(wp), parameter :: chunk_seconds = 1.0_wp  !! duration of a call: at its end threads wait for each other
 
-   !> Approximate crossings of lines in a call, which holds them all, with 170 bytes each.
+   !> Approximate number of line crossings in a call, which keeps all of them, with 170 bytes each.
    integer(i8), parameter :: chunk_crossings = 250000
 
    !> Minimum time between saves of a run, as a multiple of the duration of the last save.

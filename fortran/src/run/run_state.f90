@@ -48,7 +48,7 @@ module rockfall_run_state
       integer(i8) :: per_source = 0                       !! boulders from each source; 0: different numbers
       integer :: threads = 1
       real(wp) :: wall = 0.0_wp, cpu = 0.0_wp             !! [s]
-      ! Rows: of all boulders of the range, or only of those in `number`; then all are in samples.
+      ! Rows of all boulders of the range, or only of the boulders in `number`; then samples cover all.
       integer(i8), allocatable :: number(:)
       integer, allocatable :: real_columns(:), integer_columns(:)  !! selected row_reals and row_integers
       real(wp), allocatable :: reals(:, :)                !! (rows, columns)
@@ -113,7 +113,7 @@ contains
       if (tells_sources(run%maps)) run%maps%first_partial = first_partial(scene%release, before + 1)
    end subroutine set_dimensions
 
-   !> Set what a run needs of its case.
+   !> Set the properties of a run that follow from its case.
    subroutine set_case(case, run)
       type(case_t), intent(in) :: case
       type(run_t), intent(inout) :: run
@@ -265,7 +265,7 @@ contains
       call forget_samples(run%samples)
    end subroutine forget_tallies
 
-   !> Forget the crossings, which somebody else keeps now.
+   !> Forget the crossings, which the caller now keeps.
    subroutine forget_crossings(run)
       type(run_t), intent(inout) :: run
 
@@ -326,9 +326,9 @@ contains
 
    ! ---- boulders -----------------------------------------------------------------------------
 
-   !> Run n boulders of the run, every `step`-th from the first on, on a scene, which may be a window of that of the
-   !> run: boulders that leave it are not counted, and must be rerun. With a step above 1, which maps of sources do not
-   !> allow, `done` does not change.
+   !> Run n boulders of the run, every `step`-th from the first on, on a scene, which may be a window of the run's
+   !> terrain: boulders that leave it are not counted, and must be rerun. With a step above 1, which maps of sources do
+   !> not allow, `done` does not change.
    subroutine advance(run, scene, first, step, chunk, seconds, n, error)
       type(run_t), intent(inout), target :: run
       type(scene_t), intent(in) :: scene
@@ -378,7 +378,7 @@ contains
       end if
       if (allocated(scene%lines) .and. allocated(run%number)) then
          threads = min(team_size(run%threads), size(scene%lines))
-         ! with the whole team, since threads that a smaller one leaves out end, and start again for the next chunk
+         ! with the whole team: a smaller team would end its idle threads, and restart them for the next chunk
          !$omp parallel do default(none) num_threads(team_size(run%threads)) &
          !$omp& shared(run, scene, results, crossings, n, threads)
          do thread = 1, threads
@@ -471,7 +471,7 @@ contains
             do k = 1, n_reals
                rows%real(k)%of(row) = real(values(k), sp)
             end do
-            ! rounded up: a barrier as high as the highest crossing of a result stops that boulder
+            ! rounded up, so that a barrier as high as the highest crossing of a result stops that boulder
             rows%real(passing_height)%of(row) = rounded_up(values(passing_height))
             if (rows%may_break) then
                rows%volume(row) = real(at%fragment%volume, sp)
@@ -483,7 +483,7 @@ contains
    end subroutine store_boulder
 
    !> Add the boulders of a chunk at the lines of one thread to the samples: line by line, because the samples of one
-   !> lie together in memory, and those of thousands do not.
+   !> line are contiguous in memory.
    subroutine sample_crossings(run, scene, results, crossings, thread, threads)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
@@ -711,7 +711,7 @@ contains
       call settle_partial_sources(run%maps, release, run%before + 1, run%before + run%done, sign)
    end subroutine settle_run
 
-   !> Restore the cells of the sources that the boulders done cut; not `good` if they cannot be these.
+   !> Restore the cells of the sources cut by the boulders done; not `good` if they do not match.
    subroutine restore_run(run, release, good)
       type(run_t), intent(inout) :: run
       type(release_t), intent(in) :: release

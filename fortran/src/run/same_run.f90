@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Comparison of runs: whether parts are of the same one, and whether their cases are the same in any notation.
+!> Comparison of runs: whether parts belong to one run, and whether cases are equal in any notation.
 module rockfall_same_run
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t
@@ -10,7 +10,7 @@ module rockfall_same_run
    private
    public :: identity_t, difference, differing_key, keys_of
 
-   !> What identifies a run, and a range of its boulders.
+   !> Identity of a run, and of a range of its boulders.
    type :: identity_t
       character(len=:), allocatable :: version        !! of this software
       type(namelist_t) :: keys                        !! of the case, complete
@@ -22,7 +22,7 @@ module rockfall_same_run
 
 contains
 
-   !> Return what differs, "" if nothing: theirs must be of the same run, and begin ours.
+   !> Return the first difference, "" if none: the other part must belong to the same run, and begin this one.
    pure function difference(ours, theirs) result(what)
       type(identity_t), intent(in) :: ours, theirs
       character(len=:), allocatable :: what

@@ -28,7 +28,7 @@ module rockfall_scene
    private
    public :: scene_arrays_t, feature_fields, is_borrowed, build_scene_of_case, object_reach
 
-   !> Values of a feature, in the units of the keys of these names.
+   !> Values of a feature, in the units of the keys with these names.
    character(len=*), parameter :: feature_fields(*) = [character(len=11) :: "volume_mean", "volume_std", "volume_min", &
                                                        "volume_max", "density", "drop_height", "velocity_x", &
                                                        "velocity_y", "velocity_z"]
@@ -80,7 +80,7 @@ module rockfall_scene
 
 contains
 
-   !> Build the scene of a case. Errors that the text of the case alone does not reveal are reported here.
+   !> Build the scene of a case. Errors that the text of the case does not reveal are reported here.
    subroutine build_scene_of_case(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -348,8 +348,8 @@ contains
                             case%lines%height > 0)
    end subroutine set_lines
 
-   !> Refuse lines that run from the terrain to where none can: a decimal comma, or a vertex in another system. Lines
-   !> that are all off the terrain are warned of.
+   !> Refuse lines that run from the terrain to impossible places: a decimal comma, or a vertex in another system. Lines
+   !> completely off the terrain cause a warning.
    pure subroutine check_lines(case, grid, error)
       type(case_t), intent(in) :: case
       type(grid_t), intent(in) :: grid

@@ -28,8 +28,8 @@ module rockfall_state_table
 
 contains
 
-   !> Add an array, which must be contiguous and must not be moved. Its kind is that of the table of variables, or
-   !> `kind` if it is not in that table.
+   !> Add an array, which must be contiguous and must not be moved. Its kind is taken from the table of variables, or is
+   !> `kind` if it is not there.
    subroutine add(this, group, name, axes, values, kind)
       class(table_t), intent(inout) :: this
       character(len=*), intent(in) :: group, name

@@ -15,7 +15,7 @@ module rockfall_bins
    integer, parameter :: per_octave = 4
    !> Bits of a double below those of exponent and bin: the 52 fraction bits less log2(per_octave).
    integer, parameter :: bits_below = fraction_bits - 2
-   !> Number of bins; the first also holds smaller numbers, the last larger ones.
+   !> Number of bins; the first also counts smaller numbers, the last larger ones.
    integer, parameter :: n_log_bins(4) = per_octave*octaves + 2
 
 contains
@@ -32,7 +32,7 @@ contains
       log_bin = min(quarter + 2, n_log_bins(quantity))
    end function log_bin
 
-   !> Lower edge of a bin, in the unit of the quantity; past the last bin, that of the last, which is open-ended.
+   !> Lower edge of a bin, in the unit of the quantity; past the last bin, the edge of the last, which is open-ended.
    pure real(wp) function log_bin_edge(quantity, bin)
       integer, intent(in) :: quantity, bin
       integer :: quarter

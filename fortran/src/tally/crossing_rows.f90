@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> First crossings of lines by the boulders whose rows are kept: a row each, of only those lines that a boulder crossed.
-!> They are in single precision, in the order in which boulders arrive, until they are sorted.
+!> First crossings of lines by the boulders whose rows are kept: a row for each line that a boulder crossed. They are in
+!> single precision, in the order in which boulders arrive, until they are sorted.
 module rockfall_crossing_rows
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_variables, only: crossing_fields
@@ -44,7 +44,7 @@ contains
       end do
    end subroutine start_rows
 
-   !> Make room for rows after those in use, column by column, so that at most one of them is in memory twice.
+   !> Allocate further rows, column by column, so that at most one column is in memory twice.
    pure subroutine make_room(rows, more, fit)
       type(crossing_rows_t), intent(inout) :: rows
       integer(i8), intent(in) :: more
@@ -123,7 +123,7 @@ contains
       rows%n = rows%n + others%n
    end subroutine append_rows
 
-   !> Forget all rows, but keep their room.
+   !> Forget all rows, but keep their memory.
    pure subroutine clear_rows(rows)
       type(crossing_rows_t), intent(inout) :: rows
 
@@ -168,8 +168,8 @@ contains
       end associate
    end subroutine sort_rows
 
-   !> First row that does not follow the one before it by line, then by boulder; one beyond the last if all do. In
-   !> sorted rows it is that of a boulder that crosses a line twice.
+   !> First row out of order (by line, then by boulder); one beyond the last if there is none. In sorted rows it is a
+   !> second crossing of a line by one boulder.
    pure integer(i8) function first_unsorted(rows) result(k)
       type(crossing_rows_t), intent(in) :: rows
 
@@ -180,7 +180,7 @@ contains
       k = rows%n + 1
    end function first_unsorted
 
-   !> Order of rows by line, those of a line as they are; and the rows before each line.
+   !> Stable order of rows by line; and the number of rows before each line.
    pure subroutine order_by_line(line, first, order)
       integer(i4), intent(in) :: line(:)
       integer(i8), intent(out) :: first(0:)
@@ -203,7 +203,7 @@ contains
       end do
    end subroutine order_by_line
 
-   !> Sort an order by boulder. Numbers rise over long stretches: neighbouring ones are merged, until there is one.
+   !> Sort an order by boulder. Numbers ascend over long runs: neighbouring runs are merged until one is left.
    pure subroutine order_by_boulder(number, order, merged)
       integer(i8), intent(in) :: number(:)
       integer(i8), intent(inout) :: order(:)
@@ -225,7 +225,7 @@ contains
       end do
    end subroutine order_by_boulder
 
-   !> End of the stretch of rising numbers that begins at a place of an order.
+   !> End of the ascending run that begins at a place of an order.
    pure integer(i8) function end_of(number, order, begin) result(k)
       integer(i8), intent(in) :: number(:), order(:), begin
 
@@ -234,7 +234,7 @@ contains
       end do
    end function end_of
 
-   !> Merge the first `n` of an order with the others; both parts rise.
+   !> Merge the first `n` of an order with the others; both parts ascend.
    pure subroutine merge_two(number, order, n, merged)
       integer(i8), intent(in) :: number(:), order(:), n
       integer(i8), intent(out) :: merged(:)

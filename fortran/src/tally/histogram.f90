@@ -11,7 +11,7 @@ module rockfall_histogram
 
    integer, parameter :: bins = 50, quantities = n_histograms  !! maximum number of bins; quantities
    !> Quantities of histograms, i.e. incidence angle [degree]; tangential, normal and rotational fraction of the
-   !> incident energy (eqs 8-11); R_t and R_n (eqs 6, 7) [-]. Bins start at zero; the first and last also hold smaller
+   !> incident energy (eqs 8-11); R_t and R_n (eqs 6, 7) [-]. Bins start at zero; the first and last also count smaller
    !> and larger values.
    integer, parameter :: angle = 1, tangential = 2, normal = 3, rotational = 4, r_t = 5, r_n = 6
    real(wp), parameter :: bin_width(quantities) = [2.0_wp, 0.02_wp, 0.02_wp, 0.02_wp, 0.04_wp, 0.1_wp]

@@ -22,14 +22,14 @@ module rockfall_samples
    integer(i8), parameter :: largest_unit = 2_i8**45  !! larger numbers are clamped
    !> Words of a sum and of a sum of squares, two digits each to the base 2**62; then the maximum.
    integer, parameter :: n_words = 5, base_bits = 62
-   !> Largest values stored individually at a line: up to `most_largest`, of `all_largest` over all lines, but no fewer
-   !> than a return level takes of independent boulders (MAX_ABOVE of return_levels.py, and two neighbours).
+   !> Largest values stored individually at a line: up to `most_largest`, of `all_largest` over all lines, but at least
+   !> as many as a return level needs from independent boulders (MAX_ABOVE of return_levels.py, and two neighbours).
    integer, parameter :: most_largest = 100000, all_largest = 2000000, fewest_largest = 2002
 
    integer, parameter :: batch = 256  !! numbers added together
 
    !> Samples of `quantities` at each of `places` (the ends of boulders, then each line). Counts are in blocks of the
-   !> bins of a coarse one, which exist once they have a boulder; pages of memory that no block has used cost nothing.
+   !> bins of a coarse one, which exist once they have a boulder; unused pages of memory cost nothing.
    type :: samples_t
       integer(i4) :: blocks = 0                                         !! in use
       integer(i4), pointer, contiguous :: at(:, :, :, :) => null()      !! block, 0 = none (coarse bins, quantities,
@@ -102,8 +102,8 @@ contains
       samples%known = spread(0, 1, lines)
    end subroutine allocate_tails
 
-   !> Continue samples with longer tails, of `boulders`, if they fit in memory; the rest is moved, to room for as many
-   !> blocks as they can have.
+   !> Continue samples with longer tails, of `boulders`, if they fit in memory; the rest is moved, to memory for the
+   !> maximum number of blocks.
    subroutine continue_samples(from, to, boulders, sampled, fit)
       type(samples_t), intent(inout) :: from
       type(samples_t), intent(inout) :: to
@@ -125,7 +125,7 @@ contains
       call free_block(samples%block)
    end subroutine free_samples
 
-   !> Forget what only counting needs, once all results are computed; counts remain, since results are views of them.
+   !> Free data needed only for counting, once all results are computed; counts remain, since results are views of them.
    subroutine forget_samples(samples)
       type(samples_t), intent(inout) :: samples
 
@@ -136,8 +136,8 @@ contains
 
    ! ---- blocks -------------------------------------------------------------------------------
 
-   !> Put blocks in the order of bins, quantities, parts and places, whichever thread first used them; and list their
-   !> places in it, 0-based.
+   !> Put blocks in the order of bins, quantities, parts and places, independent of the threads; and list their 0-based
+   !> places in it.
    subroutine list_blocks(samples, places)
       type(samples_t), intent(inout), target :: samples
       integer(i8), allocatable, intent(out) :: places(:)
@@ -172,7 +172,7 @@ contains
       end do
    end subroutine list_blocks
 
-   !> Restore where blocks are, and how many numbers tails have.
+   !> Restore the places of blocks, and the lengths of tails.
    subroutine find_blocks(samples, places)
       type(samples_t), intent(inout), target :: samples
       integer(i8), intent(in) :: places(:)  !! of blocks, as listed
@@ -250,7 +250,7 @@ contains
       if (bin <= below_zero) edge = -edge
    end function sample_edge
 
-   !> Add numbers to the samples of a quantity at a place. Few loops for each step wait for memory together.
+   !> Add numbers to the samples of a quantity at a place. Separate loops for each step overlap the waits for memory.
    subroutine add_numbers(samples, numbers, quantity, part, group, place)
       type(samples_t), intent(inout) :: samples
       integer(i8), intent(in) :: numbers(:)               !! of units
@@ -283,7 +283,7 @@ contains
       call add_to_sums(samples%sums(:, quantity, :, place), numbers, part)
    end subroutine add_numbers
 
-   !> Add numbers to the sums of their parts; those of a part mostly follow one another.
+   !> Add numbers to the sums of their parts; numbers of a part are mostly consecutive.
    pure subroutine add_to_sums(words, numbers, part)
       integer(i8), intent(inout) :: words(:, :)  !! (words, parts)
       integer(i8), intent(in) :: numbers(:)
@@ -403,8 +403,8 @@ contains
    end subroutine add_tails
 
    !> Insert a number into a heap of the largest, whose root is the smallest and whose first nodes are known. In a full
-   !> one, the way from the root by the smaller of two nodes moves up by one, and the number rises from its end: that is
-   !> without a branch that a processor cannot predict (Wegener 1993, doi:10.1016/0304-3975(93)90364-Y).
+   !> heap, the nodes on the path of smaller children move up by one, and the number rises from its end, without
+   !> unpredictable branches (Wegener 1993, doi:10.1016/0304-3975(93)90364-Y).
    pure subroutine add_tail(heap, known, number)
       real(sp), intent(inout) :: heap(:)
       integer, intent(in) :: known

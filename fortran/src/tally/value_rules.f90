@@ -12,7 +12,7 @@ module rockfall_value_rules
    private
    public :: value_fault
 
-   !> Range of values; the grid of the terrain, if known, bounds places.
+   !> Range of values; the grid of the terrain, if known, limits positions.
    type :: range_t
       real(wp) :: lowest = 0.0_wp, highest = huge(1.0_wp)
       logical :: excludes_lowest = .false.

@@ -88,7 +88,7 @@ contains
       box(3:) = min([dem%nx, dem%ny], box(3:)*side + margin + beyond)
    end function reach_box
 
-   !> Push those blocks of a rectangle that are low enough and not yet visited.
+   !> Push the blocks of a rectangle that are low enough and not yet visited.
    pure subroutine push_blocks(flood, minima, first, last)
       type(flood_t), intent(inout) :: flood
       real(wp), intent(in) :: minima(:, :)       !! [m]

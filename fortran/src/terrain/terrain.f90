@@ -19,7 +19,7 @@ module rockfall_terrain
 
    !> View of the caller's array in its native precision. `z(i, r)`: column i from the west, row r from the north, as in
    !> files; NaN = no data. The array may be a window of the raster: columns, rows and coordinates refer to the whole
-   !> raster, so that no bit depends on the window.
+   !> raster, so that results do not depend on the window.
    type :: terrain_t
       integer :: nx = 0, ny = 0                           !! nodes of the raster
       integer :: lo(2) = 1, hi(2) = 0                     !! first and last patch that boulders may fly over

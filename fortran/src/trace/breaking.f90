@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Breakage of a boulder where it is: at its release, or at an impact; and the fragments that set out from there.
+!> Breakage of a boulder at its release or at an impact, and the fragments that start there.
 module rockfall_breaking
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
@@ -18,7 +18,7 @@ module rockfall_breaking
 
 contains
 
-   !> Break a block at its release, by the energy of the fall that `release_fall` is.
+   !> Break a block at its release, by the energy of the fall `release_fall`.
    pure subroutine break_at_release(scene, result, scratch)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: result
@@ -27,8 +27,8 @@ contains
       call break_boulder(scene, result%boulder%mass*scene%gravity*scene%breakage%release_fall, result, scratch)
    end subroutine break_at_release
 
-   !> Break a boulder after its rebound, by the energy of its motion normal to the ground before. A boulder that rests
-   !> or rolls there does not break.
+   !> Break a boulder after its rebound, by the energy of its normal motion before. A boulder that rests or rolls there
+   !> does not break.
    pure subroutine break_at_impact(scene, landing, v, omega_r, roll, result, flight, scratch)
       type(scene_t), intent(in) :: scene
       type(landing_t), intent(in) :: landing
@@ -51,7 +51,7 @@ contains
       scratch%broken = piece_t(scratch%start%number, result, flight, omega_r, stored_part(scratch%record))
    end subroutine break_at_impact
 
-   !> Break a boulder, if the energy suffices and there is room for fragments.
+   !> Break a boulder, if the energy suffices and the number of fragments allows it.
    pure subroutine break_boulder(scene, energy, result, scratch)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: energy  !! [J]
@@ -68,7 +68,7 @@ contains
       result%breakages = result%breakages + 1
    end subroutine break_boulder
 
-   !> Fragment k of the broken piece in the work space, ready to set out. Its path continues that of the piece; its
+   !> Fragment k of the broken piece in the work space, ready to start. Its path continues the path of the piece; its
    !> counts begin at zero. The speed of its centre and W are those of the piece times sqrt(kept_energy).
    pure type(piece_t) function fragment_piece(scene, scratch, k, number) result(piece)
       type(scene_t), intent(in) :: scene

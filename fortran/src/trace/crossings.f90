@@ -14,7 +14,7 @@ module rockfall_crossings
    public :: crossing_t, crossings_t, crossing, record_crossings, start_crossings, clear_crossings, keep_crossings, &
              outcome_at, find_entry
 
-   !> First crossing of an evaluation line; at a barrier that is hit, that of the hit.
+   !> First crossing of an evaluation line; at a barrier that is hit, the crossing of the hit.
    type :: crossing_t
       logical :: crossed = .false.
       integer(i1) :: outcome = 0       !! outcome at the barrier (rockfall_barrier); 0: not hit
@@ -27,7 +27,7 @@ module rockfall_crossings
       type(boulder_t) :: fragment = boulder_t()  !! the one that the rest is of
    end type crossing_t
 
-   !> Crossings of a boulder, each of another line: of thousands of lines it crosses few.
+   !> Crossings of a boulder, one for each line: of thousands of lines it crosses few.
    type :: crossings_t
       integer :: n = 0
       type(crossing_t), allocatable :: at(:)  !! the first n
@@ -108,7 +108,7 @@ contains
       crossings%n = 0
    end subroutine clear_crossings
 
-   !> Find the place of a line among the crossings, an empty one at their end if it has none.
+   !> Find the place of a line among the crossings, or an empty one at their end.
    pure subroutine find_entry(crossings, line, k)
       type(crossings_t), intent(inout) :: crossings
       integer, intent(in) :: line

@@ -35,7 +35,7 @@ contains
       shape = drawn_shape(scene%shapes, uniform(word(shape_word)))
    end function block_shape_of
 
-   !> Ground under a boulder, on its whole way: of two boulders, one has the stronger ground and the smaller rocks
+   !> Ground under a boulder along its whole path: of two boulders, one has the stronger ground and the smaller rocks
    !> everywhere.
    pure type(soil_draw_t) function drawn_soil(key, table, radius_sigma, number) result(soil)
       type(random_key_t), intent(in) :: key

@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Boulders that may break: the paths of a boulder and of its fragments, one after the other, and what all of them
-!> together leave. Each fragment is a boulder of its own, with random numbers of its own; tallies count what came of the
-!> boulder that was released (theory, chapter 3):
+!> Boulders that may break: the paths of a boulder and of its fragments, one after the other, and their joint
+!> contribution to the tallies. Each fragment is a boulder with its own random numbers; tallies count the released
+!> boulder (theory, chapter 3):
 !>
-!> - a cell, a line or an object is reached once, with the maxima over the fragments that reached it;
-!> - a deposit is counted for each fragment;
-!> - the numbers of the boulder's end, and its recorded trajectory, are those of the fragment that came farthest.
+!> - a cell, a line or an object is reached once, with the maxima over the fragments that reached it; - a deposit is
+!> counted for each fragment; - the numbers of the boulder's end, and its recorded trajectory, are those of the fragment
+!> that travelled farthest.
 module rockfall_fragments
    use rockfall_kinds, only: wp, i1, i8
    use rockfall_random, only: fragment_number
@@ -28,10 +28,10 @@ module rockfall_fragments
    private
    public :: trace_fragments
 
-   !> Outcomes at a barrier, from the one that counts least among those of several fragments.
+   !> Outcomes at a barrier, in ascending order of precedence among several fragments.
    integer(i1), parameter :: rising_outcomes(*) = int([0, stopped_there, passed_over, broken_through], i1)
 
-   !> Pieces that wait for their turn.
+   !> Pieces to be traced.
    type :: pending_t
       integer :: n = 0
       type(piece_t), allocatable :: piece(:)
@@ -83,7 +83,7 @@ contains
       if (result%status /= left_window) call hand_over(all, scratch)
    end subroutine trace_fragments
 
-   !> Allocate what the run needs of the pieces together.
+   !> Allocate the joint data of the pieces.
    pure subroutine prepare(scratch, all)
       type(scratch_t), intent(in) :: scratch
       type(all_pieces_t), intent(inout) :: all
@@ -134,7 +134,7 @@ contains
       end if
    end subroutine release
 
-   !> Let the fragments of the broken piece wait for their turn, and add what breaking took.
+   !> Queue the fragments of the broken piece, and add the energy of breaking.
    pure subroutine add_fragments(scene, boulder, scratch, all, pending)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: boulder  !! its number
@@ -242,7 +242,7 @@ contains
       all%energy%left = all%energy%left + piece%energy%left
    end subroutine add_counts
 
-   !> Add the end of a piece, which may be the one that came farthest.
+   !> Add the end of a piece, which may have travelled farthest.
    pure subroutine add_end(result, scratch, all)
       type(boulder_result_t), intent(in) :: result
       type(scratch_t), intent(in) :: scratch
@@ -305,15 +305,15 @@ contains
       all%fragments = fragments
    end subroutine add_crossing
 
-   !> Outcome at a barrier, of two, that is more severe for what lies below it.
+   !> The more severe of two outcomes at a barrier, for objects below it.
    pure integer(i1) function more_severe(a, b)
       integer(i1), intent(in) :: a, b
 
       more_severe = rising_outcomes(max(findloc(rising_outcomes, a, dim=1), findloc(rising_outcomes, b, dim=1)))
    end function more_severe
 
-   !> Hand what all pieces left to the work space, as if one boulder had left it. At a line its heights are raised until
-   !> no fragment that crossed had its lowest point, its centre or its upper edge higher.
+   !> Move the joint contribution of all pieces to the work space, as that of one boulder. At a line its heights are
+   !> raised to the highest lowest point, centre and upper edge of the fragments that crossed.
    pure subroutine hand_over(all, scratch)
       type(all_pieces_t), intent(inout) :: all
       type(scratch_t), intent(inout) :: scratch

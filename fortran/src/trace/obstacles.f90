@@ -57,8 +57,8 @@ contains
                          crossing(scene, gravity, result, flight, obstacle%time, omega_r))
    end subroutine find_obstacle
 
-   !> Record the crossing at which a barrier is hit in place of earlier ones, at which the boulder passed over it: the
-   !> load of a barrier is that of the hit.
+   !> Record the crossing at which a barrier is hit in place of earlier ones, when the boulder passed over it: the load
+   !> of a barrier is the hit.
    pure subroutine record_hit(line, crossings, hit)
       integer, intent(in) :: line  !! its index
       type(crossings_t), intent(inout) :: crossings

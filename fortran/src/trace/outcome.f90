@@ -26,7 +26,8 @@ module rockfall_outcome
       real(wp) :: breakage = 0.0_wp  !! kinetic energy that breaking took, with that of fines
    end type energy_balance_t
 
-   !> Result of a boulder (theory, chapter 10); first what each contact changes, so that it lies together in memory.
+   !> Result of a boulder (theory, chapter 10); first the numbers that each contact changes, so that they are contiguous
+   !> in memory.
    type :: boulder_result_t
       type(boulder_t) :: boulder = boulder_t()
       integer :: status = 0
@@ -105,7 +106,7 @@ contains
       result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass*(before - after - spin)
    end subroutine add_ground_loss
 
-   !> Close the energy balance with the energy left at the end and that released on the way.
+   !> Close the energy balance with the energy left at the end and the energy released on the path.
    pure subroutine close_energy_balance(gravity, z, v, omega_r, result)
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: z        !! elevation of the end [m]

@@ -65,7 +65,7 @@ contains
    end subroutine fly_to_obstacle
 
    !> Follow a roll, or the slide of a contact by a table, to its end, where the next flight starts, or to the first
-   !> obstacle. Lines and cells get the mean speed, the end gets the exact speed.
+   !> obstacle. Lines and cells get the mean speed, the end the exact speed.
    pure subroutine follow_roll(scene, level, roll, result, flight, omega_r, landing, v, obstacle, scratch)
       type(scene_t), intent(in) :: scene
       integer, value :: level                 !! basic, ..., with_all

@@ -50,7 +50,7 @@ contains
       record%vertex(record%n)%leg = leg
    end subroutine start_ground_leg
 
-   !> Note that no motion follows the last vertex.
+   !> Mark the last vertex as not followed by motion.
    pure subroutine end_record(record)
       type(record_t), intent(inout) :: record
 
@@ -66,7 +66,7 @@ contains
       if (allocated(record%vertex)) stored_part%vertex = record%vertex(:min(record%n, size(record%vertex)))
    end function stored_part
 
-   !> Begin a record with a path, which is a stored part of it; nothing if there is no record.
+   !> Begin a record with a path, which is a stored part of it; no effect without a record.
    pure subroutine store_path(path, record)
       type(record_t), intent(in) :: path
       type(record_t), intent(inout) :: record

@@ -20,7 +20,7 @@ module rockfall_scene_type
    public :: scene_t, n_grounds, goes_in_lanes, has_obstacles, needs_energies, inertia_of, is_slow
    public :: one_by_one, narrow_lanes, wide_lanes, masked_lanes
 
-   !> Execution modes: one boulder at a time; in lanes for any processor; in those for AVX2; for AVX-512.
+   !> Execution modes: one boulder at a time; in lanes for any processor; in lanes for AVX2; in lanes for AVX-512.
    integer, parameter :: one_by_one = 0, narrow_lanes = 1, wide_lanes = 2, masked_lanes = 3
 
    !> All input of a boulder's simulation, constant during a run.

@@ -31,8 +31,7 @@ module rockfall_scratch
       type(record_t) :: path               !! that led here
    end type piece_t
 
-   !> Record of a boulder that may break, in addition to that of others: visits are then with energies, as of
-   !> `merge_visits`.
+   !> Additional record of a boulder that may break: visits with energies, as by `merge_visits`.
    type :: gathered_t
       type(visits_t) :: hits
       type(visits_t) :: passing            !! as of merge_passing

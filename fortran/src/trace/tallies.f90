@@ -26,7 +26,7 @@ module rockfall_tallies
 
 contains
 
-   !> Allocate what a run needs in a boulder's work space.
+   !> Allocate the work space of a boulder for a run.
    subroutine prepare_scratch(scene, maps, scratch)
       type(scene_t), intent(in) :: scene
       type(maps_t), intent(in) :: maps

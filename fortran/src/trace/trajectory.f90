@@ -68,7 +68,7 @@ contains
    end subroutine trace_basic
 
    !> Choose, once per run, the copy of `trace` without the code that the scene does not need. Run-time tests would not
-   !> suffice: next to code that may run, the compiler does not keep a flight in registers.
+   !> suffice: with unused code present, the compiler does not keep a flight in registers.
    subroutine choose_tracer(scene, cells_requested, trace)
       type(scene_t), intent(in) :: scene
       logical, intent(in) :: cells_requested

@@ -181,7 +181,7 @@ contains
    end subroutine sink
 
    !> Soft ground: pressure p = k e along the facet's normal on its submerged part, with its advance e, at most p_y/k.
-   !> Newly submerged parts share the existing force; those that emerge take theirs away: neither adds to the stored
+   !> Newly submerged parts share the existing force; parts that emerge remove their share: neither adds to the stored
    !> energy.
    pure subroutine plough(law, area, advance, memory, push)
       type(law_t), intent(in) :: law

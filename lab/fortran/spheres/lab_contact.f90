@@ -153,7 +153,7 @@ contains
       normal = b%normal(1)
    end subroutine press
 
-   !> Put law and state of a contact into a place of a batch.
+   !> Store parameters and state of a contact at a place of a batch.
    pure subroutine put_contact(b, place, law, touch)
       type(batch_t), intent(inout) :: b
       integer, intent(in) :: place

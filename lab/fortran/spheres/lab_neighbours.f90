@@ -99,8 +99,8 @@ contains
       if (box%width > 0) shift = merge(-sign(box%width, d), 0.0_wp, abs(d) > 0.5_wp*box%width)
    end function nearest_image
 
-   !> Find pairs among small bodies with a grid of cells half as wide as the range of the largest. Each body is
-   !> compared with the later ones in its cell and with those in the cells around it that come after it.
+   !> Find pairs among small bodies with a grid of cells half as wide as the range of the largest. Each body is compared
+   !> with the later ones in its cell and with the bodies in the neighbouring cells that follow.
    pure subroutine pair_small_bodies(list, box, x, radius, n_small, pairs, count)
       type(neighbours_t), intent(in) :: list
       type(box_t), intent(in) :: box
@@ -149,8 +149,8 @@ contains
       end do
    end subroutine pair_small_bodies
 
-   !> Places, in the order of cells, of the bodies in a cell and in the half of the cells around it that comes after it,
-   !> as spans from first to last. Those of neighbouring cells along x follow each other.
+   !> Places (ordered by cell) of the bodies in a cell and in the following half of its neighbours, as spans from first
+   !> to last. Spans of neighbouring cells along x are contiguous.
    pure subroutine spans_after(box, cells, c, first, spans, n)
       type(box_t), intent(in) :: box
       integer, intent(in) :: cells(3), c(3), first(:)

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A block: moments of solids known from theory, free rotation, and impacts on flat ground: no energy from
-!> nowhere, none lost on an elastic ground, no force out of the cone of friction, the same when the step is
-!> halved, and mirrored when all is mirrored.
+!> A block: moments of solids known from theory, free rotation, and impacts on flat ground: no energy gained, none lost
+!> on elastic ground, no force outside the cone of friction, equal results with half the step, and mirrored results of
+!> mirrored input.
 program test_lab_blocks
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -138,7 +138,7 @@ contains
       call check("the middle axis has turned over", minval(momentum) < 10)
    end subroutine test_free_rotation
 
-   !> Integrals over the submerged part of a triangle, beside sums over small pieces.
+   !> Integrals over the submerged part of a triangle, compared with sums over small pieces.
    subroutine test_submerged_part()
       real(wp), parameter :: x(3, 3) = reshape(real([0, 0, 0, 1, 0, 0, 0, 1, 0], wp), [3, 3])
       real(wp) :: depth(3), s, t, d
@@ -197,7 +197,7 @@ contains
       call check("six cells are refused", allocated(error))
    end subroutine test_relief
 
-   !> One impact on flat ground, without gravity, to 1.5 times the time in which nothing touched any more.
+   !> One impact on flat ground, without gravity, followed for 1.5 times its duration.
    subroutine strike(block, ground, number, speed, angle_sine, step, m, energy)
       type(block_t), intent(in) :: block
       type(ground_t), intent(in) :: ground
@@ -243,7 +243,7 @@ contains
       energy = kinetic_energy(block, m)/before
    end subroutine follow
 
-   !> An elastic ground without friction gives all back, whatever the attitude and the spin.
+   !> Elastic ground without friction returns all energy, for any attitude and spin.
    subroutine test_elastic_drop()
       type(block_t) :: block
       type(motion_t) :: m
@@ -258,8 +258,8 @@ contains
       end do
    end subroutine test_elastic_drop
 
-   !> No impact on flat ground gains more than 1e-4 of its energy, and what it loses along the ground is no
-   !> more than friction takes.
+   !> No impact on flat ground gains more than 1e-4 of its energy, and the loss along the ground is at most that of
+   !> friction.
    subroutine test_no_gain(plough)
       logical, intent(in) :: plough
       type(block_t) :: block
@@ -286,7 +286,7 @@ contains
       call check("and none is lost for nothing", most > 0.3_wp)
    end subroutine test_no_gain
 
-   !> The restitution is about 1 where nothing yields, and falls as the speed rises.
+   !> The restitution is about 1 without yielding, and falls with increasing speed.
    subroutine test_restitution()
       type(block_t) :: block
       type(motion_t) :: m
@@ -354,7 +354,8 @@ contains
       call check("and it did turn aside", abs(m(1)%v(2)) > 1.0e-3_wp)
    end subroutine test_mirror
 
-   !> A block laid down on a slope below the angle of friction stays, but for a quiver; above it, it slides.
+   !> A block placed on a slope below the angle of friction stays, up to small oscillations; on a steeper slope it
+   !> slides.
    subroutine test_rest()
       type(block_t) :: block
       type(motion_t) :: m

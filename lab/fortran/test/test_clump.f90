@@ -168,7 +168,7 @@ contains
       call check_close("its motion along the floor stays", v(1), 2.0_wp, 1.0e-9_wp)
    end subroutine test_fall
 
-   !> A layer of clumps is at rest, and stays; boulders thrown at it lose energy.
+   !> A layer of clumps is at rest, and remains so; boulders thrown at it lose energy.
    subroutine test_layer()
       type(packing_t) :: packing
       type(material_t) :: stone

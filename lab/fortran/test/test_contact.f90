@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The contact law and its stepping against theory, in space: Hertz's collision, restitution of the
-!> viscous part, oblique impacts on a plane and of a pair between gross slip and stick, springs that
-!> turn with the contact, no gain of energy, second order in the step.
+!> The contact model and its stepping against theory, in space: Hertz's collision, restitution of the viscous part,
+!> oblique impacts on a plane and of a pair between gross slip and stick, springs that turn with the contact, no gain of
+!> energy, second order in the step.
 program test_lab_contact
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -204,7 +204,7 @@ contains
       after = s%bodies%v(:, 1)
    end function bounce
 
-   !> The six velocities of (V_t, V_n, W) at a heading, R = 1 m, and back; what is not of it: `rest`.
+   !> The six velocities of (V_t, V_n, W) at a heading, R = 1 m, and back; `rest` has the other components.
    pure function headed(v, angle) result(six)
       real(wp), intent(in) :: v(3), angle
       real(wp) :: six(6)
@@ -288,7 +288,7 @@ contains
       slip = in_plane(v(1:3, 1) - v(1:3, 2) + cross(v(4:6, 1) + 0.4_wp*v(4:6, 2), slanted), slanted)
    end function slip_of
 
-   !> Impulse on the first body, and what it does to spins if it acts on the line between centres.
+   !> Impulse on the first body, and its effect on spins if it acts on the line between centres.
    subroutine check_impulse(name, before, after, impulse)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: before(6, 2), after(6, 2)
@@ -323,10 +323,10 @@ contains
       end do
    end subroutine test_gross_slip_of_pair
 
-   !> Without slip the tangential spring swings on its own. The judge integrates the same law by
-   !> itself: Runge-Kutta in the overlap, the velocities and the force of the spring. Rigid bodies
-   !> would roll off at 5/7 v_t; the compliance sends the surface back instead, so v_t ends between
-   !> 3/7 (fully back) and 1. Two directions in the plane do not know of each other.
+   !> Without slip the tangential spring oscillates freely. The reference integrates the same equations separately:
+   !> Runge-Kutta in the overlap, the velocities and the force of the spring. Rigid bodies would roll off at 5/7 v_t;
+   !> the compliance sends the surface back instead, so v_t ends between 3/7 (fully back) and 1. Two directions in the
+   !> plane are independent.
    subroutine test_stick()
       type(material_t) :: material
       real(wp) :: six(6), judge(3), after(3), rest
@@ -348,8 +348,8 @@ contains
       call check_close("stick: straight on", rest, 0.0_wp, 1.0e-10_wp)
    end subroutine test_stick
 
-   !> Of stiff bodies the slip after is a part of that before which depends on Poisson's ratio alone:
-   !> that of the sphere on the floor.
+   !> For stiff bodies the ratio of slip after and before depends only on Poisson's ratio; here for the sphere on the
+   !> floor.
    subroutine test_stick_of_pair()
       type(material_t) :: material
       real(wp) :: before(6, 2), after(6, 2), judge(3), impulse(3), slip(3)
@@ -438,11 +438,10 @@ contains
       call check_close("the floor carries it", mean(7), 9.81_wp*b%mass(1), 1.0e-4_wp)
    end subroutine test_rolling_end
 
-   !> Halving the step quarters the error: Hertz alone, with friction, with rolling resistance, without
-   !> slip. The viscous force starts as time**0.25, which allows no more than the order 1.25, and of that
-   !> the slope of a few halvings shows more than 1. Where a force turns while it slips the order is 1.
-   !> The grid of the step moves over the ends of the contact, so the order is that of all halvings
-   !> together, not of each.
+   !> Halving the step quarters the error: Hertz alone, with friction, with rolling resistance, without slip. The
+   !> viscous force starts as time**0.25, which allows no more than the order 1.25, of which the slope over a few
+   !> halvings is above 1. Where a force turns while it slips the order is 1. The grid of the step moves over the ends
+   !> of the contact, so the order is that of all halvings together, not of each.
    subroutine test_order()
       type(material_t) :: material
       real(wp) :: exact(6), error(0:6), order, v(6)
@@ -618,7 +617,7 @@ contains
       turned = cos(angle)*v + sin(angle)*cross(axis, v) + (1 - cos(angle))*dot_product(axis, v)*axis
    end function turned
 
-   !> Over any path of overlap, slip and turn the contact gives back no more than it was given.
+   !> Over any path of overlap, slip and turn the contact returns no more energy than it received.
    subroutine test_no_gain()
       type(material_t) :: material
       type(law_t) :: law

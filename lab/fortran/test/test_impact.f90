@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Impacts on layers in space: first contact, signs, scaling with speed, turned and mirrored layers, what
-!> counts as a rebound, extremes, explosions that are named, and the same bits for any threads and
-!> chunks.
+!> Impacts on layers in space: first contact, signs, scaling with speed, turned and mirrored layers, the definition of a
+!> rebound, extremes, reported explosions, and equal bits for any threads and chunks.
 program test_lab_impact
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -58,8 +57,8 @@ contains
       direction = [cos(angle), sin(angle)]
    end function direction
 
-   !> At the start the sphere touches one body, and overlaps none in any image; on its way it would
-   !> have met none, and it comes along its heading to its aim.
+   !> At the start the sphere touches one body, and overlaps none in any image; its path met none before, and it moves
+   !> along its heading to its aim.
    subroutine test_first_contact()
       type(shot_t) :: shot
       real(wp) :: start(3), back(3), aim(3)
@@ -100,8 +99,8 @@ contains
       end do
    end function nearest_gap
 
-   !> A layer of one small sphere on the floor, hit beside it: the floor gives the answer, e = 1
-   !> without damping, and gross slip turns the sphere forward: W > 0. Whatever the heading.
+   !> A layer of one small sphere on the floor, hit beside it: the floor gives the answer, e = 1 without damping, and
+   !> gross slip turns the sphere forward: W > 0. For any heading.
    subroutine test_one_body()
       type(layer_t) :: bare
       type(shot_t) :: shot
@@ -154,7 +153,7 @@ contains
       allocate (step%x(3, 1), step%radius(1))
       do l = 1, 3
          do k = 0, 2
-            ! a body so heavy that it stands, met with its centre beside the path
+            ! a body so heavy that it does not move, with its centre next to the path
             heading = direction(0.4_wp + 2*k)
             left = [-heading(2), heading(1)]
             step%x = reshape([10.0_wp, 10.0_wp, 4.0_wp], [3, 1])
@@ -204,7 +203,7 @@ contains
       call check_close("as it was", outcome%peak%v(1), 10*cos(pi/6), 2.0e-3_wp)
    end subroutine test_states_of
 
-   !> No impact yields energy; one that rebounds goes up; the states are in their order.
+   !> No impact gains energy; rebounds move upwards; states are in order.
    subroutine test_ends()
       type(shot_t) :: shot
       type(outcome_t) :: outcome
@@ -243,7 +242,7 @@ contains
       energy = v(1)**2 + v(2)**2 + 0.4_wp*v(3)**2
    end function energy
 
-   !> With strong damping some spheres that come straight down never lose contact upwards.
+   !> With strong damping some spheres that fall vertically never leave the contact upwards.
    subroutine test_rolling_on()
       type(shot_t) :: shot
       type(outcome_t) :: outcome
@@ -267,7 +266,7 @@ contains
       call check("with little upward motion, of one state", spent)
    end subroutine test_rolling_on
 
-   !> The layer without the overlaps of its weight, so that it can be fired at without gravity.
+   !> The layer without the overlaps of its weight, for impacts without gravity.
    type(layer_t) function weightless(of)
       type(layer_t), intent(in) :: of
 
@@ -313,7 +312,7 @@ contains
       lateral = [outcome%peak%lateral, outcome%loss%lateral, outcome%clear%lateral]
    end function laterals_of
 
-   !> Heading and layer turned by quarters of a circle: the same outcome, but for rounding.
+   !> Heading and layer turned by quarters of a circle: the same outcome up to rounding.
    subroutine test_turned()
       type(shot_t) :: shot
       type(outcome_t) :: a, b
@@ -364,8 +363,7 @@ contains
       call check("some went aside", sideways)
    end subroutine test_mirrored
 
-   !> A step 20 times too long: named if nothing may be done about it, halved until it is sound if
-   !> it may.
+   !> A step 20 times too long: reported if it is fixed, halved until it is stable if it may change.
    subroutine test_explosion()
       type(shot_t) :: shot
       type(outcome_t) :: outcome, sound_one
@@ -384,8 +382,8 @@ contains
          all(abs(states_of(outcome) - states_of(sound_one)) <= 0))
    end subroutine test_explosion
 
-   !> Stiffness 1e7 to 1e10 Pa, 0.5 to 100 m/s, R_b/R_m 0.5 to 4: each impact ends as a result that has
-   !> no more energy than it and its weight gave, or as an explosion with its reason.
+   !> Stiffness 1e7 to 1e10 Pa, 0.5 to 100 m/s, R_b/R_m 0.5 to 4: each impact ends with at most the energy of the impact
+   !> and of gravity, or as an explosion with its reason.
    subroutine test_extremes()
       type(layer_t) :: wide
       type(shot_t) :: shot

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Layers in space: sizes as their distribution says, at rest, carried by the floor, looser the more
-!> friction they settled with, the same bits for the same seed.
+!> Layers in space: sizes by their distribution, at rest, carried by the floor, looser with more friction during
+!> settling, equal bits for equal seeds.
 program test_lab_packing
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -77,7 +77,7 @@ contains
       call check_close("the surface is that of the bodies", layer%surface, mean, 5.0e-3_wp)
    end subroutine test_layer
 
-   !> Mean height of the highest body over 20000 places of a lattice that fits no raster.
+   !> Mean height of the highest body over 20000 points of a lattice that matches no raster.
    pure real(wp) function mean_height(layer) result(mean)
       type(layer_t), intent(in) :: layer
       integer, parameter :: n = 20000

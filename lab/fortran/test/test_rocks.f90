@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Boulders thrown at rocks: a drop is a single impact, flights are exact, a mirrored throw has a mirrored course,
-!> contacts on flat ground lose energy, a layer under the slope's gravity flows by itself, facets, and the same bits for
-!> any threads.
+!> Boulders thrown at rocks: a drop equals a single impact, flights are exact, mirrored throws have mirrored paths,
+!> contacts on flat ground lose energy, a layer under the slope's gravity flows, facets, and equal bits for any threads.
 program test_lab_rocks
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -76,7 +75,7 @@ contains
                       spin=0.1_wp*mod(k, 8))
    end function aimed
 
-   !> One contact of a throw on level ground is a single impact, wherever that left the layer for good.
+   !> One contact of a throw on level ground is a single impact, if that left the layer for good.
    subroutine test_drop()
       type(contact_t) :: found(1)
       type(throw_t) :: throw
@@ -145,7 +144,7 @@ contains
          flights = flights + 1
          call sine_cosine(throw%slope*degree, s, c)
          associate (a => found(1), b => found(2), g => throw%gravity)
-            ! the work of gravity, which was taken out along the fall line, put back; the heading was down it
+            ! with the work of gravity along the fall line, removed before; the heading was downhill
             before = a%outgoing(1)**2 + 2*a%outgoing(1)*sqrt(1 - a%lateral**2)*g*s*a%duration &
                      + (g*s*a%duration)**2 + a%outgoing(2)**2
             before = before + 2*g*(s*(b%downhill - a%downhill - a%advance) - c*(b%height - a%height - a%rise))
@@ -180,7 +179,7 @@ contains
       call check("a mirrored throw has a mirrored contact", worst < 1.0e-4_wp)
    end subroutine test_mirrored
 
-   !> On level ground nothing is gained but what the boulder falls in the contact, with facets or without.
+   !> On level ground no energy is gained except by the fall during the contact, with facets or without.
    subroutine test_flat()
       type(contact_t) :: found(4)
       real(wp) :: most, square
@@ -199,7 +198,7 @@ contains
       call check("no contact on level ground gains energy", most <= 1.0_wp)
    end subroutine test_flat
 
-   !> Rocks too soft for a throw lose it, unless it adapts: then it is that at rocks four times as stiff.
+   !> A throw at rocks that are too soft fails, unless it adapts: then it equals a throw at rocks four times as stiff.
    subroutine test_adaptive()
       type(boulder_t) :: adaptive
       type(throw_t) :: throw
@@ -243,7 +242,7 @@ contains
       call check_close("by little", other%surface, layer%surface, 1.0e-2_wp)
    end subroutine test_stiffer_layer
 
-   !> Where a path first touches the layer nothing was touched before, on a straight path and on a parabola.
+   !> Before the first touch of a path with the layer nothing is touched, on straight paths and parabolas.
    subroutine test_touch()
       real(wp) :: x(3), v(3), g(3), time, highest, t
       integer :: k, l

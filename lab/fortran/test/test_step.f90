@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many spheres: no contact is missed by the list of neighbours, momentum and its moment are kept, a
-!> layer keeps its energy over an impact, an absorbing base takes what theory says, and a step that is
-!> too long is found out.
+!> Many spheres: no contact is missed by the list of neighbours, momentum and its moment are conserved, a layer keeps
+!> its energy over an impact, an absorbing base absorbs as in theory, and too long a step is detected.
 program test_lab_step
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -86,7 +85,7 @@ contains
       call check_close("momentum is kept", maxval(abs(after - momentum))/scale, 0.0_wp, 1.0e-12_wp)
    end subroutine test_neighbours
 
-   !> Overlapping pairs, and those of them that the list does not know as touching.
+   !> Overlapping pairs, and the pairs among them that the list lacks.
    subroutine compare(s, missed, met)
       type(assembly_t), intent(in) :: s
       integer, intent(inout) :: missed, met
@@ -112,7 +111,7 @@ contains
       end associate
    end subroutine compare
 
-   !> In a box of few cells, and across its corner, each image is found: the same as far from its sides.
+   !> In a box of few cells, and across its corner, each image is found, as far from its sides.
    subroutine test_narrow_box()
       type(assembly_t) :: s, far
       type(bodies_t) :: b
@@ -136,7 +135,7 @@ contains
       call check_close("as if there were no sides", maxval(abs(s%bodies%v - b%v)), 0.0_wp, 1.0e-10_wp)
    end subroutine test_narrow_box
 
-   !> Two spheres of radius 0.4 m, the first at rest, the second at 1 m/s against it and beside.
+   !> Two spheres of radius 0.4 m, the first at rest, the second at 1 m/s, off centre.
    type(bodies_t) function meeting(x, d) result(b)
       real(wp), intent(in) :: x(3, 2), d(3)
 
@@ -145,8 +144,7 @@ contains
       b%v(4:6, 2) = d
    end function meeting
 
-   !> How often the list is made anew must not matter: contacts keep their springs, of friction and
-   !> rolling.
+   !> The frequency of rebuilding the list does not matter: contacts keep their springs of friction and rolling.
    subroutine test_memory()
       type(layer_t) :: layer
       type(material_t) :: material
@@ -171,8 +169,8 @@ contains
          maxval(abs(often%bodies%v - seldom%bodies%v)) < 1.0e-6_wp)
    end subroutine test_memory
 
-   !> Two unequal spheres that graze: spin and orbital moment together are kept, in all directions,
-   !> also with friction and rolling resistance.
+   !> Two unequal spheres that graze: the sum of spin and orbital moment is conserved, in all directions, also with
+   !> friction and rolling resistance.
    subroutine test_angular_momentum()
       type(assembly_t) :: s
       type(bodies_t) :: b
@@ -321,7 +319,7 @@ contains
          rate = merge(1.0e6_wp, 30.0_wp, stiff == 1)
          call set_absorbing_base(s, rate*b%mass(1)/100)
          s%bodies%v(1:3, 1) = kick
-         ! as if it had moved so before
+         ! as if it had moved at this speed before
          s%bodies%a(1:3, 1) = -rate*kick
          if (stiff == 1) s%bodies%a = 0
          do k = 1, 1000
@@ -379,7 +377,7 @@ contains
       energy = total_energy(s)
    end function column
 
-   !> Nothing moves that is at rest.
+   !> Bodies at rest stay at rest.
    subroutine test_base_at_rest()
       type(assembly_t) :: s
       real(wp) :: z, energy
@@ -393,8 +391,8 @@ contains
       call check("nothing moves on the absorbing base", maxval(abs(s%bodies%v)) < 1.0e-7_wp)
    end subroutine test_base_at_rest
 
-   !> A long compression wave comes down a column and is thrown back by the base as
-   !> ((Z - c)/(Z + c))**2 of its energy, Z the column's impedance; all of it by a rigid floor.
+   !> The base reflects the fraction ((Z - c)/(Z + c))**2 of the energy of a long compression wave in a column of
+   !> impedance Z; a rigid floor reflects all of it.
    subroutine test_waves()
       integer, parameter :: n = 121
       real(wp), parameter :: share(5) = [1.0_wp, 3.0_wp, 1/3.0_wp, 10.0_wp, -1.0_wp], sigma = 8
@@ -408,7 +406,7 @@ contains
             s%bodies%v(3, k) = -3.0e-3_wp*exp(-((k - 60)/sigma)**2)
          end do
          put = total_energy(s) - still
-         ! half goes up, is thrown back by the weight, and both come down: 180 + 60 spheres, and back
+         ! half goes up and is reflected by the weight, and both come down: 180 + 60 spheres, and back
          do k = 1, nint(260*s%bodies%mass(1)/z/s%dt)
             call advance(s)
          end do
@@ -447,7 +445,7 @@ contains
       call check("and takes much of it", last < before - 0.2_wp*input)
    end subroutine test_base_loses_energy
 
-   !> A step that is too long is found out, whatever sees it first; 20 times is far too long.
+   !> Too long a step is detected by some check; 20 times is far too long.
    subroutine test_long_steps()
       type(layer_t) :: layer
       type(assembly_t) :: s
@@ -468,7 +466,7 @@ contains
       end do
    end subroutine test_long_steps
 
-   !> Each watch sees its own fault: energy from nowhere, a leap.
+   !> Each check detects its own fault: gained energy, a jump.
    subroutine test_watches()
       type(layer_t) :: layer
       type(assembly_t) :: s
@@ -494,7 +492,7 @@ contains
       call check("so is a huge one", s%trouble == leapt)
    end subroutine test_watches
 
-   !> Very soft spheres at high speed would pass through each other: not a matter of the step.
+   !> Very soft spheres at high speed would pass through each other: independent of the step.
    subroutine test_too_soft()
       type(layer_t) :: layer
       type(assembly_t) :: s

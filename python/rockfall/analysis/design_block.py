@@ -35,8 +35,8 @@ HEAVIEST = 4.0  # shape of a GPD; volumes of rockfall have up to 1/0.4
 MAX_PLACE = 6.0  # of the search of the fit: shapes are larger than those of `return_levels`
 REJECTED = 0.05  # p-value below which a distribution or a comparison is in doubt
 WIDE = 10  # ratio of the upper limit to the block that is worth a warning
-BEYOND = 10  # return periods after which a block larger than volume_max comes
-FARTHEST = 1e6  # of the search of an upper limit: excess over that of the block
+BEYOND = 10  # return periods after which a block larger than volume_max is expected
+FARTHEST = 1e6  # range of the search for an upper limit: excess over that of the block
 _PLACES = np.arange(-1.0, MAX_PLACE, 0.005)  # of the profile likelihood
 _LEVELS = ["return_period", *with_limits("volume"), "power_law", "extrapolated", "refused"]
 

@@ -73,7 +73,7 @@ def _p_value(a2: float, shape: float) -> float:
     A2 tends to a sum of chi-squares with the eigenvalues of a covariance as weights (Choulakian and
     Stephens 2001, section 3); its distribution is an integral (Imhof 1961, eq. 3.2).
     """
-    a2 = min(a2, 12.0)  # the sum below has a period of 25; the probability is 0 long before
+    a2 = min(a2, 12.0)  # the sum below has a period of 25; the probability vanishes far earlier
     shape = max(shape, -0.49)  # the covariance of the fit ends at -0.5
     shape = shape if abs(shape) > 1e-4 else 1e-4
     t, weight = _quadrature()

@@ -39,7 +39,7 @@ QUANTITIES = (
     "position",
 )
 
-FRAGMENTS = "fragments"  # a further quantity, where boulders may break
+FRAGMENTS = "fragments"  # further quantity of boulders that may break
 
 SIGNED = ("omega", "position")  # signed quantities: neither end is bounded
 

@@ -269,7 +269,7 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
     samples, corrects for few values: without it intervals from 50 cover 92 to 94 %."""
     n, k = sample.n, fit.exceedances
     excess = sample.largest(k) - fit.threshold
-    further = np.log(N * k / n)  # 1 in N beyond the level, this much in logarithm above it
+    further = np.log(N * k / n)  # for 1 in N beyond the level, this far in logarithm above it
     value = fit.threshold + fit.scale * np.expm1(fit.shape * further) / fit.shape
     log_n, top, reach = math.log(N), float(excess[-1]), math.log(k)
     sums: dict[float, float] = {}
@@ -282,7 +282,7 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
             sums[theta] = float(np.log1p(theta * excess).sum())
         sign = math.copysign(1.0, theta)
         grown, total = sign * math.log1p(theta * above), sign * sums[theta]
-        most = log_n / grown  # 1 / shape, at which every boulder lies above the threshold
+        most = log_n / grown  # 1 / shape at which every boulder lies above the threshold
         slope = total - k * grown
         inverse = min(further / grown, 0.99 * most)
         for _ in range(50):

@@ -154,7 +154,7 @@ def _fixed(form: Form) -> Form:
 def _terrain(result: xr.Dataset, file: Path | None) -> tuple[np.ndarray, Grid]:
     """Terrain of a result; one without elevations if it cannot be found."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the page shows that there is no relief
+        warnings.simplefilter("ignore")  # the page shows that relief is missing
         terrain = terrain_of(result, beside=None if file is None else file.parent)
     if terrain is not None:
         return terrain

@@ -27,7 +27,7 @@ from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.scene.rules.plausible import input_warnings
 from rockfall.session.session import Session, open_session, scene_of
 
-STEP = 0.05  # seconds of the kernel between looks at what to do
+STEP = 0.05  # seconds of the kernel between checks for new requests
 FIRST_MAP = "passages"
 
 
@@ -60,8 +60,8 @@ class Live:
         self._ground: Ground | None = None
         self._seen: tuple[Any, ...] = (None,) * 4  # in the background
         self._progress: Progress | None = None
-        self._aside: Progress | None = None  # of a variant that is compared
-        self._compared: list[Document] = []  # variants that wait for theirs
+        self._aside: Progress | None = None  # of a variant being compared
+        self._compared: list[Document] = []  # variants that wait for their run
         self._thread = Thread(target=self._work, name="live", daemon=True)
 
     @property

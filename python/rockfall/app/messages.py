@@ -94,10 +94,10 @@ def _finite(token: str) -> float:
 
 
 def _json(content: Any) -> str:
-    # In ASCII: names of files, and what a page sends, may have code points that UTF-8 has not.
+    # In ASCII: names of files, and texts from a page, may have code points that UTF-8 lacks.
     try:
         return json.dumps(content, allow_nan=False, separators=(",", ":"), default=_plain)
-    except (TypeError, ValueError):  # for NaN, and for keys of NumPy: twenty times as long
+    except (TypeError, ValueError):  # for NaN, and for keys of NumPy: takes twenty times as long
         return json.dumps(_plain(content), allow_nan=False, separators=(",", ":"))
 
 

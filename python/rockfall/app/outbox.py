@@ -11,7 +11,7 @@ from pathlib import Path
 from rockfall.app.messages import Message
 from rockfall.language import LANGUAGES
 
-#: Kinds of messages that make waiting ones of some kinds pointless.
+#: Kinds of messages that replace waiting ones of some kinds.
 REPLACED = {
     "batch": ("batch", "lines"),
     "state": ("state", "batch", "lines", "trajectories", "section"), "section": ("section",),

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 MAX_HEIGHTS, MAX_SHADE = 1001, 2001  # cells along a side, for the view in 3-D and the map
 MAX_OVERLAY = 1001
 MAX_TRAJECTORIES = 1000
-MAX_LINES = 30  # whose statistics come with each picture; those of more where they are in view
+MAX_LINES = 30  # with statistics in each picture; of more, those in view
 MAX_STOPS, MAX_SOURCES, MAX_TREES = 5000, 20_000, 20_000
-WIDE = 100.0  # ratio of the largest value of a map to its smallest, from which its scale is log
+WIDE = 100.0  # ratio of largest to smallest value above which a map has a log scale
 BY_SOURCE = ("sources", "reach_probability_by_source")  # maps for which runs go source by source
 
 

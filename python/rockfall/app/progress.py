@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from rockfall.result.trajectories import Terrain
 
-FIRST, SECOND = 0.0, 0.1  # seconds of the kernel before the first results, and between the next
-PATIENCE = 3.0  # seconds of the kernel for each that statistics and pictures take
+FIRST, SECOND = 0.0, 0.1  # seconds of the kernel before the first results, and between later ones
+PATIENCE = 3.0  # seconds of the kernel for each second spent on statistics and pictures
 
 #: Sends a message of a kind, in place of earlier ones that it makes pointless (see `Outbox`).
 Send = Callable[[str, Message], None]

@@ -35,7 +35,7 @@ from rockfall.result.dataset import read_result
 from rockfall.version import __version__
 
 MAX_VISIBLE = 200  # lines in view
-MAX_REVISION = 2**53  # up to which numbers of JSON are exact in a browser
+MAX_REVISION = 2**53  # largest integers that JSON keeps exactly in a browser
 KEPT = (
     "terrain",
     "objects",
@@ -45,8 +45,8 @@ KEPT = (
     "lines",
     "trajectories",
     "section",
-)  # sent to a page that enters
-ADDED = {"more": "trajectories", "lines": "lines"}  # kinds that add to those of a kind
+)  # messages sent to a page that enters
+ADDED = {"more": "trajectories", "lines": "lines"}  # kinds that add to messages of a kind
 STALE = {
     "state": ("batch", "lines", "trajectories", "section"),
     "batch": ("lines",),
@@ -100,7 +100,7 @@ class Room:
                 self._writer = client
             if self._shown is not None and self._writer is client:
                 self._shown.speak(client.language)
-            self._clients.append(client)  # what it is to know so far comes after the welcome
+            self._clients.append(client)  # earlier messages are sent after the welcome
             self._welcome(client)
 
     def leave(self, client: Client) -> None:
@@ -125,7 +125,7 @@ class Room:
                 fields = error.entry() if isinstance(error, Refused) else self._entry(error)
                 fields |= {"task": task, "exists": isinstance(error, Exists)}  # type: ignore[dict-item]
                 client.send("refused", text_message("refused", **fields))
-            except Exception as error:  # the page is to know of it, and to stay connected
+            except Exception as error:  # reported to the page, which stays connected
                 client.send("fault", fault_message(error))
 
     def _entry(self, error: RockfallError) -> dict[str, str]:
@@ -234,7 +234,7 @@ class Room:
                 for reader in readers:
                     reader.send("document", content)
         if self._task is None:
-            live.run(True)  # each change runs at once, also after a pause
+            live.run(True)  # each change runs at once, even after a pause
 
     def _view(self, _: Client, message: dict[str, Any]) -> None:
         name, number = message.get("map", ""), message.get("trajectories", 0)
@@ -279,7 +279,7 @@ class Room:
         document, revision = live.latest()
         with self._lock:
             if self._task is not None and self._task.name == name:
-                raise Refused(say("app.server_busy"))  # it runs the case of this name
+                raise Refused(say("app.server_busy"))  # it runs the case with this name
             check_free(live.site.folder, others(name), overwrite)
             saved = save(live.site, document, name, overwrite)
         note_recent(saved.files[0])

@@ -39,9 +39,9 @@ FILES = {  # of the page, by path
     "/app.css": ("app.css", "text/css"), "/licences.txt": ("licences.txt", "text/plain"),
 }  # fmt: skip
 HELLO_SECONDS = 5.0  # for the first message
-TAKE_SECONDS = 30.0  # for a page to take a message; below uvicorn's 40 for an answer to a ping
+TAKE_SECONDS = 30.0  # for a page to accept a message; below uvicorn's 40 for a ping
 GRACE_SECONDS = 10.0  # after the last page has closed, for a reload
-WRONG_KEY = 4401  # code with which a socket is closed
+WRONG_KEY = 4401  # status code of a closed socket
 
 
 def bind(port: int) -> socket.socket:
@@ -79,7 +79,7 @@ class Server:
         self.port, self.key = bound.getsockname()[1], secrets.token_urlsafe(24)
         self._opening: Future[Room] = Future()
         self._left: asyncio.TimerHandle | None = None
-        bound.listen()  # whoever knows the address may connect, and is served once this runs
+        bound.listen()  # anybody who knows the address may connect, and is served once this runs
         app = _Guard(self._app(page), self.port)
         config = uvicorn.Config(
             app, log_level="error", access_log=False, lifespan="off", server_header=False,
@@ -187,7 +187,7 @@ class Server:
         """Stop after some seconds without a page; products in progress are finished first."""
 
         def end() -> None:
-            if not room.is_empty:  # one came while another was leaving
+            if not room.is_empty:  # a page came while another was leaving
                 return
             if room.is_busy:
                 self._end_later(room)

@@ -37,7 +37,7 @@ from rockfall.simulation.tally import Tally
 REPORT, EXPORT, SIMULATE = "report", "export", "simulate"
 TELL_SECONDS = 0.25  # between messages on the progress
 SAVE_SECONDS = 60.0  # between checkpoints
-MAX_UNFINISHED = 5  # runs that are offered
+MAX_UNFINISHED = 5  # maximum number of runs offered
 
 
 def outputs(task: str, name: str) -> list[str]:
@@ -87,7 +87,7 @@ class Task:
 
     def _work(self) -> None:
         with speaking(self._language), overwriting(self._overwrite), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # those of the case are shown already
+            warnings.simplefilter("ignore")  # warnings of the case are shown already
             try:
                 with stopped_by(self._cancel.is_set):
                     end = self._about("done", files=self._make())
@@ -98,7 +98,7 @@ class Task:
             except Interrupted as stop:
                 n = simulated(stop.contents)
                 end = self._refusal(say("app.server_stopped" if n else "app.server_cancelled", n=n))
-            except Exception as error:  # the page is to know of it, and the server to live
+            except Exception as error:  # reported to the page; the server continues
                 end = "fault", fault_message(error)
             self._then()
             self._send(*end)
@@ -114,7 +114,7 @@ class Task:
         check_stop()
         self._phase(say("app.server_drawing" if self._kind == REPORT else "app.server_writing"))
         if self._kind == REPORT:
-            report = import_module("rockfall.products").report  # as long as all else to import
+            report = import_module("rockfall.products").report  # imports as long as all else
             report(path, folder / product, language=self._language)
             return [result, product]
         return [result, *(f"{product}/{file.name}" for file in export(path, folder / product))]

@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.case.keys import keys_of
 from rockfall.limits import MAX_NAME
 
-#: Keys of &variant that choose among the groups of a name.
+#: Keys of &variant that select among groups of one name.
 CHOSEN = {"barriers": "barrier", "dams": "dam"}
 BASE = "base"  # name of the case without its variants
 #: Factors of &ensemble for which draws may have a column.
@@ -24,14 +24,14 @@ ROCKS = {  # keys of &surface that may give rock sizes
 }  # fmt: skip
 
 Groups = Mapping[str, Any]  # a case: keys and values of each group, lists of repeatable ones
-Broken = Iterator[tuple[str, str]]  # keys, and the rules that they break
+Broken = Iterator[tuple[str, str]]  # keys, and the rules that they violate
 
 
 class Fault(NamedTuple):
     """A key that breaks a rule."""
 
     group: str
-    number: int  # of the group among those of its name, from 1
+    number: int  # index of the group among groups of its name, from 1
     key: str
     rule: str
 

@@ -16,7 +16,7 @@ from rockfall.errors import RockfallError, check_kernel
 
 WIDTH = 72  # columns after which a list continues on the next line
 VALUE_COLUMN = 44  # column at which comments begin
-KEPT = 8  # texts whose values are kept
+KEPT = 8  # maximum number of texts whose values are cached
 
 
 class Values(NamedTuple):

@@ -31,7 +31,7 @@ def variants(case: Case) -> dict[str, Case]:
     {'bare': 0, 'with net': 1}
     """
     cases: dict[str, Case] = {}
-    names: dict[str, str] = {}  # of the first variant with these contents
+    names: dict[str, str] = {}  # name of the first variant with these contents
     for given in case.variant:
         name, made = given["name"], _variant(case, given)
         first = names.setdefault(_contents(made), name)

@@ -29,7 +29,7 @@ _GONE = {
 
 
 class _Parser(argparse.ArgumentParser):
-    package = ""  # that adds the commands of this parser, where it is not of this package
+    package = ""  # package that adds the commands of this parser, if it is another one
 
     def complete(self) -> None:
         """Let the package of this parser, if it is installed, add its commands."""

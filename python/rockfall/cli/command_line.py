@@ -20,7 +20,7 @@ from rockfall.cli.messages import DONE, FAULT, REFUSED, say
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, stoppable
 
-#: Objects between two collections of garbage: with the default, they take a tenth of a report.
+#: Objects between two garbage collections: the default takes a tenth of the time of a report.
 RARELY = 50_000, 20, 20
 _NO_MEMORY = "not enough memory for this case: `rockfall check` lists the need"
 

@@ -14,8 +14,8 @@ from rockfall.errors import BAD_INPUT, OUR_FAULT
 
 # for interrupts see `rockfall.interrupts.exit_status`
 DONE, FAULT, REFUSED = 0, OUR_FAULT, BAD_INPUT
-OF_PRODUCTS = r"rockfall\.(products|dossiers|files\.|result\.)"  # whose warnings commands print
-MOST_FILES, FEW_OF_A_KIND = 8, 4  # files listed by name: a line each, or of a kind
+OF_PRODUCTS = r"rockfall\.(products|dossiers|files\.|result\.)"  # commands print their warnings
+MOST_FILES, FEW_OF_A_KIND = 8, 4  # files listed one by one; or of a kind
 
 
 def say(line: str, status: int) -> int:

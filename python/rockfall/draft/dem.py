@@ -49,10 +49,10 @@ PIT = 3.0  # [m] errors of a survey are shallower; hollows, ditches and quarries
 BEYOND = 50.0  # [m] of --fill: across larger holes the ground is unknown
 BLURRED = 5.0  # [cells] of --smooth: noise of a survey needs two
 
-MAX_LEFT_OUT = 1_000_000  # at most about this many points give the leave-one-out error
+MAX_LEFT_OUT = 1_000_000  # approximate maximum number of points for the leave-one-out error
 FAR = 3.0  # point spacings beyond which elevations are unknown
 NICE = (1.0, 2.0, 5.0, 10.0)  # leading digits of cell sides
-STEEPEST = 10.0  # rise over extent of points in metres, at most
+STEEPEST = 10.0  # maximum ratio of rise to extent of points in metres
 NODATA = -9999.0
 SURFACE = {"uniform_mean_radius": 1.0}  # for cases that are read only for their dams
 
@@ -70,7 +70,7 @@ class Survey(NamedTuple):
 
     points: int
     spacing: float  # [m]
-    errors: np.ndarray  # leave-one-out errors of evenly chosen points [m]; NaN: no other is near
+    errors: np.ndarray  # leave-one-out errors of evenly chosen points [m]; NaN: none near
     nodes: Nodes | None = None  # if the points are the nodes of a regular grid; errors are empty
     remarks: tuple[str, ...] = ()
 

@@ -41,7 +41,7 @@ WORDS = {  # prefixes of names: English, German, French, Italian
     OBJECTS: ("object", "house", "building", "objekt", "haus", "geb", "maison", "batiment",
               "edific", "casa"),
 }  # fmt: skip
-AVAFRAME = re.compile(r"rel(?!ief)", re.IGNORECASE)  # begins the names of its release areas
+AVAFRAME = re.compile(r"rel(?!ief)", re.IGNORECASE)  # beginning of the names of its release areas
 #: Attributes of sources.
 OF_SOURCES = {"volume", "volume_class", "frequency", "block_shape", *VALUES} - {"density"}
 NAMES = ("name", "bezeichnun", "nom", "nome", "label")  # attributes with the name of a feature

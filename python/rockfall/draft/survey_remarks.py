@@ -15,9 +15,9 @@ from rockfall.scene.ground import SPIKE
 from rockfall.scene.rules.terrain import GAP, USUAL, USUAL_GAP, is_too_steep
 
 HIGHER = 1.0  # [m] between points at one place: more than the error of a survey
-AROUND = 16  # neighbours that a spike rises or falls from; eight may all lie across a cliff
+AROUND = 16  # number of neighbours that a spike differs from; eight may all lie across a cliff
 SAMPLES = 1000  # rows and columns sampled for slopes
-COARSE, FINE = 5.0, 10.0  # cells per spacing, and the reverse, that hold less, or no more
+COARSE, FINE = 5.0, 10.0  # cells per spacing, and the reverse, without more information
 FINEST = 100.0  # cells per spacing beyond which the cell is a mistake
 
 

@@ -23,7 +23,7 @@ from rockfall.io.zone_table import PAIR, RADII
 class Zones(NamedTuple):
     """Zones in the form used by a case."""
 
-    copy: Path | None  # of the polygons, with ids if theirs are unsuitable
+    copy: Path | None  # polygons, with new ids if theirs are unsuitable
     field: str  # attribute with the id
     table: Path
     method: str

@@ -13,7 +13,7 @@ from rockfall.errors import need
 from rockfall.files.vector_style import Style, paint
 from rockfall.io.atomic import atomic_write
 
-NAMING = ("name", "object")  # attributes of lines and objects that are written next to them
+NAMING = ("name", "object")  # attributes of lines and objects that are written as texts
 TEXT_HEIGHT = 5.0  # [m]
 DARK = 64  # of 255
 METRES = 6  # $INSUNITS

@@ -64,8 +64,8 @@ GONE = {"czml": "is no longer written: use kml, which Cesium reads"}
 DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF: each feature once
 MEASURED = {"LineString ZM": "Measured 3D LineString"}  # by its name in pyogrio
 _ROWS = 100_000  # boulders in memory at a time
-_TOGETHER = 200_000  # crossings of lines that are written together
-PLACES = 4  # decimals of places of crossings [m], which are known to a tenth of a millimetre
+_TOGETHER = 200_000  # maximum number of line crossings that are written together
+PLACES = 4  # decimals of places of crossings [m], which are accurate to a tenth of a millimetre
 METRES = {"units": "m"}
 #: Attributes of the columns of crossings.
 ABOUT = {**dict.fromkeys(HEIGHTS, METRES), **LINE, **CROSSING, **FRAGMENT}

@@ -64,7 +64,7 @@ GEOMETRY = {
     **dict.fromkeys(("POLYGON", "MULTIPOLYGON"), "polygon"),
 }
 DRAWINGS = ("kml", "dxf")  # formats of `export_hazard`
-MOST_PLACES = 20  # of each kind, with sources in a GeoPackage
+MOST_PLACES = 20  # places of each kind, with sources in a GeoPackage
 HAZARD = "hazard.nc"  # in its folder
 NO_CELL = 255  # value without data in a yes-no raster
 

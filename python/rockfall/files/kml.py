@@ -17,7 +17,7 @@ from rockfall.io.atomic import atomic_write
 
 #: Kinds of geometry whose heights are drawn; others lie on the viewer's own ground.
 IN_THE_AIR = ("LineString ZM",)
-NAMING = ("name", "object", "hazard")  # attributes that name a feature, the first that it has
+NAMING = ("name", "object", "hazard")  # attributes that name a feature, in order of preference
 DOT = "http://maps.google.com/mapfiles/kml/shapes/shaded_dot.png"
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2">\n'
 

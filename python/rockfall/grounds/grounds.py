@@ -41,11 +41,11 @@ RATIO_TABLE = "ratio_table"  # model of a table of impacts by R_b/R_m
 TABLES = BLOCK_TABLE, RATIO_TABLE  # models of tables of impacts
 YIELDING = "ploughed", "hard"  # models of rows that a plane of tables of impacts serves
 ENSEMBLE = "-ensemble"  # suffix of the name of an ensemble
-ANY_RADIUS = 0.02, 20.0  # of boulders whose volumes the case does not know [m]
+ANY_RADIUS = 0.02, 20.0  # for boulders whose volumes the case does not give [m]
 ABSORBS = "absorbs"  # model of a ground without rebound
 MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum number per scene
 WORDS = ("name", "id", "model", "meaning", "source")  # text columns
-#: What a case without a ground of its own lacks.
+#: Requirements that a case without a ground of its own lacks.
 NO_GROUND: Mapping[str, None] = MappingProxyType(dict.fromkeys(("ground", *PAIR)))
 
 
@@ -65,9 +65,9 @@ class GroundRule(NamedTuple):
     model: str = IMPACT_SETS
     text: bytes = b""  # of a file of impact sets, or a row of parameters
     file: str = ""  # source of the content, for messages
-    rest_angle: float | None = None  # [degree]; None: not given, that of rocky ground holds
-    block_radius: float = math.nan  # R_b [m] of the largest blocks of its table; NaN: no such
-    plane: Plane | None = None  # that its table was taken from
+    rest_angle: float | None = None  # [degree]; None: not given, as for rocky ground
+    block_radius: float = math.nan  # R_b [m] of the largest blocks of its table; NaN: none
+    plane: Plane | None = None  # plane of its table
     table: ImpactTable | None = None
 
     @property

@@ -26,7 +26,7 @@ FIELDS = (
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
 )  # fmt: skip
 INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
-BY_SOURCE = "source"  # block_shape that sources give
+BY_SOURCE = "source"  # value of block_shape for shapes from sources
 #: Numbered from 1.
 BLOCK_SHAPES = tuple(
     shape for shape in keys_of("boulder")["block_shape"].allowed.split(", ") if shape != BY_SOURCE
@@ -35,10 +35,10 @@ SIZE = "R_b/R_m, or rho_b g R_b over the strength of ground that yields"
 BY_BIN = "map", "low", "high"  # arrays over bins
 KINDS = "flight", "roll"
 EDGES = tuple(f"{kind}_edge_{key}" for kind in KINDS for key in (1, 2, 3))
-MARGIN = 3.3  # standard deviations of the strength that the parts of a table allow for
+MARGIN = 3.3  # standard deviations of the strength that a table covers
 
-#: What the laboratory takes for all grounds of a model (docs/impact_tables.md): of them contacts
-#: depend little.
+#: Parameters of the laboratory for all grounds of a model (docs/impact_tables.md), with little
+#: influence on contacts.
 CONSTANTS: dict[str, dict[str, Any]] = {
     "ploughed": {
         "plough": True,
@@ -60,13 +60,13 @@ CONSTANTS: dict[str, dict[str, Any]] = {
 class YieldingGround(NamedTuple):
     """Ground by a table of impacts, as a row of a table of grounds (docs/grounds.md)."""
 
-    rest_angle: float = 90.0  # stopped boulders roll on where it is steeper [degree]
+    rest_angle: float = 90.0  # stopped boulders roll on where the ground is steeper [degree]
     strength: float = 0.0  # median pressure at which it yields; 0: never [Pa]
     strength_sigma: float = 0.0  # standard deviation of its logarithm between boulders [-]
-    strength_radius: float = 0.0  # R_b of that strength, if in proportion to R_b; else 0 [m]
+    strength_radius: float = 0.0  # R_b of that strength, if proportional to R_b; else 0 [m]
     relief: float = 0.0  # slope of its relief, standard deviation [degree],
     relief_radius: float = 1.0  # for this R_b [m]
-    hurst: float = 1.0  # exponent: the slope goes with R_b**(hurst - 1)
+    hurst: float = 1.0  # exponent: the slope is proportional to R_b**(hurst - 1)
 
     def sizes(self, radius: np.ndarray, weight: float = USUAL_WEIGHT) -> np.ndarray:
         """rho_b g R_b over the strength of the ground, of boulders of radii R_b [m] and a weight

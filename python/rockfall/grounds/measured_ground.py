@@ -31,7 +31,7 @@ SPHERE = "sphere"
 BAND = Spectrum(0.0, longest=CONSTANTS["ploughed"]["longest"])  # waves of the planes of tables
 BLOCKS, ATTITUDES, STEPS = 12, 8, 200  # of each block; steps of the depth
 EDGE = 0.25  # of facets, over R_b
-DEGREES_OF_TWO = 4.5  # relief that moves speeds on a slope as a factor of 2 in strength does
+DEGREES_OF_TWO = 4.5  # relief with the effect of a factor 2 in strength on speeds
 COLUMNS = (
     "depth", "depth_error", "mass", "volume", "density", "fall", "fall_error", "speed",
     "speed_error",
@@ -47,7 +47,7 @@ Scars = str | Path | Sequence[Mapping[str, float]]  # a table, or its rows
 class Scar(NamedTuple):
     """Scar of a vertical impact on flat ground, or of the normal speed on a slope."""
 
-    depth: float  # of its lowest point below the ground before [m]
+    depth: float  # of its lowest point below the undisturbed ground [m]
     depth_error: float  # standard error [m]
     radius: float  # R_b of the block [m]
     density: float  # [kg/m3]

@@ -15,7 +15,7 @@ CELLS_OF_WAVE = 16  # along the shortest wave
 WAVES_OF_PATCH, CELLS_OF_MEASURED_WAVE = 4, 4  # requirements of a measured patch
 WINDOWED = 35 / 18  # waves of a Hann window per independent one, in each direction
 RINGS = 12  # rings of wave numbers, for the Hurst exponent of the power
-QUANTUM = 2.0**-20  # heights are rounded to it, of R_b: an FFT's last bits differ between libraries
+QUANTUM = 2.0**-20  # rounding of heights, in R_b: the last bits of FFTs differ
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,8 @@ def measure(
     inside = (wave >= 1 / longest) & (wave <= 1 / shortest)
     squares = (power * (2 * np.pi * wave) ** 2)[inside]
     slope = np.sqrt(squares.sum() / 2)
-    # of exponential powers, whose measured squares are twice those of the means; a wave exists
-    # with both signs, and the window makes neighbours alike
+    # exponential powers, whose measured squares are twice those of the means; each wave has both
+    # signs, and the window correlates neighbours
     variance = WINDOWED**2 * (squares**2).sum() / max(squares.sum(), 1e-300) ** 2
     error = np.degrees(slope / (1 + slope**2)) * np.sqrt(variance) / 2
     edges = np.geomspace(1 / longest, 1 / shortest, RINGS + 1)

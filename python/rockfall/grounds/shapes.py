@@ -17,10 +17,10 @@ from rockfall.grounds.uniform import Uniform
 SHAPES = block_axes()
 JITTER = 0.12  # of the six faces of the box: their tilt, and their distance over the half axis
 FACETS = 14  # random facets, which cut off corners and edges
-CUT = 0.72, 1.0  # their distance from the centre, over that of a tangent plane: see `random_block`
+CUT = 0.72, 1.0  # their distance, relative to a tangent plane: see `random_block`
 QUANTUM = (
     2.0**-20
-)  # vertices are rounded to it: the last bits of a hull may differ between libraries
+)  # vertices are rounded to this: the last bits of a hull may differ between libraries
 
 
 @dataclass(frozen=True)

@@ -56,10 +56,11 @@ LINE = {
 ROW = 4.3  # of a table [mm]
 BETWEEN, MORE, BOX = 1.2, 4.5, 9.0  # two paragraphs; a note on omissions; warnings' frame [mm]
 NAME = 20  # letters of the first cell of a row
-#: Lowest map with text next to it, and broad one, with its scale and legend of some 40 mm [mm].
+#: Minimum height of a map with text next to it, and of a wide one, with its scale and legend of
+#: some 40 mm [mm].
 LOWEST = {True: 105.0, False: 85.0}
 TALLEST = 165.0  # [mm]
-UPRIGHT = 0.8  # height over width from which a map leaves space for text next to it
+UPRIGHT = 0.8  # ratio of height to width above which a map leaves space for text next to it
 
 
 class Front(NamedTuple):

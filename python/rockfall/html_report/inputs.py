@@ -152,7 +152,7 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
         sizes = np.ravel(surface.get("uniform_mean_radius", surface.get("uniform_rg", [])))
         heads = list(RADII.values())[slice(0, 1) if sizes.size == 1 else slice(1, 4)]
         cells = dict(zip(heads, map(number, sizes), strict=True))
-        if "ground" in surface:  # whose rocks have no size where none is given
+        if "ground" in surface:  # rocks without a size if none is given
             cells = {word("ground"): usual_name(case)} | (cells if sizes.any() else {})
         row = say("inputs.everywhere"), *cells.values()
         yield Table.of(say("inputs.grounds_and_radii_of_their_rocks"), ("", *cells), [row])

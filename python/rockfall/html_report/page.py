@@ -99,7 +99,7 @@ PDF = ".pdf"
 NOBODY = Parties()
 GROUNDS = "page.grounds_radii_of_their_rocks"
 GROUND_PART = "page.part_grounds"
-DRAWN_LINES = 8  # lines with figures; the tables have all
+DRAWN_LINES = 8  # maximum number of lines with figures; tables have all lines
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class ReportInputs:
     models: Models | None = None
     section: Section | None = None
     factors: str | Path | None = None
-    of_site: bool = False  # `observed` is that of the case
+    of_site: bool = False  # `observed` is from the case
     left: LeftOut = field(default_factory=LeftOut)
 
 
@@ -194,7 +194,7 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
         shown.insert(0, section_entry(inputs.section))
     laboratory = [figure for figure in shown if figure.name in LABORATORY]
     if not sets_of(result):
-        laboratory = []  # the reference is not what rebounds followed
+        laboratory = []  # the reference is not the model of the rebounds
     zones = left.attempt(GROUND_PART, lambda: [*zone_table(result)])
     grounds = None if zones is None else left.attempt(GROUND_PART, ground_figure, result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))

@@ -27,7 +27,7 @@ def check_pdf() -> None:
     """Refuse PDF output if its libraries are missing, before the work starts."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # WeasyPrint warns of missing fonts, and dies of them
+            warnings.simplefilter("ignore")  # WeasyPrint warns of missing fonts, then crashes
             need("a PDF needs", "pdf", "weasyprint")
     except OSError:  # missing C library
         raise RockfallError(f"a PDF needs Pango, as root: apt-get install {PANGO}") from None
@@ -51,7 +51,7 @@ def _fonts_of_figures() -> str:
     rules = []
     for weight in ("normal", "bold"):
         font = FontProperties(family="DejaVu Sans", weight=weight)
-        uri = Path(findfont(font)).resolve().as_uri()  # as data it is read character by character
+        uri = Path(findfont(font)).resolve().as_uri()  # data would be read character by character
         face = f"font-family: 'DejaVu Sans'; font-weight: {weight}; src: url('{uri}')"
         rules.append(f"@font-face {{ {face} }}")
     return "\n".join(rules)
@@ -107,7 +107,7 @@ def _laid_out(page: str) -> Document:
 
     logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it warns about CSS for screens
     fetcher, fonts = URLFetcher(allowed_protocols=["data"]), FontConfiguration()
-    local = URLFetcher(allowed_protocols=["file"])  # for our own style sheet alone
+    local = URLFetcher(allowed_protocols=["file"])  # only for our own style sheet
     style = CSS(string=_fonts_of_figures(), font_config=fonts, url_fetcher=local)
     source = HTML(string=page, url_fetcher=fetcher)
     return source.render(font_config=fonts, stylesheets=[style], **OPTIONS)

@@ -22,7 +22,7 @@ from rockfall.io.rasters.aligned import aligned_blocks
 RASTERS, LAYERS = (".asc", ".tif"), (".shp",)
 BOULDERS = 100_000
 OBJECTS = "objects.gpkg"
-#: Folders of inputs that mean nothing to boulders, and why.
+#: Folders of inputs that are irrelevant for boulders, and why.
 WITHOUT = {
     "SECREL": "secondary releases are of snow", "ENT": "boulders entrain nothing",
     "RELTH": "release thickness is of snow", "RASTERS": "friction and diameters are of flows",

@@ -70,7 +70,7 @@ def atomic_folder(
         moves = [(path, old / path.name) for path in reversed(targets) if os.path.lexists(path)]
         moves += zip(paths, targets, strict=True)
         try:
-            with _made(folder), interrupts():  # all of them, or none
+            with _made(folder), interrupts():  # all or none of them
                 _move_all(moves)
         except OSError as error:
             kept = keep_next_to(folder.resolve(), new)

@@ -9,7 +9,7 @@ from pathlib import Path
 from rockfall.errors import RockfallError
 from rockfall.limits import MAX_TEXT
 
-START = 1024  # bytes by which GDAL identifies a format too
+START = 1024  # number of bytes by which GDAL also identifies a format
 #: First bytes of netCDF files, of the classic ones among them, and of GeoTIFFs.
 CLASSIC = (b"CDF\1", b"CDF\2", b"CDF\5")
 NETCDF = (*CLASSIC, b"\x89HDF\r\n\x1a\n")

@@ -12,7 +12,7 @@ from rockfall.io import file_kinds as kinds
 from rockfall.io.vectors.point_text import first_line, is_row
 
 _CONVERT = "make a GeoTIFF of it: "
-#: Cures; files of other kinds may be rasters that are read.
+#: Advice; files of other kinds may be rasters that are read.
 _CURES = {
     **dict.fromkeys((*kinds.ARCHIVES, kinds.KMZ), "unpack it"),
     **dict.fromkeys(

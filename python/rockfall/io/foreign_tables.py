@@ -10,7 +10,7 @@ from rockfall.io import file_kinds as kinds
 from rockfall.io.files import start_of
 
 _TABLE, _LAYER = "save the table as CSV", "save it as a GeoPackage (.gpkg), as QGIS does"
-#: Cures; of other kinds the table is to be saved as CSV.
+#: Advice; tables of other kinds are to be saved as CSV.
 _CURES = {
     **dict.fromkeys(kinds.ARCHIVES, "unpack it"),
     **dict.fromkeys((kinds.KMZ, kinds.KML, kinds.GPX, kinds.XML), _LAYER),

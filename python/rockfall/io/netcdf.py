@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Mode = Literal["r", "w", "x", "a"]
 _LOCKING = "HDF5_USE_FILE_LOCKING"
 
-CACHE = 2**20  # bytes of a variable of crossings; by default all of it stays in memory
+CACHE = 2**20  # bytes cached of a variable of crossings; by default all of it
 
 # HDF5 locks the files that it reads or writes, and fails on file systems without locks. Nothing
 # here needs these locks: files are written under temporary names. HDF5 reads the variable when it
@@ -40,7 +40,7 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
         command = shlex.join(["nccopy", "-k", "nc4", str(path), str(new)])
         raise RockfallError(f"{path}: is classic netCDF; make netCDF-4 of it: {command}")
     check_letters(path)
-    # absolute, since netCDF takes other names for addresses
+    # absolute, since netCDF treats other names as addresses
     name = os.path.abspath(path)
 
     class Named(netCDF4.Dataset):

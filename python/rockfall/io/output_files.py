@@ -21,7 +21,7 @@ from rockfall.system import replace, reserve
 TEMPORARY = ".rockfall-"  # prefix of temporary folders
 RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 EXISTS = "already exists; not overwritten (--overwrite replaces it)"
-#: A disk with less left [bytes] is full to a library: some take back what they wrote last.
+#: A disk with fewer bytes left counts as full: some libraries remove their last writes again.
 LEFT_FREE = 2**24
 #: Permission to replace files: given in scripts, where the call implies it.
 _replacing: ContextVar[bool] = ContextVar("replacing", default=True)

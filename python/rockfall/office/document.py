@@ -76,7 +76,7 @@ def _add_table(document: Any, table: Table) -> None:
     """A table; its first row is repeated on each page that it reaches, and no row is split."""
     rows = [table.head, *table.texts()]
     grid = document.add_table(len(rows), len(table.head), style="Table Grid")
-    cells = iter(grid._cells)  # grid.cell(i, j) makes this list again each time
+    cells = iter(grid._cells)  # grid.cell(i, j) would build this list each time
     for number, row in enumerate(rows):
         for _, value in zip_longest(table.head, row, fillvalue=""):
             _write(next(cells), translated(value), bold=number == 0)

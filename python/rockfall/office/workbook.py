@@ -68,7 +68,7 @@ def _put(page: Any, row: int, column: int, value: Any, is_head: bool) -> None:
         value = None
     cell = page.cell(row, column)
     if isinstance(value, float):
-        cell.value, cell.data_type = repr(value), "n"  # openpyxl would write 16 digits of 17
+        cell.value, cell.data_type = repr(value), "n"  # openpyxl would write 16 of 17 digits
         cell.number_format = number_format(value)
     elif isinstance(value, str):
         cell.value = CONTROL.sub(" ", value)

@@ -44,7 +44,7 @@ DISTANCE = "axis.distance"  # message
 ABREAST = 2  # lines side by side
 MAX_BINS = 60
 MAX_BINS_BELOW = 500  # of a distribution that extends far below zero
-BEYOND = 0.998  # the axis ends where one value in 500 lies beyond
+BEYOND = 0.998  # one value in 500 lies beyond the end of the axis
 OURS = {"marker": "o", "markersize": 4, "color": BLUE}
 
 
@@ -77,7 +77,7 @@ def distribution_figure(
     tall = 1.9 + 0.17 * deepest
     figure = new_figure(WIDE, 0.3 + (tall + 0.5) * deep)
     blocks = figure.add_gridspec(deep, abreast)
-    panels = []  # not shared, which takes quadratic time
+    panels = []  # without shared axes, which take quadratic time
     for k, name in enumerate(names):
         block = blocks[k // abreast, k % abreast].subgridspec(
             2, 1, height_ratios=[1.9, 0.17 * deepest + 0.1], hspace=0

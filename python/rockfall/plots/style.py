@@ -44,7 +44,7 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "svg.hashsalt": "rockfall",  # reproducible bytes
 }
-MOST_TICKS = 9  # of an axis: Matplotlib's locators make no more, whatever the space
+MOST_TICKS = 9  # maximum number of ticks of an axis: Matplotlib's locators make no more
 POINTS = 72  # per inch, the dots of vectors
 PDF = {"Creator": "rockfall", "CreationDate": None}  # metadata
 
@@ -146,7 +146,7 @@ def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
         canvas(figure)
         figure.set_dpi(dpi if ending == ".png" else POINTS)
         engine.execute(figure)
-        figure.set_layout_engine(None)  # by the defaults: none
+        figure.set_layout_engine(None)  # none by default
 
 
 def save_pages(pages: Iterable[Figure], path: str | Path, dpi: int) -> None:

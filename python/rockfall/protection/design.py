@@ -80,7 +80,7 @@ class Design:
     along: pd.DataFrame | None
     warnings: tuple[str, ...] = ()
     kept: str = ""
-    population: tuple[str, ...] = ()  # which boulders the numbers are of
+    population: tuple[str, ...] = ()  # boulders behind the numbers
 
 
 def design(

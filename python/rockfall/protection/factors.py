@@ -12,7 +12,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.tables import check_columns, read_table
 
 COLUMNS = ["standard", "factor", "condition", "value", "source"]
-BACK_ANALYSED = "back-analysed"  # of the rebound: fitted to observations of the slope
+BACK_ANALYSED = "back-analysed"  # the rebound was fitted to observations on the slope
 
 #: Condition that selects the row of a factor; other factors have a single row.
 DECIDES = {

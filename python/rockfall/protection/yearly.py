@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 YEARS = 100.0  # return period, if none is given
-HIGHEST = 10.0  # [m] of a barrier that is advised: higher ones are not built
+HIGHEST = 10.0  # [m] of an advised barrier: higher ones are not built
 _BEHIND = [f"behind{end}" for end in ENDS]
 _THROUGH = [f"through{end}" for end in ENDS]
 _LOADS = ["line", *(f"{name}{end}" for name in ("frequency", *LEVELS) for end in ENDS)]

@@ -18,7 +18,7 @@ from rockfall.io.atomic import atomic_write
 from rockfall.qgis_project.layers import Group, Layer
 
 VERSION = "3.22.0"
-LONG_AGO = (1980, 1, 1, 0, 0, 0)  # in the archive: the same project has the same bytes
+LONG_AGO = (1980, 1, 1, 0, 0, 0)  # date in the archive: the same project has the same bytes
 CLASS_ROWS = {"item", "paletteEntry"}  # elements of the classes of maps
 Extent = tuple[float, float, float, float]  # west, east, south, north [m]
 

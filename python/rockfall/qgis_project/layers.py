@@ -15,7 +15,7 @@ from rockfall.language import localised, word
 
 #: Labels of classes of maps, in `rockfall.result.maps.classes`.
 CLASS = re.compile(r"(?:up to (\S+)|(\S+) to (\S+)|above (\S+)) (\S+)")
-LABELLED = "label"  # attribute of styles and their elements that has a text for people
+LABELLED = "label"  # attribute of styles and their elements with a text for users
 
 
 class Layer(NamedTuple):

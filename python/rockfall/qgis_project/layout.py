@@ -24,17 +24,17 @@ LEFT = WIDE - MARGIN - BLOCK  # of the block
 PAD = 4.0  # of texts in the block
 FONT = "Arial"
 SMALL, NORMAL, LARGE, TITLE = 7, 8, 10, 15  # sizes of letters [pt]
-LETTER = 0.5  # width of a letter on average, of its size
-LINE = 1.45  # height of a line, of its size
+LETTER = 0.5  # average width of a letter, relative to its size
+LINE = 1.45  # height of a line, relative to its size
 POINT = 25.4 / 72  # [mm]
-LETTERS = 44  # of a bold title in the legend, in the widest fonts
-BAR = 35.0  # length of the scale bar, at most
-FOOT = 66.0  # height of what stands below the legend
+LETTERS = 44  # letters of a bold title in the legend, in the widest fonts
+BAR = 35.0  # maximum length of the scale bar
+FOOT = 66.0  # height of the items below the legend
 #: Numbers of QGIS for the kinds of items.
 PAGE, MAP, PICTURE, LABEL, LEGEND, SHAPE, SCALE_BAR = (
     65638, 65639, 65640, 65641, 65642, 65643, 65646,
 )  # fmt: skip
-MAP_ITEM = "map"  # named in the expression of its scale
+MAP_ITEM = "map"  # named in the expression for its scale
 SCALE = f"[% format_number(round(map_get(item_variables('{MAP_ITEM}'), 'map_scale')), 0) %]"
 TODAY = "[% format_date(now(), 'yyyy-MM-dd') %]"
 NORTH = (

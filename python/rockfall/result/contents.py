@@ -14,7 +14,7 @@ from rockfall.accessor import add_accessor
 if TYPE_CHECKING:
     import xarray as xr
 
-    Held: TypeAlias = "xr.Dataset | Contents"  # read by the same names in either form
+    Held: TypeAlias = "xr.Dataset | Contents"  # can be read by the same names in either form
     HeldVariable: TypeAlias = "xr.Variable | xr.DataArray | Variable"
 
 

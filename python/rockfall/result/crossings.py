@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     Known = Held | Mapping[str, Any]  # or arrays by name
 
 HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
-QUANTITIES = fields("line_quantity")  # in the kernel's numbering; the last is not derived
+QUANTITIES = fields("line_quantity")  # in the kernel's order; the last one is not derived
 DERIVED = {name: k for k, name in enumerate(QUANTITIES[:-1])}
 MOTION = ("velocity_x", "velocity_y", "velocity_z", "omega", "jump_height", "passing_height")
 POSITION = "position"  # the distance along a line, among quantities
 MAX_DENSE = 2e9  # bytes of a dense view
-MAX_SHARED = 5e8  # bytes of what is derived of lines and kept within `sharing`
+MAX_SHARED = 5e8  # bytes of cached quantities of lines within `sharing`
 
 
 def line_names(result: Known) -> list[str]:

@@ -119,7 +119,7 @@ def read_result(path: str | Path) -> xr.Dataset:
     return result
 
 
-#: Attribute of results from functions. Files lack it, since every reader finds these warnings.
+#: Attribute of results from functions. Files omit it, because every reader derives these warnings.
 MODEL_WARNINGS = "model_warnings"
 
 
@@ -180,8 +180,8 @@ def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
         tile = [1] * (variable.ndim - 2) + [min(TILE, size) for size in variable.shape[-2:]]
         how = {"chunksizes": tile, "zlib": True, "complevel": 1, "shuffle": True}
     if not checksums and variable.dims == ("crossing",) and variable.shape[0]:
-        # by default a chunk is most of a variable, and one line costs the reading of all; reals
-        # lose a quarter by compression, which takes longer than all else
+        # by default a chunk is most of a variable, so that a line costs reading everything;
+        # compression saves a quarter of reals, and takes longer than all else
         how = {"chunksizes": [min(variable.shape[0], CHUNK)], "chunk_cache": CACHE}
         if variable.dtype.kind == "i":
             how |= {"zlib": True, "complevel": 1, "shuffle": True}

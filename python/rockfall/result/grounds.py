@@ -28,7 +28,7 @@ class GroundRebounds(NamedTuple):
     model: str
     rebounds: int
     fraction: float
-    block_radius: float  # R_b [m] of the largest blocks of its table; NaN: no such, or not known
+    block_radius: float  # R_b [m] of the largest blocks of its table; NaN: none, or unknown
 
 
 def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:

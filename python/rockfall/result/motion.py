@@ -23,8 +23,8 @@ from rockfall.result.variables import LEG
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
-EXACT = 1e-6  # distance [m] and time [s] up to which places and times are the same
-PARALLEL = 1e-9  # sine of the angle between directions that are the same
+EXACT = 1e-6  # distance [m] and time [s] within which places and times are equal
+PARALLEL = 1e-9  # sine of the angle within which directions are equal
 TOLERANCE = 0.05  # [m]
 _Kept = TypeVar("_Kept")
 _NAMES = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")

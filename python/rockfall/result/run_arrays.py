@@ -44,7 +44,7 @@ class RunArrays:
         handle, code, message = opened
         check_kernel(code, message, name)
         self.handle = handle
-        self._table: list[_Row] | None = None  # None: not listed since it last changed
+        self._table: list[_Row] | None = None  # None: not listed since the last change
         weakref.finalize(self, _core.close_run, handle)
 
     @classmethod

@@ -17,7 +17,7 @@ from rockfall.result.validate import fault_of_crossings
 if TYPE_CHECKING:
     import xarray as xr
 
-MOST = 1_000_000  # crossings that are read into memory at once
+MOST = 1_000_000  # maximum number of crossings read into memory at once
 
 
 def crossings_in_file(data: xr.Dataset, path: str | Path) -> dict[str, xr.Variable]:

@@ -64,7 +64,7 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
 def curves(motion: Motion) -> list[Trajectory]:
     """A curve for each boulder, of `POINTS` for each piece of its motion; a point for a boulder
     that never moved."""
-    # Where the ground falls away from a table's contact, the slide has neither length nor duration.
+    # If the ground falls away from a table's contact, the slide has neither length nor duration.
     motion = motion.take((motion.gravity > 0) | (motion.end[3] > motion.start[3]))
     (x, y, z, time), speed = motion.take(None).at(np.linspace(0, 1, POINTS))
     numbers, first, size = np.unique(motion.boulder, return_index=True, return_counts=True)

@@ -28,7 +28,7 @@ ALWAYS = (  # attributes that every result has
     "boulders_requested", "complete", "impact_set", "impact_set_checksum", "input_checksums",
     "threads", "wall_seconds", "cpu_seconds",
 )  # fmt: skip
-NUMBERS = (  # numeric ones among them
+NUMBERS = (  # the numeric attributes among them
     "seed", "boulder_first", "boulder_last", "boulders_requested", "complete", "threads",
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip
@@ -60,7 +60,7 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
     for name in (name for name in ours if name in data.variables):
         attrs = data.variables[name].attrs
         words = [attrs.get(word) for word in ("units", "long_name")]
-        fewest = np.asarray(attrs.get("min_passages", 0))  # of a map that is blank below this count
+        fewest = np.asarray(attrs.get("min_passages", 0))  # maps that are blank below this count
         if not all(isinstance(word, str) for word in words) or fewest.dtype.kind not in "iu":
             raise RockfallError(f"{path}: {name}: has no type")
 
@@ -115,7 +115,7 @@ def _groups() -> Iterator[_Group]:
         "crossing_outcome": ("crossing",),
     }  # fmt: skip
     vertex: _Group = {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
-    yield {"trajectory_leg": vertex.pop("trajectory_leg")}  # which older versions lack
+    yield {"trajectory_leg": vertex.pop("trajectory_leg")}  # variable that older versions lack
     yield vertex
     yield {f"sample_{name}": sample_dims(name) for name in variables.SAMPLE}
     yield {axis: (axis,) for axis in ("x", "y")}
@@ -160,12 +160,12 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
 def check_crossings(data: xr.Dataset, path: str | Path) -> None:
     """Refuse crossings that are not sorted by line, then by boulder, or of a boulder without a
     row."""
-    if "crossing_line" not in data:  # none, or they are checked where they are read
+    if "crossing_line" not in data:  # none, or checked when read
         return
     sizes, kept, fault = data["row_size"].values, data["boulder"].values, ""
     if (sizes < 0).any() or sizes.sum() != data.sizes["crossing"]:
         fault = "row_size: holds what no run has"
-    else:  # line by line: all of them together take several times their memory
+    else:  # line by line: together they would take several times their memory
         for k, end in enumerate(np.cumsum(sizes, dtype="i8").tolist()):
             for name in ("crossing_line", "crossing_boulder"):
                 values = data[name].values[end - int(sizes[k]) : end]

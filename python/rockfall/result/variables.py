@@ -15,23 +15,23 @@ while _text := _core.table_row("variables", sum(map(len, TYPES.values())) + 1).d
 
 BOULDER = _TABLE["boulder"]
 COUNT = _TABLE["count"]  # over all boulders
-GROUND = _TABLE["ground"]  # the same, on each ground
+GROUND = _TABLE["ground"]  # the same, by ground
 ENERGY = _TABLE["energy"]  # of each boulder, on request
-FEATURE = _TABLE["feature"]  # of each boulder, where its source comes from a layer
-SHAPE = _TABLE["shape"]  # of each boulder, where they have several block shapes
-MASS = _TABLE["mass"]  # of each boulder, there, and where sources give its density
-TREE = _TABLE["tree"]  # of each boulder, where there are trees
-BREAKAGE = _TABLE["breakage"]  # of each boulder, where they may break
+FEATURE = _TABLE["feature"]  # by boulder, if its source comes from a layer
+SHAPE = _TABLE["shape"]  # by boulder, if there are several block shapes
+MASS = _TABLE["mass"]  # by boulder, as before, and if sources give its density
+TREE = _TABLE["tree"]  # by boulder, if there are trees
+BREAKAGE = _TABLE["breakage"]  # by boulder, if boulders may break
 CROSSING = _TABLE["crossing"]  # of lines, by boulders: crossing_time, ...
-FRAGMENT = _TABLE["fragment"]  # of crossings, where boulders may break: crossing_volume, ...
-HIT = _TABLE["hit"]  # of crossings, where there are barriers: crossing_outcome
-LINE = _TABLE["line"]  # what follows from a crossing, in no file
+FRAGMENT = _TABLE["fragment"]  # by crossing, if boulders may break: crossing_volume, ...
+HIT = _TABLE["hit"]  # by crossing, if there are barriers: crossing_outcome
+LINE = _TABLE["line"]  # quantities derived from a crossing, not in files
 LINE_VERTEX = _TABLE["line_vertex"]
 BARRIER = _TABLE["barrier"]  # in files barrier_height, ...
 MAP = _TABLE["map"]
 HISTOGRAM = _TABLE["histogram"]  # in the kernel's order; units of the bins
 VERTEX = _TABLE["vertex"]  # in files trajectory_x, ...
-KEPT = _TABLE["kept"]  # of the boulders whose rows a part keeps, where these are not all
+KEPT = _TABLE["kept"]  # numbers of the boulders with rows in a part, unless all have rows
 SAMPLE = _TABLE["sample"]  # there, and in results: sample_block, ...
 STATUS = {name: number for number, name in enumerate(_TABLE["status"], start=1)}
 OUTCOME = {name: number for number, name in enumerate(_TABLE["outcome"], start=1)}

@@ -34,7 +34,7 @@ MAPS = (
     "jump_height_mean", "jump_height_q95", "speed_max_map", "energy_line_angle_min",
     "travel_time_min",
 )  # fmt: skip
-LEFT = (  # inputs that no folder holds, or that have no counterpart here
+LEFT = (  # inputs that no folder contains, or that have no counterpart here
     "Numbers that Rockyfor3D requests at its start: boulders, drop_height, volume_spread: set "
     "them above.",
     "Its heights are normal to the slope; ours are vertical (docs/rockyfor3d.md).",
@@ -50,7 +50,7 @@ class Import:
     out: Path
     part: Path  # temporary folder for the files of `out`
     crs: str | None = None  # of the rasters
-    notes: list[str] = field(default_factory=list)  # inputs that were not imported, or guessed
+    notes: list[str] = field(default_factory=list)  # inputs that were guessed or not imported
     model: list[str] = field(default_factory=list)  # remarks on the model
 
     def path(self, name: str) -> str:

@@ -14,7 +14,7 @@ from rockfall.rockyfor3d.folder import Folder
 
 NETS = ("net_number", "net_energy", "net_height")
 AROUND = np.ones((3, 3), int)  # adjacent cells, including diagonal ones
-TOLERANCE = 1.0  # of a line through cells: a straight one is nearer to their centres [cells]
+TOLERANCE = 1.0  # deviation of a line through cells from their centres [cells]
 TOUCH = 1.5  # upper limit of the distance of adjacent centres, including diagonal ones [cells]
 DECIMALS = 3  # of coordinates [m]
 

@@ -20,7 +20,7 @@ MIDDLE = (
 MIN_MIDDLE = 0.05  # fraction of the cells: edges of cliffs and terraces are fewer
 NORMAL_MEDIAN = 0.6745  # of the absolute value of a standard normal number
 LOWEST_LAND = -450.0  # [m] the shore of the Dead Sea is at -430 m
-SPIKE = (10.0, 5.0)  # [m], [cells]: no rock rises or drops so far from all eight neighbours
+SPIKE = (10.0, 5.0)  # [m], [cells]: no rock rises or drops this far from all eight neighbours
 
 
 @dataclass
@@ -34,7 +34,7 @@ class Ground:
     spikes: int = 0  # cells above or below all their neighbours
     spike: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y and height of the largest spike [m]
     integers: bool = True  # all elevations are integers
-    steps: int = 0  # if so: bends along rows and columns that reverse in the next cell
+    steps: int = 0  # if true: bends along rows and columns that reverse in the next cell
     spans: int = 0  # number of places examined for steps
     slopes: list[np.ndarray] = field(default_factory=list)  # tangents, of SAMPLES cells
     bends: list[np.ndarray] = field(default_factory=list)  # changes of tangents there (2, n)
@@ -45,8 +45,8 @@ class Ground:
     source_slopes: list[np.ndarray] = field(default_factory=list)  # and tangents of their slopes
     sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  # sizes of materials [m]
     used: set[int] = field(default_factory=set)  # rows of `sizes` that occur in some cell
-    falling: int = 0  # cells whose Rg70, Rg20, Rg10 decrease, where sizes are rasters
-    rising: int = 0  # cells where they do not, and are not equal
+    falling: int = 0  # cells whose Rg70, Rg20, Rg10 decrease, if sizes are rasters
+    rising: int = 0  # cells whose sizes increase instead
     smallest: float = np.inf  # where sizes are rasters [m]
     largest: float = 0.0
 

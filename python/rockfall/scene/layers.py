@@ -31,7 +31,7 @@ class Inputs:
 
     case: Case
     grid: Grid
-    arrays: dict[str, Any] = field(default_factory=dict)  # given for rasters; taken out when read
+    arrays: dict[str, Any] = field(default_factory=dict)  # given for rasters; removed when read
     checksums: dict[str, str] = field(default_factory=dict)  # of the input files
     remarks: list[str] = field(default_factory=list)  # one line each
 

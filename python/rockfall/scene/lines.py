@@ -21,7 +21,7 @@ from rockfall.scene.layers import Inputs, take_inputs
 from rockfall.scene.stages import FRESH, Stages
 
 OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are not attributes
-RECORDED = {"line", "barrier"}  # groups whose names results have
+RECORDED = {"line", "barrier"}  # groups whose names occur in results
 LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as written by vector formats
 STRENGTH = {*fields("strength")}  # a barrier has exactly one of these
 

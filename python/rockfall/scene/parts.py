@@ -42,13 +42,13 @@ class Rasters:
     """Terrain and ground of a scene, or of a window of it: (ny, nx), row 0 the northernmost."""
 
     grid: Grid  # of the complete terrain
-    z: np.ndarray  # elevations [m], NaN = none; empty where they are read in windows
+    z: np.ndarray  # elevations [m], NaN = none; empty if they are read in windows
     at: tuple[int, int] = (0, 0)  # row and column of the grid at which the rasters begin
     #: (materials, 1 or 3): R_m, or Rg70, Rg20, Rg10 [m]
     sizes: np.ndarray = field(default_factory=lambda: np.zeros((1, 1)))
     zone: np.ndarray | None = None  # int8 or int16: 1-based row of `sizes`
     values: np.ndarray | None = None  # float32 (1 or 3, ny, nx): sizes of each cell [m]
-    grounds: tuple[GroundRule, ...] = ()  # only if any differs from the impact sets
+    grounds: tuple[GroundRule, ...] = ()  # only if any ground differs from the impact sets
     material_ground: np.ndarray | None = None  # int8: 1-based ground of each row of `sizes`, or
     cell_ground: np.ndarray | None = None  # int8 (ny, nx): of each cell; neither: the first
 

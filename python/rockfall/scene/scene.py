@@ -53,7 +53,7 @@ class Scene(Sources):
     remarks: tuple[str, ...] = ()  # remarks of the readers, one line each
     windows: Windows | None = None  # terrain read in windows: no rasters here
     findings: Findings = field(default_factory=Findings)
-    stages: Stages = FRESH  # what an open session keeps from one scene to the next
+    stages: Stages = FRESH  # data that an open session keeps from one scene to the next
 
     def __getstate__(self) -> dict[str, Any]:
         own = {key: value for key, value in vars(self).items() if key != "kernel"}
@@ -128,7 +128,7 @@ class Scene(Sources):
         own, shapes = self.source_shape, {*possible_shapes(self.case)}
         by_axes = "block_axes" in self.case.boulder
         if by_axes and self.features is not None and self.features.law is not None:
-            shapes |= {*self.case.boulder["block_shape"]}  # of volumes that are in no list
+            shapes |= {*self.case.boulder["block_shape"]}  # volumes outside any list
         if own is None:
             return sorted(shapes) if by_axes or len(shapes) > 1 else []
         given = {BLOCK_SHAPES[number - 1] for number in np.unique(own) if number}

@@ -47,9 +47,9 @@ FRESH = Stages()
 class _Kept:
     """Result of a stage, and what it depends on."""
 
-    uses: tuple[Any, ...]  # objects, which are the same or not: none is changed in place
-    seen: dict[str, Any]  # groups of the case that it read, by name
-    states: dict[Path, Any]  # of the files that these groups name
+    uses: tuple[Any, ...]  # objects compared by identity: none is changed in place
+    seen: dict[str, Any]  # groups of the case that were read, by name
+    states: dict[Path, Any]  # of the files named by these groups
     result: Any
 
     def is_of(self, uses: tuple[Any, ...]) -> bool:
@@ -110,7 +110,7 @@ class WatchedCase(Case):
         value = super().__getattribute__(name)
         if name in REPEATABLE:
             self._note(name, value)
-        elif name in ("_groups", "_given"):  # all of them, to make a text or another case
+        elif name in ("_groups", "_given"):  # all groups, to write a text or another case
             state = self.__dict__
             for group in (*state["_groups"], *REPEATABLE):
                 self._note(group, state[group] if group in REPEATABLE else state["_groups"][group])

@@ -34,7 +34,7 @@ class Windows:
         # Margin of a window around its sources (north, west, south, east), enlarged as needed.
         self.margins = np.full(4, max(RIM, math.isqrt(cells) // 8))
         self.reading = 0.0  # CPU seconds spent reading windows
-        self.owner: Any = None  # the scene whose window is in memory
+        self.owner: Any = None  # the scene with its window in memory
         self.window: Any = None  # that scene with the rasters of the window
         self.sources = range(0)  # sources of the window
         self.box = Box(0, 0, 0, 0)

@@ -16,10 +16,10 @@ from rockfall.scene.scene import Scene
 from rockfall.simulation.map_plan import tells_sources
 from rockfall.simulation.tally import Tally
 
-PIECE_SECONDS = 0.012  # between looks at a cancel, which is to be answered within 0.05 s
-FIRST_PIECE = int(_core.constant("first_chunk"))  # boulders, few in case they are slow
-LANES = int(_core.constant("lanes"))  # boulders of a thread in a call: fewer leave some empty
-RECOVERY = 1.5  # growth of the rate that is expected, after a slow piece
+PIECE_SECONDS = 0.012  # between checks for a cancel, which must be answered within 0.05 s
+FIRST_PIECE = int(_core.constant("first_chunk"))  # number of boulders, small in case they are slow
+LANES = int(_core.constant("lanes"))  # boulders of a thread in a call: fewer leave lanes empty
+RECOVERY = 1.5  # expected growth of the rate after a slow piece
 
 
 class Batches:
@@ -29,8 +29,8 @@ class Batches:
         self.tally, self.lock = tally, RLock()
         self.begun = 0  # pieces
         self._threads = int(_core.team(tally.threads))
-        self._rate = 0.0  # boulders in a second: the slowest of late; 0: not known
-        if tells_sources(tally.scene.case):  # maps of sources take them one after the other
+        self._rate = 0.0  # boulders per second: the slowest recent rate; 0: unknown
+        if tells_sources(tally.scene.case):  # maps of sources need the sources in order
             self._pieces = self._in_order()
         else:
             tally.marks = np.zeros(tally.boulders, bool)
@@ -61,7 +61,7 @@ class Batches:
         boulders = range(self.tally.boulders)
         for part in spread_parts(boulders, -(-len(boulders) // (LANES * self._threads))):
             for piece in spread_parts(part, -(-len(part) // self._size())):
-                # smaller ones, where boulders took more than twice the time since that was planned
+                # smaller pieces, if boulders took more than twice the planned time
                 yield from spread_parts(piece, -(-len(piece) // (2 * self._size())))
 
     def _run(self, piece: range) -> None:
@@ -84,8 +84,8 @@ class Batches:
         tally.done += len(piece)
         if tally.marks is not None:
             tally.marks[piece.start : piece.stop : piece.step] = True
-        # by the time computed: while a busy machine waits, smaller pieces would be no help. Windows
-        # counts that by 1/64 s: none of a short piece, or more than has passed
+        # by CPU time: while a busy machine waits, smaller pieces would not help. Windows counts CPU
+        # time in steps of 1/64 s: zero for a short piece, or more than has passed
         computed = min(max(own, cpu / self._threads), wall) or wall
         rate = len(piece) / max(computed, 1e-9)
         self._rate = min(rate, RECOVERY * self._rate) if self._rate else rate

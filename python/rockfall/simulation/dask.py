@@ -24,9 +24,9 @@ from rockfall.simulation.simulate import simulate
 if TYPE_CHECKING:
     from rockfall.result.contents import Contents
 
-PARTS = 16  # parts per thread of the cluster: workers finish together, and losing one costs little
+PARTS = 16  # parts per thread of the cluster: workers finish together, and a lost part costs little
 SECONDS = 20  # timeout for reaching a scheduler
-WINDOWS = threading.Lock()  # for the terrain windows on this worker
+WINDOWS = threading.Lock()  # lock of the terrain windows on this worker
 
 
 def run_on_cluster(

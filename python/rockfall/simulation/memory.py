@@ -30,7 +30,7 @@ def machine_memory() -> float:
     limits = [MACHINE_MEMORY, *memory_limits()]
     with suppress(OSError):
         for file in limit_files(Path("/proc/self/cgroup").read_text()):
-            with suppress(OSError, ValueError):  # no such limit, or "max"
+            with suppress(OSError, ValueError):  # values for no limit, or "max"
                 limits.append(int(file.read_text()))
     return float(min(limits))
 

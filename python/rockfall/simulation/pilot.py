@@ -27,7 +27,7 @@ PROGRAM = 80e6  # bytes of the program and its packages, while boulders are simu
 PACKAGES = 20e6  # additional bytes of the packages that write results
 READING = 80e6  # additional bytes for reading a window
 START = 0.4  # CPU seconds to start and end
-CALL_BYTES = 170  # of a crossing while a call of the kernel holds it
+CALL_BYTES = 170  # bytes of a crossing during a call of the kernel
 ROW = 1.0e-6  # CPU seconds to write the row of a boulder
 VALUE = 20e-9  # CPU seconds to write the value of a cell
 
@@ -41,7 +41,7 @@ class Pilot:
     reading: float  # CPU time for windows of the terrain
     cells: float  # reached by all boulders of the run
     density: np.ndarray | float  # of these boulders [kg/m3]
-    blocks: float  # of bins that all boulders of the run fill, where not all rows are kept
+    blocks: float  # blocks of bins filled by all boulders of the run, if not all rows are kept
 
     def values(self) -> dict[str, Any]:
         """Variables of its boulders, as in a result, without names of lines."""
@@ -90,7 +90,7 @@ def _follow(scene: Scene, number: int) -> Pilot:
     few = start(sample, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
-    for array in few.arrays("count", "ground"):  # sums, which the second time would count again
+    for array in few.arrays("count", "ground"):  # sums, which the second pass would count again
         array.values[...] = 0
     few.run.forget_crossings()
     before = sample.windows.reading if sample.windows else 0.0

@@ -18,7 +18,7 @@ MAX_COLUMNS = int(_core.constant("max_columns"))  # maximum columns of `bin_coun
 class Run(RunArrays):
     """Handle of a run that a scene may advance."""
 
-    successor: Run | None = None  # the run that took over its tallies
+    successor: Run | None = None  # run that took over the tallies
 
     @classmethod
     def of_scene(cls, scene: Scene, numbers: range, box: Box, threads: int) -> Run:

@@ -34,15 +34,15 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Contents
     from rockfall.simulation.parts.checkpoint import Checkpoint
 
-# A forked child would wait forever for the idle threads that a run leaves in its parent.
+# A forked child would wait forever for the idle threads of a run in its parent.
 before_fork(_core.end_team)
 
 CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
-MAX_SECONDS = 1.0  # of a call; then it starts no more boulders, in case they are slow
-FIRST_CHUNK = int(_core.constant("first_chunk"))  # boulders, few in case they are slow
+MAX_SECONDS = 1.0  # of a call; afterwards it starts no more boulders, in case they are slow
+FIRST_CHUNK = int(_core.constant("first_chunk"))  # number of boulders, small in case they are slow
 CHUNK_CROSSINGS = int(
     _core.constant("chunk_crossings")
-)  # about; a call keeps all of them in memory
+)  # approximate; a call keeps all of them in memory
 STATUS = fields("count").index("status")  # row of the kernel's integers
 STOP = [fields("boulder").index(name) for name in ("stop_x", "stop_y")]  # rows of its reals
 LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be repeated in a larger window

@@ -16,8 +16,8 @@ from rockfall.errors import RockfallError
 from rockfall.result.run_arrays import Array, RunArrays
 
 GROUPS = ("crossing", "fragment", "hit")
-BLOCK = 1_000_000  # crossings in the kernel from which they go to the file
-PIECE = 1_000_000  # crossings in memory at a time when they are read again
+BLOCK = 1_000_000  # crossings in the kernel above which they are moved to the file
+PIECE = 1_000_000  # crossings in memory when they are read again
 
 
 class _Block(NamedTuple):
@@ -82,7 +82,7 @@ class SpilledCrossings:
         dtype = self._columns[name].values.dtype
         ends = self.ends[first : last + 1] - self.ends[first]
         values = np.empty(int(ends[-1]), dtype)
-        free = ends[:-1].copy()  # first row of each line that no block has filled
+        free = ends[:-1].copy()  # first unfilled row of each line
         for block in self._blocks:
             begin, *stops = (block.ends[first : last + 1] - block.ends[first]).tolist()
             if not stops or not stops[-1]:

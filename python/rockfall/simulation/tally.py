@@ -28,7 +28,7 @@ from rockfall.simulation.spilled_crossings import SpilledCrossings
 from rockfall.terrain.dams import DamShape
 from rockfall.version import __version__
 
-ANY = range(1, 2)  # in place of boulders that do not matter
+ANY = range(1, 2)  # placeholder for boulders that do not matter
 
 
 @dataclass
@@ -86,8 +86,8 @@ class Tally:
     threads: int = 0
     crs: dict[str, Any] = field(default_factory=dict)  # attributes of a grid without a CRS
     marks: np.ndarray | None = None  # bool, of each boulder: done; None: the first `done` are
-    spilled: SpilledCrossings | None = None  # crossings that are in a file, not in the run
-    goes_on: bool = False  # results are made while the run continues: they are copies
+    spilled: SpilledCrossings | None = None  # crossings stored in a file instead of the run
+    goes_on: bool = False  # results made while the run continues are copies
 
     def array(self, file_name: str) -> np.ndarray:
         """A view of an array of the run, by its name in files."""

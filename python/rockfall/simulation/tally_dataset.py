@@ -26,7 +26,7 @@ from rockfall.simulation.map_plan import HITS, plan_of
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
 
-#: Maps that are maxima of the kernel unchanged, with their quantity; counts are, too.
+#: Maps that are maxima of the kernel unchanged, with their quantity; counts are unchanged, too.
 MAXIMA = {
     "energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height",
     "passing_height_max": "passing_height", "tree_impact_height_max": "tree_height",
@@ -153,7 +153,7 @@ def numbered(dim: str, names: Sequence[str], long_name: str) -> dict[str, Any]:
     refuse variables on a coordinate of text, and next to it the names."""
     numbers = np.arange(len(names), dtype="i4")
     flags = {
-        "flag_values": numbers if numbers.size > 1 else np.int32(0),  # as files have a single one
+        "flag_values": numbers if numbers.size > 1 else np.int32(0),  # files have a single one
         "flag_meanings": " ".join(distinct_words(names, only_ascii=True)),
     }
     return {

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 #: Obstacle size [m] that separates the soil types 3 and 4 of Rockyfor3D, scree and talus.
 LARGE = 0.1
-#: Shipped grounds used for rocks below and above it, by model.
+#: Shipped grounds for rocks below and above it, by model.
 ROCKS = {
     "rockyfor3d": ("soil_3", "soil_4"),
     "pfeiffer_bowen": ("pfeiffer_talus", "pfeiffer_rock"),
@@ -192,7 +192,7 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     method = case.surface["method"]
     named = {str(zone.ground_in(NamedGround(""))) for zone in case_zones(case).values()}
     tables = {ground.name for ground in own.grounds if ground.model in TABLES}
-    unused = {} if named & tables else dict.fromkeys(OF_TABLES)  # refused where no ground has one
+    unused = {} if named & tables else dict.fromkeys(OF_TABLES)  # refused if no ground has one
     for way in (method, "AB".replace(method, "")):
         surface = {**NO_GROUND, "method": way}
         try:

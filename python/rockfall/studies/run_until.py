@@ -46,8 +46,8 @@ CAP = 1_000_000  # boulders over all sources, if no cap is given
 
 # Growth from one stage to the next: min, max; needs within the former take a single stage.
 MIN_GROWTH, MAX_GROWTH, NEAR = 1.05, 4.0, 1.25
-SHORT, MARGIN = 0.8, 1.02  # fraction of the need: of a distant one, of a near one
-USELESS = 0.3  # below this ratio of the boulders' error to the limit, more boulders do not help
+SHORT, MARGIN = 0.8, 1.02  # fraction of the boulders needed: for a distant target, for a near one
+USELESS = 0.3  # ratio of the boulders' error to the limit below which more boulders do not help
 
 LEVELS = {quantile_name(level): level for level in QUANTILES}
 STATISTICS = ("mean", "std", *LEVELS)
@@ -248,7 +248,7 @@ def _rule(text: str, lines: list[str]) -> Rule:
     what, line, percent = match.groups()
     quantity, _, statistic = what.partition(".")
     if what in ("fraction", "share"):  # share: its old name
-        quantity, statistic = QUANTITIES[0], "fraction"  # the same for any quantity
+        quantity, statistic = QUANTITIES[0], "fraction"  # equal for any quantity
     elif quantity not in QUANTITIES:
         names = ", ".join(QUANTITIES)
         raise RockfallError(

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Name = TypeVar("Name", bound=Hashable)
     Numbers = TypeVar("Numbers")
 
-#: Changes of &output for scenes whose boulders alone are compared.
+#: Changes of &output for scenes that are compared by boulders only.
 ROWS_ONLY: dict[str, Any] = {"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"}
 NO_CHECKPOINTS: Mapping[Any, Checkpoint] = {}
 

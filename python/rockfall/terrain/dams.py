@@ -15,10 +15,10 @@ from rockfall.terrain.height import height
 from rockfall.terrain.polyline import beside, lengths
 
 COARSE = 2.0  # cells across a face; on fewer, boulders meet a bump (benchmarks/stability/dam_cells)
-FINE = 4.0  # cells from which the boulders that pass change little with the cell
+FINE = 4.0  # number of cells from which the passing boulders change little with the cell size
 STATIONS = 400  # maximum number of profiles across a dam
 PROFILE = 241  # points of a profile across a dam
-WIDE = 2.0  # heights: so wide a crest is why the face above it is narrow
+WIDE = 2.0  # in heights: a crest this wide is the reason for a narrow face above it
 NEAR = 0.05  # a crest ends this fraction of the height below its top
 
 

@@ -49,7 +49,7 @@ def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray
             distance_upper_bound=_beyond(weights.within),
         )  # fmt: skip
         own = which == asked[rows][:, None]
-        own[~own.any(axis=1), -1] = True  # more points coincide than there are neighbours
+        own[~own.any(axis=1), -1] = True  # more coinciding points than neighbours
         others = len(apart), number - 1
         apart, which = apart[~own].reshape(others), which[~own].reshape(others)
         errors[rows] = _mean(points[:, 2], apart, which, weights.power) - points[asked[rows], 2]
@@ -70,7 +70,7 @@ def _mean(z: np.ndarray, apart: np.ndarray, which: np.ndarray, power: float) -> 
     with np.errstate(invalid="ignore"):  # relative to the nearest, which has weight 1: no overflow
         weight = np.where(nearest > 0, (nearest / apart) ** power, apart == 0)
     weight[np.isinf(apart)] = 0.0
-    heights = z[np.minimum(which, len(z) - 1)]  # missing ones, beyond the last, weigh nothing
+    heights = z[np.minimum(which, len(z) - 1)]  # missing neighbours have no weight
     first = heights[..., 0]
     with np.errstate(invalid="ignore"):
         return first + (weight * (heights - first[..., None])).sum(-1) / weight.sum(-1)

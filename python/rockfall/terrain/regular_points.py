@@ -12,11 +12,11 @@ from rockfall.errors import RockfallError
 from rockfall.io.rasters.grid import Grid, row_blocks
 from rockfall.terrain.height import height
 
-ROUNDING = 0.02  # of a spacing: rounded coordinates are this near to their node
-DENSE = 0.8  # fraction of points with at least two of their four neighbours; fewer are a survey
+ROUNDING = 0.02  # fraction of a spacing: rounded coordinates are this close to their node
+DENSE = 0.8  # fraction of points with at least two of four neighbours; fewer indicate a survey
 #: whose coordinates are rounded
 MAX_CELLS = 400_000_000
-SPARSE = 100  # nodes for each point: more are no grid with gaps
+SPARSE = 100  # nodes per point: with more it is not a grid with gaps
 
 
 class Nodes(NamedTuple):
@@ -109,7 +109,7 @@ def _axis(values: np.ndarray) -> _Axis | None:
     if not 2 <= len(places) <= len(values) / 2:
         return None
     steps = np.diff(places)
-    wide = np.quantile(steps, 0.95, method="lower")  # some are gaps, some two roundings of a node
+    wide = np.quantile(steps, 0.95, method="lower")  # some are gaps, some two roundings of one node
     steps = steps[steps > ROUNDING * wide]
     usual = np.median(steps)
     step = float(steps[abs(steps - usual) < usual / 2].mean())

@@ -75,7 +75,7 @@ def hazard_warnings(hazard: xr.Dataset, shown: Collection[str] = ()) -> Iterator
 class WarningGroup(NamedTuple):
     """Warnings about the same scenarios."""
 
-    scenarios: str  # names; "": all of them, or the hazard itself
+    scenarios: str  # names; "": all scenarios, or the hazard itself
     texts: list[str]
 
 

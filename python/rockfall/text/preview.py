@@ -32,10 +32,10 @@ from rockfall.tables.run import dam_tables, stand_tables
 from rockfall.text.breakage import breakage_lines
 from rockfall.text.summary import MOST_STANDS
 
-MAX_LINES = 20  # names that `check` lists
-LARGE_RESULT = 2e9  # bytes of rows of boulders from which their size in the file is printed
+MAX_LINES = 20  # maximum number of names that `check` lists
+LARGE_RESULT = 2e9  # bytes of rows of boulders above which their size in the file is printed
 MAX_ZONES = 12  # listed individually
-DRAWS = 101  # of the sizes of rocks by boulder, for their quantiles
+DRAWS = 101  # samples of rock sizes by boulder, for their quantiles
 
 
 def preview(scene: Scene) -> str:

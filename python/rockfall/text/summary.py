@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 MOST_STANDS = 12
-MOST_LINES = 20  # evaluation lines that a terminal shows
+MOST_LINES = 20  # maximum number of evaluation lines on a terminal
 AT_LINES = "speed", "passing_height"
 
 

@@ -17,8 +17,8 @@ ARC = 4  # segments of a quarter of a circle
 TOLERANCE = 0.25  # of simplified outlines, in cells
 NEGLIGIBLE = 0.01  # area of rounding errors, in cells
 TOUCHING = 1e-6  # [m]
-GRID = 2.0**-20  # of coordinates, in cells: overlays without one fail with some builds of GEOS
-PASSES = 2  # of raising narrow parts: what is raised narrows its neighbours
+GRID = 2.0**-20  # grid of coordinates, in cells: overlays without it fail with some builds of GEOS
+PASSES = 2  # passes of raising narrow parts: raising a part may narrow its neighbours
 
 
 def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Geometry]:

@@ -25,7 +25,7 @@ EXTREMES = {  # maps whose extreme over the scenarios is kept
 }
 YEARLY, YEARS, PART = "year-1", "year", "1"
 PERIODS = (10.0, 30.0, 100.0, 300.0, 1000.0)  # of energies and heights [year]
-LEVELS = {  # units and meaning of what is listed by return period
+LEVELS = {  # units and meaning of quantities listed by return period
     "energy": ("J", "kinetic energy"),
     "height": ("m", "vertical height of the centre above the ground"),
 }
@@ -58,7 +58,7 @@ class Variable(NamedTuple):
     dims: tuple[str, ...]
     units: str
     long_name: str
-    words: str = ""  # of numbers: hazard, intensity, certain or risk
+    words: str = ""  # words for numbers: hazard, intensity, certain or risk
     comment: str = ""
 
     @property

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 BY = ("source", "volume", "shape")
 MAX_SOURCES = 50  # beyond this, neighbours by number share a group
-RANGES = 20  # number of such groups
+RANGES = 20  # number of these groups
 MAX_VOLUMES = 6  # maximum number of distinct volumes with a class each
 
 Group = tuple[str, np.ndarray]  # name, and mask of its boulders

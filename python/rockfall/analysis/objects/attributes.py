@@ -18,14 +18,14 @@ from rockfall.language import remark
 Columns = dict[str, np.ndarray]
 
 NAMED = "lethality_curve"  # a text, although it begins like numbers
-FRACTIONS = ("vulnerability", "exposure", "presence", "lethality")  # and names that begin so
-RANGES = {  # of the others: lowest and highest value
+FRACTIONS = ("vulnerability", "exposure", "presence", "lethality")  # and names that begin with them
+RANGES = {  # other attributes: lowest and highest value
     "width": (0.0, 100.0),  # as in a case [m]
     "speed": (1.0, 500.0),  # [km/h]
     "vehicle_length": (0.0, 1000.0),  # [m]
 }
 
-USUAL = {  # of sound layers: lowest and highest value, and what else may be meant
+USUAL = {  # plausible layers: lowest and highest value, and the likely unit otherwise
     "width": (0.0, 50.0, "is it in cm?"),  # [m]
     "speed": (25.0, 300.0, "is it in m/s?"),  # [km/h]
     "vehicle_length": (1.5, 420.0, "is it in cm?"),  # [m] bicycle, train

@@ -32,7 +32,7 @@ class Harm(NamedTuple):
 
     scale: float
     curve: Curve
-    length: float | None = None  # of a vehicle [m]; None: what is hit does not move
+    length: float | None = None  # of a vehicle [m]; None: the object does not move
 
     def by(self, energy: np.ndarray, diameter: np.ndarray) -> np.ndarray:
         """Harm by boulders of these energies [J] and diameters [m]; 0 for NaN (boulders that

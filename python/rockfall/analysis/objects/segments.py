@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 KEY = "--segments-layer"
 FRAME = "segments"  # name of a GeoDataFrame
 TOUCHING = 1e-3  # [m] between the end of a line and the start of the next of the same road
-SLIVER = 1e-6  # area of what rounding leaves between strips, of the square of their width
-UNEQUAL = 2.0  # ratio of lengths above which classes do not compare
+SLIVER = 1e-6  # area left by rounding between strips, over the square of their width
+UNEQUAL = 2.0  # ratio of lengths above which classes are not comparable
 MIN_LENGTH = 1.0  # of segments [m]
-MAX_SEGMENTS = 20_000  # a boulder is tested against those near each of its flights
+MAX_SEGMENTS = 20_000  # a boulder is tested against the segments near each of its flights
 
 
 @dataclass

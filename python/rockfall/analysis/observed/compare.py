@@ -79,10 +79,10 @@ class Comparison:
     title: str
     errors: pd.DataFrame  # mean, std, max at the lines; printed_error: of a paper's own method
     ks: pd.DataFrame  # Kolmogorov-Smirnov of two samples; printed_p: from a paper
-    passing: pd.DataFrame  # fraction of boulders that travel at least so far [m] from their release
+    passing: pd.DataFrame  # fraction of boulders that travel at least this far [m]
     run_out: pd.DataFrame  # stopping distances and lateral spread, as in `run_out`
     at_rest: pd.DataFrame  # density of simulated boulders at blocks without a known release [m-2]
-    stops: pd.DataFrame  # fraction of boulders that pass the cell of an observed one
+    stops: pd.DataFrame  # fraction of boulders that pass the cell of an observed stop
     contacts: pd.DataFrame  # fraction at impacts, with their speeds and heights
     notes: tuple[str, ...]  # notes for readers of the tables
 
@@ -115,7 +115,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     source = sources(result)
     distances, notes = _observed_distances(result, seen, source)
     which, difference = compared(result, seen)
-    ours = result.isel(boulder=np.flatnonzero(which))  # the same boulders in all numbers of run-out
+    ours = result.isel(boulder=np.flatnonzero(which))  # common resamples for all numbers of run-out
     stopped = samples(result, seen)
     share = np.ones(which.sum()) if stopped is None else weights(*stopped)
     errors = _errors(result, seen, method, source, names)

@@ -50,11 +50,11 @@ if TYPE_CHECKING:
 ANYWHERE = 1.0  # boulders that may lie anywhere in the area of the deposits: a
 MAX_FITTED = 1000  # boulders to which the kernels are fitted
 MIN_FITTED = 20  # boulders at rest, below which there is no density
-MIN_COMPARED = 2 * MIN_FITTED  # half of them make it
+MIN_COMPARED = 2 * MIN_FITTED  # half of them form the density
 PIECE = 2_000_000  # distances at a time
 ROUNDING = 1e-9  # of squared distances
-LOW = 0.05  # below this quantile of as many boulders of a run, blocks differ from it
-ALL = ""  # source of blocks whose source is not known
+LOW = 0.05  # quantile of as many boulders of a run, below which blocks differ from it
+ALL = ""  # name of the unknown source of blocks
 
 
 class Blocks(NamedTuple):

@@ -51,9 +51,9 @@ class Observed:
     tests: pd.DataFrame  # line, method, quantity, p: Kolmogorov-Smirnov tests, as printed
     stops: np.ndarray | None  # (n, 2): x, y [m] where boulders came to rest
     distances: np.ndarray | None  # plan distances [m] from release to rest, sorted
-    passing: pd.DataFrame | None  # distance [m], fraction of boulders that travel at least so far
+    passing: pd.DataFrame | None  # distance [m], fraction of boulders that travel at least this far
     lines: dict[str, str]  # name of each line -> file and row that first name it
-    starts: np.ndarray | None = None  # (n, 2): x, y [m] where those of `stops` were released
+    starts: np.ndarray | None = None  # (n, 2): x, y [m] of the release of each of `stops`
     contacts: pd.DataFrame | None = None  # CONTACT, NaN where not known: impacts
     kept: dict[str, pd.DataFrame] = field(default_factory=dict)  # other columns of each kind
     passing_n: float = np.nan  # boulders behind `passing`
@@ -228,7 +228,7 @@ class _Kind(NamedTuple):
         return (*self.needed, *self.optional)
 
 
-KINDS = (  # those with more columns come first: a header may hold the columns of another
+KINDS = (  # kinds with more columns come first: a header may contain the columns of another
     _Kind(
         "summaries", ("line", "quantity", "unit", "mean"), ("method", "std", "max", "n"), _summary
     ),

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from rockfall.analysis.observed.observations import Observed
 
 SCAR = 20.0  # [m] above the ground, of the highest marks on trees
-FAR = 3.0  # sizes of the terrain: farther off lies another country
+FAR = 3.0  # in sizes of the terrain: farther places belong to another country
 FEET, HUNDRED, THOUSAND = 1 / 0.3048, 100.0, 1000.0
-#: Numbers in another unit, over those in ours.
+#: Numbers in another unit, relative to the same in ours.
 OTHER = {
     "speed": {"km/h": 3.6},
     "jump_height": {"ft": FEET, "cm": HUNDRED, "mm": THOUSAND},
@@ -33,7 +33,7 @@ OTHER = {
     "distance": {"ft": FEET, "km": 1 / THOUSAND},
     "energy": {"J": THOUSAND, "MJ": 1 / THOUSAND},
 }
-#: Ratio of a run to the field that is still the model's error.
+#: Ratio of a run to the field that may still be an error of the model.
 ERROR = {"energy": 5.0}
 USUAL_ERROR = 1.6
 

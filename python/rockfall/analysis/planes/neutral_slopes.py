@@ -21,7 +21,7 @@ from rockfall.scene.surface import radius_over_rg
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-BOULDERS = 400  # on a plane: the slope is known to about 0.3 degrees
+BOULDERS = 400  # on a plane: accuracy of the slope about 0.3 degrees
 FIFTHS = {"smallest fifth": (0.0, 0.2), "middle": (0.2, 0.8), "largest fifth": (0.8, 1.0)}
 
 

@@ -165,7 +165,7 @@ class Sums:
         if clusters.apart < fewest:
             return WITHHELD
         apart = hall(self._error_of_clusters(), m - 1, m, clusters, signed, skewed)
-        # sources that agree by chance have no more information than their boulders
+        # sources that agree by chance give no more information than their boulders
         return min(low, apart[0]), max(high, apart[1])
 
     def effective_number(self, fraction: float) -> float:

@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 SLOW = 2.0  # [m/s]: bouncing boulders pass a line faster
 LOWEST_REST = 22.0  # [degree] of all shipped grounds: soft soil
-MAX_SLOW = 0.1  # fraction of passing boulders from which quantiles are no design load
-MAX_CUT = 0.01  # fraction of the boulders that end while moving from which it is a warning
-MAX_LOST = 0.1  # lost on the way to a line, over those that cross it, from which it is a warning
-MAX_LINES = 5  # lines that a warning names
-MAX_STAYED = 0.2  # fraction of the boulders that stay at their sources
-STAYED = 10.0  # [m] from the release, drop included: no farther than a boulder rocks before it lies
+MAX_SLOW = 0.1  # fraction of passing boulders above which quantiles are no design load
+MAX_CUT = 0.01  # fraction of boulders ending while moving above which it is a warning
+MAX_LOST = 0.1  # ratio of boulders lost before a line to its crossings above which it is a warning
+MAX_LINES = 5  # maximum number of lines in a warning
+MAX_STAYED = 0.2  # fraction of boulders that stay at their sources
+STAYED = 10.0  # [m] from the release, drop included: the rocking of a boulder at its place
 
 
 def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:

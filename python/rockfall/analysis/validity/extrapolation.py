@@ -29,7 +29,7 @@ MAX_FAST = 0.05  # fraction of the boulders
 #: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
 #: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
 SPEED_PER_DEGREE = 0.8
-#: Half of the rebounds of their fit had R_b/R_m above 5.5, which the set of 5 served.
+#: Half of the rebounds of their fit had R_b/R_m above 5.5, which used the set of 5.
 FITTED_BEYOND = "vaujany-observed", "bourrier2009"
 OUTSIDE = {  # messages, by the count of a result
     "range": "model.outside_range",
@@ -69,7 +69,7 @@ def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolat
             is_warning = fraction > MAX_OUTSIDE and key != "model.outside_fitted"
             if what == "speed" and table_grounds(values):
                 key = _outside_speeds(values)
-                # one fast hit, as after a fall, decides what a boulder does
+                # a single fast hit, as after a fall, may decide the path
                 is_warning |= fraction * rebounds > MAX_OUTSIDE * np.size(values["speed_max"])
             text = say(key, part=part, **numbers)
             yield Extrapolation(fraction, text, is_warning)

@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from rockfall.case import Case
     from rockfall.result.grounds import GroundRebounds
 
-LARGE_BLOCK = 1.25  # R_b over that of the largest blocks that a table is thrown with
+LARGE_BLOCK = 1.25  # R_b relative to the largest blocks in the simulations of a table
 MAX_LARGE = 0.2  # fraction of the boulders
-#: Messages on shipped sets, by how their names begin (those of ensembles are longer).
+#: Messages on shipped sets, by the beginning of their names (names of ensembles are longer).
 SET_MESSAGES = {
     "laboratory-spheres": "model.spheres_set",
     "vaujany-observed": "model.observed_set",
     "bourrier2009": "model.paper_set",
 }
-JUDGED_TABLES = "talus", "meadow"  # grounds by tables of impacts with evidence of a site each
+JUDGED_TABLES = "talus", "meadow"  # grounds by tables of impacts, each with evidence from a site
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     Variables = Held | Mapping[str, ArrayLike]
 
 GRADES = ("stop", "caution", "note")  # in the order in which remarks are shown
-#: Messages that numbers are wrong until their cause is removed.
+#: Messages about numbers that are wrong until their cause is removed.
 STOPS = {"model.cut_short", "model.impact_limit", "model.lost", "model.max_fragments"}
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
     from rockfall.case import Case
 
-FARTHEST = 0.01  # fraction of the boulders that comes to the lowest energy-line angles
+FARTHEST = 0.01  # fraction of the boulders with the lowest energy-line angles
 MIN_BOULDERS = 1000  # then the fraction is ten
 LOWEST = -90.0  # [degree] of any energy line
 MOVING = "left_domain", "hit_nodata", "impact_limit"  # ends in motion

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     Result = TypeVar("Result", bound=xr.Dataset)
 
-TELLING = "line", "names"  # values that distinguish warnings of one message
-MAX_NAMED = 3  # results that a warning names
+TELLING = "line", "names"  # values that distinguish warnings with the same message
+MAX_NAMED = 3  # maximum number of results in a warning
 
 
 def joint_warnings(results: Mapping[str, Held]) -> list[Text]:

@@ -51,8 +51,8 @@ class Variants:
     groups: list[dict[str, Any]] = field(default_factory=list)  # as given
     cases: dict[str, Case] = field(default_factory=dict)
     base: Document | None = None  # of the case without them
-    documents: dict[str, Document] = field(default_factory=dict)  # of variants that can be shown
-    others: dict[str, str] = field(default_factory=dict)  # groups that keep one from being shown
+    documents: dict[str, Document] = field(default_factory=dict)  # variants that can be shown
+    others: dict[str, str] = field(default_factory=dict)  # groups that prevent its display
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Site:
     grid: Grid
     settings_forms: dict[str, Form]
     layer_forms: dict[str, Form]
-    opened: Settings  # as opened; values of keys that name files stay these
+    opened: Settings  # as opened; values of keys that name files are kept
     kept: dict[str, Any] = field(default_factory=dict)  # groups and keys that the page never sees
     mode: str = "case"
     variants: Variants = field(default_factory=Variants)

@@ -19,15 +19,15 @@ from rockfall.scene.releases.source_attributes import AXES, LAWS, VELOCITY, VOLU
 
 MAX_TEXT = 200  # characters of a value
 MAX_VALUES = 1000  # of a list
-MAX_INTEGER = 2**53  # up to which numbers of JSON are exact in a browser
+MAX_INTEGER = 2**53  # largest integers that JSON keeps exactly in a browser
 #: Keys of places that layers of a document replace.
 DRAWN = {
     "release": {"x", "y", "points", "points_layer", "polygons", "polygons_layer", "name_field"},
     "surface": {"zones_layer", "zone_field"},
 }
-GROUND_KEYS = {("surface", "ground")}  # name a ground, and would open a file of another name
+GROUND_KEYS = {("surface", "ground")}  # names of grounds that would open another file
 PLACES = OF_LAYER - {"name"}  # keys of lines that are no attributes of features
-REST = "rest"  # attribute of zone polygons that fill the terrain around those drawn
+REST = "rest"  # attribute of the zone polygons that fill the terrain around the drawn ones
 
 
 class Field(NamedTuple):

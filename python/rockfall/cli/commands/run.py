@@ -50,7 +50,7 @@ def check_command(arguments: argparse.Namespace) -> int:
 
 def _preview(case: Case, arguments: argparse.Namespace) -> str:
     scene = scene_of(case, arguments)
-    site_observations(scene)  # refuses what a run could not be compared with
+    site_observations(scene)  # refuses observations that cannot be compared
     return preview(scene)
 
 
@@ -117,7 +117,7 @@ def _run_to(
     checkpoint: Checkpoint | None,
 ) -> int:
     scene = scene_of(case, arguments)
-    seen = site_observations(scene)  # refuses what could not be compared after the run
+    seen = site_observations(scene)  # refuses observations that could not be compared afterwards
     if arguments.resume and path.exists() and not checkpoint_of(path).exists():
         empty = start(scene, threads=1, shard=shard)
         boulders = range(empty.before + 1, empty.before + empty.boulders + 1)

@@ -142,7 +142,7 @@ class Transformation(NamedTuple):
     """A transformation between two systems."""
 
     transform: Callable[..., tuple[Any, Any]]  # x and y to x and y, infinite where undefined
-    is_best: bool  # of those known to PROJ; False if one needs a grid that is not installed
+    is_best: bool  # of the ones known to PROJ; False if one needs a grid that is not installed
 
 
 def transformation(crs: CRS, grid: Grid) -> Transformation:
@@ -376,7 +376,7 @@ def grid_mapping(crs: CRS) -> dict[str, Any]:
     return dict(_MAPPINGS[texts])
 
 
-#: Those of systems seen before: one takes longer than many a run.
+#: Cache of systems: one takes longer than many runs.
 _MAPPINGS: dict[tuple[str, str], dict[str, Any]] = {}
 
 

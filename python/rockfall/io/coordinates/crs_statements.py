@@ -11,7 +11,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.coordinates.crs import crs_name, same_crs
 from rockfall.io.coordinates.projection_file import vertical_units
 
-#: Attributes that name a system, in the order in which we believe them.
+#: Attributes that name a system, in order of preference.
 NAMES = (
     "crs_wkt", "spatial_ref", "esri_pe_string", "epsg_code", "proj4", "proj4text", "proj4_params",
 )  # fmt: skip

@@ -55,7 +55,7 @@ def aligned_blocks(
                         f"{raster.path}: row {rows.start + row + 1}, column {column + 1}: "
                         f"{block[row, column]:g}: {what} must be integers"
                     )
-            if store.shape < block.shape:  # one for all blocks: the heap keeps what comes and goes
+            if store.shape < block.shape:  # one buffer for all blocks, for the heap
                 store = np.empty(block.shape, dtype)
             values = store[: len(block)]
             values.fill(np.nan if dtype.kind == "f" else NO_ID)

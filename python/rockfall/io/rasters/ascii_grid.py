@@ -53,7 +53,7 @@ class AsciiCells:
         nodata = -9999.0 if self.nodata is None else self.nodata
         for rows, block in self._whole_rows():
             if rows.start >= box.stop_row and box.stop_row < self.shape[0]:
-                return  # read to the end, which may be invalid
+                return  # read to the end, where invalid text may follow
             first, stop = max(rows.start, box.row), min(rows.stop, box.stop_row)
             if first < stop:
                 block = block[first - rows.start : stop - rows.start, box.columns]
@@ -210,7 +210,7 @@ def _first_bad_token(text: bytes) -> tuple[int, str]:
     for number, row in enumerate(text.split(b"\n")):
         for token in row.split():
             try:
-                float(token.replace(b"_", b"?"))  # Python's 1_000 is not a number here
+                float(token.replace(b"_", b"?"))  # Python accepts 1_000, this format does not
             except ValueError:
                 return number, token[:40].decode("ascii", "replace")
     return 0, "?"

@@ -38,8 +38,8 @@ class NetcdfCells:
     shape: tuple[int, int]
     transform: Affine | Transform  #: north-up
     packing: tuple[float, float]  #: scale and offset
-    missing: tuple[float, ...]  #: stored numbers that are none
-    valid: tuple[float, float]  #: min and max of stored numbers that are data
+    missing: tuple[float, ...]  #: stored numbers that mark missing data
+    valid: tuple[float, float]  #: minimum and maximum of stored numbers that are data
     rising: bool  #: the first row stored is the southernmost
 
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:

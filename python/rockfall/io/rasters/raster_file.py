@@ -80,7 +80,7 @@ class GdalCells:
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         from rasterio.windows import Window
 
-        store = np.empty(0)  # shared by all blocks: repeated allocation would fragment the heap
+        store = np.empty(0)  # shared by all blocks: repeated allocations would fragment the heap
         tile = self.source.block_shapes[0][0]
         start, width = box.row // tile * tile, box.shape[1]
         for rows in row_blocks((box.stop_row - start, width), tile):
@@ -236,7 +236,7 @@ def raster_files(path: str | Path) -> set[str]:
             files |= set(filter(os.path.exists, _opened(str(path), stack).source.files))
         except RockfallError:
             pass
-        except _faults():  # imports GDAL, so that it comes last
+        except _faults():  # last, because it imports GDAL
             pass
     return files
 
@@ -270,7 +270,7 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
     if is_ascii(start):
         cells = open_ascii(file)
         beside = companions(Path(file))
-        if beside and start.startswith(BOM_UTF8):  # which GDAL takes for another format
+        if beside and start.startswith(BOM_UTF8):  # GDAL would take it for another format
             beside = [other for other in beside if other.suffix.lower() in (".prj", ".xml")]
             if beside:
                 raise RockfallError(

@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 TOLERANCE = 0.01  # of chords [m]
 COARSEST = 1e-6  # of chords, over the size of a curve: bounds their number
-CURVES = 16  # cubic curves that stand for an arc: within 1e-7 of its radius
-MAX_PARTS = 50_000  # entities of blocks, wherever these are inserted
+CURVES = 16  # cubic curves that approximate an arc: within 1e-7 of its radius
+MAX_PARTS = 50_000  # entities of inserted blocks
 MAX_DEPTH = 16  # of blocks within blocks
 LINES = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "HELIX")
 HATCHES = ("HATCH", "MPOLYGON")
-DRAWN = (*LINES, *HATCHES, "POINT", "INSERT")  # what layers in paper space are counted by
-TEXT_BOX = 8  # flag of a boundary that leaves room for a text
+DRAWN = (*LINES, *HATCHES, "POINT", "INSERT")  # kinds of entities counted in paper space
+TEXT_BOX = 8  # flag of a boundary around a text
 OUTERMOST, FILLED = 1, 2  # styles of hatches: one level of holes, none; otherwise islands in holes
 PLAIN = ("AcDb2dPolyline", "AcDb3dPolyline")  # polylines that are no meshes
 NOWHERE = np.empty((0, 2))
@@ -110,7 +110,7 @@ def read_drawing(path: str | Path) -> Drawing:
     return _read(str(path), file, status.st_mtime_ns, status.st_size)
 
 
-@lru_cache(maxsize=1)  # each layer of a drawing is read alone
+@lru_cache(maxsize=1)  # layers of a drawing are read one by one
 def _read(path: str, file: str, *_: int) -> Drawing:
     import ezdxf
     from ezdxf import units
@@ -135,7 +135,7 @@ def _read(path: str, file: str, *_: int) -> Drawing:
         )
     except RockfallError as error:
         raise RockfallError(str(error) if path in str(error) else f"{path}: {error}") from error
-    except (  # what ezdxf raises for files that are damaged
+    except (  # errors that ezdxf raises for damaged files
         ezdxf.DXFError, OSError, ValueError, LookupError, TypeError, AttributeError,
         ArithmeticError, RuntimeError, StopIteration, AssertionError,
     ) as error:  # fmt: skip

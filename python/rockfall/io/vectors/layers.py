@@ -585,7 +585,7 @@ def _feature(feature: Any) -> dict[str, Any]:
     if not isinstance(properties, dict) or not isinstance(geometry, dict | None):
         raise ValueError("properties and geometry of a Feature: must be objects")
     plain = {
-        key: str(value) if isinstance(value, bool) else value  # GDAL would make numbers of them
+        key: str(value) if isinstance(value, bool) else value  # GDAL would convert them to numbers
         for key, value in properties.items()
         if not isinstance(value, dict | list)
     }

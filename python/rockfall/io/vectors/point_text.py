@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TEXT = ".xyz"
-#: Extensions of texts that may hold points in rows, or something else.
+#: Extensions of texts that may contain points in rows, or something else.
 MAYBE_TEXT = (".asc", ".txt", ".dat", ".xyz")
 CHUNK = 1_000_000  # points
 HEIGHTS = (-500.0, 9000.0)  # [m]: all land lies between
-#: No national system has places with x above the first and y between the others [m]: y before x.
+#: No national system has x above the first and y between the other limits [m]: y comes before x.
 NORTHING, LOCAL, EASTING = 2e6, 1e5, 1e6
-#: Elevations that mark missing ones.
+#: Elevations that mark missing values.
 MISSING = (-9999.0, -99999.0, -32767.0, -32768.0)
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")

@@ -17,10 +17,10 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.language import remark
 
 SLIVER = 0.01  # of the smaller polygon: smaller overlaps are inaccuracies of drawing
-SPARSE = 8  # cells between those looked at first
+SPARSE = 8  # cells between the first samples
 HALF = 0.5  # of the area of a zone or stand: their maps often reach beyond a DEM
-#: [m] east and north by which borders count as moved: far below surveys, far above rounding, and
-#: in a direction that no border is drawn in.
+#: [m] east and north by which borders count as moved: far below surveys, far above rounding, and in
+#: a direction of no drawn border.
 ASIDE = (1e-6, 1.618034e-6)
 MARGIN = 0.01  # cells by which polygons are enlarged, so that no cell that they touch is missed
 

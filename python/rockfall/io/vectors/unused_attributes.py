@@ -16,11 +16,12 @@ _BOOKKEEPING = frozenset({
     "fid", "ogc_fid", "objectid", "id", "gid", "uuid", "globalid", "layer", "path", "geometry",
     "shape_length", "shape_leng", "shape_area", "remark", "comment", "note", "source",
 })  # fmt: skip
-#: Numbers that programs write for missing ones; negative ones are out of the range of attributes.
+#: Numbers that programs write for missing values; negative ones are outside the range of
+#: attributes.
 _MARKS = (99.9, 99.99, 127.0, 255.0, 999.0, 999.9, 9999.0, 32767.0, 65535.0, 99999.0)
-_APART = 0.5  # the largest other number over a mark; as near ones are numbers like others
+_APART = 0.5  # ratio of the largest other number to a mark; closer numbers are ordinary values
 _NO_NUMBERS = frozenset({"name", "zone", "x", "y"})  # of no range
-_CLOSE = 0.7  # similarity of a misspelt name, as of valeur and value
+_CLOSE = 0.7  # similarity of misspelt names, such as valeur and value
 _MAX_NAMED = 5
 
 

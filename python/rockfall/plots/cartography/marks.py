@@ -33,7 +33,7 @@ CASING = 1.6  # of white about a line [points]
 def starts(result: xr.Dataset) -> np.ndarray:
     """Start points (n, 2) [m], each once."""
     places = np.column_stack([result["start_x"], result["start_y"]]).astype("f8")
-    once = np.unique(places.view("c16").ravel())  # a tenth of the time of rows
+    once = np.unique(places.view("c16").ravel())  # takes a tenth of the time of rows
     return once[:, np.newaxis].view("f8")
 
 

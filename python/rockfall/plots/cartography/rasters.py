@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from rockfall.plots.extent import Extent
 
-DOTS = 1500  # along the longer side of a map; its image has fewer
+DOTS = 1500  # minimum cells along the longer side of a map; its image has fewer
 
 
 def cropped(

@@ -22,7 +22,7 @@ LIGHTS = ((315.0, 0.5), (0.0, 0.2), (270.0, 0.2), (45.0, 0.1))  # azimuth [degre
 INTERVALS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # [m], standard map intervals
 INDEX = 5  # each fifth contour is drawn bold with its elevation
 LINES = 60  # approximate number of contours on a map
-CONTOUR_DOTS = 400  # resolution of the terrain under contours: finer ones are ragged
+CONTOUR_DOTS = 400  # resolution of the terrain under contours: finer contours are ragged
 SHORTEST = 12  # minimum number of vertices of a contour
 
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from rockfall.result.trajectories import Terrain
 
 LEFT, RIGHT, TOP = 0.28, 0.1, 0.08  # margins of a map [inch]
-TICKS, STRIP, ROW = 0.24, 0.44, 0.19  # heights below it: coordinates, scale, a row of the legend
+TICKS, STRIP, ROW = 0.24, 0.44, 0.19  # heights below the map: coordinates, scale, row of legend
 NARROWEST_BAR = 3.0  # of the colour bar [inch]
 KEY_COLUMN = 1.75  # width of a column of the legend [inch]
 INCH = 0.0254  # [m]
@@ -72,7 +72,7 @@ class Sheet:
     bottom: float
     labels: Labels
     contours: Contours | None
-    paper: str = "A4"  # on which the scale holds
+    paper: str = "A4"  # paper size for which the scale is valid
 
     @property
     def bar(self) -> tuple[float, float, float]:

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 WIDE, HIGH = 420 / 25.4, 297 / 25.4
 MARGIN, BLOCK, GAP = 10 / 25.4, 95 / 25.4, 6 / 25.4  # of the paper; title block; next to the map
 SMALL, NORMAL, LARGE = 7.0, 8.0, 13.0  # sizes of letters [pt]
-LETTER = 0.52  # width of a letter on average, of its size
+LETTER = 0.52  # average width of a letter, relative to its size
 BOX, ROW = 0.2, 0.24  # side of a colour of the legend; height of a row of a table
 BETWEEN = 0.14  # two parts of the title block
 COLUMNS = 3  # of a page of warnings

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ABOVE = (BLUE, GREEN, VERMILION)  # of all boulders, then of those above each threshold
-FALLS = 3.0  # powers of ten of the frequencies that are shown
+FALLS = 3.0  # powers of ten of the displayed frequencies
 PANELS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # columns
-ROOM = 5.0  # of the frequencies, above the highest, for the legend
+ROOM = 5.0  # space above the highest frequency, for the legend
 
 
 def roads_of_segments(hazard: xr.Dataset) -> list[str]:

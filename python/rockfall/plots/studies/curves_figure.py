@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 COLOURS = (INK, BLUE, VERMILION, GREEN, GREY)
 PANELS = 4
-RAREST = 1e-4  # frequency that is shown [1/year]
+RAREST = 1e-4  # lowest frequency shown [1/year]
 
 
 @styled

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PLAN = ("y", "x")
-BEYOND = {"threshold": (1000.0, "kJ"), "return_period": (1.0, "years")}  # unit shown, in its own
+BEYOND = {"threshold": (1000.0, "kJ"), "return_period": (1.0, "years")}  # displayed unit
 
 
 def flat_maps(data: xr.Dataset) -> xr.Dataset:

@@ -10,7 +10,7 @@ from typing import Any
 from rockfall.language import is_message, localised, say, word
 from rockfall.result.variables import MAP
 
-#: Name of a map, and its places along further dimensions, as `flat_maps` puts them together.
+#: Name of a map, and its positions along further dimensions, in the form of `flat_maps`.
 PARTS = re.compile(r"(.+?)((?:_[\d.]+(?:e[+-]?\d+)?(?:kJ|years))*)")
 PLACE = re.compile(r"([\d.e+-]+)(kJ|years)")
 QUANTILE = re.compile(r"(.+)_q(\d\d)")

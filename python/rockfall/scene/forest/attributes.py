@@ -16,7 +16,7 @@ from rockfall.io.vectors.layers import SHORT, plain
 from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 from rockfall.scene.forest.trees import MAX_DBH, MAX_DENSITY
 
-NAMES = {  # the first is that of the case; English, German, French, Italian
+NAMES = {  # the first name is that of the case; English, German, French, Italian
     "stems": ("stems", "stems_ha", "stems_per_ha", "n_ha", "stammzahl", "stammzahl_ha", "tiges",
               "tiges_ha", "nb_tiges", "fusti", "fusti_ha", "piante_ha"),
     "dbh_mean": ("dbh_mean", "mean_dbh", "dbh", "bhd", "bhd_mittel", "mittl_bhd", "dhp",

@@ -35,7 +35,7 @@ class Listed(NamedTuple):
     x: np.ndarray  # map coordinates [m]
     y: np.ndarray
     dbh: np.ndarray  # [cm]
-    species: list[str] | None  # None where the list has no such column
+    species: list[str] | None  # None if the list has no such column
 
 
 def listed_trees(inputs: Inputs) -> Planted:

@@ -30,7 +30,7 @@ MAX_STEMS = 1e8  # stems in a forest
 THINNEST = 20.0  # stems per hectare: 22 m apart, single trees rather than a forest
 DECIMALS = 2  # decimals of a diameter [cm]
 NARROW, WIDE = 0.05, 1.0  # standard deviation over mean of diameters: stands have 0.2 to 0.7
-DENSER, REMAINS = 0, 1  # numbers of a stem that decide whether it stands: its stand, its thinning
+DENSER, REMAINS = 0, 1  # numbers of a stem for its stand and for thinning
 
 
 class Cells(NamedTuple):

@@ -11,7 +11,7 @@ from rockfall.io.tables import read_table
 from rockfall.scene.forest.attributes import plain_name
 from rockfall.scene.layers import Inputs, file_checksum
 
-CONIFER, BROADLEAF = "conifer", "broadleaf"  # where only the fraction of conifers is known
+CONIFER, BROADLEAF = "conifer", "broadleaf"  # if only the fraction of conifers is known
 MAX_FACTOR = 100.0
 _SHIPPED = Path(str(importlib.resources.files("rockfall") / "data" / "species.csv"))
 

@@ -35,8 +35,8 @@ from rockfall.scene.layers import Inputs
 
 PART = re.compile(r"(?P<name>[^\d%]*[^\d%\s])\s*(?P<percent>\d+(\.\d+)?)?\s*%?")
 STAND = "stems", "dbh_mean", "dbh_std", "conifers", "species", "name"  # attributes of a stand
-WHOLE = 1.0  # [%] by which the species of a stand may miss 100 %
-SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # and above 0: in m2, m, of one
+WHOLE = 1.0  # [%] tolerance for the sum of a stand's species
+SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # and above 0: in m2, m, as fractions
 
 
 class Mixture(NamedTuple):
@@ -52,7 +52,7 @@ class Stands(NamedTuple):
     names: list[str]
     shapes: np.ndarray  # without overlaps, on the terrain
     density: np.ndarray  # stems per hectare
-    values: dict[str, np.ndarray]  # dbh_mean, dbh_std, conifers: those that the layer has
+    values: dict[str, np.ndarray]  # values among dbh_mean, dbh_std, conifers that the layer has
     mixtures: list[Mixture | None]  # None: conifers and broadleaves
     ranks: np.ndarray  # (ny, nx) rank of the densest stand that touches each cell; 0: none
     by_rank: np.ndarray  # stems per hectare of each rank

@@ -10,7 +10,7 @@ import numpy as np
 HECTARE = 1.0e4  # m2
 MAX_DBH = 1000.0  # [cm]
 MAX_DENSITY = 1e6  # stems per hectare
-SQUARE = 25.0  # [m] side of the squares that count as forest if they hold a stem
+SQUARE = 25.0  # [m] side of the squares that count as forest if they contain a stem
 STEM = 32  # bytes per stem in the kernel, in addition to these arrays
 
 
@@ -60,5 +60,5 @@ class Planted(NamedTuple):
     """Stems before thinnings."""
 
     trees: Trees
-    remain: np.ndarray | None = None  # uniform number of each, which decides whether it remains
+    remain: np.ndarray | None = None  # number of each stem, for thinning
     stand: np.ndarray | None = None  # index of its stand; None without stands

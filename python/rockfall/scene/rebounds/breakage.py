@@ -11,7 +11,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case, in_kernel
 
-MAX_SPEED = _core.constant("max_speed")  # [m/s], above that of any boulder
+MAX_SPEED = _core.constant("max_speed")  # [m/s], above the speed of any boulder
 SPEEDS = 1001  # tried at a time
 
 

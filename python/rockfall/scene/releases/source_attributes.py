@@ -21,13 +21,13 @@ from rockfall.io.vectors.layers import attribute, named_attribute, plain
 from rockfall.result.variables import fields
 from rockfall.scene.parts import Features
 
-VALUES = fields("feature")  # in the kernel's order, first those of volumes
+VALUES = fields("feature")  # in the kernel's order, distributions of volumes first
 VOLUMES = tuple(name for name in VALUES if name.startswith("volume_"))
 VELOCITY = tuple(name for name in VALUES if name.startswith("velocity_"))
 DENSITY = VALUES.index("density")
 LAWS = tuple(fields("distribution")[:4])  # those of a feature, numbered from 1
 AXES = ("a", "b", "c")  # of a block, as in surveys
-MAX_AXIS_RATIO = 20.0  # of the longest axis to the shortest; no block is as thin
+MAX_AXIS_RATIO = 20.0  # ratio of the longest axis to the shortest; no block is as thin
 RANGE = re.compile(r"\s*([0-9.eE+]+)\s*(?:-|to)\s*([0-9.eE+]+)\s*")  # a class of volumes [m3]
 
 

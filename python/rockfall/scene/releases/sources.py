@@ -35,8 +35,8 @@ SIDES = ("d1", "d2", "d3")
 SHAPES = int(_core.constant("shapes"))  # numbered from 1
 SPHERE = int(_core.constant("sphere"))  # default shape
 MAX_SIDE = 1e3  # [m]
-APART = 1000.0  # ratio of one frequency to the next smaller
-MAX_NAMED = 5  # features that a message names
+APART = 1000.0  # ratio of a frequency to the next smaller one
+MAX_NAMED = 5  # maximum number of features in a message
 
 
 def threshold(case: Case, grid: Grid) -> float:

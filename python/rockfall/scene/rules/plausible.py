@@ -22,7 +22,7 @@ from rockfall.scene.rules.protection import protection_rules
 from rockfall.scene.rules.terrain import dem_rules
 from rockfall.scene.scene import Scene
 
-FAR_SIDES = 3.0  # longer sides of the terrain: roads and valleys extend beyond it, but not so far
+FAR_SIDES = 3.0  # longer sides of the terrain: roads and valleys extend beyond it, but not as far
 
 Rules: TypeAlias = Callable[[Scene], Iterator[InputWarning]]
 
@@ -82,7 +82,7 @@ def _read(scene: Scene) -> Iterator[InputWarning]:
         yield InputWarning(remark.values["where"], remark.values["text"])
 
 
-#: Rules, and the parts of a scene that they look at besides its case.
+#: Rules, and the parts of a scene that they use in addition to its case.
 RULES: dict[Rules, tuple[str, ...]] = {
     _lines: ("grid",),
     dem_rules: ("rasters",),

@@ -22,15 +22,15 @@ USUAL_GAP = 20.0  # [m] as GAP, for these values: a lake or the sea has a shore
 MOST = 0.5  # fraction of cells: no-data values are rarer; a plain below a cliff may be larger
 FULL_CIRCLE = (-180.0, 360.0, -90.0, 90.0)  # west, east, south, north of degrees
 SMALL_CELL = 0.1  # [degree]: 11 km
-WALL = 50.0  # tangent of 89 degrees: the mean slope of terrain in degrees, and of no other
+WALL = 50.0  # tangent of 89 degrees: only coordinates in degrees give such a mean slope
 STEEP = 60.0  # [degree] no terrain has a steeper median; elevations in feet turn 28 degrees into it
 FEET = (52.0, 68.0)  # [degree] median and 90 % quantile of slopes: hardly any 500 m of the Alps are
 #: so steep, but mountains of 21 and 37 degrees whose elevations are in feet
 SCALE = 0.03  # scale error of a projection: smaller within the country it was made for
 STEPS = 0.05  # fraction of places with bends in integer elevations: rounded, not exact
-FINE = (0.2, 2.5)  # [m] coarser cells hold the shape of the slope, finer ones are of a laboratory
-#: [degree] a slope of 34 degrees that turns so from cell to cell lets 8 to 36 % (matrix) or 21 to
-#: 60 % (tables) fewer pass the gentle ground below it than a smooth one
+FINE = (0.2, 2.5)  # [m] coarser cells have the shape of the slope, finer ones are from a laboratory
+#: [degree] such turns from cell to cell on a slope of 34 degrees let 8 to 36 % (matrix) or 21 to 60
+#: % (tables) fewer boulders pass the gentle ground below than a smooth slope
 ROUGH = 8.0
 STEP_SLOPE = 2.0  # [degree] maximum error of a slope by a 1 m step: above survey accuracy
 

@@ -21,7 +21,7 @@ from rockfall.simulation.parts.part_file import CLOCKS, boulders_in, make_part, 
 from rockfall.simulation.tally import Tally, origin_of
 from rockfall.system import replace, sync
 
-REST = _core.constant("save_rest")  # minimum pause between saves over the duration of the last
+REST = _core.constant("save_rest")  # minimum pause between saves over the last duration
 
 
 def checkpoint_of(output: Path) -> Path:
@@ -43,7 +43,7 @@ class Checkpoint:
         self.path = checkpoint_of(output)
         self.part = output.with_name(f".{output.name}.checkpoint")  # until it is complete
         self.every, self.say = every, say
-        self.keep = keep  # also when the run is complete, for callers that continue it
+        self.keep = keep  # also for complete runs, for callers that continue them
         self.saved = 0  # number of boulders in it
         self.next = time.monotonic() + every
 
@@ -95,7 +95,7 @@ class Checkpoint:
             return
         begun = time.monotonic()
         try:
-            self.part.unlink(missing_ok=True)  # left by a run that was killed while saving
+            self.part.unlink(missing_ok=True)  # left by a run killed while saving
             put_netcdf(make_part(tally), self.part, self.path)
             sync(self.part)
             replace(self.part, self.path)

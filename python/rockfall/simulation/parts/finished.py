@@ -17,7 +17,7 @@ from rockfall.result.validate import check_result
 from rockfall.simulation.parts.part_file import read_part
 from rockfall.simulation.tally import Origin
 
-#: Line on an output that stays unchanged.
+#: Line about an output that stays unchanged.
 FINISHED = "is finished already, from the same case; nothing was changed"
 
 

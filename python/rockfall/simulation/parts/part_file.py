@@ -260,7 +260,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
     return part
 
 
-# Values of attributes; a ValueError, or another of DAMAGED, refuses those that cannot be.
+# Values of attributes; invalid ones raise a ValueError, or another error of DAMAGED.
 
 
 def _number(value: Any) -> int:

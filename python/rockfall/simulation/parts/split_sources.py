@@ -10,7 +10,7 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.simulation.map_plan import plan_of
 
-SHARED = ("shared_cell", "shared_source", "shared_boulders")  # of the sources that a range cuts
+SHARED = ("shared_cell", "shared_source", "shared_boulders")  # sources cut by a range
 
 
 def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np.ndarray]]) -> None:

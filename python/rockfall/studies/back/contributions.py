@@ -21,7 +21,7 @@ from rockfall.studies.back.smoothing import smoothed
 
 LEVEL = 0.95
 SIGMAS = 1.96  # of an interval of 95 %
-FEWEST = 10.0  # effective members of a set alone, for a verdict
+FEWEST = 10.0  # effective members of a set alone that a verdict needs
 AGREES, CONFLICT, UNDECIDED = "agrees", "conflict", "undecided"
 
 
@@ -70,7 +70,7 @@ def loss_of(values: np.ndarray, alone: np.ndarray, weight: np.ndarray) -> tuple[
     >>> loss_of(np.array([0.0, -2.0]), np.array([0.5, 0.5]), np.array([0.0, 1.0]))[0]
     1.0
     """
-    finite = np.where(np.isfinite(values), values, 0.0)  # of weight 0, or of members without any
+    finite = np.where(np.isfinite(values), values, 0.0)  # weight 0, or members without weights
     first, second = float(alone @ finite), float(weight @ finite)
     error = np.sqrt(((alone * (finite - first) - weight * (finite - second)) ** 2).sum())
     return first - second, float(error)

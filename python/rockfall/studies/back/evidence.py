@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     #: Value of each boulder of a result, NaN if it has none.
     Take = Callable[[xr.Dataset], np.ndarray]
 
-MIN_CROSSED = 20  # simulated boulders, below which a run does not explain observed ones
+MIN_CROSSED = 20  # number of simulated boulders below which a run does not explain observed ones
 PRIOR = 0.5  # Jeffreys', of each bin
 MAX_BINS = 6
 REPLICATES = 1000
@@ -74,7 +74,7 @@ class Counted:
     take: Take
     edges: np.ndarray = field(init=False)
     counts: np.ndarray = field(init=False)
-    worth: float = 1.0  # of a simulated boulder, less where runs of the same inputs differ
+    worth: float = 1.0  # weight of a simulated boulder, smaller if runs of the same inputs differ
 
     def __post_init__(self) -> None:
         bins = int(np.clip(round(2 * self.n**0.4), 2, MAX_BINS))

@@ -24,7 +24,7 @@ from rockfall.studies.back.witnesses import Witnesses, worth_of
 if TYPE_CHECKING:
     import xarray as xr
 
-FEW = 20  # boulders at a mark, below which it is reported
+FEW = 20  # number of boulders at a mark below which it is reported
 
 
 @dataclass

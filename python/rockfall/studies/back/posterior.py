@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 LEVELS = (0.05, 0.5, 0.95)
 KS = 1.63  # of Kolmogorov-Smirnov at 1 %, since smoothing has errors too; times root n
 EDGE = 0.5  # fraction of the posterior beyond the prior's 5 or 95 % quantile
-NOISY = 1.0  # variance of the log-likelihood, above which boulders help more than members
+NOISY = 1.0  # variance of the log-likelihood above which boulders help more than members
 DRAWS = 256  # rows of the file of draws
 ALONE = "by_data.csv"  # the posterior by each set of data alone
-TRADED = 0.7  # correlation of strength and relief of a ground from which it is a warning
+TRADED = 0.7  # correlation of strength and relief of a ground above which it is a warning
 CONTRADICTED = 0.05  # of all sets of data together
 
 

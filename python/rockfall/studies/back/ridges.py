@@ -18,7 +18,7 @@ class Ridge(NamedTuple):
 
     ground: str
     correlation: float  # of their logarithms
-    degrees: float  # of relief that go with twice the strength, along the ridge
+    degrees: float  # of relief that compensate twice the strength, along the ridge
 
 
 def ridges(analysis: Back) -> Iterator[Ridge]:

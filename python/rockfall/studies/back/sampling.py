@@ -19,7 +19,7 @@ import numpy as np
 from rockfall.studies.back.smoothing import smoothed
 
 DEFENSIVE = 0.2  # fraction of the points from the prior
-WIDEST = 0.9  # of a kernel, by the standard deviation of all
+WIDEST = 0.9  # width of a kernel, relative to the standard deviation of all
 
 
 class Sampler:

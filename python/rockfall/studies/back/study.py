@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 MEMBERS, EFFECTIVE = 1024, 100
 ROUND = 128  # members; double in the first
 REPLICATES = 24  # runs of the unchanged case, with new draws of inputs that are not parameters
-NOT_MEMBERS = 2**30  # draw numbers from here on are not members
+NOT_MEMBERS = 2**30  # draw numbers from here are not members
 STREAM = 1  # of random numbers, in addition to those of the ensemble
 
 
@@ -64,7 +64,7 @@ class Back:
 
     case: Case
     inputs: Uncertain
-    sought: np.ndarray  # columns of the cube that are sought; others are drawn and integrated over
+    sought: np.ndarray  # columns of the cube that are parameters; others are averaged over
     points: np.ndarray  # (members, numbers) of the cube
     members: pd.DataFrame
     data: pd.DataFrame
@@ -153,7 +153,7 @@ class _Read:
     inputs: Uncertain
     sought: np.ndarray  # as in `Back`
     data: list[Evidence]
-    counts: np.ndarray  # of each set of data: its weight in the likelihood
+    counts: np.ndarray  # weight of each set of data in the likelihood
     notes: list[str]
     model_warnings: tuple[str, ...]
 
@@ -196,7 +196,7 @@ class _Rounds:
         self.sampler = Sampler(normal_scores(self.cube[:, sought]), self.levels)
         self.random = np.random.default_rng((read.case.case["seed"], STREAM))
         self.rows: list[dict[str, float]] = []  # numbers drawn for each member
-        self.runs: list[list[np.ndarray]] = [[] for _ in read.data]  # what each set of data needs
+        self.runs: list[list[np.ndarray]] = [[] for _ in read.data]  # data kept for each set
         # Of complete rounds: log-likelihoods by set of data, weights, and those of the prior alone.
         self.by_data = np.empty((len(read.data), 0))
         self.weight = self.ahead = np.empty(0)

@@ -27,8 +27,8 @@ import numpy as np
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.kernel_rules import Z
 
-MIN_CROSSED = 20  # boulders at a line below which their mean is NaN
-MIN_ABOVE = 5  # boulders above a quantile below which it is NaN
+MIN_CROSSED = 20  # number of boulders at a line below which their mean is NaN
+MIN_ABOVE = 5  # number of boulders above a quantile below which it is NaN
 RESAMPLES = 500  # of the blocks, for the errors
 RESOLVED = 0.25  # half-width of the 95 % interval of a resolved index
 
@@ -84,8 +84,8 @@ class Parts(NamedTuple):
 
     monte_carlo: np.ndarray  # of a run
     epistemic: np.ndarray
-    first: np.ndarray  # (inputs, results), of the epistemic: what knowing an input would take away
-    total: np.ndarray  # (inputs, results), part of it too: left if only this input is unknown
+    first: np.ndarray  # (inputs, results), of the epistemic variance: if the input were known
+    total: np.ndarray  # (inputs, results), likewise: left if only this input is unknown
 
 
 def parts(y: np.ndarray, covariance: np.ndarray) -> Parts:

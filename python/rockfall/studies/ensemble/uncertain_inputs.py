@@ -46,7 +46,7 @@ class Operator(NamedTuple):
     """A drawn random operator."""
 
     sets: SetFile | None  # in place of the impact sets of the case
-    grounds: dict[str, GroundRule]  # by the name of the case's ground that each replaces
+    grounds: dict[str, GroundRule]  # by the name of the case's ground that each one replaces
 
 
 @dataclass
