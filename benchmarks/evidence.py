@@ -50,7 +50,7 @@ def with_origin(
 
 
 def record(rows: Iterable[Evidence]) -> None:
-    """Put rows into the table, in place of those of the same site, place, quantity and model."""
+    """Write rows to the table, replacing rows of the same site, place, quantity and model."""
     known = {old.key: old for old in table()} | {new.key: new for new in rows}
     write_csv(pd.DataFrame([asdict(old) for old in known.values()]), TABLE)
     table.cache_clear()

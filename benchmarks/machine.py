@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a benchmark ran on: a claim without its machine is no claim; and what several run."""
+"""The machine of a benchmark, which every claim needs, and code shared by benchmarks."""
 
 import os
 import platform
@@ -29,8 +29,8 @@ def machine() -> str:
 
 
 def best_turns(pythons: list, folders: list[Path], words: list[str], repeat: int) -> list[tuple]:
-    """Wall and CPU seconds and peak memory [bytes] of a command of rockfall by several Pythons,
-    each in its folder, which take turns: minima."""
+    """Wall and CPU seconds and peak memory [bytes] of a command of rockfall with several Pythons in
+    turn, each in its folder: minima."""
     best = [(float("inf"),) * 3] * len(pythons)
     for _ in range(repeat):
         for k, (python, folder) in enumerate(zip(pythons, folders, strict=True)):
@@ -41,7 +41,7 @@ def best_turns(pythons: list, folders: list[Path], words: list[str], repeat: int
 
 
 def run_child(*words: str | Path, cwd: Path | None = None) -> tuple[str, float, int]:
-    """What a command prints, its CPU seconds, and the bytes of memory that it takes at most."""
+    """Output of a command, its CPU seconds, and its peak memory [bytes]."""
     child = subprocess.Popen([*map(str, words)], cwd=cwd, stdout=subprocess.PIPE, text=True)
     said = child.stdout.read()
     _, status, usage = os.wait4(child.pid, 0)

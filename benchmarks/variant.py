@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The kernel built once more, with its sources changed, in a folder of its own."""
+"""Build of the kernel with changed sources, in a separate folder."""
 
 import os
 import shutil
@@ -11,7 +11,7 @@ from benchmarks.machine import ROOT
 
 
 def copy_sources(folder: Path) -> None:
-    """All that goes into a build, to be changed."""
+    """Copy all files of a build, to be changed."""
     for name in ("fortran", "python", "tools", "benchmarks"):
         shutil.copytree(ROOT / name, folder / name)
     for name in ("meson.build", "meson.options", "LICENSE"):
@@ -19,7 +19,7 @@ def copy_sources(folder: Path) -> None:
 
 
 def replace(file: Path, old: str, new: str, times: int = 1) -> None:
-    """Change the sources; ends where they no longer are what a benchmark takes them for."""
+    """Change the sources; stops if they no longer contain the expected text."""
     text = file.read_text()
     if text.count(old) != times:
         sys.exit(f"{file.name}: '{old}' should be there {times} times; mend the benchmark")
@@ -27,7 +27,7 @@ def replace(file: Path, old: str, new: str, times: int = 1) -> None:
 
 
 def go_one_by_one(folder: Path) -> None:
-    """No boulders in lanes, whose flights are not those of the procedure `fly`."""
+    """Switch lanes off, because their flights do not use the procedure `fly`."""
     lanes = "integer :: lanes = "
     scene = folder / "fortran/src/trace/scene_type.f90"
     replace(scene, f"{lanes}masked_lanes", f"{lanes}one_by_one")

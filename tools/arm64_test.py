@@ -22,7 +22,7 @@ QEMU = "qemu-aarch64", "-L", str(SYSTEM)
 
 
 def main() -> str | None:
-    """Build and run the tests; returns what is wrong."""
+    """Build and run the tests; returns the fault, if any."""
     os.environ["OMP_WAIT_POLICY"] = "passive"  # an emulated thread that waits takes a core
     if not SYSTEM.exists():
         unpack_system()

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Add the licences of what a wheel carries to the source tree in this folder, before it is built.
+"""Add the licences of bundled libraries to the source tree in this folder, before a wheel is built.
 
 usage: bundled_licences.py [FOLDER]   FOLDER of static_netcdf.py, if rockfall-batch is in the wheel
 
-A wheel holds libgfortran, libgomp and libquadmath of GCC and, linked into its extensions, LAPACK
-and BLAS; into rockfall-batch netCDF, HDF5 and zlib. Their licences ask to go with them. They are
-taken from the machine that builds.
+A wheel contains libgfortran, libgomp and libquadmath of GCC and, linked into its extensions, LAPACK
+and BLAS; in rockfall-batch netCDF, HDF5 and zlib. Their licences must be included. They are taken
+from the building machine.
 """
 
 import os
@@ -42,7 +42,7 @@ OWN = 'license-files = ["LICENSE"]'
 
 
 def main(folders: list[str]) -> str | None:
-    """Copy them to `licences`, and name them in pyproject.toml; returns what is wrong."""
+    """Copy licences to `licences`, and list them in pyproject.toml; returns the fault, if any."""
     project = Path("pyproject.toml")
     text = project.read_text("utf-8")
     if OWN not in text:

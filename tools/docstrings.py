@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Docstrings of the house on the page of the Python interface (an extension of griffe).
+"""Docstrings of rockfall on the page of the Python interface (an extension of griffe).
 
 In `help()` they are plain text: examples without a heading, pages by their path, names in angle
 brackets. For the site the examples become a section, the paths links, the brackets text.

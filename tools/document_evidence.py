@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Blocks of pages that are filled from the table of evidence, for tools/document.py. A block stands
+"""Blocks of pages that are filled from the table of evidence, for tools/document.py. A block is
 between `<!-- evidence: NAME -->` and `<!-- end of evidence -->`."""
 
 import re
@@ -35,7 +35,7 @@ SMALL = "talus", "soft-soil", "vegetated-soil", "meadow", "compact", "rock"  # o
 
 
 def filled(page: str) -> str:
-    """Page with its blocks written again."""
+    """Page with its blocks updated."""
     return BLOCK.sub(lambda block: f"{block[1]}{BLOCKS[block[2]]()}\n{block[3]}", page)
 
 

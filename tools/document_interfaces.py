@@ -49,7 +49,7 @@ def rows(parser: argparse.ArgumentParser) -> Iterator[list[str]]:
 
 
 def commands(parser: Any) -> Iterator[argparse.ArgumentParser]:
-    """Those that do something, in the order of `--help`."""
+    """Commands that do something, in the order of `--help`."""
     parser.complete()
     inner = [one for one in parser._actions if isinstance(one, argparse._SubParsersAction)]
     if not inner:
@@ -77,7 +77,7 @@ def spaced(arguments: str) -> str:
 
 
 def signature(name: str) -> str:
-    """As the source has it, an argument a line where it is long."""
+    """Signature as in the source, with an argument per line if it is long."""
     found = getattr(rockfall, name)
     made = found.__init__ if inspect.isclass(found) else found
     [node] = ast.parse(textwrap.dedent(inspect.getsource(made))).body

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run f2py for meson, and fail on what f2py only prints: a guessed type is a wrong number."""
+"""Run f2py for meson, and fail where f2py only prints a warning: a guessed type is a wrong
+number."""
 
 import re
 import subprocess
@@ -27,7 +28,7 @@ def main(module: str, folder: str, *sources: str) -> int:
 
 
 def define_bytes(wrapper: Path) -> None:
-    """f2py calls the C type of int8 arrays signed_char, and may forget to say what that is."""
+    """f2py calls the C type of int8 arrays signed_char, and may omit its definition."""
     text, define = wrapper.read_text(), "typedef signed char signed_char;"
     if "signed_char" in text and define not in text:
         wrapper.write_text(f"{define}\n{text}")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes the figures that pages of docs show, from the cases that they speak of.
+"""Makes the figures of the pages in docs, from their cases.
 
-`python tools/figures.py FOLDER` writes them below FOLDER; it follows the tutorial for that, and
-fails if a page says anything else than the program prints. A minute.
+`python tools/figures.py FOLDER` writes them below FOLDER; it follows the tutorial, and fails if a
+page differs from the program's output. A minute.
 """
 
 import shutil
@@ -82,7 +82,7 @@ def site(folder: Path, out: Path) -> None:
 
 
 def layer(path: Path, name: str) -> tuple[list, list]:
-    """Shapes of a layer, and what they are called if they are."""
+    """Shapes of a layer, and their names, if any."""
     meta, _, shapes, columns = pyogrio.raw.read(path, layer=name)
     called = dict(zip(meta["fields"], columns, strict=True)).get("name", [])
     return list(shapely.from_wkb(shapes)), list(called)

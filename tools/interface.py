@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Write tests/interface.txt: the names that docs/stability_policy.md promises, one a line. A test
-holds the list beside the program; what it says is renewed on purpose, and reviewed as a change.
+compares the list with the program; it is updated deliberately, and reviewed as a change.
 
-python tools/interface.py           writes it
-python tools/interface.py --check   says what differs (exit status 0 or 1)
+python tools/interface.py writes it python tools/interface.py --check prints the differences (exit
+status 0 or 1)
 """
 
 import argparse
@@ -108,7 +108,7 @@ def _variables() -> Iterator[str]:
 
 
 def _units() -> dict[str, str]:
-    """Of the variables of a result, as far as the tables have them."""
+    """Units of the variables of a result, if the tables have them."""
     tables = {
         "": (variables.BOULDER, variables.COUNT, variables.GROUND, variables.ENERGY,
              variables.TREE, variables.FEATURE, variables.SHAPE, variables.MASS, variables.BREAKAGE,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What mkdocs does beyond its own for the site (hooks of mkdocs.yml).
+"""Hooks of mkdocs.yml for the site.
 
 - Links of pages to files outside docs/ (cases, benchmarks, CHANGELOG.md, ...) hold in a browser of
   the repository and here: Markdown becomes a page of the site, any other file comes with it.
@@ -67,19 +67,19 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def in_repository(uri: str) -> str:
-    """Where a file of the site stands in the repository."""
+    """Path in the repository of a file of the site."""
     return SHIPPED.get(uri, f"docs/{uri}")
 
 
 def target(page: str, link: str) -> str | None:
-    """The path within the repository of what a page links to; none for an address."""
+    """Path in the repository of a link of a page; None for an address."""
     if ":" in link or link.startswith("/"):
         return None
     return posixpath.normpath(posixpath.join(posixpath.dirname(in_repository(page)), link))
 
 
 def site_path(path: str) -> str:
-    """The path within the site of a file of the repository; a site has no hidden folders."""
+    """Path in the site of a file of the repository; a site has no hidden folders."""
     return FRONT.get(path, path).removeprefix("docs/").lstrip(".")
 
 
@@ -151,7 +151,8 @@ def on_post_build(config: MkDocsConfig) -> None:
 
 
 def bundle_bootstrap(folder: Path) -> None:
-    """FORD takes Bootstrap from the network, and MathJax, which no comment of the kernel needs."""
+    """Bundle Bootstrap, which FORD would load from the network, and remove MathJax, which no
+    comment needs."""
     theme = Path(mkdocs.__file__).parent / "themes/mkdocs"
     for name in ("css/bootstrap.min.css", "js/bootstrap.bundle.min.js"):
         shutil.copy(theme / name, folder / name)

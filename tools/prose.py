@@ -228,7 +228,7 @@ def wrong_in_code(path: Path) -> Iterator[str]:
 
 
 def empty_names(path: Path) -> Iterator[str]:
-    """Variables and arguments that do not name the thing, and docstrings without a head."""
+    """Meaningless names of variables and arguments, and headless docstrings."""
     place = path.relative_to(ROOT)
     tree = ast.parse(path.read_text(encoding="utf-8"))
     promised = {

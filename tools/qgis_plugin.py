@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""dist/rockfall_qgis.zip: the plugin, as QGIS installs it, with the version of meson.build."""
+"""dist/rockfall_qgis.zip: the plugin, in the form that QGIS installs, with the version of
+meson.build."""
 
 import re
 import sys

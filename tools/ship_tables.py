@@ -7,7 +7,7 @@
 A plane has a file for each shape and slope of the relief, with a part for each strength of the
 ground over rho_b g R_b: so one plane serves all sizes of boulders and all soils (theory, chapter
 5). A plane takes up to half an hour on one core, `rocky-slope` two hours; `rockfall lab remake`
-makes one file again from what it says itself. Contacts are kept in FOLDER, and not thrown again.
+makes a file again from its provenance. Contacts are kept in FOLDER, and not simulated again.
 """
 
 import argparse

@@ -4,8 +4,8 @@
 usage: static_netcdf.py FOLDER [--windows]   FOLDER/netcdf-fortran.pc; needs CMake, a static zlib,
                                              and for Windows Wine
 
-Without remote access, which the program does not use: neither DAP nor HTTP, so no curl and no XML.
-And without folder, host and time of the build, so that it gives the same bytes everywhere.
+Without remote access, which the program does not use: no DAP or HTTP, hence no curl and no XML. And
+without folder, host and time of the build, for equal bytes everywhere.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ KINDS = [
 
 
 class Target(NamedTuple):
-    """Where the libraries are to run: programs that make them, and what is there already."""
+    """Target system of the libraries: build programs, and existing libraries."""
 
     windows: bool
     compiler: str  # those before its names
@@ -158,7 +158,7 @@ def cmake(place: Path, target: Target, tree: Path, build: Path, options: list[st
 
 
 def hidden(place: Path) -> str:
-    """Option that replaces the folder in what the C compiler writes of paths."""
+    """Option that replaces the folder in paths written by the C compiler."""
     return f"-ffile-prefix-map={place}=."
 
 

@@ -32,7 +32,7 @@ FOLDERS = "vaujany", "vaujany-forest", "forested-slope", "protected-road", "sett
 
 
 class Trial(NamedTuple):
-    """A case: that of a file of `cases`, what of it changes, and words of `rockfall run`."""
+    """A case: a file of `cases`, its changes, and arguments of `rockfall run`."""
 
     case: str
     groups: dict[str, Any] = {}
@@ -197,7 +197,7 @@ def batch(ready: Path, out: Path, program: tuple[str, ...]) -> None:
 
 
 def compare(one: Path, other: Path) -> dict[str, list[str]]:
-    """Of each result that either folder has, the variables that differ in a bit."""
+    """Variables that differ in a bit, for each result in either folder."""
     names = {path.name for folder in (one, other) for path in folder.glob("*.nc")}
     return {
         Path(name).stem: differing(one / name, other / name)
@@ -208,7 +208,7 @@ def compare(one: Path, other: Path) -> dict[str, list[str]]:
 
 
 def differing(one: Path, other: Path) -> list[str]:
-    """Variables of two results that differ in a bit, and by how much at most, relatively."""
+    """Variables of two results that differ in a bit, and the maximum relative difference."""
     with xr.open_dataset(one, decode_cf=False) as a, xr.open_dataset(other, decode_cf=False) as b:
         names = sorted(map(str, {*a.variables} ^ {*b.variables}))
         for name in sorted({*map(str, a.variables)} & {*map(str, b.variables)}):
@@ -229,7 +229,7 @@ def distance(x: np.ndarray, y: np.ndarray) -> str:
 
 
 def main(command: str, one: str, *more: str) -> str | None:
-    """Carry out a command; returns what is wrong."""
+    """Carry out a command; returns the fault, if any."""
     place, *others = (Path(folder).resolve() for folder in (one, *more[:1]))
     if command == "make":
         make(place)

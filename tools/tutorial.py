@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Follows the tutorial to the letter: its commands, its edits, and what it says they print.
+"""Follows the tutorial to the letter: its commands, its edits, and their printed output.
 
-`python tools/tutorial.py FOLDER` does all of it in an empty folder and says where a page differs
-from the program. On a page of docs/tutorial a block of
+`python tools/tutorial.py FOLDER` does so in an empty folder and prints differences between pages
+and the program. On a page of docs/tutorial a block of
 
     sh                                 is commands, run in the folder of the reader
     text                               is what those before it print; "..." stands for anything
@@ -35,7 +35,7 @@ KEY = re.compile(r"^ *(\w+) = ([^!\n]*?) *$", re.MULTILINE)
 
 
 def follow(folder: Path) -> Iterator[tuple[str, str, str]]:
-    """Of each block of output: the page, what it says, and what the commands before it printed."""
+    """For each block of output: the page, its text, and the output of the commands before it."""
     shutil.copy(LAYERS, folder)
     with contextlib.chdir(folder):
         for page in sorted(PAGES.glob("[0-9]*.md")):
@@ -54,7 +54,7 @@ def follow(folder: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def run(command: str) -> str:
-    """What a command prints, without spaces at the ends of lines."""
+    """Output of a command, without spaces at the ends of lines."""
     name, *arguments = shlex.split(command, comments=True) or [""]
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
@@ -71,7 +71,7 @@ def run(command: str) -> str:
 
 
 def edited(case: str, block: str) -> str:
-    """A case with the keys of a block set in the groups that it has, and with the others added."""
+    """A case with the keys of a block set in existing groups, and other groups added."""
     had = set(re.findall(r"^&(\w+)", case, re.MULTILINE))
     for group in GROUP.finditer(block):
         name, keys = group.groups()
@@ -95,12 +95,12 @@ def edited(case: str, block: str) -> str:
 
 
 def agree(said: str, printed: str) -> bool:
-    """Whether a page says what the program printed."""
+    """Return True if a page has the program's output."""
     return OutputChecker().check_output(said, printed, ELLIPSIS)
 
 
 def differences(folder: Path) -> Iterator[str]:
-    """Where a page differs from the program."""
+    """Differences between pages and the program."""
     for page, said, printed in follow(folder):
         if not agree(said, printed):
             yield f"docs/tutorial/{page} says\n{said}but the program prints\n{printed}"

@@ -27,7 +27,7 @@ BUNDLED = {"libgfortran", "libgomp", "libquadmath"}
 
 
 def main(words: list[str]) -> str | None:
-    """Make them; returns what is wrong."""
+    """Make the distributions; returns the fault, if any."""
     once = "--once" in words
     pythons = [word for word in words if word != "--once"] or [sys.executable]
     if changed := output("git", "status", "--porcelain", "--untracked-files=no"):
@@ -67,7 +67,7 @@ def digest(path: Path) -> str:
 
 
 def make_tools(folder: Path, python: str) -> Path:
-    """The folder of programs of a new environment with what builds a wheel."""
+    """Folder of programs of a new environment with the tools to build a wheel."""
     subprocess.run([python, "-m", "venv", folder], check=True)
     install = ["-m", "pip", "install", "--quiet", "--only-binary", ":all:", "--require-hashes"]
     subprocess.run([folder / "bin/python", *install, "--requirement", TOOLS], check=True)
@@ -117,7 +117,7 @@ def surroundings(tools: Path) -> dict[str, str]:
 
 
 def check(wheel: Path, folder: str) -> str | None:
-    """What is wrong with a wheel: its libraries, symbols for others, places of this machine."""
+    """Faults of a wheel: its libraries, exported symbols, paths of this machine."""
     inside = Path(tempfile.mkdtemp(dir=folder))
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(inside)

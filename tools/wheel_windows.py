@@ -71,7 +71,7 @@ def windows_python() -> Path:
 
 
 def build_kernel() -> None:
-    """Build the kernel and rockfall-batch with meson, and before them what they link."""
+    """Build the kernel and rockfall-batch with meson, after the libraries that they link."""
     lapack, netcdf = BUILD / "lapack", BUILD / "netcdf"
     if not (lapack / "lapack.pc").exists():
         run(sys.executable, "tools/windows_lapack.py", lapack)
@@ -122,7 +122,7 @@ def link(name: str, python: Path) -> Path:
 
 
 def numpy_headers() -> Path:
-    """Headers of NumPy for Windows, which hold sizes of types, in the version used here."""
+    """Headers of NumPy for Windows, which define sizes of types, in the version used here."""
     folder = BUILD / "numpy"
     if not folder.exists():
         where = "--platform", "win_amd64", "--python-version", "3.11", "--only-binary=:all:"

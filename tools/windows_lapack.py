@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reference LAPACK for Windows: what we call of it, compiled from Debian's source package.
+"""Reference LAPACK for Windows: the procedures that we call, compiled from Debian's source package.
 
 usage: windows_lapack.py FOLDER   FOLDER/liblapack.a and FOLDER/lapack.pc
 """
@@ -45,7 +45,7 @@ def main(folder: str) -> None:
 
 
 def needed(sources: dict[str, Path]) -> set[str]:
-    """Names of the procedures that the kernel calls, and of those that they call."""
+    """Names of the procedures that the kernel calls, and of the procedures that these call."""
     found, left = set(), [*CALLED]
     while left:
         name = left.pop()
@@ -58,8 +58,8 @@ def needed(sources: dict[str, Path]) -> set[str]:
 
 
 def compiled(source: Path, place: Path) -> Path:
-    """Compile a file, with the optimisation of Debian's package. Its messages hold the path that
-    the compiler gets: a relative one, so that bytes do not depend on the folder."""
+    """Compile a file, with the optimisation of Debian's package. Its messages contain the path
+    given to the compiler: a relative one, so that bytes do not depend on the folder."""
     target = place / f"{source.stem}.o"
     level = "-O0" if source.stem in PLAIN else "-O2"
     command = [COMPILER, level, "-ffp-contract=off", "-c", source.relative_to(place)]

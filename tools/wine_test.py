@@ -5,8 +5,8 @@ usage: wine_test.py             after `./run wheel-windows`; packages for Window
        wine_test.py ARGS        pytest alone
        wine_test.py --python [FILE...]   each file of Python tests that has not run, or these; hours
 
-`--python` keeps what became of each file in build-windows/python-tests.json, and what was printed
-next to it. Stopped, it goes on with the next file; without that table it begins again.
+`--python` keeps the outcome of each file in build-windows/python-tests.json, and the output next to
+it. After a stop it continues with the next file; without that table it begins again.
 """
 
 import json
@@ -79,7 +79,7 @@ TYPED = 3_000_000
 
 
 def main(words: list[str]) -> str | None:
-    """Run the tests; returns what is wrong."""
+    """Run the tests; returns the fault, if any."""
     env = os.environ | {"WINEDEBUG": "-all", "WINEPREFIX": str(BUILD / "prefix")}
     env["PYTHONUTF8"] = "1"  # files that tests write have no code page
     env.pop("PYTHONPATH", None)  # of this system's Python
@@ -103,7 +103,7 @@ def start_wine(env: dict[str, str]) -> None:
 
 
 def compare_cases(env: dict[str, str]) -> str | None:
-    """Run cases by both systems; returns what is wrong."""
+    """Run cases by both systems; returns the fault, if any."""
     script = Path(__file__).with_name("system_cases.py")
     program = [WINE, BUILD / "kernel/fortran/rockfall-batch.exe"]
     inputs, here, there, ready, batch_here, batch_there = (
@@ -127,7 +127,7 @@ def compare_cases(env: dict[str, str]) -> str | None:
 
 
 def press_ctrl_c(env: dict[str, str]) -> str | None:
-    """Type Ctrl-C in the console of a run that has saved something; returns what is wrong."""
+    """Type Ctrl-C in the console of a run that has saved something; returns the fault, if any."""
     folder = BUILD / "cases/Übung in/vaujany"
     result, state = folder / "typed.nc", folder / "typed.nc.checkpoint"
     for path in (result, state):
@@ -159,8 +159,8 @@ def press_ctrl_c(env: dict[str, str]) -> str | None:
 
 def run_files(words: list[str], env: dict[str, str]) -> str | None:
     """Run files of Python tests, each in a process since Wine ends some, and show a table; returns
-    what is wrong. Each core has a Windows of its own, all of which ends with a file that takes too
-    long."""
+    the fault, if any. Each core has a Windows of its own, all of which ends with a file that takes
+    too long."""
     table = BUILD / "python-tests.json"
     done = json.loads(table.read_text("utf-8")) if table.exists() else {}
     idle: SimpleQueue[dict[str, str]] = SimpleQueue()
@@ -203,7 +203,7 @@ def test_files() -> list[str]:
 
 
 def run_file(name: str, env: dict[str, str]) -> dict[str, int | str]:
-    """Run a file of tests; what became of it: counts, seconds, and how it ended if not well."""
+    """Run a file of tests; returns its outcome: counts, seconds, and the kind of failure."""
     begun = time.monotonic()
     # `-v` names the test that was running when Wine ended the process
     command = [*PYTEST, "-v", "--tb=short", "--color=no", f"tests/{name}"]
@@ -255,7 +255,7 @@ def run_piped(
 
 
 def install() -> None:
-    """Unpack packages for Windows, and the wheel, beside its Python, unless they are there."""
+    """Unpack packages for Windows, and the wheel, next to its Python, unless they exist."""
     place, wheels = PYTHON / "lib/site-packages", BUILD / "wheels"
     if not wheels.exists():
         where = "--platform", "win_amd64", "--python-version", "3.11", "--only-binary=:all:"

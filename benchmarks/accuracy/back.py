@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Does a back-analysis find what made its data? Calibration of the posterior by made truths.
+"""Calibration of the back-analysis posterior with synthetic truths.
 
     python -m benchmarks.accuracy.back truths.csv [--truths 30] [--members 512] [--boulders 150]
 
-So many truths on each of two terrains, a bumpy slope and a channel that both run out, are drawn
-from the prior: the size of the rocks, a factor on the volume, a shift of the source. Of `observed`
-boulders of each the stopping places and the speeds at a line, or speeds and heights there, or their
-printed means and deviations, or fractions that come so far are observed, in turn. Where the
-posterior is right, its 5-95 % range holds the truth in 90 % of the cases, and the part of it below
-the truth is uniform (Talts et al. 2018). What is in the file is not made again. With --stretch 1.6
-stopping places are so much farther: how often is it said that the model does not explain the data?
+Truths (rock size, factor on the volume, shift of the source) are drawn from the prior on two
+terrains, a bumpy slope and a channel that both run out. In turn, the observations of `observed`
+boulders are stopping places and speeds at a line, speeds and heights there, their printed means and
+deviations, or fractions beyond distances. For a correct posterior the 5-95 % range contains the
+truth in 90 % of the cases, and the posterior fraction below the truth is uniform (Talts et al.
+2018). Truths in the file are not run again. With --stretch 1.6 stopping distances are multiplied:
+how often does the analysis report that the model does not explain the data?
 """
 
 import argparse
@@ -38,8 +38,8 @@ SEED = 20_000  # of the truths; their boulders, and those of the analyses, have 
 
 
 def terrain(name: str) -> np.ndarray:
-    """Southwards: a slope of 0.8 with bumps over one of 0.2, or a cliff, a talus and a flat with a
-    channel."""
+    """Terrain that falls southwards: a slope of 0.8 with bumps over one of 0.2, or a cliff, a talus
+    and a flat with a channel."""
     random = np.random.default_rng(1)
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
     rough = random.normal(0, 0.2, x.shape)
@@ -66,7 +66,7 @@ def case_of(folder: Path, boulders: int, seed: int) -> rockfall.Case:
 def observe(
     inputs: Uncertain, k: int, stream: tuple[int, ...], stretch: float
 ) -> tuple[Observed, dict[str, float]]:
-    """Boulders of a truth, and what it is."""
+    """Observations of the boulders of a truth, and their description."""
     point = np.random.default_rng(stream).random(inputs.ends[-1])
     draws = [inputs.at(name, point, k) for name in inputs.names]
     result = run_scene(drawn_scene(inputs.scene, draws, inputs.boulders_seed(k)))
@@ -94,7 +94,7 @@ def observe(
 
 
 def truth(folder: Path, place: str, k: int, told: argparse.Namespace) -> pd.DataFrame:
-    """A row for each parameter: what the posterior says, and the truth."""
+    """Row for each parameter: posterior and truth."""
     how = {"dem": terrain(place), "transform": Grid(0.0, NY * CELL, CELL, NX, NY)}
     scene = read_scene(case_of(folder, told.observed, SEED), **how)
     seen, made = observe(Uncertain(scene), k, (SEED, PLACES.index(place), k), told.stretch)
@@ -110,7 +110,8 @@ def truth(folder: Path, place: str, k: int, told: argparse.Namespace) -> pd.Data
 
 
 def report(rows: pd.DataFrame) -> None:
-    """Errors are those of truths, since the parameters of one hang together."""
+    """Print the calibration; errors are between truths, because parameters of one truth are
+    dependent."""
     rows = rows.assign(held=(rows["q05"] < rows["truth"]) & (rows["truth"] < rows["q95"]))
     rows["worth"] = pd.cut(rows["effective"], [0, 20, 100, np.inf])
     rows["all"] = "all"

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Do intervals of groups of boulders, of windows along a line and of cells hold what they say?
+"""Coverage of the intervals of groups of boulders, windows along a line, and cells.
 
     python -m benchmarks.accuracy.coverage [--repetitions 300] [--maps 200]
 
-On the made slope with cliffs of `benchmarks.accuracy.sources`: runs from one source, from many that
-are alike (neighbours) and from many unlike ones (anywhere above the road), and how many of the
-intervals hold the number of all repetitions together. Then maps, for the two readings of sources:
-given ones, which release again, and a sample, drawn anew for each run.
+On the synthetic slope with cliffs of `benchmarks.accuracy.sources`: runs from one source, from many
+similar sources (neighbours) and from many different ones (anywhere above the road), and the
+fraction of intervals that contain the number over all repetitions. Then maps, for fixed sources and
+for sampled sources, drawn again for each run.
 """
 
 import argparse
@@ -37,7 +37,7 @@ def places(kind: str, of: int, random: np.random.Generator) -> tuple[np.ndarray,
 
 
 def case_of(x: np.ndarray, y: np.ndarray, each: int, seed: int, **groups: dict) -> rockfall.Case:
-    """Boulders of unlike volumes from these places, above a road."""
+    """Case with boulders of different volumes from these places, above a road."""
     return rockfall.Case(
         case={"boulders": each, "seed": seed}, terrain={}, surface={"uniform_mean_radius": 0.2},
         boulder={"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15},
@@ -47,7 +47,7 @@ def case_of(x: np.ndarray, y: np.ndarray, each: int, seed: int, **groups: dict) 
 
 
 class Held:
-    """How many intervals hold the truth, by kind of number and by passages."""
+    """Number of intervals that contain the truth, by kind of number and by passages."""
 
     def __init__(self) -> None:
         self.of: dict[tuple, list] = defaultdict(list)
@@ -63,7 +63,8 @@ class Held:
             self.of[name, k].append(((holds & given)[mine].sum(), (given & mine).sum(), mine.sum()))
 
     def show(self, about: str) -> None:
-        """Coverage with its standard error over repetitions, and how many had an interval."""
+        """Print the coverage with its standard error over repetitions, and the number of
+        intervals."""
         for (name, k), found in sorted(self.of.items()):
             holds, given, asked = np.array(found, float).T
             if not given.sum():
@@ -78,7 +79,7 @@ class Held:
 
 
 def of_lines(kind: str, repetitions: int, terrain: dict) -> None:
-    """Groups and windows of boulders of one long run, of which each repetition has its own."""
+    """Intervals of groups and windows; each repetition has its own boulders of one long run."""
     of, each = KINDS[kind]
     x, y = places(kind, of, np.random.default_rng(1))
     case = case_of(x, y, each * repetitions, 1, output={"rebounds": False})
@@ -115,7 +116,7 @@ def _numbers(table: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
 
 
 def of_maps(reading: str, of: int, each: int, repetitions: int, terrain: dict) -> None:
-    """Cells of runs of their own."""
+    """Intervals of cells, from separate runs."""
     names = ["reach_probability", "energy_q50", "energy_q95"]
     maps = ["passages", *(n + end for n in names for end in ("", "_low", "_high"))]
     groups = {"output": {"maps": maps, "map_extent": "terrain", "rebounds": False}}

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How many intervals of design blocks hold the block of the distribution that surveys are drawn
-from (docs/design_block.md).
+"""Coverage of the intervals of design blocks, for surveys drawn from a known distribution
+(docs/design_block.md).
 
 python -m benchmarks.accuracy.design_block [--surveys N] [--seed N]
 """

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Do intervals hold where few boulders pass, and on which side does the truth lie where not?
+"""Coverage of intervals from few passing boulders, and the side of the truth if missed.
 
     python -m benchmarks.accuracy.few_passages [--repetitions 1000] [--boulders 200000]
 
-With `--boulders 0` the known laws alone.
+With `--boulders 0` only the known distributions.
 
 Long runs of `cases/vaujany`, `cases/forested-slope` (with its forest and without) and the road of
-`cases/protected-road`, past lines that many and that few reach: their boulders are the truth. From
-these, runs are drawn whose lines 4, 10, 26, 100 and 300 boulders pass on average: as many from
-each source, of which as many pass as chance has it. Then known laws: lognormal, exponential, values
-of which half or most are 0. The constants of the method were settled on other lines and seeds of
-these cases (northings 110, 200, 50, 73; 150, 73; 180, 80; 210, 270, 330, 402).
+`cases/protected-road`, past lines that many or few boulders reach: their boulders are the truth.
+Runs are drawn from them with 4, 10, 26, 100 and 300 passages on average: equal numbers from each
+source, with random numbers of passages. Then known distributions: lognormal, exponential, values of
+which half or most are 0. The constants of the method were settled on other lines and seeds of these
+cases (northings 110, 200, 50, 73; 150, 73; 180, 80; 210, 270, 330, 402).
 """
 
 import argparse
@@ -54,7 +54,7 @@ SEED = 20261123
 
 
 class Population(NamedTuple):
-    """Values of boulders, NaN of those that do not pass, in as many rows as sources."""
+    """Values of boulders, NaN if they do not pass; one row per source."""
 
     name: str
     values: np.ndarray
@@ -75,7 +75,7 @@ def of_cases(boulders: int) -> Iterator[Population]:
 
 
 def _with_terrain(case: Path, folder: Path) -> Path:
-    """The case in a copy of its folder, where its terrain is made if it does not come with it."""
+    """The case in a copy of its folder, with its terrain, which is made if missing."""
     place = folder / case.parent.name
     if not place.exists():
         shutil.copytree(case.parent, place)
@@ -85,7 +85,7 @@ def _with_terrain(case: Path, folder: Path) -> Path:
 
 
 def of_laws(size: int) -> Iterator[Population]:
-    """Of the known laws: half of the boulders pass."""
+    """Results for the known distributions; half of the boulders pass."""
     for name, law in LAWS.items():
         random = np.random.default_rng(SEED)
         values = law(random, size)
@@ -93,7 +93,7 @@ def of_laws(size: int) -> Iterator[Population]:
 
 
 def drawn(found: Population, passages: float, random: np.random.Generator) -> tuple:
-    """A run of as many boulders from each source as let so many pass on average."""
+    """Run with as many boulders from each source as give this mean number of passages."""
     of, size = found.values.shape
     each = max(2, round(passages / np.isfinite(found.values).sum(axis=1).mean() * size / of))
     chosen = random.integers(size, size=(of, each)) + size * np.arange(of)[:, None]
@@ -104,7 +104,8 @@ def drawn(found: Population, passages: float, random: np.random.Generator) -> tu
 
 
 def judged(found: Population, passages: float, repetitions: int, seed: int) -> np.ndarray:
-    """Of each repetition and number: has a lower, an upper limit; the truth lies below, above."""
+    """For each repetition and number: has a lower limit, an upper limit; the truth is below,
+    above."""
     random = np.random.default_rng(seed)
     values = found.values[np.isfinite(found.values)]
     truth = {"mean": values.mean(), "std": values.std()}
@@ -154,7 +155,8 @@ def main() -> None:
 
 
 def _miss(rows: np.ndarray, end: int) -> float:
-    """Of the repetitions with a limit, fraction with the truth beyond it; 0 of none."""
+    """Fraction of the repetitions with a limit whose truth is beyond it; 0 without such
+    repetitions."""
     return rows[:, 2 + end].sum() / max(1, rows[:, end].sum())
 
 

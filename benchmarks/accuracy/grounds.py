@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the shipped grounds do on planes: boulders that pass 200 m, their speed and jump height, and
-the slope on which half of them pass.
+"""Shipped grounds on planes: boulders that pass 200 m, their speed and jump height, and the slope
+on which half of them pass.
 
     python -m benchmarks.accuracy.grounds [--boulders 1000] [-o docs]
 
-For each ground, beside the stochastic impact set, and slopes of 15 to 55 degrees: the fraction of
-the boulders that pass a line 200 m below the release, in plan; their mean speed there, and the 95 %
-quantile of their jump height. Numbers are means over seeds, with standard errors from how the seeds
-differ. Writes the last section of archive/classical_grounds.md, and figures/grounds.png.
+For each ground, the stochastic impact set, and slopes of 15 to 55 degrees: the fraction of the
+boulders that pass a line 200 m below the release, in plan; their mean speed there, and the 95 %
+quantile of their jump height. Numbers are means over seeds, with standard errors between seeds.
+Writes the last section of archive/classical_grounds.md, and figures/grounds.png.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ BEGIN = "## On planes\n"
 
 
 def mean(values: list[float]) -> Number:
-    """Of several seeds, with its standard error; NaN where it is not known."""
+    """Mean over several seeds, with its standard error; NaN if unknown."""
     return Number(float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values))))
 
 
@@ -88,7 +88,7 @@ def kinds() -> Iterator[Kind]:
 
 
 def run(kind: Kind, slope: float, boulders: int, seed: int) -> dict[str, float]:
-    """What boulders do at the line: HOW -> a number."""
+    """Numbers of the boulders at the line, by the names of HOW."""
     surface = {"uniform_mean_radius": kind.radius, "ground": kind.ground}
     if kind.table:
         surface["ground_table"] = kind.table

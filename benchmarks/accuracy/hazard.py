@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How sure a hazard is: cases/settlement with many seeds.
+"""Certainty of a hazard: cases/settlement with many seeds.
 
-Prints means over seeds with their standard errors, as its README has them; and, of small runs, how
-often the intervals of cells hold the frequency that all large runs together give, and how often a
-class that is called certain is theirs.
+Prints means over seeds with their standard errors, as in its README; and, for small runs, how often
+the intervals of cells contain the frequency of all large runs together, and how often a class
+reported as certain equals theirs.
 
     python cases/settlement/make_terrain.py && python -m benchmarks.accuracy.hazard
 """
@@ -57,7 +57,7 @@ def run(case: rockfall.Case, seed: int):
 
 
 def numbers(runs: list) -> dict[str, list[float]]:
-    """What the README states, of each run."""
+    """Numbers of the README, for each run."""
     found: dict[str, list[float]] = {}
     for one in runs:
         cell = grid_of(one.hazard_class)[0].cell
@@ -80,8 +80,8 @@ def frequency_of(runs: list) -> np.ndarray:
 
 
 def held_in(found, truth: np.ndarray, matrix: Matrix) -> Iterator[float]:
-    """The fraction of the cells whose intervals hold the frequency, for each level; the same of
-    those at the edge of a zone."""
+    """Fraction of the cells whose intervals contain the frequency, for each level; and of cells at
+    the edge of a zone."""
     ends = []
     for end in ("_low", "_high"):
         hits = found[f"hit_frequency{end}"].values
@@ -94,7 +94,7 @@ def held_in(found, truth: np.ndarray, matrix: Matrix) -> Iterator[float]:
 
 
 def right_in(found, truth: np.ndarray, matrix: Matrix) -> tuple[float, float]:
-    """Of the cells that have a class: those that are certain, and of them those that are right."""
+    """Number of cells with a class that are certain, and number of these that are correct."""
     classes = hazard_classes(truth, matrix, truth[0] > 0)
     certain = (found.hazard_class_certain.values > 0) & (classes > 0)
     same = np.maximum(found.hazard_class.values, 1) == classes  # none and residual are one

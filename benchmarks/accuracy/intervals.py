@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Do intervals hold what they say, and does a run end when it should?
+"""Coverage of intervals, and lengths of runs with `--until`.
 
     python -m benchmarks.accuracy.intervals [--parts 100] [--repetitions 2000]
 
 First `cases/vaujany`: samples of 10,000 boulders, and how often the 95 % intervals of their numbers
-at the lines, return levels too, hold the number of all samples together. Then runs with `--until`
-on a law whose numbers are known (60 % of the boulders cross, with lognormal speeds): boulders at
-the end over those that theory needs, and how often the last interval holds the truth.
+at the lines, including return levels, contain the number of all samples together. Then runs with
+`--until` on a known distribution (60 % of the boulders cross, with lognormal speeds): boulders at
+the end relative to theory, and how often the last interval contains the truth.
 """
 
 import argparse
@@ -29,7 +29,7 @@ RULES = ("share@L<3%", "speed.mean@L<1%", "speed.std@L<3%", "speed.q50@L<1.5%", 
 
 
 def held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
-    """Share of the intervals of `line_statistics` that hold the long run's number."""
+    """Fraction of the intervals of `line_statistics` that contain the long run's number."""
     print(f"{'':30}" + "".join(f"{name:>7}" for name in SHOWN))
     source, all_sources = sources(parts[0]), sources(truth)
     for k, line in enumerate(line_names(truth)):
@@ -44,7 +44,7 @@ def held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
 
 
 def levels_held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
-    """The same of return levels, all lines and quantities together."""
+    """Fraction of the intervals of return levels that contain it, over all lines and quantities."""
     counts = {N: [0, 0, 0] for N in tails.LEVELS}  # held, given, asked
     for k in range(truth.sizes["line"]):
         for quantity in tails.QUANTITIES:
@@ -67,7 +67,7 @@ def _known(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
 
 
 def ends(rule: str, repetitions: int, random: np.random.Generator) -> None:
-    """Where runs of the known law end by a rule."""
+    """Numbers of boulders at which runs of the known distribution end by a rule."""
     asked = read_rules(rule, ["L"])
     statistic = asked[0].statistic
     truth, need = theory(statistic, asked[0].limit)

@@ -55,7 +55,7 @@ HOW = {"fraction": ("fraction passing", "%", 1), "speed": ("mean speed", "m/s", 
 
 
 class Number(NamedTuple):
-    """A number with its standard error; NaN where it is not known."""
+    """A number with its standard error; NaN if unknown."""
 
     value: float
     error: float = np.nan
@@ -73,7 +73,7 @@ def plane(slope: float) -> tuple[np.ndarray, Grid]:
 def at_line(
     slope: float, boulders: int, seed: int, **groups: dict[str, Any]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """What is known of the speed and of the jump height of boulders at the line."""
+    """Numbers of the speed and of the jump height of boulders at the line."""
     z, grid = plane(slope)
     top = grid.north - ABOVE
     case = rockfall.Case(
@@ -89,14 +89,16 @@ def at_line(
 
 
 def measure(path: Path, slope: float, ratio: float, boulders: int) -> dict[str, Number]:
-    """What boulders do at the line: HOW -> a number with its standard error."""
+    """Numbers of the boulders at the line by an impact set, with standard errors, by the names of
+    HOW."""
     rocks = {"uniform_mean_radius": RADIUS / ratio}
     impact = {"sets": str(path), "rest_angle": 90.0}  # the set alone: who is slow rests
     return numbers(*at_line(slope, boulders, 1, surface=rocks, impact=impact), boulders)
 
 
 def measure_table(name: str, slope: float, boulders: int) -> dict[str, Number]:
-    """The same by a table of impacts; the rocks are for those that need their size."""
+    """Numbers of the boulders at the line by a table of impacts; it may need the size of the
+    rocks."""
     rocks = {"uniform_mean_radius": RADIUS / RATIO_OF_TABLES}
     impact = {"form": "table", "table": name}
     return numbers(*at_line(slope, boulders, 1, surface=rocks, impact=impact), boulders)
@@ -122,8 +124,8 @@ def neutral(sets: Sets, ratio: int) -> Number:
 
 
 def growth_flown(path: Path, ratio: int, slope: float) -> float:
-    """Mean logarithm of the growth of the speed in a bounce, of boulders that the program flies
-    straight down a plane ('to_aspect'); slow ones, as speed does not matter and planes end."""
+    """Mean logarithm of the growth of the speed in a bounce, for boulders that the program flies
+    straight down a plane ('to_aspect'), slowly, because speed does not matter and planes end."""
     z, grid = plane(slope)
     case = rockfall.Case(
         case={"boulders": FLOWN, "seed": 7},
@@ -147,8 +149,8 @@ def growth_flown(path: Path, ratio: int, slope: float) -> float:
 
 
 def neutral_flown(path: Path, ratio: int, law: float) -> float:
-    """The neutral slope by the program itself [degree], near that by the law of the set: growth is
-    nearly straight within a degree."""
+    """Neutral slope from flights of the program [degree], near that of the set's distribution:
+    growth is nearly linear within a degree."""
     low, high = law - 1, law + 1
     ends = [growth_flown(path, ratio, slope) for slope in (low, high)]
     return low - ends[0] * (high - low) / (ends[1] - ends[0])
@@ -156,7 +158,7 @@ def neutral_flown(path: Path, ratio: int, law: float) -> float:
 
 class Measured(NamedTuple):
     """A set, or all tables: numbers at the line by (slope, column); a column is an R_b/R_m or a
-    table. Neutral slopes of a set by column, by its law and as flown."""
+    table. Neutral slopes of a set by column, from its distribution and as flown."""
 
     name: str
     columns: list[str]
@@ -166,7 +168,7 @@ class Measured(NamedTuple):
 
 
 def look(path: Path, boulders: int) -> Iterator[Measured]:
-    """Measure the set in a file; nothing where it holds the draws of an ensemble."""
+    """Measure the set in a file; nothing if it has the draws of an ensemble."""
     sets, *more = read_sets(path)
     if more:
         return
@@ -185,7 +187,7 @@ def look(path: Path, boulders: int) -> Iterator[Measured]:
 
 
 def look_at_tables(boulders: int) -> Measured:
-    """At all shipped tables of impacts."""
+    """Measure all shipped tables of impacts."""
     at_line = {
         (slope, name): measure_table(name, slope, boulders)
         for slope in SLOPES
@@ -213,7 +215,7 @@ def table(first: str, columns: list[str], rows: dict[str, list[str]]) -> Iterato
 
 
 def neutral_rows(one: Measured) -> dict[str, list[str]]:
-    """By the law of the set, and as the program flies boulders straight down."""
+    """Rows of neutral slopes: from the distribution of the set, and from flights straight down."""
     return {
         one.name: [text(one.neutral[column], 1) for column in one.columns],
         f"{one.name}, flown": [f"{one.flown[column]:.1f}" for column in one.columns],

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What forest and net change: what passes the road of `cases/forested-slope`, and how.
+"""Effects of forest and net on the boulders at the road of `cases/forested-slope`.
 
     python -m benchmarks.accuracy.protection [--seeds 20] [--boulders 5000]
 
-Passing share, 95 % quantiles of energy and height at the road, bare, with the net, with the forest
-and with both; over seeds of boulders and trees that the case's own table has not seen, on the slope
-of the case and on another, of other relief and 2 degrees steeper. Differences are paired, seed by
-seed: the same boulders. "Undecided" is what straddles zero within its 95 % interval.
+Fraction that passes, 95 % quantiles of energy and height at the road, bare, with the net, with the
+forest and with both, over new seeds of boulders and trees, on the slope of the case and on another
+one with different relief and 2 degrees steeper. Differences are paired by seed, with the same
+boulders. "Undecided" marks differences whose 95 % interval contains zero.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def script(name: str) -> ModuleType:
 
 
 def cases(folder: Path) -> dict[str, rockfall.Case]:
-    """The three of the folder, and the net without forest."""
+    """The three cases of the folder, and the net without forest."""
     names = "bare", "forest", "forest-and-net"
     shutil.copy(PLACE / "zones.csv", folder)
     found = {name: rockfall.read_case(shutil.copy(PLACE / f"{name}.nml", folder)) for name in names}

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How sure the numbers of segments are, and what segments cost: the road of cases/settlement.
+"""Certainty and cost of numbers of segments: the road of cases/settlement.
 
-Of small runs with many seeds: how often the 95 % intervals of frequencies, of the 95 % quantile of
-the energy and of that of the upper edge hold the mean of large runs, and how often a quantile has
-no upper limit. Then the CPU seconds of a hazard without segments and with more and more of them.
+For small runs with many seeds: how often the 95 % intervals of frequencies and of the 95 %
+quantiles of energy and upper edge contain the mean of large runs, and how often a quantile has no
+upper limit. Then the CPU seconds of a hazard without segments and with increasing numbers of them.
 
     python cases/settlement/make_terrain.py && python -m benchmarks.accuracy.segments
 """
@@ -73,7 +73,7 @@ def table_of(case: rockfall.Case, road: Path, seed: int):
 
 
 def cpu_seconds(case: rockfall.Case, **segments: object) -> float:
-    """CPU time of the runs of a hazard, the least of three [s]."""
+    """CPU time of the runs of a hazard, minimum of three [s]."""
     return min(rockfall.hazard(case, **segments).attrs["cpu_seconds"] for _ in range(3))
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How much the stand-in slope of cases/vaujany leaves open: the case with one thing changed.
+"""Sensitivity to the stand-in slope of cases/vaujany: the case with single changes.
 
     python -m benchmarks.accuracy.sensitivity [--boulders 10000]
 
-Prints for each change the share of boulders that pass EL1, their mean speed and passing height.
+Prints for each change the fraction of boulders that pass EL1, their mean speed and passing height.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from rockfall_lab.scorecard.talus import CELL, NORTH, ROADS, WEST, Talus, zones
 
 @dataclass(frozen=True)
 class Lowered(Talus):
-    """Roads that take their fall out of the whole slope below them."""
+    """Slope with roads whose cuts lower the whole slope below them."""
 
     def profile(self, s: np.ndarray) -> np.ndarray:
         z = self.natural(s)

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Are intervals of boulders from many sources right, and do all who promise numbers agree?
+"""Coverage of intervals of boulders from many sources, and agreement of predicted numbers of
+boulders.
 
     python -m benchmarks.accuracy.sources [--dem FILE] [--repetitions 500] [--seeds 20]
 
-First sources of known chances: how often the intervals hold the truth. Then a slope with cliffs (an
-elevation raster of yours, whose steepest cells are sources; without it a made one): the printed
-interval beside the scatter of fresh seeds, and the boulders that `--until`, `rockfall convergence`
-and reports ask for one and the same interval.
+First sources of known probabilities: how often the intervals contain the truth. Then a slope with
+cliffs (your elevation raster, whose steepest cells are sources; by default a synthetic one): the
+printed interval compared with the scatter of new seeds, and the boulders that `--until`, `rockfall
+convergence` and reports require for the same interval.
 """
 
 import argparse
@@ -45,8 +46,8 @@ RULES = ("fraction@road<1%", "speed.mean@road<1%", "energy_total.q95@road<2%")
 
 
 def covered(kind: str, of: int, each: int, repetitions: int) -> np.ndarray:
-    """Fraction of the intervals that hold the truth, for each of `NUMBERS`; speeds of those that
-    pass rise with their source's chance."""
+    """Fraction of the intervals that contain the truth, for each of `NUMBERS`; speeds of passing
+    boulders increase with the probability of their source."""
     random = np.random.default_rng(of)
     chance = KINDS[kind]((np.arange(of) + 0.5) / of)
     number = np.repeat(np.arange(of), each)
@@ -74,7 +75,7 @@ def covered(kind: str, of: int, each: int, repetitions: int) -> np.ndarray:
 
 
 def slope(path: str | None) -> tuple[np.ndarray, Grid]:
-    """Elevations, NaN where unknown, and where they lie."""
+    """Elevations, NaN where unknown, and their positions."""
     if path is None:
         x, y = np.meshgrid(np.arange(240) * CELL, np.arange(240) * CELL)
         z = 600 - 0.6 * y + 30 * np.sin(x / 90) + 5 * np.sin(x / 17 + y / 23)
@@ -90,7 +91,7 @@ def slope(path: str | None) -> tuple[np.ndarray, Grid]:
 
 def case_of_slope(z: np.ndarray, grid: Grid) -> tuple[rockfall.Case, dict]:
     """The steepest cells of the third quarter by elevation release; the road runs from east to west
-    where a fifth of a few boulders stop beyond."""
+    at a place beyond which a fifth of the boulders stop."""
     fall, right = np.gradient(z, grid.cell)
     steep, levels = np.hypot(fall, right), np.nanquantile(z, [0.5, 0.75])
     steep[~((z > levels[0]) & (z < levels[1]))] = 0
@@ -111,7 +112,7 @@ def case_of_slope(z: np.ndarray, grid: Grid) -> tuple[rockfall.Case, dict]:
 
 
 def scatter(case: rockfall.Case, arrays: dict, seeds: int) -> None:
-    """The printed intervals beside the scatter of numbers over seeds."""
+    """Printed intervals compared with the scatter of numbers over seeds."""
     rules, rows = read_rules(",".join(RULES), ["road"]), {rule: [] for rule in RULES}
     for seed in range(1, seeds + 1):
         result = rockfall.run(case.replace(case={"seed": seed}), **arrays)
@@ -137,7 +138,7 @@ def scatter(case: rockfall.Case, arrays: dict, seeds: int) -> None:
 
 
 def promised(case: rockfall.Case, arrays: dict) -> None:
-    """Boulders over all sources that the three ask for the same interval."""
+    """Boulders over all sources that the three require for the same interval."""
     few = arrays["cells"].copy()
     few.ravel()[np.flatnonzero(few)[np.arange(few.sum()) % 8 > 0]] = 0  # blocks need many of each
     arrays = arrays | {"cells": few}
@@ -167,7 +168,7 @@ def promised(case: rockfall.Case, arrays: dict) -> None:
 
 
 def converge_here(case: rockfall.Case, arrays: dict):
-    """`rockfall convergence` of files, as it wants them."""
+    """Run `rockfall convergence` on files."""
     with tempfile.TemporaryDirectory() as folder:
         for name in ("dem", "cells"):
             write_geotiff(

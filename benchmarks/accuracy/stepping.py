@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The exact flight against flights in time steps, as other programs fly: error against CPU time.
+"""The exact flight compared with flights in time steps, as in other programs: error against CPU
+time.
 
     python -m benchmarks.accuracy.stepping [--boulders 20000] [--repeat 3] [--dem DEM] [-o FOLDER]
 
 Builds the kernel once more, in a temporary folder and with the product's flags, with
-`benchmarks/accuracy/stepped_flight.f90` in the place of the flight. Rebound, turn, random numbers
-and terrain are the product's. After each step a boulder looks whether it is below the bilinear
-surface; three schemes:
+`benchmarks/accuracy/stepped_flight.f90` in place of the flight. Rebound, turn, random numbers and
+terrain are the product's. After each step a boulder looks whether it is below the bilinear surface;
+three schemes:
 
     euler         velocity first, then the place with the new velocity (symplectic Euler)
     parabola      the exact parabola, known only at the steps
@@ -66,7 +67,7 @@ Estimates = dict[str, tuple[float, np.ndarray]]
 
 
 class Run(NamedTuple):
-    """A scheme, its step [s], what the program printed, and the result."""
+    """A scheme, its step [s], the printed output, and the result."""
 
     scheme: str
     step: float
@@ -118,7 +119,7 @@ def run(program: Path, case: Path, repeat: int, flights: int) -> list[Run]:
 
 
 def check_exact(exact: Run, case: rockfall.Case) -> None:
-    """Stop unless the exact run of this build is the product's, bit for bit."""
+    """Stop unless the exact run of this build equals the product's, bit for bit."""
     product = rockfall.run(case)
     for name in ("path_length", "travel_time", "speed_max", "impacts"):
         if not np.array_equal(exact.result[name], product[name]):
@@ -139,8 +140,8 @@ def boulder_samples(result: xr.Dataset) -> Samples:
 
 
 def estimates(samples: Samples) -> Estimates:
-    """Share, then mean and standard deviation of each quantity, and by how much each boulder moves
-    them (influence function), from which differences of paired runs get their standard error."""
+    """Fraction, then mean and standard deviation of each quantity, and the influence of each
+    boulder on them, for standard errors of paired differences."""
     found: Estimates = {}
     for name, v in samples.items():
         there = ~np.isnan(v)
@@ -157,7 +158,7 @@ def estimates(samples: Samples) -> Estimates:
 
 
 def difference(one: Estimates, other: Estimates, name: str) -> tuple[float, float]:
-    """Of an estimate of two runs of the same boulders, with its standard error."""
+    """Difference of an estimate between two runs of the same boulders, with its standard error."""
     moved = one[name][1] - other[name][1]
     return one[name][0] - other[name][0], moved.std() / math.sqrt(moved.size)
 
@@ -166,8 +167,8 @@ def difference(one: Estimates, other: Estimates, name: str) -> tuple[float, floa
 
 
 def examine(title: str, runs: list[Run], places: dict[str, list[Samples]]) -> Iterator[dict]:
-    """Print what the runs cost and how far they are from the first, the exact one; yields rows of
-    the table. `places` holds the samples of every run."""
+    """Print the cost of the runs and their distance from the first, exact run; yields rows of the
+    table. `places` has the samples of every run."""
     print(f"\n{title}\n{'':22}{'CPU ns a rebound':>18}{'CPU us a boulder':>18}{'rebounds':>10}")
     boulders = next(iter(next(iter(places.values()))[0].values())).size
     for one in runs:
@@ -221,8 +222,8 @@ def row(scene: str, one: Run, what: str, value: float, error: float = math.nan) 
 
 
 def plane(program: Path, folder: Path, repeat: int) -> tuple[list[Run], list[float]]:
-    """Runs of cases/plane, and how far the last contact is from its place in closed form [m]; NaN
-    where the boulder left the terrain before."""
+    """Runs of cases/plane, and the distance of the last contact from its closed form [m]; NaN if
+    the boulder left the terrain before."""
     place = ROOT / "cases/plane"
     spec = importlib.util.spec_from_file_location("closed_form", place / "closed_form.py")
     closed_form = importlib.util.module_from_spec(spec)
@@ -246,7 +247,7 @@ def plane(program: Path, folder: Path, repeat: int) -> tuple[list[Run], list[flo
 
 
 def examine_plane(runs: list[Run], errors: list[float]) -> Iterator[dict]:
-    """Print the errors on the plane, with the slope of that of one flight against the step."""
+    """Print the errors on the plane, with the order of the error of one flight in the step."""
     title = "cases/plane"
     print(f"\n{title}\n{'':22}{'CPU ns a rebound':>18}{'one landing [m]':>18}", end="")
     print(f"{'100th contact [m]':>20}")
@@ -262,7 +263,7 @@ def examine_plane(runs: list[Run], errors: list[float]) -> Iterator[dict]:
 
 
 def slope(runs: list[Run], scheme: str) -> float:
-    """Of the error of one landing against the step, both in logarithms."""
+    """Order of the error of one landing in the step, from logarithms."""
     some = [one for one in runs if one.scheme == scheme]
     place = [one.printed["place"] for one in some]
     return float(np.polyfit(np.log([one.step for one in some]), np.log(place), 1)[0])
@@ -284,9 +285,9 @@ def terrain(dem: Path) -> tuple[rockfall.Case, np.ndarray]:
 def figure(
     flat: list[Run], last: float, rough: list[Run], samples: list[Samples], path: Path
 ) -> None:
-    """Write the error of one landing on the plane against step and CPU time, and that of the share
-    passing the first line of cases/vaujany against CPU time; `last` is the exact flight's error of
-    the last contact on the plane [m]."""
+    """Write the error of one landing on the plane against step and CPU time, and that of the
+    fraction passing the first line of cases/vaujany against CPU time; `last` is the exact flight's
+    error of the last contact on the plane [m]."""
     import matplotlib.pyplot as plt
 
     found = [estimates(one) for one in samples]

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The kernel beside arithmetic of 50 digits, contact by contact and from release to rest.
+"""The kernel compared with arithmetic of 50 digits, contact by contact and from release to rest.
 
     python -m benchmarks.accuracy.truth [DEM...] [--boulders 1000] [--slope 50] [--processes 2]
 
 On `cases/vaujany` by methods B and A, and on each DEM with boulders from cells steeper than
 `--slope` degrees. tests/reference/reference.py is the model in plain Python with 50 digits,
-replay.py beside it compares, and says where the bounds come from. Ends with 1 if an error exceeds
-its bound, a boulder goes otherwise than the model says, more than 1 in 10,000 contacts is decided
-by roundings, or the ends and speeds of all boulders are others than those of the reference.
+replay.py compares, and explains the bounds. The exit status is 1 if an error exceeds its bound, a
+boulder deviates from the model, more than 1 in 10,000 contacts is decided by rounding, or the ends
+and speeds of all boulders differ from the reference.
 """
 
 import argparse
@@ -47,7 +47,7 @@ def vaujany(name: str, boulders: int) -> Scene:
 
 
 def real(path: Path, boulders: int, slope: float) -> Scene:
-    """One boulder each from steep cells, as many as are asked for."""
+    """One boulder each from steep cells, as many as requested."""
     z, grid = read_dem(path)
     rows, columns = np.nonzero(steep_cells(z, grid.cell, slope))
     if not rows.size:
@@ -67,13 +67,13 @@ def real(path: Path, boulders: int, slope: float) -> Scene:
 
 
 def both(number: int) -> tuple[replay.Replay, replay.Retrace]:
-    """A boulder by the reference, contact by contact and from its release."""
+    """Trace a boulder with the reference, contact by contact and from its release."""
     world, rows = shared["world"], shared["tracks"][number - 1]
     return replay.replay(world, number, rows, shared["result"]), replay.retrace(world, number, rows)
 
 
 def examine(scene: Scene, processes: int) -> bool:
-    """One scene's tables; whether all is within its bounds."""
+    """Print the tables of a scene; returns True if all errors are within their bounds."""
     scene = replay.at_origin(scene)
     result = run_scene(scene)
     shared.update(world=replay.world_of(scene), tracks=replay.tracks(result), result=result)
@@ -99,7 +99,7 @@ def examine(scene: Scene, processes: int) -> bool:
 
 
 def local_table(replays: list[replay.Replay]) -> list[float]:
-    """Errors of each quantity; returns their greatest shares of their bounds."""
+    """Errors of each quantity; returns their maximum fractions of the bounds."""
     print(f"  {'one flight and rebound':24}{'':6}{'median':>9}{'99 %':>9}{'worst':>9}", end="")
     print(f"{'ulps: median':>14}{'99 %':>9}{'worst / bound':>15}")
     groups = [
@@ -123,7 +123,8 @@ def local_table(replays: list[replay.Replay]) -> list[float]:
 
 
 def global_table(scene: Scene, result, retraces: list[replay.Retrace]) -> bool:
-    """How boulders part from the reference; whether all of them together still are the same."""
+    """Table of the deviation of boulders from the reference; returns True if their distributions
+    still agree."""
     from scipy.stats import ks_2samp
 
     n = len(retraces)
@@ -171,8 +172,8 @@ def global_table(scene: Scene, result, retraces: list[replay.Retrace]) -> bool:
 
 
 def growth(apart: np.ndarray) -> float:
-    """Factor a contact by which boulders part, from the median slope of log(apart) while they are
-    between a rounding and a thousandth of a metre apart."""
+    """Factor per contact by which boulders diverge, from the median slope of log(apart) while their
+    distance is between rounding and a millimetre."""
     slopes = []
     for row in apart:
         good = np.flatnonzero((row > 1e-14) & (row < PARTED))
@@ -182,7 +183,7 @@ def growth(apart: np.ndarray) -> float:
 
 
 def table_error() -> float:
-    """Greatest difference of the kernel's normal numbers, by definition, from the true quantile."""
+    """Maximum difference of the kernel's normal numbers from the true quantile."""
     worst = 0.0
     for octave in range(32):
         for share in np.linspace(1, 2, 97)[:-1]:

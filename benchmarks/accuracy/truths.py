@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Options and file of a calibration by made truths, which goes on where it was interrupted."""
+"""Options and file of a calibration with synthetic truths, which resumes after an interruption."""
 
 import argparse
 from collections.abc import Callable, Iterable
@@ -23,8 +23,8 @@ def parser_of(about: str, **numbers: int) -> argparse.ArgumentParser:
 def all_truths(
     file: Path, key: list[str], truths: Iterable[tuple], rows_of: Callable[..., pd.DataFrame]
 ) -> pd.DataFrame:
-    """Rows of all truths, made and appended to the file for those that it lacks; `key` are the
-    columns that name a truth."""
+    """Rows of all truths, computed and appended to the file if missing; `key` are the columns that
+    identify a truth."""
     print(machine())
     done = {*pd.read_csv(file)[key].itertuples(index=False, name=None)} if file.exists() else set()
     with TemporaryDirectory() as folder:

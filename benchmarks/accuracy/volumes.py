@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How many boulders reach a road, by volume: does the result jump where another set serves?
+"""Number of boulders that reach a road by volume, and jumps between impact sets.
 
     python -m benchmarks.accuracy.volumes [--boulders 400000] [-o docs/figures]
 

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Does a back-analysis of silent witnesses find what made them? Calibration by made truths.
+"""Calibration of the back-analysis of silent witnesses with synthetic truths.
 
     python -m benchmarks.accuracy.witnesses truths.csv [--truths 24] [--members 384] [--show 3]
 
-So many truths are drawn from the prior: the size of the rocks, a factor on the drop height. Under a
-slope with two cliffs, of whose blocks it is not known where they came from, or only from which
-cliff, 40 blocks lie; on a line across it 20 trees have scars; or both. Boulders of the truths have
-other seeds than those of the analyses. Where the posterior is right, its 5-95 % range holds the
-truth in 90 % of the cases. `narrower` is the mean length of that range beside that of the prior.
-What is in the file is not made again. --show prints what `rockfall back` prints of one truth.
+Truths (rock size, factor on the drop height) are drawn from the prior. Below a slope with two
+cliffs lie 40 blocks of unknown origin, or of a known cliff; on a line across it 20 trees have
+scars; or both. Boulders of truths and analyses have different seeds. For a correct posterior the
+5-95 % range contains the truth in 90 % of the cases. `narrower` is the mean length of that range
+relative to the prior's. Truths in the file are not run again. --show prints the output of `rockfall
+back` for a truth.
 """
 
 import argparse
@@ -39,7 +39,7 @@ BLOCKS, SCARS = 40, 20
 
 
 def terrain() -> np.ndarray:
-    """Southwards: a slope of 0.8 with bumps over one that runs out."""
+    """Terrain that falls southwards: a slope of 0.8 with bumps over one that runs out."""
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
     bumps = 2 * np.sin(x / 25) + 2 * np.sin(y / 20)
     rough = np.random.default_rng(1).normal(0, 0.2, x.shape)
@@ -60,7 +60,7 @@ def case_of(folder: Path, boulders: int, seed: int) -> rockfall.Case:
 
 
 def observe(inputs: Uncertain, k: int) -> tuple[Observed, dict[str, float]]:
-    """Witnesses of a truth, and what it is."""
+    """Witnesses of a truth, and their description."""
     random = np.random.default_rng((SEED, k))
     draws = [inputs.at(name, random.random(inputs.ends[-1]), k) for name in inputs.names]
     result = run_scene(drawn_scene(inputs.scene, draws, inputs.boulders_seed(k)))
@@ -84,7 +84,7 @@ def observe(inputs: Uncertain, k: int) -> tuple[Observed, dict[str, float]]:
 
 
 def truth(folder: Path, k: int, told: argparse.Namespace) -> tuple[Back, dict[str, float]]:
-    """The posterior of the witnesses of a truth, and what it is."""
+    """Posterior from the witnesses of a truth, and the truth."""
     how = {"dem": terrain(), "transform": Grid(0.0, NY * CELL, CELL, NX, NY)}
     seen, made = observe(Uncertain(read_scene(case_of(folder, 100, SEED), **how)), k)
     case = case_of(folder, told.boulders, k)
@@ -92,7 +92,7 @@ def truth(folder: Path, k: int, told: argparse.Namespace) -> tuple[Back, dict[st
 
 
 def rows_of(k: int, found: Back, made: dict[str, float]) -> pd.DataFrame:
-    """A row for each parameter: what the posterior says, and the truth."""
+    """Rows with posterior and truth of each parameter."""
     table = posterior_table(found)[["parameter", "q05", "median", "q95", "ratio"]]
     table["truth"] = [made[one.column] * (one.scale or 1.0) for one in parameters(found)]
     said = any("does not explain" in one for one in warnings(found))
@@ -102,7 +102,8 @@ def rows_of(k: int, found: Back, made: dict[str, float]) -> pd.DataFrame:
 
 
 def report(rows: pd.DataFrame) -> None:
-    """Errors are those of truths, since the parameters of one hang together."""
+    """Print the calibration; errors are between truths, because parameters of one truth are
+    dependent."""
     rows = rows.assign(held=(rows["q05"] < rows["truth"]) & (rows["truth"] < rows["q95"]))
     rows["all"] = "all"
     for by in ("all", "kind", "parameter"):

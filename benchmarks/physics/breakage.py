@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Breakage: what blocks break into, and the balance of mass and energy over many fragments.
+"""Breakage: fragments of blocks, and the balance of mass and energy over many fragments.
 
     python -m benchmarks.physics.breakage [--fragments 1000000] [--threads 0]
 
 Prints as Markdown, for blocks that fall on the ground from several heights: area ratio, number of
 fragments, and the largest of them, by the published rule with the defaults of `&breakage`. Then,
-over as many fragments as asked for, of random volumes and energies: the largest difference between
-a block and its fragments and fines [g]. Then, boulders of cases/vaujany that break at release and
-at impacts, until they are as many fragments: the largest difference between the energy released and
-what ground, breaking and the end took of it, over that energy. Last, what breakage changes there at
-the line EL1.
+over the requested number of fragments, of random volumes and energies: the largest difference
+between a block and its fragments and fines [g]. Then, for boulders of cases/vaujany that break at
+release and at impacts, up to the same number of fragments: the largest relative difference between
+the energy released and the energy spent on ground, breaking and end. Last, the effect of breakage
+at the line EL1.
 """
 
 import argparse
@@ -30,7 +30,7 @@ BLOCKS = 20_000  # at a time
 
 
 def breaking(case: Case, **keys: object) -> Case:
-    """The case with boulders that break."""
+    """The case with breakage."""
     return case.replace(breakage={"at": "both", "release_fall": 10.0} | keys)
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Field sites beside the program, by every law of rebounds: the tables of docs/validation/field.
+"""Field sites compared with the program, by every rebound model: the tables of
+docs/validation/field.
 
     python -m benchmarks.physics.field [--site tschamut vaujany impacts mel-de-la-niva]
         [--data FOLDER] [--half calibration|held-out|all] [--seeds 301 302 303]
@@ -12,12 +13,11 @@ lateral spread; means over seeds (or, at Vaujany, over slopes of the recipe) and
 the last digit shown. Means within 10 % of what was observed, and deviations within 25 %, are marked
 ✓, those beyond ✗, ? where errors do not decide. Statistics are those of `rockfall validate`.
 
-Data are downloaded (pip install 'rockfall[field]') or taken from FOLDER, as rockfall.field.download
-says. Only the half of Tschamut that calibrates is run unless --half says otherwise: what was chosen
-before looking at the other half stands in docs/archive/field_protocol.md. PYTHON is one that has
-PlatRock (benchmarks.speed.platrock); without it that row is left out, and the output says so.
---write puts the tables in their places on docs/archive/field_tables.md, the impacts on
-docs/validation/field/impacts.md.
+Data are downloaded (pip install 'rockfall[field]') or taken from FOLDER (see
+rockfall.field.download). Only the calibration half of Tschamut is run unless --half selects
+another: docs/archive/field_protocol.md has the choices made before. PYTHON is an interpreter with
+PlatRock (benchmarks.speed.platrock); without it that row is left out, with a note. --write puts the
+tables into docs/archive/field_tables.md, the impacts into docs/validation/field/impacts.md.
 """
 
 import argparse
@@ -87,7 +87,7 @@ TALUS_TABLES = "talus", "rock"
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a site: a case, what was observed of it, and the shape of its blocks."""
+    """A part of a site: a case, its observations, and the shape of its blocks."""
 
     case: rockfall.Case
     seen: Observed
@@ -102,8 +102,8 @@ def relief_laws(name: str) -> Iterator[Law]:
 
 
 def site_laws(given: argparse.Namespace, tables: Sequence[str], rows: Sequence[str]) -> list[Law]:
-    """The matrix, tables, the first of these with other reliefs, classical grounds, and those that
-    were asked for besides."""
+    """The matrix, tables, the first table with other reliefs, classical grounds, and models
+    requested in addition."""
     shipped = [table(f"table {name}={name}") for name in tables]
     return [matrix(), *shipped, *relief_laws(tables[0]), *map(ground, rows), *given.law]
 
@@ -133,7 +133,7 @@ def pasture_parts(folder: Path) -> list[Part]:
 
 
 def pasture(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Rows of every law at Tschamut."""
+    """Rows of every rebound model at Tschamut."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         make(given.half, given.data, folder)
@@ -154,7 +154,7 @@ def pasture(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 
 def _by_platrock(given: argparse.Namespace, folder: Path) -> Iterator[dict[str, Any]]:
-    """The same by PlatRock; nothing but a line where it does not run."""
+    """Rows by PlatRock; only a line if it does not run."""
     seen = pd.read_csv(folder / "observed.csv")
     ways = seen[["x", "y"]].values - seen[["start_x", "start_y"]].values
     x, y = ways.mean(axis=0)
@@ -180,7 +180,7 @@ def _by_platrock(given: argparse.Namespace, folder: Path) -> Iterator[dict[str, 
 
 
 def talus(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Rows of every law at the two lines of Vaujany, over slopes of the recipe."""
+    """Rows of every rebound model at the two lines of Vaujany, over slopes of the recipe."""
     folder = ROOT / "cases" / "vaujany"
     paper = {
         f"`bourrier2009`, {method}": rockfall.read_case(folder / name)
@@ -206,7 +206,7 @@ def talus(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 
 def _quantiles(result: xr.Dataset, seen: Observed) -> Iterator[tuple[Key, Number]]:
-    """Simulated quantiles at the lines, beside which nothing is printed."""
+    """Simulated quantiles at the lines, without printed ones to compare."""
     names = line_names(result)
     observed = seen.summaries[seen.summaries["method"] == "observed"]
     for line, quantity in observed[["line", "quantity"]].values:
@@ -221,7 +221,8 @@ def _quantiles(result: xr.Dataset, seen: Observed) -> Iterator[tuple[Key, Number
 
 
 def event(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Rows of every law at the Mel de la Niva, whose inputs `make_case.py` there has made."""
+    """Rows of every rebound model at the Mel de la Niva, whose inputs come from `make_case.py`
+    there."""
     folder = ROOT / "cases" / "mel-de-la-niva"
     if not (folder / "observed.csv").exists():
         raise RockfallError(f"{folder}: has no observed.csv: run make_case.py there first")
@@ -274,7 +275,7 @@ def _cell(rows: pd.DataFrame, name: str, whose: str, factor: float) -> str:
 
 
 def place(name: str, half: str) -> str:
-    """What marks the place of a site's tables on the page."""
+    """Marker of the place of a site's tables on the page."""
     return f"{name}, {half} half" if name == "tschamut" else name
 
 

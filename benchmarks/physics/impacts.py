@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Six fast impacts of a block of 780 kg on an alpine meadow beside the laboratory of blocks and its
-table of impacts `meadow`, and scars beside a published formula.
+"""Six fast impacts of a block of 780 kg on an alpine meadow compared with the laboratory of blocks
+and its table `meadow`, and scars compared with a published formula.
 
     python -m benchmarks.physics.impacts CSV [--throws 300]
 
@@ -8,9 +8,9 @@ Measured by Caviezel et al. (2019, Earth Surface Dynamics 7, 199), in a table th
 downloads (chant_sura_esurf2019). Spin was not measured. Prints as Markdown, for each impact, the
 translational energy after over that before: measured; in the laboratory on flat ground with W/V
 drawn from 0 to 1, or 0; with the relief of `meadow` and W/V = 0; and by the table, on flat terrain,
-with W/V = 0. Then depths of scars, measured in two ways, beside d = 0.1 M^(1/3) M_E^-0.4 v^0.8 (Lu
-et al. 2019, Gerber 2019; M [kg], v across the ground [m/s]) for stiffnesses M_E of the soil
-[MN/m2], which was not measured. A last row has the means.
+with W/V = 0. Then depths of scars, measured in two ways, compared with d = 0.1 M^(1/3) M_E^-0.4
+v^0.8 (Lu et al. 2019, Gerber 2019; M [kg], v across the ground [m/s]) for stiffnesses M_E of the
+soil [MN/m2], which was not measured. A last row has the means.
 """
 
 import argparse
@@ -66,13 +66,13 @@ def by_table(row: Row, law: Law) -> float:
 
 
 def scar(mass: float, speed: float, stiffness: float) -> float:
-    """Depth of a scar [m], of a block of this mass [kg] that comes down across the ground at this
-    speed [m/s], on soil of this stiffness [MN/m2]."""
+    """Depth of a scar [m], of a block with this mass [kg] and normal speed [m/s], on soil of this
+    stiffness [MN/m2]."""
     return 0.1 * mass ** (1 / 3) * (1000 * stiffness) ** -0.4 * speed**0.8
 
 
 def numbers(row: Row, throws: int) -> list[float]:
-    """Those of the columns of `page`."""
+    """Numbers of the columns of `page`."""
     met = BlockCase(lab={"ground": GROUND}).at_radius(row.number("radius_m", 0.01, 100)).ground
     strength = met["yield_pressure"]
     normal = row.number("incoming_normal_speed_mps", 0.01, 100)

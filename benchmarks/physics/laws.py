@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What rebounds follow, as benchmarks of sites name it: the matrix, tables of impacts, and rows of
+"""Rebound models by their names in benchmarks of sites: the matrix, tables of impacts, and rows of
 a table of grounds.
 
 `--law NAME=TABLE` is a table of impacts: one that is shipped, or a file in whose name {shape}
@@ -31,15 +31,15 @@ OBSTACLES = 0.1  # height of the obstacles on classical grounds, which rockyfor3
 
 @dataclass(frozen=True)
 class Law:
-    """A rule of rebounds: keys of the case by group, in which {shape} stands for the block's; and
-    the mean radius of rocks [m] where a site knows none."""
+    """A rebound model: keys of the case by group, with {shape} for the block's shape; and the mean
+    rock radius [m] for sites without one."""
 
     name: str
     keys: dict[str, dict[str, Any]]
     radius: float | None = None
 
     def of(self, shape: str) -> dict[str, dict[str, Any]]:
-        """The keys for a block of this shape, at a site that knows the sizes of its rocks."""
+        """Keys for a block of this shape, at a site with rock sizes."""
         return {
             group: {
                 key: value.format(shape=shape) if isinstance(value, str) else value
@@ -49,7 +49,7 @@ class Law:
         }
 
     def everywhere(self, shape: str) -> dict[str, dict[str, Any]]:
-        """The keys for a block of this shape, at a site that knows no sizes of rocks."""
+        """Keys for a block of this shape, at a site without rock sizes."""
         found = self.of(shape)
         if self.radius is not None:
             found["surface"] = found.get("surface", {}) | {"uniform_mean_radius": self.radius}
@@ -67,7 +67,7 @@ def matrix() -> Law:
 
 
 def table(text: str) -> Law:
-    """The law of NAME=TABLE, or NAME=TABLE@REST_ANGLE."""
+    """Model of NAME=TABLE, or NAME=TABLE@REST_ANGLE."""
     name, _, file = text.partition("=")
     file, _, angle = (file or name).partition("@")
     rest = {"rest_angle": float(angle)} if angle else {}
@@ -76,7 +76,7 @@ def table(text: str) -> Law:
 
 
 def ground(text: str) -> Law:
-    """The law of ROW, ROW@ROUGHNESS or TABLE:ROW."""
+    """Model of ROW, ROW@ROUGHNESS or TABLE:ROW."""
     where, _, row = text.rpartition(":")
     row, _, roughness = row.partition("@")
     path = other_tables().get(where, Path(where)) if where else shipped_grounds()
@@ -120,12 +120,12 @@ def _roughened(path: Path, roughness: float) -> Path:
 
 @cache
 def _folder() -> tempfile.TemporaryDirectory:
-    """A folder that lasts as long as the process."""
+    """Folder that exists as long as the process."""
     return tempfile.TemporaryDirectory(prefix="grounds-")
 
 
 def shipped_table_laws() -> list[Law]:
-    """A law for each table of impacts that is shipped."""
+    """A model for each shipped table of impacts."""
     return [table(name) for name in table_names()]
 
 

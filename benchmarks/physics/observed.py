@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The boulders observed at Vaujany beside the program, on slopes that nothing was fitted on.
+"""The boulders observed at Vaujany compared with the program, on slopes that no fit has used.
 
     python -m benchmarks.physics.observed [--slopes 32] [--boulders 2000] [--first 1000]
         [--sets NAME ...] [--law NAME=TABLE ...] [--ground ROW ...]
@@ -8,10 +8,10 @@
 Table 2 of the paper prints mean, deviation and maximum of 100 boulders at two lines.
 `vaujany-observed` is fitted to them on other slopes, `bourrier2009` to what the paper *simulated*.
 Prints the relative errors, of maxima those of their mean over hundreds of boulders, by these sets,
-others that are named, and tables of impacts or classical grounds (benchmarks.physics.laws), over
-slopes of the recipe of cases/vaujany with their standard errors, and those of the paper's own
-simulation. --radius-sigma adds `vaujany-observed` with rocks of each boulder's own size, and the
-change of the mean error of its six deviations. --write puts them into the table of evidence.
+other named sets, and tables of impacts or classical grounds (benchmarks.physics.laws), over slopes
+of the recipe of cases/vaujany with their standard errors, and those of the paper's own simulation.
+--radius-sigma adds `vaujany-observed` with rocks of each boulder's own size, and the change of the
+mean error of its six deviations. --write puts them into the table of evidence.
 """
 
 import argparse

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Strength and relief of a ground that meet field evidence together: for each strength the relief
-with which boulders are as fast, or come as far, as those observed.
+that gives the observed speeds or run-outs.
 
     python -m benchmarks.physics.pairs talus [--strengths 2e5 ...] [--sigma 0.65] [--slopes 12]
     python -m benchmarks.physics.pairs meadow --data FOLDER [--strengths 1e6 ...] [--sigma 0 0.65]
 
 Talus by the mean speeds of the boulders observed at both lines of Vaujany, on slopes of the recipe
 of cases/vaujany from seed 3000 on; meadow by the mean run-out of the calibration half of Tschamut
-(FOLDER as of benchmarks.physics.tschamut), each run by the shape of its block. Prints what else the
-pair does: what was chosen by it, docs/archive/field_protocol.md.
+(FOLDER as of benchmarks.physics.tschamut), each run by the shape of its block. Prints the other
+numbers of the pair; docs/archive/field_protocol.md has the choices made with them.
 """
 
 import argparse

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where boulders come to rest by PlatRock, from what cases/tschamut/make_case.py writes.
+"""Stopping places by PlatRock, from the files of cases/tschamut/make_case.py.
 
-PlatRock 3D with the rebound of Bourrier and Hungr (2011) and the parameters that its simulations
-have by default, which are those of our ground `bourrier_hungr`; spheres, a time step of 0.02 s, its
-own rule of stopping. benchmarks.speed.platrock says how to install it.
+PlatRock 3D with the rebound of Bourrier and Hungr (2011) and the default parameters of its
+simulations, which our ground `bourrier_hungr` has; spheres, a time step of 0.02 s, its own rule of
+stopping. benchmarks.speed.platrock explains its installation.
 """
 
 import json
@@ -48,7 +48,7 @@ print("RESULT", json.dumps([[float(value) for value in way] for way in ways]))
 
 
 class PlatRockError(Exception):
-    """PlatRock is not there, or did not run: a line that says why."""
+    """PlatRock is missing or failed, with the reason in one line."""
 
 
 def stops(

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What drawing again does to an impact set: means of rebounds before and after, and how many draws
-are rejected.
+"""Effect of redrawing on an impact set: means of rebounds before and after, and the fraction of
+rejected draws.
 
     python -m benchmarks.physics.redraws [--ratio 5] [--spin 0.5] [--draws 400000]
 
-A draw of the matrix counts if the boulder leaves the surface without a gain of energy (theory,
+A draw of the matrix is valid if the boulder leaves the surface without a gain of energy (theory,
 chapter 5). For boulders that come in at several angles with W/V = spin, prints as Markdown the
-fraction of draws rejected, and the means of V_t'/V, V_n'/V and W'/V over all draws and over those
-that count; in brackets the shift over the mean of all draws. Then, for cases/vaujany, the fraction
-of the rebounds that were drawn again.
+fraction of draws rejected, and the means of V_t'/V, V_n'/V and W'/V over all draws and over valid
+ones; in brackets the shift over the mean of all draws. Then, for cases/vaujany, the fraction of the
+rebounds that were drawn again.
 """
 
 import argparse
@@ -30,7 +30,7 @@ def measure(
     mean: np.ndarray, covariance: np.ndarray, angle: float, spin: float, draws: int
 ) -> tuple[float, float, np.ndarray, np.ndarray]:
     """Fraction of draws rejected and its standard error, and means of (V_t', V_n', W')/V of all
-    draws and of those that count."""
+    draws and of valid ones."""
     theta = np.radians(angle)
     v_in = np.array([[np.cos(theta), -np.sin(theta), spin]])
     numbers = np.random.default_rng(1).standard_normal((draws, 9))

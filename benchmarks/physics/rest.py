@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the rest angle changes: boulders of 0.8 m3 at a line 180 m down planes, by the shipped sets.
+"""Effect of the rest angle: boulders of 0.8 m3 at a line 180 m down planes, by the shipped sets.
 
     python -m benchmarks.physics.rest [--boulders 2000] [--seeds 5]
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What `roughness_angle` of classical grounds does to planes and sites.
+"""Effect of `roughness_angle` of classical grounds on planes and sites.
 
     python -m benchmarks.physics.roughness [FOLDER] [--row ROW ...] [--angle 4 8 12 16 20 25]
         [--slopes 8]
 
-FOLDER holds the tables of benchmarks.physics.tschamut; without it that site is left out. Prints as
-Markdown, for each row of the shipped table and each angle: run-outs of the half of Tschamut that
-calibrates (2 seeds of 50 boulders a run; standard errors are below 1 m); the fraction of boulders
+FOLDER has the tables of benchmarks.physics.tschamut; without it that site is left out. Prints as
+Markdown, for each row of the shipped table and each angle: run-outs of the calibration half of
+Tschamut (2 seeds of 50 boulders a run; standard errors are below 1 m); the fraction of boulders
 that exceed 0.8 m/s per degree and their mean maximum speed on planes of 30, 38 and 45 degrees
 (benchmarks.physics.runaway); and errors of mean speed, passing height and energy at the line EL1 of
 Vaujany over what was observed there (benchmarks.physics.observed; standard errors are below 4 %).

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Fraction of boulders that get faster than 0.8 m/s per degree, the limit of what was observed,
-on planes of 30 to 45 degrees over 400 m, and their mean maximum speed, by laws:
+"""Fraction of boulders that get faster than 0.8 m/s per degree, the limit of observations, on
+planes of 30 to 45 degrees over 400 m, and their mean maximum speed, by rebound models:
 
     python -m benchmarks.physics.runaway [--law NAME=TABLE ...] [--ground ROW ...]
         [--boulders 400] [--radius 0.4] [--slopes 30 34 38 42 45] [--terrain DEM ...]
         [--write]
 
-Laws are those of benchmarks.physics.laws. The matrix with R_m = 0.2 m is always run. R_b = 0.4 m,
-released at 5 m/s. With --terrain on real ones in place of planes: two boulders
-of 0.5 m3 from each cell steeper than 50 degrees. --write puts fractions on planes into the table of
-evidence.
+Models are those of benchmarks.physics.laws. The matrix with R_m = 0.2 m is always run. R_b = 0.4 m,
+released at 5 m/s. With --terrain on real terrain in place of planes: two boulders of 0.5 m3 from
+each cell steeper than 50 degrees. --write puts fractions on planes into the table of evidence.
 """
 
 import argparse
@@ -54,7 +53,7 @@ def beyond(
 
 
 def beyond_on(terrain: str, law: Law) -> tuple[float, float]:
-    """The same on a real terrain."""
+    """Fraction of boulders beyond the limit, and their mean maximum speed, on a real terrain."""
     groups = {
         "case": {"title": "terrain", "seed": 3, "boulders": 2},
         "terrain": {"dem": terrain},

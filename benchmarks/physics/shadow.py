@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where boulders come to rest that fall from a rock face onto talus, beside the shadow angle that
-was observed, 27.5 degrees or more (Evans and Hungr 1993; docs/archive/field_protocol.md):
+"""Stopping places of boulders that fall from a rock face onto talus, compared with the observed
+shadow angle of 27.5 degrees or more (Evans and Hungr 1993; docs/archive/field_protocol.md):
 
     python -m benchmarks.physics.shadow [--talus TABLE ...] [--plain TABLE ...] [--boulders 500]
         [--radii 0.35 0.6 1.05 1.8] [--slopes 35 5] [--write]
 
 The angle is from the horizontal, of the line from the top of the talus to a boulder. Prints for
 each ground of the talus (a table of impacts; the matrix with rocks of 0.2 m and `rocky-slope` are
-always run), of the plain below it and each R_b [m] the parts of the boulders that leave the talus
-and that pass 27.5 degrees, and the angles that 50, 5 and 1 % of the boulders pass. The talus
-falls by 200 m. --slopes are those of the talus and of the plain [degree]. --write puts the numbers
-into the table of evidence.
+always run), of the plain below it and each R_b [m] the fractions of boulders that leave the talus
+and that pass 27.5 degrees, and the angles that 50, 5 and 1 % of the boulders pass. The talus falls
+by 200 m. --slopes are those of the talus and of the plain [degree]. --write puts the numbers into
+the table of evidence.
 """
 
 import argparse
@@ -46,8 +46,8 @@ def profile(slopes: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
 def stops(
     talus: str, plain: str, slopes: Sequence[float], radius: float, boulders: int, folder: Path
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where boulders come to rest: angles [degree], 90 of those that stay above the foot of the
-    talus, and whether below it."""
+    """Angles of the stopping places [degree], 90 above the foot of the talus, and a mask of those
+    below it."""
     z, zone = profile(slopes)
     rows, columns = len(z), int(WIDTH / CELL)
     groups = {

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The tables of every site by every law of rebounds, each in a file of a folder.
+"""Tables of every site by every rebound model, each in a file of a folder.
 
     python -m benchmarks.physics.sites -o FOLDER [--only PIECE ...] [--data FOLDER]
         [--slopes N] [--boulders N] [--law NAME=TABLE ...] [--ground ROW ...]
 
-Laws are those given, or all that are shipped: impact sets, tables of impacts, grounds. Takes hours:
-a piece whose file has the same command in its first line is done, so that the next call goes on
-after the last complete piece. Sites with field data are left out without --data.
+Models are the given ones, or all shipped ones: impact sets, tables of impacts, grounds. Takes
+hours: a piece whose file begins with the same command is complete, so that another call resumes
+after the last complete piece. Without --data, sites with field data are left out.
 """
 
 import argparse
@@ -77,7 +77,7 @@ def shipped_laws() -> Iterator[str]:
 
 
 def remake(piece: Piece, folder: Path) -> bool:
-    """Write the tables of a piece; returns False if they are there, by the same command."""
+    """Write the tables of a piece; returns False if they exist, by the same command."""
     path, head = folder / f"{piece.name}.md", f"    {piece.command}\n"
     if path.exists() and path.read_text(encoding="utf-8").startswith(head):
         return False
@@ -93,7 +93,7 @@ def remake(piece: Piece, folder: Path) -> bool:
 
 
 class _Kept(argparse.Action):
-    """Keep an option of laws as its words, once its value is valid."""
+    """Keep the words of an option with models, once its value is valid."""
 
     def __call__(self, parser, namespace, values, option=None):
         (ground if option == "--ground" else table)(values)

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a stem leaves of a boulder's energy, beside the discrete element model of stems of Toe et
-al. (2018), whose results PlatRock 0.2 to 0.3 has (GPL, on PyPI):
+"""Energy of a boulder after a hit of a stem, compared with the discrete element model of Toe et al.
+(2018), whose results are in PlatRock 0.2 to 0.3 (GPL, on PyPI):
 
     python -m benchmarks.physics.stems FOLDER [--volume 0.5]
 
 FOLDER is `platrock/Common/Toe_2018` of an unpacked `platrock-0.2.10.tar.gz`. Prints for each
-diameter and speed the mean fraction of the energy of translation that is left, over all places of
-the hit that are alike probable, and the fraction of hits after which a boulder stands still (2 % of
-its energy or less). Boulders of the model come down at 0 to 50 degrees; those of the program fly
-level at single stems of fir, of 2,500 kg/m3.
+diameter and speed the mean fraction of translational energy left, over equally probable places of
+the hit, and the fraction of hits that stop the boulder (2 % of its energy or less). Boulders of the
+model come down at 0 to 50 degrees; those of the program fly level at single stems of fir, of 2,500
+kg/m3.
 """
 
 import argparse
@@ -28,7 +28,7 @@ CELL, GRAVITY = 5.0, 9.81  # [m], [m/s2]
 
 
 def of_model(folder: Path, volume: float) -> dict[tuple[int, int], tuple[float, float]]:
-    """By diameter and speed: means over places of the hit and angles of approach."""
+    """Means over places of the hit and angles of approach, by diameter and speed, by the model."""
     found = {}
     for speed in SPEEDS:
         rows = np.genfromtxt(folder / f"result{speed}.0.txt", skip_header=1)
@@ -48,7 +48,7 @@ def of_model(folder: Path, volume: float) -> dict[tuple[int, int], tuple[float, 
 
 
 def of_program(diameter: float, speed: float, volume: float, folder: Path) -> tuple[float, float]:
-    """The same of level flights, each at a stem of its own."""
+    """Means by the program, from level flights at single stems."""
     reach = np.cbrt(3 * volume / (4 * np.pi)) + diameter / 200
     x = APART * (1 + np.arange(PLACES))
     trees = pd.DataFrame(

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Run-outs of real blocks on an alpine pasture (Volkwein and Gerber 2018, EnviDat,
-doi:10.16904/envidat.34) beside those of the program, by laws:
+doi:10.16904/envidat.34) compared with the program, by rebound models:
 
     python -m benchmarks.physics.tschamut FOLDER [--half calibration|held-out] [--seeds 101 102]
         [--law NAME=TABLE ...] [--ground ROW ...] [--axes meadow] [--boulders 100] [--write]
 
 FOLDER holds release_points.csv, observed_deposition.csv, block_metadata.csv and terrain.asc as
 derived from the data in github.com/ofuhrer/rust_rockfall (commit 722f7c7,
-data/processed/tschamut2014). Laws are those of benchmarks.physics.laws; the matrix with R_m = 0.2 m
-is always run. With --axes tables are thrown with blocks of the published sizes of each. What was
-chosen before: docs/archive/field_protocol.md. --write puts the numbers of the
-laws that are named into the table of evidence.
+data/processed/tschamut2014). Models are those of benchmarks.physics.laws; the matrix with R_m = 0.2
+m is always run. With --axes tables are simulated for the published size of each block. Choices made
+before: docs/archive/field_protocol.md. --write puts the numbers of the named models into the table
+of evidence.
 """
 
 import argparse
@@ -115,14 +115,14 @@ def simulated(run: Run, law: Law, place: tuple[np.ndarray, Grid], boulders: int,
 
 
 def azimuths(way: np.ndarray) -> np.ndarray:
-    """Of ways (n, 2), from their mean direction [degree]."""
+    """Azimuths of vectors (n, 2), relative to their mean direction [degree]."""
     angle = np.arctan2(way[:, 1], way[:, 0])
     middle = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
     return np.degrees((angle - middle + np.pi) % (2 * np.pi) - np.pi)
 
 
 def described(runs: list[Run], rests: list[np.ndarray]) -> dict[str, float]:
-    """Numbers of places of rest, as many for each run, beside those observed."""
+    """Numbers of stopping places, as many for each run, compared with the observed ones."""
     ways = np.concatenate([rest - run.start for run, rest in zip(runs, rests, strict=True)])
     out = np.hypot(*ways.T)
     seen = np.array([np.hypot(*(run.rest - run.start)) for run in runs])
@@ -140,7 +140,7 @@ def described(runs: list[Run], rests: list[np.ndarray]) -> dict[str, float]:
 
 
 def by_axes(folder: Path, ground: str, tables: Path) -> Law:
-    """Tables of a ground, thrown with blocks of the published sizes of each."""
+    """Tables of a ground for the published size of each block."""
     for row in read_table(folder / "block_metadata.csv")[2]:
         shape = SHAPE_OF_BLOCK[row.cells["block_id"]]
         axes = sorted((float(row.cells[f"size_{axis}_m"]) for axis in "xyz"), reverse=True)
@@ -151,7 +151,7 @@ def by_axes(folder: Path, ground: str, tables: Path) -> Law:
 
 
 def compare(given: argparse.Namespace, laws: list[Law]) -> None:
-    """Print the run-outs by laws beside those observed."""
+    """Print the run-outs by rebound models compared with the observed ones."""
     runs, place = observed(given.folder, given.half), terrain(given.folder)
     print(machine())
     seen = described(runs, [run.rest[None, :] for run in runs])

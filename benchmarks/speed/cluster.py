@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What long runs pay for not losing work: checkpoints, parts, merging, Dask, the Python interface.
+"""Cost of safety in long runs: checkpoints, parts, merging, Dask, the Python interface.
 
     python -m benchmarks.speed.cluster [--boulders 1000000] [--parts 100]
 
-`cases/vaujany` with passages, the greatest energy and its quantiles. Everything is a ratio to what
-was measured beside it, in one run of this script; run it on an idle machine.
+`cases/vaujany` with passages, the maximum energy and its quantiles. All numbers are ratios within
+one run of this script; use an idle machine.
 """
 
 import argparse
@@ -27,14 +27,14 @@ OUTPUT = NOTHING | {"maps": ["passages", "energy_max", "energy_q95"]}
 
 
 def seconds(do, *arguments, **named) -> tuple[float, object]:
-    """Wall seconds of a call, and what it returned."""
+    """Wall seconds of a call, and its return value."""
     begin = time.perf_counter()
     found = do(*arguments, **named)
     return time.perf_counter() - begin, found
 
 
 def processes(scene) -> None:
-    """Wall times within a cluster that is there already."""
+    """Wall times within an existing cluster."""
     from distributed import Client, LocalCluster
 
     took = []
@@ -47,8 +47,8 @@ def processes(scene) -> None:
 
 
 def checkpoints(scene, folder: Path) -> None:
-    """With one every 5 s, written while the run goes on. Rows cost as the boulders since the last
-    one do: the share hardly hangs on the interval."""
+    """Cost of a checkpoint every 5 s. The cost of rows is proportional to the boulders since the
+    last one: the fraction hardly depends on the interval."""
     plain, saved = [], []
     for _ in range(3):
         plain.append(seconds(run_scene, scene, threads=2)[0])
@@ -73,7 +73,7 @@ def merging(scene, parts: int, folder: Path) -> None:
 
 
 def doors(case: rockfall.Case, folder: Path) -> None:
-    """CPU seconds of the two programs from start to written file, one thread; least of three."""
+    """CPU seconds of the two programs from start to written file, one thread; minimum of three."""
     prepare(case, folder / "prepared")
     files = {key: str(VAUJANY.parent / case.surface[key]) for key in ("zones", "table")}
     case = case.replace(terrain={"dem": str(VAUJANY.parent / "dem.tif")}, surface=files)

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What each option costs a rebound, and that an option which is off costs nothing.
+"""Cost of each option per rebound, and a check that unused options cost nothing.
 
     python -m benchmarks.speed.costs [--boulders 20000] [--repeat 3] [--cuts]
 
-The slope of `cases/vaujany` with one radius of rocks everywhere and nothing asked for; then each
-option alone, given so that every boulder goes the same way to the bit. CPU time is of the whole run
-in Python, from the scene to the result, the least of `--repeat` runs; instructions are of
-rockfall-batch (valgrind --tool=callgrind), the difference of two runs with different numbers of
-boulders. Bytes are those of the arrays that the run holds.
+The slope of `cases/vaujany` with one rock radius and no options; then each option alone, such that
+every boulder has the same path to the bit. CPU time is of the whole run in Python, from the scene
+to the result, the minimum of `--repeat` runs; instructions are of rockfall-batch (valgrind
+--tool=callgrind), the difference of two runs with different numbers of boulders. Bytes are those of
+the arrays of the run.
 
 With --cuts the kernel is built once more for each option (meson, gfortran), in a temporary folder
-and with the product's flags but no lanes, with the option's code cut out; three scenes that do
-not ask for it must take as many instructions with the code as without it, within 1 %.
+and with the product's flags but no lanes, with the option's code cut out; three scenes without it
+must take as many instructions with the code as without it, within 1 %.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ MAPS = {
 
 
 class Option(NamedTuple):
-    """One thing turned on: changes of the case, rasters, and how it is run."""
+    """One option turned on: changes of the case, rasters, and arguments of the run."""
 
     change: dict[str, Any] = {}
     rasters: dict[str, np.ndarray] = {}
@@ -75,7 +75,7 @@ class Option(NamedTuple):
 
 
 def options(z: np.ndarray, grid: Grid, case: rockfall.Case, folder: Path) -> dict[str, Option]:
-    """All of them, the first without any."""
+    """All options, the first without any."""
     found = {"nothing asked for": Option()}
     found["two evaluation lines"] = Option({"line": case.line})
     found["six histograms"] = Option({"output": {"rebounds": True}})
@@ -118,7 +118,7 @@ def scene_of(option: Option, bare: rockfall.Case, z: np.ndarray, grid: Grid) -> 
 
 
 def cpu(scene: Scene, option: Option, repeat: int, folder: Path) -> tuple[float, int]:
-    """Least CPU seconds of some runs, and their rebounds."""
+    """Minimum CPU seconds of some runs, and their rebounds."""
     run_scene(scene, shard=(1, scene.boulders))  # imports
     least = np.inf
     for _ in range(repeat):
@@ -132,7 +132,7 @@ def cpu(scene: Scene, option: Option, repeat: int, folder: Path) -> tuple[float,
 
 
 def held(scene: Scene) -> dict[str, float]:
-    """Bytes that a run holds of each thing."""
+    """Bytes of each array of a run."""
     tally: Tally = start(scene, 1)
     terrain, arrays = scene.rasters, [*tally.run.arrays()]
     cells, of_cells = terrain.z.size or 1, (terrain.z, terrain.zone, terrain.values)
@@ -170,7 +170,7 @@ def _rebounds(part: Path) -> int:
 
 
 def per_rebound(program: Path, case: Path, few_boulders: int = FEW) -> float:
-    """Instructions of a rebound, of what a run costs for each boulder more."""
+    """Instructions of a rebound, from the additional cost of boulders."""
     numbers = few_boulders, few_boulders * MANY // FEW
     (few, before), (many, after) = (instructions(program, case, n) for n in numbers)
     return (many - few) / (after - before)
@@ -255,7 +255,7 @@ NEEDED = {
 
 
 def builds(folder: Path) -> Iterator[tuple[str, Path]]:
-    """rockfall-batch one by one; without each option; without any of them."""
+    """Builds of rockfall-batch: one by one; without each option; without any of them."""
     copy_sources(folder)
     go_one_by_one(folder)
     every = [edit for name, edits in CUTS.items() if name != "maps by source" for edit in edits]
@@ -298,8 +298,8 @@ def costs(
 
 
 def cuts(scenes: dict[str, rockfall.Case], z: np.ndarray, grid: Grid, folder: Path) -> bool:
-    """Scenes in kernels that never had an option which they do not ask for; whether all are within
-    the aim."""
+    """Run scenes in kernels without the options that they do not use; returns True if all are
+    within the target."""
     for name, case in scenes.items():
         prepare(case, folder / name, dem=z, transform=grid)
     (folder / "sources").mkdir()

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What boulders at many evaluation lines cost: run, lines and report, by several builds.
+"""Cost of boulders at many evaluation lines: run, lines and report, by several builds.
 
     python -m benchmarks.speed.crossings [--lines 1000] [--boulders 100000] [--repeat 3]
         [--other PYTHON ...] [--commands run lines report]
 
 The slope of `cases/vaujany` with lines across it. `--other` are Pythons of other builds of
-rockfall, which take turns with this one; numbers are minima of the turns. On a busy machine look
-at the CPU.
+rockfall, which take turns with this one; numbers are minima of the turns. On a busy machine use the
+CPU times.
 """
 
 import argparse

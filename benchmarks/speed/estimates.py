@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What `rockfall check` estimates of memory and time, beside what `rockfall run` takes.
+"""Memory and time estimated by `rockfall check`, compared with `rockfall run`.
 
     python -m benchmarks.speed.estimates [--scale 1] [--only lines]
 
 Cases with few boulders and many, small terrain and large, with and without maps and counts of
-classes, whole and in windows; many evaluation lines with all rows and with none. CPU time counts
-the whole program, from start to written file.
+classes, whole and in windows; many evaluation lines with all rows and with none. CPU time is of the
+complete program, from start to written file.
 """
 
 import argparse
@@ -34,7 +34,7 @@ def estimated(said: str, word: str, units: dict[str, float]) -> float:
 
 
 def compare(what: str, case: rockfall.Case, folder: Path, *options: str) -> bool:
-    """One row of the table; whether both are within the aim."""
+    """One row of the table; True if both are within the target."""
     path = folder / "case.nml"
     path.write_text(case.text())
     said, _, _ = program("check", path, *options)
@@ -54,8 +54,8 @@ def make_files(dem: Path, cells: Path, side: int, sources: int) -> None:
 
 
 def valley(folder: Path, side: int, sources: int, each: int, maps: list[str] | None):
-    """A case on made relief, whose files are made once, and elsewhere: the peak of a program counts
-    from the memory of the one that starts it."""
+    """A case on synthetic relief, whose files are made once in another process: the memory peak of
+    a program starts from that of its parent."""
     dem, cells = folder / f"dem{side}.tif", folder / f"cells{side}_{sources}.tif"
     if not cells.exists():
         making = get_context("spawn").Process(target=make_files, args=(dem, cells, side, sources))

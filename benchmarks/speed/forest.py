@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What trees cost a rebound, and the memory of a large forest.
+"""Cost of trees per rebound, and the memory of a large forest.
 
     python -m benchmarks.speed.forest [--boulders 20000] [--repeat 3] [--trees 1000000]
 
-The slope of `cases/vaujany`, nothing asked for, one thread; stems 30 cm thick. With trees of real
-strength boulders end early; with some that take nothing and turn by 22.5 degrees at most they go on
-as they do without: that is the price of a rebound. CPU time is the kernel's, the least of
-`--repeat` runs. Memory is what a scene with so many trees adds to the process, at its peak while it
-is made and when it stands.
+The slope of `cases/vaujany`, no options, one thread; stems 30 cm thick. With trees of real strength
+boulders end early; with stems that absorb nothing and turn boulders by at most 22.5 degrees they
+continue as without trees: that is the cost of a rebound. CPU time is the kernel's, the minimum of
+`--repeat` runs. Memory is the increase of the process by a scene with these trees, at its peak and
+once it is built.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def nanoseconds(case: rockfall.Case, repeat: int) -> tuple[float, float, float]:
 
 
 def resident(trees: int) -> np.ndarray:
-    """Bytes of a process with so many trees: when the scene stands, and at most."""
+    """Bytes of a process with this number of trees: once the scene is built, and at the peak."""
     done = subprocess.run(
         [sys.executable, "-c", MEMORY, str(trees)], capture_output=True, text=True, check=True
     )

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a rebound costs by two builds, which take turns: by law, with maps, on fine cells.
+"""Cost of a rebound in two builds that take turns: by model, with maps, on fine cells.
 
     python -m benchmarks.speed.kernel [--commit 7080d106] [--boulders 10000] [--repeat 5]
 
-That commit and the sources as they are here are built in a temporary folder, as for a release (four
-minutes of CPU). `cases/vaujany`, and the half-metre relief of `walk.py`; CPU time of the kernel on
-one thread, minima of the turns.
+That commit and the current sources are built in a temporary folder, as for a release (four minutes
+of CPU). `cases/vaujany`, and the half-metre relief of `walk.py`; CPU time of the kernel on one
+thread, minima of the turns.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def rows(boulders: int, folder: Path) -> dict[str, float]:
 
 
 def build(sources: Path) -> str:
-    """PYTHONPATH of the package built of a tree of sources, and of the benchmarks there."""
+    """PYTHONPATH of the package built from a source tree, and of the benchmarks there."""
     core = f"fortran/_core{sysconfig.get_config_var('EXT_SUFFIX')}"
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     for words in (["setup", "build"], ["compile", "-C", "build", core]):
@@ -67,7 +67,7 @@ def build(sources: Path) -> str:
 
 
 def extracted(commit: str, folder: Path) -> Path:
-    """The files of a commit; of none, those that git knows here, as they are now."""
+    """Files of a commit; without one, the current state of the files in git."""
     folder.mkdir()
     if commit:
         pack = ["git", "archive", commit]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What many evaluation lines of a layer cost: to check and run a case of few boulders, and to make
-the report of a result with a few dozen of them.
+"""Cost of many evaluation lines of a layer: check and run of a case of few boulders, and report of
+a result with a few dozen lines.
 
     python -m benchmarks.speed.lines [--lines 1000 4000 20000] [--reported 40]
 
-Wall and CPU seconds of one command each; on a busy machine look at the CPU.
+Wall and CPU seconds of one command each; on a busy machine use the CPU times.
 """
 
 import argparse

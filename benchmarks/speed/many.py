@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""So many boulders that their rows do not fit: `&output kept`, on cases/vaujany without maps.
+"""Boulders whose rows do not fit in memory: `&output kept`, on cases/vaujany without maps.
 
     python -m benchmarks.speed.many [--boulders 100000000] [--kept none] [--shards 16] [--threads 0]
 
 Runs a tenth of the boulders and all of them, and prints the peak memory of each (VmHWM): it must be
-the same. They are killed once on their way, and go on. Then they are run as shards, which are
-merged: every bit must be that of the run in one piece. Numbers of a tenth of the boulders, but
-a million at most, are set beside those of a run that keeps all rows.
+equal. Each run is killed once, and resumed. Then the boulders are run as shards and merged: every
+bit must equal the run in one piece. Numbers of a tenth of the boulders, at most a million, are
+compared with a run that keeps all rows.
 """
 
 import argparse
@@ -43,7 +43,7 @@ def command(kept: str, boulders: int, threads: int, output: str) -> list[str]:
 
 
 def kill_on_the_way(folder: Path, words: list[str], seconds: float) -> None:
-    """A run that keeps its work every second is killed after so many, or when it has kept some."""
+    """Kill a run that saves every second, after a time or once it has saved."""
     process = subprocess.Popen([*words, "--checkpoint", "1"], cwd=folder)
     time.sleep(seconds)
     checkpoint = folder / f"{words[-1]}.checkpoint"
@@ -55,7 +55,7 @@ def kill_on_the_way(folder: Path, words: list[str], seconds: float) -> None:
 
 
 def same(one: Path, other: Path) -> bool:
-    """Whether two results agree in every bit, but for times."""
+    """Return True if two results agree in every bit, except for times."""
     a, b = rockfall.read_result(one), rockfall.read_result(other)
     found = {*a.variables} == {*b.variables}
     for name in a.variables:

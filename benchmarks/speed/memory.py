@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Peak memory of a run on a large DEM, beside what it may be.
+"""Peak memory of a run on a large DEM, compared with its limit.
 
     python -m benchmarks.speed.memory [--side 10000]
 
 Makes DEMs of `--side` squared cells in a temporary folder, runs `rockfall run` and, where it is
-found, `rockfall-batch`, and asks the system for the peak of each. A run may take 8 bytes for each
-cell of the DEM, 4 for each cell of zones, what was asked for (4 for each cell of a map, 8 more for
-the sums behind energy_mean, 120 for each boulder), and 100 MB. The boulders start all over the DEM,
-so that no page of a map stays untouched.
+found, `rockfall-batch`, and reads the peak of each from the system. A run may take 8 bytes for each
+cell of the DEM, 4 for each cell of zones, the requested outputs (4 for each cell of a map, 8 more
+for the sums behind energy_mean, 120 for each boulder), and 100 MB. The boulders start all over the
+DEM, so that no page of a map stays untouched.
 """
 
 import argparse
@@ -78,7 +78,7 @@ def make_files(folder: Path, side: int) -> None:
 
 
 def measure(folder: Path, what: str, side: int, program: str = "", **case: str) -> None:
-    """One row of the table: what a run may take, what it takes."""
+    """One row of the table: memory allowed and used by a run."""
     asked = MAPS if case["maps"] == "all" else [case["maps"]]
     case["maps"] = ", ".join(f"'{name}'" for name in asked)
     (folder / "case.nml").write_text(CASE.format(**case))

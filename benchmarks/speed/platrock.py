@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a rebound costs here and in PlatRock: one terrain, one place of release, one rebound model.
+"""Cost of a rebound here and in PlatRock: one terrain, one place of release, one rebound model.
 
     apt-get install python3-gdal libgdal-dev
     python3 -m venv ~/platrock && ~/platrock/bin/pip install platrock
@@ -8,8 +8,8 @@
 The terrain and the release of cases/vaujany, boulders of 0.8 m3, everywhere the rebound of Bourrier
 and Hungr (2011), which both have, with the same parameters. Both run on one thread. The terrain of
 PlatRock is of triangles, ours is bilinear; its flights have time steps (its default, 0.02 s), ours
-none; what stops a boulder differs too, and so does their number of rebounds: compare the time of
-one. Reading and writing files is not in it.
+none; stopping rules and thus numbers of rebounds differ too: compare the time per rebound. Reading
+and writing files is excluded.
 """
 
 import argparse

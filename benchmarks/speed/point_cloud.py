@@ -4,10 +4,10 @@
     python -m benchmarks.speed.point_cloud [--million 10] [--tiles 5] [--times 2] [--thin 2.0]
                                            [--folder DIR]
 
-Tiles of so many million points (point format 6, hundredths of a metre) lie side by side; their
-points are drawn evenly over a slope, ten to the square metre, all ground, in strips as a scanner
-flies. All are read `--times` times, as one cloud. Memory is the peak of the process that reads
-them, beyond what it takes for 1,000 points. Tiles that --folder holds already are not made again.
+Tiles of millions of points (point format 6, hundredths of a metre) lie side by side; their points
+are drawn evenly over a slope, ten to the square metre, all ground, in strips as a scanner flies.
+All are read `--times` times, as one cloud. Memory is the peak of the process that reads them,
+beyond what it takes for 1,000 points. Existing tiles in --folder are not made again.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a result's products cost: report, PDF, hazard, export, lines, figures, by several builds.
+"""Cost of the products of a result: report, PDF, hazard, export, lines, figures, by several builds.
 
     python -m benchmarks.speed.products [--boulders 100000] [--repeat 3]
         [--other PYTHON ...] [--commands report pdf hazard export lines figures]
 
 The slope of `cases/vaujany` with seven maps; for the hazard `cases/settlement`, with few boulders,
 so that its files count. `--other` are Pythons of other builds of rockfall, which take turns with
-this one, each with a result of its own; numbers are minima of the turns. On a busy machine look at
-the CPU.
+this one, each with a result of its own; numbers are minima of the turns. On a busy machine use the
+CPU times.
 """
 
 import argparse

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an open session takes beside the flights of its boulders, and a warm `rockfall.run`.
+"""Overhead of an open session in addition to flights, and of a warm `rockfall.run`.
 
     python -m benchmarks.speed.session [--repeat 30] [--boulders 1000]
 
 `cases/vaujany` on one thread, without maps and with the nine of the case: CPU milliseconds of this
-thread, least and median of `--repeat` times. Flights are the calls of the kernel; a run is `for
+thread, minimum and median of `--repeat` times. Flights are the calls of the kernel; a run is `for
 batch in session.run()` less its flights, without and with a Dataset at the end; a change moves the
 release, or a line; statistics are those of one and of two quantities at the two lines. Then the
 time until a run on another thread has ended, after its cancel is set (wall clock: on an idle

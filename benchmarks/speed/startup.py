@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a command takes before and after the boulders: wall and CPU seconds, and by import.
+"""Time of a command before and after the boulders: wall and CPU seconds, and by import.
 
     python -m benchmarks.speed.startup [--repeat 20] [TREE ...]
 
 Commands on a small case with an ESRI ASCII terrain, and on that of `cases/vaujany` (GeoTIFF), with
-100 boulders each; least and median of `--repeat` starts. A TREE is the folder with the package of
-another version, as installed: trees take turns with the one that this Python finds, so that what
-else the machine does is shared. The first start of each, which compiles Python, does not count.
-Below, the least of five by -X importtime: what the imports of each package take, the interpreter,
-and the rest, which is the command's own work; importtime itself takes some of it.
+100 boulders each; minimum and median of `--repeat` starts. A TREE is the folder with the package of
+another version, as installed: trees take turns with the one that this Python finds, so that other
+load of the machine is shared. The first start of each, which compiles Python, does not count.
+Below, minima of five with -X importtime: imports by package, interpreter, and the rest, which is
+the command's own work and some overhead of importtime.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ IMPORT = re.compile(r"import time:\s+(\d+) \|\s+\d+ \|\s+(\w+)")
 
 
 def start(tree: Path, folder: Path, words: list[str]) -> tuple[float, float, str]:
-    """Wall and CPU seconds of a Python that imports from a tree, and what it says on stderr."""
+    """Wall and CPU seconds of a Python that imports from a tree, and its stderr."""
     place = {"PYTHONPATH": str(tree), "PYTHONPYCACHEPREFIX": str(folder / "cache")}
     place["PYTHONDONTWRITEBYTECODE"] = ""
     begun = time.perf_counter()
@@ -74,7 +74,7 @@ def words_of(command: str) -> list[str]:
 
 
 def by_package(tree: Path, folder: Path, command: str) -> Counter[str]:
-    """Milliseconds of a command by package, the least of five starts each."""
+    """Milliseconds of a command by package, minima of five starts each."""
     found: list[Counter[str]] = []
     for _ in range(5):
         wall, _, said = start(tree, folder, ["-X", "importtime", *words_of(command)])

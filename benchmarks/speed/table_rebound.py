@@ -3,9 +3,9 @@
 
     python -m benchmarks.speed.table_rebound [--boulders 20000] [--repeat 7]
 
-The slope of cases/vaujany with R_m = 0.1 m everywhere, nothing asked for, one thread; the least of
-the repeated runs, which take turns. Of the whole run, by its rebounds: flights, the cells that they
-cross and what a contact rolls are in it.
+The slope of cases/vaujany with R_m = 0.1 m everywhere, no options, one thread; minima of the
+repeated runs, which take turns. The time of the complete run is divided by its rebounds: it
+includes flights, the cells that they cross, and rolling.
 """
 
 import argparse

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a rebound costs: CPU nanoseconds by option and by instruction set, wall time by threads, and
-where the time goes.
+"""Cost of a rebound: CPU nanoseconds by option and by instruction set, wall time by threads, and
+the parts of the time.
 
     python -m benchmarks.speed.throughput [--boulders 20000] [--repeat 5]
 
-Each number is the least of `--repeat` runs; beside the first ones the mean and its standard error.
-CPU time counts all threads; it is that of the kernel's calls, not of reading and writing files. On
-a busy machine only the ratios mean something.
+Each number is the minimum of `--repeat` runs; the first ones also have the mean and its standard
+error. CPU time counts all threads; it is that of the kernel's calls, not of reading and writing
+files. On a busy machine only the ratios mean something.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Runs(NamedTuple):
         return 1e9 * self.cpu.min() / self.rebounds
 
     def over(self, one: Runs) -> str:
-        """How much faster than those of one thread, and what more CPU time they take."""
+        """Speed-up over one thread, and additional CPU time."""
         faster, dearer = one.wall.min() / self.wall.min(), self.cpu.min() / one.cpu.min()
         return f"{faster:18.2f} x{dearer:20.2f}"
 

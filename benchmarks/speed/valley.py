@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A whole valley: what maps of a large terrain cost in time and memory, and what its size costs.
+"""A whole valley: cost of maps and of the size of a large terrain, in time and memory.
 
     python -m benchmarks.speed.valley [--side 4000] [--sources 10000] [--each 100] [--large 10000]
 
-First 100 boulders from each of 10,000 cells of a made relief of 4000 x 4000 cells, with and without
-maps: CPU time of the whole programs, and the peak of memory beside what `rockfall check` says. Then
-a rebound in a basin of 200 x 200 cells, and in the same basin amid 10,000 x 10,000 cells of them:
-CPU time of the kernel, least of `--repeat` runs, taken in turn.
+First 100 boulders from each of 10,000 cells of a synthetic relief of 4000 x 4000 cells, with and
+without maps: CPU time of the whole programs, and the memory peak compared with `rockfall check`.
+Then a rebound in a basin of 200 x 200 cells, and in the same basin amid 10,000 x 10,000 cells of
+them: CPU time of the kernel, minimum of `--repeat` runs, taken in turn.
 """
 
 import argparse
@@ -40,8 +40,8 @@ SAME = {
 def relief(
     side: int, random: np.random.Generator, widest: float = VALLEYS, cell: float = CELL
 ) -> np.ndarray:
-    """Elevations [m] of a fractal relief that goes on at its edges: amplitudes fall with the power
-    2.6 of the wave number, so that slopes are those of the hills more than of single cells."""
+    """Elevations [m] of a fractal, periodic relief: amplitudes fall with the power 2.6 of the wave
+    number, so that slopes are those of the hills more than of single cells."""
     ky, kx = np.fft.fftfreq(side, cell)[:, None], np.fft.rfftfreq(side, cell)[None]
     k2 = kx**2 + ky**2
     wave = random.normal(size=k2.shape) + 1j * random.normal(size=k2.shape)
@@ -51,7 +51,7 @@ def relief(
 
 
 def steep_cells(z: np.ndarray, number: int, random: np.random.Generator) -> np.ndarray:
-    """So many cells drawn from those steeper than 50 degrees, away from the edges (uint8)."""
+    """Cells drawn from those steeper than 50 degrees, away from the edges (uint8)."""
     north, east = np.gradient(z[100:-100, 100:-100], CELL)
     steep = np.flatnonzero(np.pad(np.hypot(north, east) > np.tan(np.radians(50)), 100))
     cells = np.zeros(z.size, "u1")
@@ -70,7 +70,7 @@ def write_tiff(path: Path, values: np.ndarray) -> None:
 
 
 def program(*words: str | Path) -> tuple[str, float, int]:
-    """What a `rockfall` command prints, its CPU seconds, and the bytes that it takes at most."""
+    """Output of a `rockfall` command, its CPU seconds, and its peak memory [bytes]."""
     return run_child(sys.executable, "-m", "rockfall", *words)
 
 
@@ -105,8 +105,8 @@ def whole_valley(folder: Path, each: int, threads: int) -> None:
 
 
 def basin() -> np.ndarray:
-    """A rough basin that goes on at its edges, with sides of up to 43 degrees; boulders that start
-    below the lowest place of its rim stay in it."""
+    """A rough periodic basin with sides of up to 43 degrees; boulders that start below the lowest
+    place of its rim stay inside."""
     x = 2 * np.pi * (np.arange(BASIN) + 0.5) / BASIN
     smooth = 70.0 * (np.cos(x)[:, None] + np.cos(x)[None])
     rough = relief(BASIN, np.random.default_rng(2), widest=50.0) - 2000.0

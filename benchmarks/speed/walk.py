@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the walk over the patches of the terrain costs a rebound: by size of cells, and by maps.
+"""Cost of walking over the patches of the terrain per rebound: by cell size, and by maps.
 
     python -m benchmarks.speed.walk [--boulders 100] [--repeat 5] [--program rockfall-batch]
 
 One steep relief, known every half metre; coarser cells are every second node of it, every fifth and
-so on. Then `cases/vaujany` with maps, on one thread and on two. CPU time is the least of `--repeat`
-runs on one thread; instructions are of rockfall-batch under callgrind, as in `costs.py`.
+so on. Then `cases/vaujany` with maps, on one thread and on two. CPU time is the minimum of
+`--repeat` runs on one thread; instructions are of rockfall-batch under callgrind, as in `costs.py`.
 """
 
 import argparse

@@ -110,7 +110,7 @@ def serve(path: Path, folder: Path, said: Connection) -> None:
 
 
 def messages(socket: ClientConnection) -> Iterator[dict[str, Any]]:
-    """Headers of messages as they come."""
+    """Headers of incoming messages."""
     while True:
         found = socket.recv(600)
         if isinstance(found, bytes):
@@ -172,7 +172,7 @@ def times(coming: Iterator[dict[str, Any]], revision: int, begun: float) -> list
 
 
 def made(folder: Path, side: int) -> tuple[Path, np.ndarray]:
-    """A case on a made relief, and a place on it from which boulders fall."""
+    """A case on a synthetic relief, and a release point on it."""
     z = relief(side, np.random.default_rng(1))
     grid = Grid(0.0, side * CELL, CELL, side, side)
     write_geotiff(folder / "dem.tif", z, grid, None)
@@ -191,7 +191,7 @@ def made(folder: Path, side: int) -> tuple[Path, np.ndarray]:
 
 
 def measure_page(name: str, path: Path, environment: dict[str, str]) -> None:
-    """Print the times of the page of a case, each of the least of three starts."""
+    """Print the times of the page of a case, each the minimum of three starts."""
     browser = _chromium()
     starts = [_start(browser, path, environment) for _ in range(STARTS)]
     browser.quit()
@@ -236,7 +236,7 @@ def _start(browser: Any, path: Path, environment: dict[str, str]) -> list[float]
 
 def _move(browser: Any) -> list[float]:
     """Milliseconds from a key that moves the selected feature to its first and to all results, and
-    those in which the script of the page ran meanwhile."""
+    the time of the page's script within them."""
     time.sleep(0.5)  # for the map to arrive at the feature
     revision = browser.execute_script(LISTEN)
     browser.execute_cdp_cmd("Profiler.enable", {})
@@ -324,7 +324,7 @@ def time_page(folder: Path, side: int, lines: int) -> None:
 
 
 def many(path: Path, lines: int, sources: int) -> Path:
-    """The made case with many short lines, or with many points as sources."""
+    """The synthetic case with many short lines, or with many points as sources."""
     case, dem = rockfall.read_case(path), Grid(0.0, 0.0, CELL, 1, 1)
     x, y, line = case.release["x"][0], case.release["y"][0], case.line[0]
     rows = [

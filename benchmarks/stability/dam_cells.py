@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How many boulders a dam lets pass, by the cells of the terrain that it is raised on.
+"""Boulders that pass a dam, by the cell size of the terrain on which it is raised.
 
     python -m benchmarks.stability.dam_cells [--boulders 20000] [--cells 5 2.5 1 0.5 0.25]
 
-The slope of cases/protected-road without its relief, so that cells change the dam alone: a cliff, a
-talus slope of 38 to 29 degrees, a road. The dam is 5 m high and stands 20 m above the road, not
-quite along the rows of cells. The same boulders without it, on the same cells, are what it is
-compared with.
+The slope of cases/protected-road without its relief, so that the cell size affects the dam only: a
+cliff, a talus slope of 38 to 29 degrees, a road. The dam is 5 m high and 20 m above the road, not
+quite along the rows of cells. It is compared with the same boulders on the same cells without it.
 """
 
 import argparse
@@ -39,7 +38,7 @@ def profile(south: np.ndarray) -> np.ndarray:
 
 
 def reached(cell: float, boulders: int, dam: list[dict]) -> tuple[float, list]:
-    """Fraction of the boulders at the road, and the dams as they came out."""
+    """Fraction of the boulders at the road, and the resulting dams."""
     ny, nx = round(ORIGIN[1] / cell), round(WIDE / cell)
     z = np.repeat(profile((np.arange(ny) + 0.5) * cell)[:, None], nx, axis=1)
     transform = Affine(cell, 0.0, ORIGIN[0], 0.0, -cell, ORIGIN[1])

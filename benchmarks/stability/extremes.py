@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Extreme terrain, scales and impact sets as cases: what `stability.py` and the tests run.
+"""Extreme terrain, scales and impact sets as cases for `stability.py` and the tests.
 
-Where nothing else is the point, a lively impact set on rough ground of 40 degrees. Local and map
-coordinates are the same there, and cells are 2 m: so what is meant to lie on a side does.
+The default is a lively impact set on rough ground of 40 degrees. Local and map coordinates are
+equal there, and cells are 2 m, so that points meant to be on a side are exactly there.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SHAPE = (60, 40)
 
 @dataclass
 class Scene:
-    """A case on an array of elevations, and what could go wrong there."""
+    """A case on an array of elevations, and its possible problems."""
 
     name: str
     risk: str
@@ -55,7 +55,7 @@ class Scene:
         return self.groups.get("flight", {}).get("gravity", 9.81)
 
     def case(self, folder: Path, boulders: int = 500, **groups: dict[str, Any]) -> rockfall.Case:
-        """The case of so many boulders at least; `folder` gets its impact sets."""
+        """Case with at least this number of boulders; its impact sets are written to `folder`."""
         alike = np.tile(self.mean, (5, 1)), np.tile(self.covariance, (5, 1, 1))
         write_sets(folder / "sets.nml", *alike)
         points = np.array(self.points or scattered(self))
@@ -84,9 +84,9 @@ class Scene:
         return {"dem": self.z, "transform": self.grid, "mean_radius": rocks}
 
     def size(self, case: rockfall.Case) -> float:
-        """The length [m] whose rounding limits what double precision can tell: the sum of the
-        greatest elevation, the height that a boulder's energy could lift it to, the extent of the
-        terrain, and what its steepest patch would rise over it."""
+        """Length [m] whose rounding limits double precision: the sum of the highest elevation, the
+        height that a boulder's energy could lift it to, the extent of the terrain, and what its
+        steepest patch would rise over it."""
         z = self.z[np.isfinite(self.z)]
         rises = [np.nanmax(np.abs(np.diff(self.z, axis=axis)), initial=0) for axis in (0, 1)]
         lift = case.release["drop_height"] + sum(
@@ -104,7 +104,7 @@ def scattered(scene: Scene) -> list[tuple[float, float]]:
 
 
 def nodes(step: float = 0.0) -> list[tuple[float, float]]:
-    """Nodes in the upper half of the usual terrain; with a step [m] beside them."""
+    """Nodes in the upper half of the usual terrain; with a step [m] next to them."""
     return [(x + step, y + step) for x, y in itertools.product(range(8, 72, 8), range(60, 110, 8))]
 
 
@@ -125,7 +125,7 @@ def rough(cell: float = 2.0) -> np.ndarray:
 
 
 def diagonal(r_t: float, r_n: float, r_w: float = 1.0) -> dict[str, np.ndarray]:
-    """An impact without scatter that multiplies V_t, V_n and W alone."""
+    """An impact without scatter that multiplies V_t, V_n and W separately."""
     return {"mean": np.diag([r_t, -r_n, r_w]).ravel(), "covariance": np.zeros((9, 9))}
 
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Energy left by contacts from the shipped tables of impacts on flat ground, where none may gain:
+"""Energy after contacts from the shipped tables of impacts on flat ground, where none may gain:
 
     python -m benchmarks.stability.flat_ground [--boulders 2000]
 
 Boulders of each shape are thrown at 3 to 40 m/s over level ground (R_b = 0.4 m, R_b/R_m = 2), and
-all their contacts are recorded, several millions. Prints for each table how many there were, the
-most energy after a contact over that before, translation and rotation, and how many gained.
+all their contacts are recorded, several millions. Prints for each table the number of contacts, the
+maximum ratio of the energy after and before (translation and rotation), and the number of gains.
 """
 
 import argparse

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Foreign files against a strict reading: what must be refused is, and the rest has its numbers.
+"""Foreign files and strict readers: invalid files are refused, others have the right numbers.
 
-Each file is made from a description that tells what it holds, so that it is known, without any
-reader, whether it must be accepted and with which values. `spoil` breaks one rule of a format.
+Each file is made from a description of its contents, which determines without any reader whether
+it must be accepted and with which values. `spoil` breaks one rule of a format.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ METRES = (None, "m", "metre", "Meter", "metres", "meters")
 
 @dataclass
 class Made:
-    """A file, and what must be read of it: None where it must be refused."""
+    """A file, and the expected contents: None if it must be refused."""
 
     path: Path
     about: str
@@ -81,7 +81,7 @@ def elevations(random: np.random.Generator) -> np.ndarray:
 
 
 def ascii_header(random: np.random.Generator, folder: Path) -> Made:
-    """Headers in any dress, or with one fault."""
+    """Headers in various formats, or with one fault."""
     z, path = elevations(random), folder / "dem.asc"
     ny, nx = z.shape
     west, south = (float(np.round(random.uniform(-1e6, 6e6), 3)) for _ in range(2))
@@ -116,7 +116,7 @@ def ascii_header(random: np.random.Generator, folder: Path) -> Made:
 
 
 def _spelled(random: np.random.Generator, value: float) -> str:
-    """A number as people write it."""
+    """A number in a format that people use."""
     texts = [repr(value), f"{value:.17g}", f"{value:.17e}", f"{value:.17E}"]
     texts += [f"+{value!r}"] if value > 0 else []
     texts += [str(int(value)), f"{int(value)}."] if value == int(value) and abs(value) < 1e9 else []
@@ -169,7 +169,7 @@ def _spoil_header(
 
 
 def netcdf_attributes(random: np.random.Generator, folder: Path) -> Made:
-    """Marks, ranges, packing and units in any combination that means something, or one fault."""
+    """Marks, ranges, packing and units in any valid combination, or with one fault."""
     path = folder / "dem.nc"
     stored = np.dtype(pick(random, "i1 u1 i2 u2 i4 u4 f4 f8".split()))
     z = elevations(random)
@@ -236,7 +236,7 @@ def netcdf_attributes(random: np.random.Generator, folder: Path) -> Made:
 
 
 def _decoded(raw: np.ndarray, meaning: np.dtype, about: dict, fill: Any) -> np.ndarray:
-    """What the CF conventions say that the numbers are, one by one."""
+    """Numbers decoded one by one by the CF conventions."""
     numbers = [n.item() for n in raw.view(meaning).ravel()]
     signless = "u" == meaning.kind
 
@@ -555,7 +555,7 @@ KINDS_OF_FILES: dict[str, Callable[[np.random.Generator, Path], Made]] = {
 
 
 def verdict(made: Made) -> str:
-    """`accepted`, `refused`, or what is wrong."""
+    """`accepted`, `refused`, or the fault."""
     try:
         with warnings.catch_warnings(action="ignore"):
             found = made.how(made.path)

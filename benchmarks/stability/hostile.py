@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Malformed inputs through both programs: each must be done or be refused, a line for each fault.
+"""Malformed inputs for both programs: each must be processed or refused, with a line for each
+fault.
 
 Small valid inputs of every kind are made, one file of each is altered (mutators.py), and a command
 reads it: `rockfall` in a fork of a process that has everything imported, `rockfall-batch` as it is
-built, each tenth time by a build with sanitizers where there is one. What must hold: `verdict`.
+built, every tenth time by a build with sanitizers, if there is one. `verdict` has the requirements.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ MAPS = "'passages', 'deposits', 'energy_mean', 'energy_q95', 'reach_probability'
 
 @dataclass(frozen=True)
 class Input:
-    """A file, the commands that read it (those of rockfall-batch have its name first), and how it
-    is altered."""
+    """A file, the commands that read it (those of rockfall-batch have its name first), and its
+    alteration."""
 
     kind: str
     file: str
@@ -208,7 +209,7 @@ def make_cases(files: Path) -> None:
 
 
 def _make_checkpoint(base: Path) -> None:
-    """What a program leaves when it is killed half-way."""
+    """Make the files that a killed program leaves."""
     with contextlib.chdir(base):  # a case has the name by which it is read
         tally = start(read_scene(rockfall.read_case(Path("in/asc.nml"))), 1)
         run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)
@@ -222,8 +223,8 @@ def _make_checkpoint(base: Path) -> None:
 
 @dataclass
 class Ran:
-    """How a command ended: its status (negative: the signal that killed it; None: it went on for
-    too long), and what it said."""
+    """How a command ended: its status (negative: the signal that killed it; None: it ran too long),
+    and its output."""
 
     status: int | None
     said: str
@@ -267,7 +268,7 @@ def _limit(memory: bool = True) -> None:
 
 
 def _wait(child: int, begin: float) -> int | None:
-    """The status of a child; None if it had to be killed."""
+    """Status of a child process; None if it had to be killed."""
     pause = 0.001
     while time.monotonic() - begin < LONGEST:
         done, status = os.waitpid(child, os.WNOHANG)
@@ -301,7 +302,7 @@ def run_batch(words: list[str], work: Path, sanitized: bool) -> Ran:
 
 
 def snapshot(folder: Path) -> dict[str, tuple]:
-    """Every name below a folder, with what a change would change."""
+    """Every name below a folder, with properties that any change affects."""
     found = {}
     for place, folders, names in os.walk(folder):
         for name in (*folders, *names):
@@ -314,7 +315,7 @@ def snapshot(folder: Path) -> dict[str, tuple]:
 
 
 def verdict(ran: Ran, work: Path, before: dict[str, tuple], batch: bool) -> str:
-    """`done`, `refused`, or what is wrong."""
+    """`done`, `refused`, or the fault."""
     lines = [line for line in ran.said.splitlines() if line]
     if ran.status is None:
         return f"HANG: more than {LONGEST:g} s"
@@ -347,8 +348,8 @@ def verdict(ran: Ran, work: Path, before: dict[str, tuple], batch: bool) -> str:
 
 
 def bad_numbers(path: Path) -> list[str]:
-    """Variables of a result with something else than a number where one is due: of each boulder,
-    of its way, and at a line either all or none."""
+    """Variables of a result with missing numbers: of each boulder, of its path, or at a line, where
+    all or none must exist."""
     bad = []
     with netCDF4.Dataset(path) as file:
         file.set_auto_mask(False)
@@ -371,7 +372,7 @@ def bad_numbers(path: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Tried:
-    """One input: what it was, and how it ended."""
+    """One input and its outcome."""
 
     number: int
     kind: str
@@ -396,14 +397,14 @@ def attempt(base: Path, work: Path, seed: int, number: int, inputs: list[Input])
 
 
 def _drawn(seed: int, number: int, inputs: list[Input]) -> tuple[np.random.Generator, Input, str]:
-    """What an input is, the command that reads it, and the numbers for what is drawn next."""
+    """An input, the command that reads it, and the random numbers for the next draws."""
     random = np.random.default_rng((seed, number))
     one = inputs[int(random.integers(len(inputs)))]
     return random, one, one.commands[int(random.integers(len(one.commands)))]
 
 
 def check_valid(base: Path, work: Path, commands: set[str]) -> None:
-    """What is refused before it is altered shows nothing."""
+    """Check that inputs are accepted before they are altered."""
     for command in sorted(commands):
         _copy(base, work, command)
         if (found := _give(command, work, False)[0]) != "done":
@@ -415,7 +416,8 @@ def _is_batch(command: str) -> bool:
 
 
 def _copy(base: Path, work: Path, command: str) -> None:
-    """The valid inputs, anew; what killed runs left only where a command goes on from it."""
+    """Fresh copies of the valid inputs; files of killed runs only for commands that resume from
+    them."""
     shutil.rmtree(work, ignore_errors=True)
     shutil.copytree(base, work)
     if "half" not in command:
@@ -477,7 +479,7 @@ def attempts(folder: Path, seed: int, numbers: range, kind: str | None = None) -
 
 
 def _import_all() -> None:
-    """What a fork is not to import anew."""
+    """Import everything that forks shall not import again."""
     import dask.base  # noqa: F401
     import jinja2  # noqa: F401
     import matplotlib.figure  # noqa: F401

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crashes at random steps of a save, interrupts and resumes between: the same bits in the end.
+"""Crashes at random steps of a save, interrupts and resumes: equal bits in the end.
 
     python -m benchmarks.stability.kills --crashes 1000 --seed 1
 
-Runs save whenever they may, and go on from what they find, be it of the other program. crash.c ends
-them before one of the calls by which files come to disk and get their names (rename, fsync, unlink,
-flock), as a kill does, or interrupts them there, or right after they have begun. Whenever a run
-comes to its end its result is compared with that of one in one piece, bit for bit, and another
-begins. `rockfall` runs in forks of a process that has everything imported.
+Runs save as often as possible, and resume from existing files, also of the other program. crash.c
+ends them before a call that writes or names files (rename, fsync, unlink, flock), like a kill, or
+interrupts them there, or right after their start. The result of each complete run is compared bit
+for bit with an uninterrupted run, then another begins. `rockfall` runs in forks of a process that
+has everything imported.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ PRELOAD = ["__main__", "rockfall.simulation.parts.checkpoint", "rockfall.text.su
 
 
 def build_shim(folder: Path) -> dict[str, str]:
-    """An environment in which programs obey CRASH_AT and so on, see crash.c."""
+    """Environment in which programs obey CRASH_AT and other variables of crash.c."""
     shim = folder / "crash.so"
     subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", shim, SHIM, "-ldl"], check=True)
     return {**os.environ, "LD_PRELOAD": str(shim), "OMP_NUM_THREADS": "1"}
 
 
 def run_program(words: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
-    """Run rockfall-batch; its exit status, and what it says."""
+    """Run rockfall-batch; returns exit status and output."""
     command = [find_program(), "ready/case.nml", *words]
     ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     return ended.returncode, ended.stderr
@@ -77,7 +77,7 @@ RUN = {"rockfall": run_fork, "rockfall-batch": run_program}
 
 
 class Study:
-    """Runs of both programs in a folder until so many have crashed."""
+    """Runs of both programs in a folder until a number of them has crashed."""
 
     def __init__(self, folder: Path, environment: dict, boulders: int, numbers: random.Random):
         self.folder, self.environment, self.random = folder, environment, numbers

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ways to spoil a file: its bytes, words, numbers, structure, or what its name leads to.
+"""Alterations of a file: its bytes, words, numbers, structure, or the target of its name.
 
 A mutator of content takes (random, content, other content of the same kind) and returns content;
-one of places puts something else than a file under a name.
+a mutator of places puts something other than a file under a name.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def _one(random: np.random.Generator, several: tuple | list):
 
 
 def _replace(random: np.random.Generator, content: bytes, pattern: re.Pattern, by: bytes) -> bytes:
-    """One of the places where a pattern stands, replaced."""
+    """Replace one occurrence of a pattern."""
     found = list(pattern.finditer(content))
     if not found:
         return bits(random, content, b"")
@@ -67,7 +67,7 @@ def _replace(random: np.random.Generator, content: bytes, pattern: re.Pattern, b
 
 
 def bits(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """One to eight bits turned, most of them near each other."""
+    """Flip one to eight bits, most of them near each other."""
     spoiled = bytearray(content or b"\0")
     near = _place(random, content)
     for _k in range(int(random.integers(1, 9))):
@@ -78,12 +78,12 @@ def bits(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def head_bits(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """Bits of the first 512 bytes turned, where formats keep sizes and places."""
+    """Flip bits in the first 512 bytes, where formats store sizes and positions."""
     return bits(random, content[:512], b"") + content[512:]
 
 
 def random_bytes(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A stretch of noise in place of what was there."""
+    """Replace a part by noise."""
     start, noise = _place(random, content), random.bytes(int(random.integers(1, 200)))
     return content[:start] + noise + content[start + len(noise) :]
 
@@ -98,13 +98,13 @@ def extremes(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def truncation(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """The end is not there; now and then nothing is."""
+    """Remove the end, sometimes everything."""
     ends = (0, 1, len(content) // 2, len(content) - 1, _place(random, content))
     return content[: _one(random, ends)]
 
 
 def duplication(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A stretch, or all, twice or many times."""
+    """Repeat a part of the file, or all of it."""
     first, last = sorted((_place(random, content), _place(random, content)))
     times = min(_one(random, (2, 2, 50, 5000)), MOST // max(1, last - first) + 1)
     return content[:first] + content[first:last] * times + content[last:]
@@ -122,7 +122,7 @@ def splice(random: np.random.Generator, content: bytes, other: bytes) -> bytes:
 
 
 def noise(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """Nothing but random bytes after the first few."""
+    """Only random bytes after the first few."""
     return content[: _one(random, (0, 4, 8, 100))] + random.bytes(int(random.integers(5000)))
 
 
@@ -132,24 +132,24 @@ BYTES = (bits, head_bits, random_bytes, extremes, truncation, duplication, remov
 
 
 def number(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A number becomes one that is none, or past all bounds."""
+    """Replace a number by an invalid or excessive one."""
     return _replace(random, content, _NUMBER, _one(random, NUMBERS))
 
 
 def numbers(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """Two to four of them do."""
+    """Replace two to four numbers."""
     for _k in range(int(random.integers(2, 5))):
         content = number(random, content, b"")
     return content
 
 
 def quoted(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A quoted text becomes a path, or what no path should be."""
+    """Replace a quoted text by a path, or by an invalid path."""
     return _replace(random, content, _QUOTED, b"'" + _one(random, TEXTS) + b"'")
 
 
 def word(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A word is doubled, renamed, spelt in capitals, taken out, or another word."""
+    """Repeat, rename, capitalise, remove or replace a word."""
     words = [found.group() for found in _WORD.finditer(content)] or [b"x"]
     mine = _one(random, words)
     others = (mine * 2, mine + b"_", mine.upper(), mine[:-1], b"", _one(random, words), b"q" * 5000)
@@ -157,7 +157,7 @@ def word(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def line_twice(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A line stands twice, or at another place, or is not there."""
+    """Repeat, move or remove a line."""
     lines = content.splitlines(keepends=True) or [b""]
     mine = lines.pop(int(random.integers(len(lines))))
     for _k in range(_one(random, (0, 1, 2, 300))):
@@ -177,7 +177,7 @@ def line_ends(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def insertion(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """Signs that have a meaning somewhere, or none anywhere, put in."""
+    """Insert characters with or without a special meaning."""
     signs = (
         b"\0", b"'", b"\"", b"''", b"/", b"&", b"&end", b"!", b",", b",,", b";", b"\n", b"\r",
         b"\t", b"=", b"(", b")", b"%", b"\\", b"{", b"[", b"\xc3", b"\xff", b"\x1a", b"\x7f", b"#",
@@ -189,14 +189,14 @@ def insertion(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def long_line(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A line of a million signs."""
+    """A line of a million characters."""
     start = _place(random, content)
     piece = _one(random, (b" ", b"1", b"1 ", b"x,", b"a", b"'", b"!", b"1.5,"))
     return content[:start] + piece * (1_000_000 // len(piece)) + content[start:]
 
 
 def sizes(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """The first numbers of a grid, which are its sizes, lie."""
+    """Falsify the first numbers of a grid, its sizes."""
     lie = _one(random, SIZES)
     for place in (0, 1) if random.random() < 0.5 else (int(random.integers(0, 2)),):
         found = list(_NUMBER.finditer(content))
@@ -237,7 +237,8 @@ def nesting(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def tiff_tag(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """An entry of the first directory lies: sizes, strips and their places, compression, types."""
+    """Falsify an entry of the first directory: sizes, strips and their positions, compression,
+    types."""
     if len(content) < 8 or content[:2] not in (b"II", b"MM"):
         return bits(random, content, b"")
     end = "<" if content[:2] == b"II" else ">"
@@ -261,7 +262,8 @@ def tiff_tag(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def tiff_bomb(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A few hundred bytes that unfold to gigabytes: width and height of a deflated file lie."""
+    """A few hundred bytes that decompress to gigabytes: false width and height of a deflated
+    file."""
     if content[:2] != b"II" or len(content) < 8:
         return bits(random, content, b"")
     spoiled, (start,) = bytearray(content), struct.unpack_from("<I", content, 4)
@@ -275,7 +277,8 @@ def tiff_bomb(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def names(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A name in a binary file (dimension, variable, attribute) becomes another as long."""
+    """A name in a binary file (dimension, variable, attribute) becomes another one of equal
+    length."""
     found = sorted({w.group() for w in re.finditer(rb"[A-Za-z_][A-Za-z_0-9]{2,30}", content)})
     if not found:
         return bits(random, content, b"")
@@ -285,8 +288,8 @@ def names(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def structure(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A sound netCDF file that says something else: a variable or dimension renamed, an attribute
-    gone or of another value, a number that is none. Only of files that are sound before."""
+    """A valid netCDF file with other contents: a renamed variable or dimension, a removed or
+    changed attribute, an invalid number. Only for files that were valid before."""
     with tempfile.NamedTemporaryFile(suffix=".nc") as place:
         Path(place.name).write_bytes(content)
         with (
@@ -333,7 +336,7 @@ def _link(to: str) -> Place:
 
 
 def fifo(_: np.random.Generator, path: Path) -> None:
-    """A pipe in which nobody writes."""
+    """A pipe that nobody writes to."""
     path.unlink()
     os.mkfifo(path)
 
@@ -350,7 +353,7 @@ def missing(_: np.random.Generator, path: Path) -> None:
 
 
 def sparse(_: np.random.Generator, path: Path) -> None:
-    """A gigabyte of zeros after the file, which take no place."""
+    """A gigabyte of zeros after the file, which take no disk space."""
     os.truncate(path, 1_000_000_000)
 
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Many boulders on real terrain: does every one end for a reason, and does none pass the ground?
+"""Many boulders on real terrain: each must end for a reason, and none may pass through the ground.
 
     python -m benchmarks.stability.real_terrain DEM... [--boulders 100000] [--audit 100000]
 
 Releases boulders from all cells steeper than `--slope` degrees and follows them to their end. Then
-flies `--audit` of them again with their trajectories kept, and measures, independently of the
-kernel, the greatest depth below the bilinear surface along every flight: at every crossing of a
-grid line, between crossings where the height is least, and at every contact.
+repeats `--audit` of them with their trajectories recorded, and measures, independently of the
+kernel, the maximum depth below the bilinear surface along every flight: at every crossing of a grid
+line, between crossings where the height is least, and at every contact.
 """
 
 import argparse
@@ -24,7 +24,7 @@ GRAVITY = 9.81
 
 
 def steep_cells(z: np.ndarray, cell: float, degrees: float) -> np.ndarray:
-    """Cells steeper than `degrees` by Horn's differences; none at the edge or beside nodata."""
+    """Cells steeper than `degrees` by Horn's differences; none at the edge or next to nodata."""
     w = z.astype(float)
     west, east = w[:, :-2], w[:, 2:]
     north, south = w[:-2], w[2:]
@@ -60,7 +60,7 @@ def crossings(start: np.ndarray, speed: np.ndarray, time: np.ndarray, cell: floa
 
 
 def deepest(z: np.ndarray, grid, vertices: list[np.ndarray]) -> tuple[float, int]:
-    """Greatest depth [m] below the surface along the flights of trajectories; number of flights."""
+    """Maximum depth [m] below the surface along the flights of trajectories; number of flights."""
     column = {name: k for k, name in enumerate(fields("vertex"))}
     start = np.concatenate([v[:-1] for v in vertices])
     end = np.concatenate([v[1:] for v in vertices])

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Extreme scenes and stiff impact sets: do the numbers hold, and to which bound?
+"""Extreme scenes and stiff impact sets: errors of the numbers and their bounds.
 
     python -m benchmarks.stability.stability [--contacts 1e6] [--only WORD] [--builds PROGRAM...]
 
 Runs every scene of `extremes.py` and prints one table. Builds the kernel once more, in a temporary
 folder, with each flight audited in 64 bits of mantissa (`stability/audited_flight.f90`), and
-`factors`, which draws matrices from covariances; --contacts go through the audit, evenly over the
-scenes. Exit status 1 when a bound is broken. With --builds the scenes only run through several
-rockfall-batch programs (release, run-time checks, sanitizers), whose results must be the same.
+`factors`, which draws matrices from covariances; --contacts are audited, evenly over the scenes. The exit
+status is 1 if a bound is exceeded. With --builds the scenes only run in several rockfall-batch
+programs (release, run-time checks, sanitizers), whose results must be equal.
 
-Of every scene: each boulder ends for a reason the scene allows; no number is NaN or infinite where
-the result has one; no boulder ever has more energy than at its release; no flight is `off`: below
-the ground, or its contact beside its parabola. Their bounds are the rounding of double precision:
-4 units in the last place of the size of the scene (`Scene.size`) for a flight, and as much in
-energy for each contact.
+In every scene each boulder ends for a reason that the scene allows; no required number is NaN or
+infinite; no boulder has more energy than at its release; no flight is `off`: below the ground, or
+with a contact off its parabola. The bounds are the rounding of double precision: 4 units in the
+last place of the size of the scene (`Scene.size`) for a flight, and as much in energy for each
+contact.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Row(NamedTuple):
 
 
 def run(scene: Scene, folder: Path, boulders: int = 500) -> tuple[rockfall.Case, xr.Dataset]:
-    """A scene with all that can be asked for."""
+    """Run a scene with all outputs."""
     south = scene.grid.south + scene.grid.cell * scene.z.shape[0] / 3
     ends = [scene.grid.west, scene.grid.west + scene.grid.cell * scene.z.shape[1]]
     case = scene.case(folder, boulders, output=ALL | {"trajectories": TRACED})
@@ -74,7 +74,7 @@ def run(scene: Scene, folder: Path, boulders: int = 500) -> tuple[rockfall.Case,
 
 
 def check(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> list[Row]:
-    """What must hold in any scene."""
+    """Check the requirements of any scene."""
     about = scene.name, scene.risk
     wrong = without_reason(scene, result) + not_numbers(result)
     gain, bound = energy_gain(scene, case, result)
@@ -85,7 +85,7 @@ def check(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> list[Row]:
 
 
 def without_reason(scene: Scene, result: xr.Dataset) -> int:
-    """Boulders whose status is none of those that the scene allows."""
+    """Boulders with a status that the scene does not allow."""
     allowed = scene.statuses or set(variables.STATUS)
     numbers = [variables.STATUS[name] for name in allowed]
     return int((~np.isin(result.status.values, numbers)).sum())
@@ -93,7 +93,7 @@ def without_reason(scene: Scene, result: xr.Dataset) -> int:
 
 def not_numbers(result: xr.Dataset) -> int:
     """Values that are NaN or infinite where the result promises a number, or below zero where
-    nothing can be."""
+    impossible."""
     wrong = 0
     crossed = ~np.isnan(at_lines(result)["line_time"].values)
     passed = result.passages.values >= 10
@@ -117,8 +117,8 @@ def not_numbers(result: xr.Dataset) -> int:
 
 
 def energy_gain(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> tuple[float, float]:
-    """The greatest energy of a boulder at a contact above that at its release, and its bound, both
-    per mass [J/kg]; of all contacts the one nearest to its bound."""
+    """Maximum energy of a boulder at a contact above that at its release, and its bound, both per
+    mass [J/kg]; of all contacts the one nearest to its bound."""
     result = result.isel(
         trajectory_vertex=are_met(result.trajectory_boulder.values, result.trajectory_leg.values)
     )
@@ -159,8 +159,8 @@ def audit(
     contacts: float,
     folder: Path,
 ) -> Iterator[tuple[Row, int]]:
-    """So many contacts in all, scene by scene: how far flights are off, and contacts audited. What
-    a scene of short lives leaves over goes to the others."""
+    """Deviations of flights, and contacts audited, scene by scene up to a total number. Contacts
+    that a scene lacks are added to the others."""
     order = sorted(some, key=lambda one: int(one[2].impacts.sum()))
     for k, (scene, case, result) in enumerate(order):
         mean = max(0.1, float(result.impacts.mean()))
@@ -173,7 +173,7 @@ def audit(
 
 
 def audit_scene(program: Path, scene: Scene, boulders: int, folder: Path) -> tuple[float, int]:
-    """How far the flights of a scene are off, and how many contacts there were."""
+    """Deviation of the flights of a scene, and number of contacts."""
     folder.mkdir()
     case, arrays = scene.case(folder, boulders), scene.arrays()
     prepare(case, folder / "case", **arrays)
@@ -185,7 +185,7 @@ def audit_scene(program: Path, scene: Scene, boulders: int, folder: Path) -> tup
 
 
 def batch(program: Path, case: Path, output: Path) -> None:
-    """Run rockfall-batch; stop where it does not end well."""
+    """Run rockfall-batch; stop if it fails."""
     done = subprocess.run([program, case, "-o", output, "--quiet"], capture_output=True, text=True)
     if done.returncode:
         sys.exit(f"{program} {case}: exit status {done.returncode}: {done.stderr}")
@@ -197,8 +197,8 @@ def batch(program: Path, case: Path, output: Path) -> None:
 def contacts_on_plane(
     gradient: float, r_t: float, r_n: float, contacts: int, cell: float, folder: Path
 ) -> tuple[float, float, float]:
-    """A boulder that bounces down a plane with a diagonal matrix, beside the same in 50 digits: the
-    greatest distance from the true contact [m], the way [m], and the relative error of the energy
+    """A boulder that bounces down a plane with a diagonal matrix, compared with 50 digits: the
+    maximum distance from the true contact [m], the path [m], and the relative error of the energy
     at the last contact."""
     z = gradient * cell * np.mgrid[599:-1:-1, 0:4][0]
     start, drop, speed = (1.5 * cell, 590.5 * cell), 5.0, 5.0
@@ -230,7 +230,7 @@ def contacts_on_plane(
 def plane_steps(
     gradient: Decimal, r_t: Decimal, r_n: Decimal, drop: Decimal, speed: Decimal, g: Decimal
 ) -> Iterator[tuple[Decimal, Decimal, Decimal]]:
-    """Contact by contact on a plane that falls along y: way to it in plan [m], and V_t, V_n after
+    """Contact by contact on a plane that falls along y: path to it in plan [m], and V_t, V_n after
     it [m/s], for a release with a speed along y."""
     cosine = 1 / (1 + gradient * gradient).sqrt()
     sine = gradient * cosine
@@ -263,7 +263,7 @@ def planes(folder: Path) -> Iterator[Row]:
 
 
 def bowl(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> Row:
-    """Energy that an elastic impact should keep, over all that is flown and met."""
+    """Energy conserved by an elastic impact over all flights and contacts."""
     boulder, z = result.trajectory_boulder.values, result.trajectory_z.values
     speed2 = sum(result[f"trajectory_velocity_{axis}"].values ** 2 for axis in "xyz")
     energy = scene.gravity * z + speed2 / 2
@@ -278,7 +278,8 @@ def bowl(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> Row:
 
 
 def forced(scene: Scene, result: xr.Dataset) -> Iterator[Row]:
-    """Where no draw is admissible, each is forced, counted, and keeps to the energy rule."""
+    """Check that without admissible draws each rebound is forced, counted, and satisfies the energy
+    rule."""
     before, after = (
         sum(w * result[f"trajectory_{way}_{axis}"].values ** 2 for axis, w in
             (("t", 1.0), ("n", 1.0), ("w", 0.4)))
@@ -292,7 +293,7 @@ def forced(scene: Scene, result: xr.Dataset) -> Iterator[Row]:
 
 
 def hops(scene: Scene, folder: Path) -> Iterator[Row]:
-    """What a boulder costs that hops ever shorter, with the usual limit of contacts."""
+    """Cost of a boulder with shorter and shorter hops, with the default limit of contacts."""
     limit = 100_000
     case = scene.case(folder, 25, impact={"impact_limit": limit})
     result = rockfall.run(case, **scene.arrays())
@@ -314,7 +315,7 @@ def covariances() -> dict[str, np.ndarray]:
 
 
 def factor(program: Path, name: str, c: np.ndarray, draws: int = 200_000) -> Iterator[Row]:
-    """The root of a covariance, and mean and covariance of matrices drawn with it."""
+    """Root of a covariance, and mean and covariance of matrices drawn with it."""
     numbers = " ".join(repr(float(x)) for x in c.ravel())
     done = subprocess.run([program], input=f"{draws} {numbers}", capture_output=True, text=True)
     if done.returncode:
@@ -343,8 +344,8 @@ def _or_one(errors: np.ndarray) -> np.ndarray:
 
 
 def same_bits(programs: list[Path], folder: Path) -> int:
-    """Run every scene through each program; returns how many variables are not the
-    first one's."""
+    """Run every scene through each program; returns the number of variables that differ from the
+    first."""
     differing = variables = 0
     for k, scene in enumerate(scenes()):
         place = folder / f"bits{k}"
@@ -380,7 +381,7 @@ def content(path: Path) -> dict[str, bytes]:
 
 
 def table(contacts: float, only: str, folder: Path) -> Iterator[Row]:
-    """All rows; what the audit needs is built first."""
+    """All rows; the programs of the audit are built first."""
     program, factors = build(folder / "kernel")
     some = []
     for scene in scenes():

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Prints the numbers of README.md: means over seeds, and what forest and net change, with their
+"""Prints the numbers of README.md: means over seeds, and the effects of forest and net, with their
 standard errors.
 
 `python expected.py [SEEDS]` after `python make_terrain.py`; a minute for 40 seeds. Each seed is one
-of boulders and of trees, the same in all three cases: what differs between two of them is the
-forest or the net alone.
+of boulders and of trees, the same in all three cases: only the forest or the net differs between
+two of them.
 """
 
 import sys
@@ -23,13 +23,13 @@ QUANTITIES = "boulders that pass [%]", "energy, q95 [kJ]", "height of the centre
 
 
 def run(case: rockfall.Case, seed: int, **of_case: int) -> xr.Dataset:
-    """The result with another seed of boulders, and of trees where there are any."""
+    """The result with another seed of boulders, and of trees, if any."""
     stand = {"forest": {"seed": seed}} if case.forest.get("stems") else {}
     return rockfall.run(case.replace(case={"seed": seed, **of_case}, **stand))
 
 
 def at_road(result: xr.Dataset) -> np.ndarray:
-    """QUANTITIES at the road, the first line; quantiles are of the boulders that pass."""
+    """QUANTITIES at the road, the first line; quantiles are of passing boulders."""
     energy, height = (line_values(result, name, 0) for name in ("energy_total", "passing_height"))
     passed = np.isfinite(energy)
     if not passed.any():
@@ -39,7 +39,8 @@ def at_road(result: xr.Dataset) -> np.ndarray:
 
 
 def mean_and_error(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Over seeds, the first axis; seeds with which none passes have no quantile."""
+    """Mean and error over seeds, the first axis; seeds without passing boulders have no
+    quantile."""
     error = np.nanstd(values, axis=0, ddof=1) / np.sqrt(np.isfinite(values).sum(axis=0))
     return np.nanmean(values, axis=0), error
 
@@ -55,7 +56,7 @@ def two(error: float) -> str:
 
 
 def changes(values: np.ndarray) -> list[str]:
-    """The same of paired differences, undecided where their 95 % interval holds zero."""
+    """Paired differences with their errors, undecided if the 95 % interval contains zero."""
     wide = t.ppf(0.975, len(values) - 1)
     return [
         f"{mean:+.3g} ± {two(error)}" + ("" if abs(mean) > wide * error else ", undecided")
@@ -64,7 +65,7 @@ def changes(values: np.ndarray) -> list[str]:
 
 
 def rows(found: dict[str, np.ndarray], pairs: list[tuple[str, str]]) -> list[str]:
-    """A table in Markdown: what passes in each case, and the differences between two."""
+    """A table in Markdown: passing boulders in each case, and differences between two."""
     text = [f"| at the road | {' | '.join(QUANTITIES)} |", "|---|---|---|---|"]
     text += [f"| {name} | {' | '.join(shown(of))} |" for name, of in found.items()]
     for after, before in pairs:

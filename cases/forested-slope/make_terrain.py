@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes a wooded slope above a road: `dem.tif` (m), `stems.tif` (stems a hectare) and `zones.tif`
+"""Makes a wooded slope above a road: `dem.tif` (m), `stems.tif` (stems per hectare) and `zones.tif`
 (ids of zones.csv).
 
 `python cases/forested-slope/make_terrain.py [FOLDER]` writes them beside this script, or to a
 folder. From the north: 16 m of cliff at 60 degrees, a slope that flattens from 38 to 31 degrees, a
 road (a level bench 8 m wide), a meadow. The forest begins below the scree at the foot of the cliff
-and ends above the road; a lane without trees runs down its middle. The slope is made up.
+and ends above the road; a lane without trees runs down its middle. The slope is synthetic.
 """
 
 import sys
@@ -49,12 +49,13 @@ def rough(seed: int) -> np.ndarray:
 
 
 def elevation(seed: int = SEED, steeper: float = 0.0) -> np.ndarray:
-    """(NY, NX), north first [m]; another slope by its relief, and steeper by so many degrees."""
+    """Elevation (NY, NX), north first [m]; with another relief, or steeper by some degrees, for
+    other slopes."""
     return (natural(steeper) + rough(seed)).astype("f4")
 
 
 def stems() -> np.ndarray:
-    """Stems a hectare, (NY, NX), north first."""
+    """Stems per hectare, (NY, NX), north first."""
     down, x = south(), GRID.x[None, :]
     wooded = (down > FOREST[0]) & (down < FOREST[1]) & ~((x > LANE[0]) & (x < LANE[1]))
     return np.where(wooded, STEMS, 0.0).astype("f4")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes the inputs of case.nml from the published data of the Mel de la Niva. Tried with a stand-in
-only: what the real files hold is known from others' programs, not seen.
+"""Makes the inputs of case.nml from the published data of the Mel de la Niva. Tested with a
+stand-in only: the contents of the real files are known from other programs, not seen.
 
     python make_case.py [--data FOLDER] [--cell 2] [-o FOLDER]
 
@@ -12,10 +12,10 @@ or that of the environment variable ROCKFALL_FIELD_DATA. It expects in them
                                          attributes `year` and `size`, a text '[a; b; c]' in metres
     sfm_rasters_epsg21781_lv03.zip       dsm_lv1903_50cm.tif: elevations of the surface
 
-and says so of what is not there. Writes dem.tif, in cells of so many metres (means of the smaller
-ones), as far as the trajectories and blocks of 2015 reach and 200 m more; releases.csv, the highest
-point of each trajectory, with the volume of the block nearest to its lowest point; observed.csv,
-the blocks of 2015, as if each came from the trajectory whose lowest point is the nearest.
+and reports missing ones. Writes dem.tif, with cells of the given size (means of the smaller ones),
+over the extent of the trajectories and blocks of 2015 plus 200 m; releases.csv, the highest point
+of each trajectory, with the volume of the block nearest to its lowest point; observed.csv, the
+blocks of 2015, as if each came from the trajectory whose lowest point is the nearest.
 """
 
 import argparse
@@ -51,7 +51,7 @@ OBSERVED = "x", "y", "start_x", "start_y"
 
 
 def member(archive: Path, name: str) -> str:
-    """The place of a file in an archive, in whatever folder of it."""
+    """Position of a file in an archive, in any folder."""
     try:
         with zipfile.ZipFile(archive) as opened:
             found = [one for one in opened.namelist() if PurePosixPath(one).name == name]
@@ -78,7 +78,7 @@ def read_trajectory(archive: Path, name: str) -> np.ndarray:
 
 
 def read_blocks(archive: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Places (n, 2) [m] and volumes (n,) [m3] of the blocks that were deposited in 2015."""
+    """Places (n, 2) [m] and volumes (n,) [m3] of the blocks deposited in 2015."""
     import pyogrio
 
     place = member(archive, BLOCKS)

@@ -9,7 +9,7 @@ MATRIX = np.array([[0.675, 0.05, 0.1], [0.2, -0.4, -0.1], [0.3, 0.05, 0.4]])  # 
 
 
 class Contacts(NamedTuple):
-    """One row a contact: plan distance from the first [m], time since the release [s], and the
+    """One row per contact: plan distance from the first [m], time since the release [s], and the
     velocities (V_t, V_n, W) [m/s] before and after the rebound."""
 
     distance: np.ndarray

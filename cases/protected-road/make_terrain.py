@@ -2,10 +2,10 @@
 `dem_fine.asc`, the same surface on cells that show the faces of a dam.
 
 120 x 180 cells of 2 m. From the north: 20 m of cliff at 60 degrees, a slope that flattens from 38
-to 29 degrees, the road (a level bench 8 m wide), and a meadow of 12 degrees. The gully is up to
-3 m deep and ends above the road. The relief has a standard deviation of 0.2 m and is correlated
-over some 5 m; its seed is fixed. The slope lies at no real place. The fine cells are 0.4 m wide,
-their elevations bilinear between the centres of the others.
+to 29 degrees, the road (a level bench 8 m wide), and a meadow of 12 degrees. The gully is up to 3 m
+deep and ends above the road. The relief has a standard deviation of 0.2 m and is correlated over
+some 5 m; its seed is fixed. The slope is synthetic. The fine cells are 0.4 m wide, their elevations
+bilinear between the centres of the others.
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ RELIEF, SMOOTH, SEED = 0.20, 1.5, 11  # [m], [cells], of the random relief
 
 
 def profile(south: np.ndarray) -> np.ndarray:
-    """Elevation [m] over the northern edge's foot, at distances from that edge [m]."""
+    """Elevation [m] above the foot of the northern edge, at distances from that edge [m]."""
     step = np.linspace(0.0, END, 3601)
     angle = np.select(
         [step < CLIFF, step < FOOT, step < ROAD],

@@ -2,7 +2,8 @@
 """Makes the slope above the settlement: `dem.tif` (m), `zones.tif` (ids of zones.csv).
 
 `python cases/settlement/make_terrain.py [FOLDER]` writes them beside this script, or to a folder.
-The slope is made up: two rock faces, a gully between them, scree, pasture, and the flat fan below.
+The slope is synthetic: two rock faces, a gully between them, scree, pasture, and the flat fan
+below.
 """
 
 import sys
@@ -34,7 +35,7 @@ def place() -> tuple[np.ndarray, np.ndarray]:
 
 
 def face(s: np.ndarray, x: np.ndarray, edges: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Of a rock face: how much of its fall lies above each cell, and how much of it is there."""
+    """For a rock face: the part of its height above each cell, and the part within it."""
     west, east, upper, lower, _ = edges
     across = 1 / (1 + np.exp(-(x - west) / 5)) / (1 + np.exp((x - east) / 5))
     return across, np.clip((s - upper) / (lower - upper), 0, 1)

@@ -4,10 +4,10 @@
     python make_case.py [--data FOLDER] [--half calibration|held-out|all] [-o FOLDER]
 
 Downloads the tables (pip install 'rockfall[field]'), or takes them from FOLDER or that of the
-environment variable ROCKFALL_FIELD_DATA. Writes dem.asc; releases.csv, where tracking begins, with
-the velocity there, volume, density and shape of the block; observed.csv, where each run came to
-rest. The same with -1, -2, -4 for each block. Halves are runs at odd and at even places in the
-order of their names: the first calibrates, the second judges (docs/archive/field_protocol.md).
+environment variable ROCKFALL_FIELD_DATA. Writes dem.asc; releases.csv, with the start of tracking,
+the velocity there, volume, density and shape of the block; observed.csv, with the stopping place of
+each run. The same with -1, -2, -4 for each block. Halves are runs at odd and at even places in the
+order of their names: the first half calibrates, the second judges (docs/archive/field_protocol.md).
 """
 
 import argparse

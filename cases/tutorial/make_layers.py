@@ -3,12 +3,9 @@
 
 `python make_layers.py [FOLDER]` writes them to the current folder, or to another:
 
-    dem.tif      elevations, cells of 2 m
-    site.gpkg    cliff and ground (polygons), road (line), houses (polygons)
-    net.gpkg     a net that is planned (line)
-    forest.gpkg  trees (points)
-    houses.gpkg  houses (polygons): what they are worth, and who lives there
-    traffic.gpkg the road (line): vehicles a day
+dem.tif elevations, cells of 2 m site.gpkg cliff and ground (polygons), road (line), houses
+(polygons) net.gpkg a planned net (line) forest.gpkg trees (points) houses.gpkg houses (polygons):
+what they are worth, and who lives there traffic.gpkg the road (line): vehicles a day
 
 It needs what rockfall needs, and nothing of rockfall. The valley is made up; it has coordinates of
 EPSG:25832 so that a GIS can show it, and lies at no real place.
@@ -44,7 +41,7 @@ def relief(random: np.random.RandomState, s: np.ndarray, x: np.ndarray) -> np.nd
 
 
 def elevation(random: np.random.RandomState) -> np.ndarray:
-    """Of the cells, north first [m]; to a centimetre, as surveys are."""
+    """Elevation of the cells, north first [m]; to a centimetre, like surveys."""
     s = CELL * (np.arange(NY) + 0.5)[:, None]
     x = CELL * (np.arange(NX) + 0.5)[None, :]
     fine = np.arange(0, CELL * NY, 0.01) + 0.005

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the experiment had, and what the program has.
+"""Numbers of the experiment compared with the program.
 
 `python expected.py [SEEDS] [--table NAME]` after `python make_terrain.py`; ten seconds for 40
 seeds, each of boulders and of trees. `--table` runs by a table of impacts in place of the matrix.
@@ -38,8 +38,8 @@ def run(case: rockfall.Case, seed: int) -> xr.Dataset:
 
 
 def numbers(result: xr.Dataset) -> list[float]:
-    """QUANTITIES of a run. A maximum grows with the number of boulders: it is that of as many as
-    the experiment had, on average."""
+    """QUANTITIES of a run. Maxima grow with the number of boulders: they are means for as many
+    boulders as in the experiment."""
     speed, fastest = at_lines(result)["line_speed"].values[0], result["speed_max"].values
     mixed = np.random.default_rng(0).permutation(fastest.size)
     some = fastest[mixed[: fastest.size // AT_ONCE * AT_ONCE]].reshape(-1, AT_ONCE)
@@ -47,8 +47,8 @@ def numbers(result: xr.Dataset) -> list[float]:
 
 
 def passing_at_once(result: xr.Dataset) -> float:
-    """[%] of as many boulders as the experiment had: between runs its scatter has the boulders and
-    the stand of one experiment."""
+    """Fraction [%] for as many boulders as in the experiment: its scatter between runs includes the
+    boulders and the stand of one experiment."""
     speed = at_lines(result)["line_speed"].values[0]
     return 100 * np.isfinite(np.random.default_rng(0).permutation(speed)[:AT_ONCE]).mean()
 

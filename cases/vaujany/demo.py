@@ -1,4 +1,4 @@
-"""Runs this case by methods A and B and sets the results beside those printed in the paper.
+"""Runs this case by methods A and B and compares the results with those printed in the paper.
 
 `./run demo`, or `python cases/vaujany/demo.py [FOLDER]` where rockfall is installed.
 """

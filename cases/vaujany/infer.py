@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Infer impact sets of the paper's form from what the paper prints.
+"""Infer impact sets of the paper's form from its printed results.
 
     python cases/vaujany/infer.py bourrier2009 [--iterations 8] [--members 24] [-o FOLDER]
     python cases/vaujany/infer.py vaujany-observed ...
@@ -151,7 +151,7 @@ class Item:
 
 
 def items(name: str) -> list[Item]:
-    """What the paper prints of a set, with tolerances."""
+    """Numbers that the paper prints for a set, with tolerances."""
     observed = name == "vaujany-observed"
     printed = pd.read_csv(HERE / "paper.csv").set_index(["line", "method", "quantity"])
     methods = ["observed"] if observed else ["A", "B"]
@@ -280,7 +280,7 @@ class Search:
         self.step = STEP.copy()
 
     def residuals(self, points: list[np.ndarray]) -> np.ndarray:
-        """(points, items), all on the same slopes, which nothing has seen."""
+        """Residuals (points, items), all on the same new slopes."""
         on = slopes(self.seed, SLOPES)
         self.seed += SLOPES
         function = partial(residuals_at, name=self.name, wanted=self.wanted, on=on)
@@ -329,7 +329,7 @@ def residuals_at(point: np.ndarray, name: str, wanted: list[Item], on: list[Talu
 def judged(
     sets: Sets, name: str, pool: ProcessPoolExecutor, boulders: int = JUDGED_BOULDERS
 ) -> pd.DataFrame:
-    """Numbers on each of the slopes that no fit used."""
+    """Numbers on each slope that no fit has used."""
     function = partial(numbers, sets, name, boulders=boulders)
     return pd.DataFrame(
         list(pool.map(function, [[one] for one in slopes(JUDGED_SEED, JUDGED_SLOPES)]))

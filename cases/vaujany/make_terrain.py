@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 
 
 def write(name: str, raster: np.ndarray) -> None:
-    """A GeoTIFF beside this script, without a coordinate system: the place is made up."""
+    """Write a GeoTIFF next to this script, without a coordinate system: the place is synthetic."""
     transform = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)
     height, width = raster.shape
     about = {"height": height, "width": width, "count": 1, "dtype": raster.dtype}

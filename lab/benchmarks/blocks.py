@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The laboratory of blocks: is its physics sound, what does a contact cost, six field impacts.
+"""The laboratory of blocks: checks of its physics, cost of a contact, six field impacts.
 
     python -m lab.benchmarks.blocks [--impacts 6000] [--throws 300] [--field CSV] [--only WORD]
 
-`gain`: the most energy after an impact on flat ground, over that before, of N impacts at 2 to 30
-m/s, shared among the grounds. `step`: how far means change with half the time step, and with half
-the longest edge of the facets, in units of |V_in|. `cost`: CPU time of a contact, and how contacts
-end, for each ground and shape. `planes`: blocks on planes of meadow with more and less relief.
-`field`: translational energy after / before of six impacts of a block of 780 kg on an alpine meadow
-(Caviezel et al. 2019, Earth Surface Dynamics 7, 199; a table with columns mass_kg, radius_m,
-incoming_total_speed_mps, impact_angle_deg, published_energy_transition_ratio), whose spin was not
-measured: W/V is drawn from 0 to 1, or is 0, or 1. Exit status 1 if an impact has gained more than
-1e-4, or half the step changes a mean by more than 0.002.
+`gain`: the maximum energy after an impact on flat ground, relative to that before, of N impacts at
+2 to 30 m/s, shared among the grounds. `step`: how far means change with half the time step, and
+with half the longest edge of the facets, in units of |V_in|. `cost`: CPU time of a contact, and how
+contacts end, for each ground and shape. `planes`: blocks on planes of meadow with more and less
+relief. `field`: translational energy after / before of six impacts of a block of 780 kg on an
+alpine meadow (Caviezel et al. 2019, Earth Surface Dynamics 7, 199; a table with columns mass_kg,
+radius_m, incoming_total_speed_mps, impact_angle_deg, published_energy_transition_ratio), whose spin
+was not measured: W/V is drawn from 0 to 1, or is 0, or 1. Exit status 1 if an impact has gained
+more than 1e-4, or half the step changes a mean by more than 0.002.
 """
 
 import argparse
@@ -120,7 +120,7 @@ def planes(arguments: argparse.Namespace) -> bool:
 
 
 def _first_beyond(sequence: np.ndarray, way: np.ndarray, at: float) -> np.ndarray:
-    """Index of the first contact of each throw beyond a way down the plane [m]."""
+    """Index of the first contact of each throw beyond a distance down the plane [m]."""
     beyond = np.flatnonzero(way > at)
     return beyond[np.unique(sequence[beyond], return_index=True)[1]]
 

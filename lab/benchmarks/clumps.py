@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What angular rocks (clumps of spheres) and angular boulders change in the laboratory of rocks:
+"""Effect of angular rocks (clumps of spheres) and angular boulders in the laboratory of rocks:
 
     python -m lab.benchmarks.clumps [--ratios 1 2 4] [--throws 200]
 
-Throws of throws.nml of rocky-slope with each shape of boulder on spheres and on clumps. Prints,
-for contacts from a flight at 5 to 30 degrees, means over |V_in|: what is left of V_t and V_n, the
-part of the energy in rotation after the contact, turns below 22.5 degrees; the energy left; the
-fraction of throws that stop within their contacts; the solid fraction and CPU time of a contact.
-Standard errors are between layers.
+Throws of throws.nml of rocky-slope with each shape of boulder on spheres and on clumps. Prints, for
+contacts from a flight at 5 to 30 degrees, means over |V_in|: V_t and V_n after the contact, the
+fraction of energy in rotation, turns below 22.5 degrees; the energy after the contact; the fraction
+of throws that stop within their contacts; the solid fraction and CPU time of a contact. Standard
+errors are between layers.
 """
 
 import argparse

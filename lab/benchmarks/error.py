@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the choices of the laboratory cost and change: error against run time.
+"""Cost and effect of the choices of the laboratory: error against run time.
 
     python -m lab.benchmarks.error [LAB.nml] [--layers 12] [--ratio 2] [--only WORD]
 
-Runs a laboratory case at one ratio, and again with one thing changed and the same seed. Printed:
-a1 and a4 with standard errors, the neutral slope of the set and that by resampling the impacts,
-the solid fraction, and CPU milliseconds of an impact with its part of the layer. Where layers and
-shots stay the same, also the median and 90 % quantile of |V_out - V_out,base| / |V_in| at the peak.
+Runs a laboratory case at one ratio, and again with single changes and the same seed. Printed: a1
+and a4 with standard errors, the neutral slope of the set and that by resampling the impacts, the
+solid fraction, and CPU milliseconds of an impact with its part of the layer. Where layers and shots
+stay the same, also the median and 90 % quantile of |V_out - V_out,base| / |V_in| at the peak.
 """
 
 import argparse
@@ -27,7 +27,7 @@ BASE = "base"
 
 
 def variants(case: LabCase) -> dict[str, dict[str, dict[str, Any]]]:
-    """Name and change of each; times x where the name says so, else the value."""
+    """Name and change of each; times x if so in the name, else the value."""
 
     def times(group: str, key: str, factor: float) -> dict[str, dict[str, Any]]:
         return {group: {key: getattr(case, group)[key] * factor}}
@@ -51,7 +51,7 @@ def variants(case: LabCase) -> dict[str, dict[str, dict[str, Any]]]:
 
 
 def peak_change(data, base) -> str:
-    """Of impacts that ended in both; empty if they are not the same shots on the same layers."""
+    """Changes for impacts that ended in both runs; empty if shots or layers differ."""
     same = data["status"].shape == base["status"].shape and all(
         np.array_equal(data[name], base[name]) for name in ("surface", "vt_in")
     )

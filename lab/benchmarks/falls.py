@@ -5,9 +5,9 @@ the laboratory, of boulders by the shipped table, and by a table of faster, stee
     python -m lab.benchmarks.falls [talus] [--slope 28] [--radius 0.6] [--blocks 200]
         [--drops 2 5 10 20 50 100] [--throws 2000] [--write]
 
-In brackets: rebounds of a boulder that were beyond the fastest record at their incidence and spin.
---throws 0 leaves out the faster table; --write puts fractions by the shipped one beside those of
-the blocks into the table of evidence.
+In brackets: rebounds per boulder beyond the fastest record at their incidence and spin. --throws 0
+leaves out the faster table; --write puts fractions by the shipped table, with those of the blocks,
+into the table of evidence.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def fallen(case: BlockCase, slope: float, drop: float) -> float:
 def drawn(
     table: str, folder: Path, radius: float, slope: float, drop: float
 ) -> tuple[float, float]:
-    """Fraction of boulders by a table that pass, and rebounds of each beyond its speeds."""
+    """Fraction of boulders that pass by a table, and rebounds per boulder beyond its speeds."""
     along = MARK * np.cos(np.radians(slope))
     rows = ABOVE + int(along / CELL) + BELOW
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL

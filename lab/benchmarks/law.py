@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A table of impacts beside the blocks that it was made from, on planes:
+"""A table of impacts compared with its blocks, on planes:
 
     python -m lab.benchmarks.law [--ground meadow] [--shape compact] [--relief 14]
         [--blocks 300] [--seed 77]
 
 Throws blocks of R_b = 0.4 m at 5 m/s, 30 degrees from the plane, without spin, down planes in the
-laboratory, as far as 600 contacts carry them, and as many boulders in the program by a table of
-2,000 other throws. Prints the fraction that passes 25 to 200 m along the slope and the mean speed
-there, and the Wasserstein distance of the run-outs, cut off at 300 m.
+laboratory, for up to 600 contacts, and as many boulders in the program by a table of 2,000 other
+throws. Prints the fraction that passes 25 to 200 m along the slope and the mean speed there, and
+the Wasserstein distance of the run-outs, cut off at 300 m.
 """
 
 import argparse
@@ -34,8 +34,8 @@ CELL, COLUMNS, ABOVE = 2.5, 80, 8  # [m]; cells, and rows above the release
 
 
 def thrown(case: BlockCase, slope: float, blocks: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Run-outs (blocks,) and speeds at the marks (blocks, marks) [m], [m/s], NaN: not reached. The
-    speed within a contact is that of a square linear in the distance."""
+    """Run-outs (blocks,) and speeds at the marks (blocks, marks) [m], [m/s], NaN: not reached.
+    Within a contact the square of the speed is linear in the distance."""
     throw = {"slope": [slope] * 2, "speed": [SPEED] * 3, "angle": [ANGLE] * 3, "spin": [0.0] * 3}
     one = case.replace(lab={"throws": blocks, "contacts": 600, "seed": seed}, throw=throw)
     data = run_throws(one)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Planes on which tables of the laboratory are tried."""
+"""Planes for tests of tables of the laboratory."""
 
 from typing import Any
 

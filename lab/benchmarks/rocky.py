@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The table of the laboratory of rocks beside the paper, the field, and planes:
+"""The table of the laboratory of rocks compared with the paper and field data, and on planes:
 
     python -m lab.benchmarks.rocky CONTACTS.nc [--slopes 20 23 ...] [--cost]
 
-CONTACTS is what `rockfall lab impact` has written for a case that throws. Prints, for each
-R_b/R_m, R_n by incidence beside Wyllie's field curve R_n = 19.5 theta^-1.03, R_t, the part of
+CONTACTS is the output of `rockfall lab impact` for a case that throws. Prints, for each R_b/R_m,
+R_n by incidence compared with Wyllie's field curve R_n = 19.5 theta^-1.03, R_t, the part of
 rotation in the energy, turns, and the neutral slope: on which half of the boulders by the table
-pass 100 m; standard errors leave out fifths of the layers in turn, where there are fewer than five,
-of the throws. Beside it the friction angle of stones on scree. With --cost the CPU time of a
-contact at R_b/R_m = 1 to 20 instead, by the case of the contacts.
+pass 100 m; standard errors leave out fifths of the layers in turn, or of the throws, if there are
+fewer than five. It is compared with the friction angle of stones on scree. With --cost the CPU time
+of a contact at R_b/R_m = 1 to 20 instead, by the case of the contacts.
 """
 
 import argparse
@@ -55,7 +55,7 @@ def with_error(values: np.ndarray) -> str:
 
 
 def rows_of(data: xr.Dataset) -> dict[str, str]:
-    """What contacts from a flight do, in words and numbers."""
+    """Statistics of contacts from a flight, in words and numbers."""
     column = {str(name): values.values.astype(float) for name, values in data.items()}
     flight = (column["entry"] == 0) & (column["incidence"] > 0)
     angle = column["incidence"]
@@ -133,7 +133,8 @@ def slope_with_error(data: xr.Dataset, ratio: float, slopes: list[float]) -> str
 
 
 def relief_at(case: LabCase, ratio: float) -> float:
-    """Relief of the layer [degree] at a ratio that a case need not have; by the nearest beyond."""
+    """Relief of the layer [degree] at a ratio that a case need not have; of the nearest ratio
+    beyond."""
     relief = np.broadcast_to(case.throw["relief"], len(case.lab["ratios"]))
     return float(np.interp(np.log(ratio), np.log(case.lab["ratios"]), relief))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the throws of a table leave open: tables of the same ground by other throws, on planes.
+"""Uncertainty of a table from its throws: tables of the same ground with other throws, on planes.
 
     python -m lab.benchmarks.samples talus [--seeds 11 12 13 14] [--kept 32000 16000 10666]
         [--slopes 26 28 30 32 34 38] [--throws 2000] [--radius 0.6]

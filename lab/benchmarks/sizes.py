@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A plane of tables for boulders of all sizes and reliefs, compared with tables thrown at them:
+"""A plane of tables for boulders of all sizes and reliefs, compared with tables simulated for them:
 
     python -m lab.benchmarks.sizes talus [--radii 0.35 0.6 1 1.8 3] [--slopes 30 34 38]
         [--reliefs 12.75 17.75]
 
-A table of a size is thrown with blocks of that R_b, on the ground as they meet it or with another
-relief [degree], all of one strength; the plane of tables chooses between parts (theory, eq. 5.25).
-Prints for compact boulders on planes the fraction that passes 200 m, with a standard error, and the
-mean speed there, by both.
+A table of a size is simulated with blocks of that R_b, on their ground or with another relief
+[degree], all of one strength; the plane of tables chooses between parts (theory, eq. 5.25). Prints
+for compact boulders on planes the fraction that passes 200 m, with a standard error, and the mean
+speed there, by both.
 """
 
 import argparse
@@ -34,7 +34,7 @@ CELL, COLUMNS, ABOVE = 2.5, 120, 8
 
 
 def on_plane(keys: dict[str, dict[str, Any]], radius: float, slope: float, folder: Path) -> str:
-    """What boulders by a table do on a plane; `keys` of the case name it."""
+    """Numbers of boulders by a table on a plane; `keys` of the case select it."""
     angle = np.radians(slope)
     rows = int((LENGTH * np.cos(angle) + 80) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stiff and extreme impacts in the laboratory: does each end as a result or as a named explosion?
+"""Stiff and extreme impacts in the laboratory: each must end as a result or as a reported
+explosion.
 
     python -m lab.benchmarks.stability [--only WORD]
 
-A row is the base with one thing changed, or a corner where several are. An impact that ended
-(rebounded, lifted, rolled on) may have no more energy after, V_t^2 + V_n^2 + 0.4 W^2, than before
-and from its weight, at most 2 g times its way from the top of the layer to its deepest point:
-`with fall` is the greatest ratio of the two, `out/in` that without the weight. Exit status 1 if one
-has gained more than 2 %, has a NaN, or exploded without a reason. A layer that cannot be packed is
-refused with its reason.
+A row is the base case with one change, or a corner with several. An impact that ended (rebounded,
+lifted, rolled on) may have no more energy after, V_t^2 + V_n^2 + 0.4 W^2, than before and from its
+weight, at most 2 g times its path from the top of the layer to its deepest point: `with fall` is
+the maximum ratio of the two, `out/in` that without the weight. Exit status 1 if one has gained more
+than 2 %, has a NaN, or exploded without a reason. A layer that cannot be packed is refused with its
+reason.
 
-What no watch sees: `by step` is the median of |V_out - V_out,half| / |V_in|, at the peak, when some
+Undetected errors: `by step` is the median of |V_out - V_out,half| / |V_in|, at the peak, when some
 of the impacts are repeated with half the step.
 """
 
@@ -129,7 +130,7 @@ def step_error(case: LabCase, data) -> float:
 
 
 def fire(case: LabCase) -> tuple[str, bool]:
-    """What to say of the impacts of a case, and whether a bound is broken."""
+    """Description of the impacts of a case, and whether a bound is exceeded."""
     data = run_impacts(case)
     status, trouble = data["status"], data["trouble"].values
     ended = status.isin([STATUS[name] for name in ENDED])

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How sure a table of the laboratory of rocks is, by its throws, at Vaujany:
+"""Certainty of a table of the laboratory of rocks, by its throws, at Vaujany:
 
     python -m lab.benchmarks.throws CONTACTS.nc ... [--slopes 8] [--first 500] [--boulders 1000]
         [--orders 8]
 
-CONTACTS are what `rockfall lab impact` has written for cases that throw. Prints the relative errors
-of mean speed, height and energy at EL1 and EL2 (benchmarks.physics.observed) by a table of all
+CONTACTS are outputs of `rockfall lab impact` for cases that throw. Prints the relative errors of
+mean speed, height and energy at EL1 and EL2 (benchmarks.physics.observed) by a table of all
 contacts, the same where all of them become records, the standard deviation of the errors if the
 throws come in other orders, by which others become records, and, for each R_b/R_m, standard errors
 by all records: fifths of the throws at that ratio are left out in turn.
@@ -53,7 +53,7 @@ def without(contacts: xr.Dataset, ratio: float, part: int) -> xr.Dataset:
 
 
 def reordered(contacts: xr.Dataset, random: np.random.Generator) -> xr.Dataset:
-    """The same contacts, of throws in another order."""
+    """The contacts with throws in another order."""
     throws, own = np.unique(contacts["sequence"].values, return_inverse=True)
     return contacts.assign(sequence=("contact", random.permutation(throws)[own]))
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cases of the laboratory: layers, impacts, and the sets made from them.
+"""Cases of the laboratory: layers, impacts, and the resulting sets.
 
-A namelist file with the groups &lab, &material, &packing and &impact. One that also has a group
-&throw throws boulders at the layers in place of single impacts. Missing values have defaults; names
-and defaults of the physics are defined only in the kernel.
+A namelist file with the groups &lab, &material, &packing and &impact. A case with a group &throw
+throws boulders at the layers in place of single impacts. Missing values have defaults; names and
+defaults of the physics are defined only in the kernel.
 """
 
 from __future__ import annotations
@@ -175,8 +175,8 @@ class LabCase:
         return LabCase(name=self.name, **changed)
 
     def text(self) -> str:
-        """The complete case as the text of a namelist file; keys that were added since only
-        where they are not the default, so that older cases keep their text."""
+        """The complete case as the text of a namelist file; newer keys only if they differ from the
+        default, so that older cases keep their text."""
         groups = {group: dict(values) for group, values in self._groups.items()}
         for group, key in ADDED:
             if group in groups and groups[group][key] == _defaults()[group][key]:

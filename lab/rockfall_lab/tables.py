@@ -71,8 +71,8 @@ class _Part:
 def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
     """Make a table from contacts: a part for each R_b/R_m, which a column or an attribute gives;
     or, if the ground yields, for each size over strength and relief, by files of one of each. At
-    most `kept` contacts become records; bins and maps use all. Raises a RockfallError where
-    contacts are too few, or files do not belong together."""
+    most `kept` contacts become records; bins and maps use all. Raises a RockfallError for too few
+    contacts, or files that do not belong together."""
     parts, columns, rows = _grid(_parts(files))
     for name in ALIKE:
         if len({str(part.data.attrs[name]) for part in parts}) > 1:
@@ -111,7 +111,7 @@ def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
 
 
 def _parts(files: Sequence[xr.Dataset]) -> list[_Part]:
-    """Contacts by size and relief; size 0: it does not matter."""
+    """Contacts by size and relief; size 0: irrelevant."""
     parts = []
     for data in files:
         if "ratio" in data:
@@ -130,7 +130,7 @@ def _parts(files: Sequence[xr.Dataset]) -> list[_Part]:
 
 def _grid(parts: Sequence[_Part]) -> tuple[list[_Part], np.ndarray, np.ndarray]:
     """Parts in the order of a table, sizes of its columns and reliefs of its rows: all of both, or
-    sizes alone, whose relief goes with them."""
+    only sizes, which determine the relief."""
     columns = np.unique([part.size for part in parts])
     rows = np.unique([part.relief for part in parts])
     if len(parts) == len(columns):
@@ -147,7 +147,7 @@ def _grid(parts: Sequence[_Part]) -> tuple[list[_Part], np.ndarray, np.ndarray]:
 
 
 def _ground(data: xr.Dataset) -> YieldingGround:
-    """Ground of a table: that of the laboratory."""
+    """Ground of a table, from the laboratory."""
     rest_angle = float(data.attrs["rest_angle"])
     if not float(data.attrs["yield_pressure"]) > 0:
         return YieldingGround(rest_angle)
@@ -223,7 +223,7 @@ def _dimensionless(data: xr.Dataset) -> _Contacts:
 
 
 def _has_facets(data: xr.Dataset) -> bool:
-    """Return True if contacts are on ground made of facets, as that of rocks with a relief is."""
+    """Return True if contacts are on ground made of facets, such as rocks with a relief."""
     if "ratio" not in data:
         return False
     case = lab_case_of(data.attrs["lab_case"], "contacts")
@@ -231,9 +231,9 @@ def _has_facets(data: xr.Dataset) -> bool:
 
 
 def _end_on_mean_ground(record: np.ndarray, inertia: float) -> None:
-    """Let contacts that roll on end where the next one begins: on another facet, at the height of
-    the mean ground. The energy of the height climbed becomes motion again, and that of the depth
-    sunk is taken from it; what is too slow to climb out comes to rest (theory, eq. 5.28)."""
+    """Let rolling contacts end where the next one begins: on another facet, at the height of the
+    mean ground. The energy of the height climbed is converted back to motion, and that of the depth
+    sunk is subtracted; blocks too slow to climb out come to rest (theory, eq. 5.28)."""
     column = {name: record[:, FIELDS.index(name)] for name in FIELDS}
     on = column["exit"] == ROLLS_ON
     motion = column["along_out"] ** 2 + column["across_out"] ** 2 + inertia * column["w_out"] ** 2
@@ -317,8 +317,8 @@ def _sort_into_bins(
 
 def _chosen(parts: Sequence[_Contacts], kept: int, rocks: bool) -> list[np.ndarray]:
     """Mark the contacts of each part that become records, `kept` in all: those of evenly spaced
-    throws, so that records have followers. On rocks, where throws are many, those that need none
-    before them, from flights or too fast to be followed, are of more throws than the others."""
+    throws, so that records have followers. On rocks, with many throws, records without predecessors
+    (from flights, or too fast to be followed) come from more throws than the others."""
     alone = [
         rocks & ((contacts.entry == FLIGHT) | (contacts["speed_in"] > MAX_HELD))
         for contacts in parts
@@ -336,7 +336,7 @@ def _chosen(parts: Sequence[_Contacts], kept: int, rocks: bool) -> list[np.ndarr
 
 
 def _of_throws(contacts: _Contacts, which: np.ndarray, most: float) -> np.ndarray:
-    """Mark those of some contacts that are of evenly spaced throws, about `most`."""
+    """Mark about `most` of some contacts, from evenly spaced throws."""
     numbers = np.unique(contacts.sequence)
     of_throw = max(1, int(which.sum())) / len(numbers)
     n = min(len(numbers), int(most / of_throw))

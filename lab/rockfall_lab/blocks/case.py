@@ -51,7 +51,7 @@ def grounds() -> dict[str, dict[str, Any]]:
 
 
 def ground_values(model: str, ground: YieldingGround) -> dict[str, Any]:
-    """Values of &ground of a ground that yields, at its median strength."""
+    """Values of &ground of a yielding ground, at its median strength."""
     grows = bool(ground.strength_radius)
     radius = ground.strength_radius or ground.relief_radius
     return {
@@ -162,8 +162,8 @@ class BlockCase:
         return BlockCase(name=self.name, folder=self.folder, **(kept | changed))
 
     def at_radius(self, radius: float) -> BlockCase:
-        """Copy with blocks of another R_b [m], on the ground as they meet it: of the same relief,
-        over R_b, and as strong, or stronger in proportion."""
+        """Copy with blocks of another R_b [m], on their ground: with the same relief over R_b, and
+        equal or proportional strength."""
         ground, factor = self.ground, radius / self.ground["fitted_radius"]
         growth = factor ** ground["yield_exponent"]
         pressure = ground["yield_pressure"] * growth

@@ -3,7 +3,7 @@
 
 The data are those printed by Bourrier et al. (2009): R_t and R_n of their impacts, and the results
 of their methods A and B on the slope of Vaujany, here on the stand-in of cases/vaujany. A stand-in
-has other bumps than the site, so each number is a mean over slopes of the same recipe.
+has bumps that differ from the site, so each number is a mean over slopes of the same recipe.
 """
 
 from __future__ import annotations

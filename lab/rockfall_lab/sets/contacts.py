@@ -46,7 +46,7 @@ class Contacts:
     beyond: int
 
     def by_ratio(self) -> dict[int, Impacts]:
-        """Contacts of each ratio that has some, or of `ALL`."""
+        """Contacts of each ratio with contacts, or of `ALL`."""
         if self.ratio is None:
             return {ALL: self.impacts}
         classes = np.unique(self.ratio).tolist()
@@ -170,7 +170,7 @@ def _fit(where: str, impacts: Impacts) -> ImpactSet:
 
 
 def _nearest(ratio: int, given: Iterable[int]) -> int:
-    """Nearest ratio with contacts; of two equally near, the larger, on which boulders travel
+    """Nearest ratio with contacts; of two equally near ratios the larger, for which boulders travel
     farther."""
     return min(given, key=lambda candidate: (abs(candidate - ratio), -candidate))
 

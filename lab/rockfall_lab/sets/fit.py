@@ -70,8 +70,8 @@ class Impacts:
 
 
 def as_rebounds(impacts: Impacts) -> Impacts:
-    """Impacts as rebounds of the model: one that did not leave the surface leaves it with 1 % of
-    its speed, like a forced rebound; one that gained energy by falling into the layer is left
+    """Impacts as rebounds of the model: impacts that did not leave the surface leave it with 1 % of
+    their speed, like forced rebounds; impacts that gained energy by falling into the layer are left
     out."""
     speed = np.sqrt((impacts.v_in[:, :2] ** 2).sum(axis=1))
     v_out = impacts.v_out.copy()

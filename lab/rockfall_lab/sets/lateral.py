@@ -24,7 +24,7 @@ def fit_lateral(v_in: np.ndarray, lateral: np.ndarray) -> Lateral:
     """Quantiles of amounts (n,) [degrees], NaN where unknown, of impacts at V_in (n, 3).
 
     From grazing to steep, a class with too few impacts is merged with the next steeper one, the
-    last with the one before. A RockfallError reports too few in total.
+    last class with the one before. A RockfallError reports too few in total.
     """
     is_known = np.isfinite(lateral)
     if is_known.sum() < MIN_IN_CLASS:

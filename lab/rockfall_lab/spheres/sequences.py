@@ -47,8 +47,9 @@ def run_sequences(
     """All contacts of a case that throws, one after the other: an xarray.Dataset over `contact`.
 
     Velocities are over |V_in|, lengths over R_b. With a path, the result is saved at intervals, at
-    the end, and on Ctrl-C, which raises KeyboardInterrupt; `resume` continues from such a file, of
-    as many throws or of fewer. The result does not depend on threads, interruptions or resumptions.
+    the end, and on Ctrl-C, which raises KeyboardInterrupt; `resume` continues from such a file,
+    with as many throws or fewer. The result does not depend on threads, interruptions or
+    resumptions.
     """
     check_team(threads)
     if not case.throws:

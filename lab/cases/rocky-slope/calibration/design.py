@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The laboratory at many settings of its physical parameters: what the emulator learns from.
+"""The laboratory at many settings of its physical parameters: the training data of the emulator.
 
     python design.py WORK            # fire; an interrupted run goes on where it stopped
     python design.py WORK --fit      # sets of all settings that are done, into design.nc
@@ -45,7 +45,7 @@ def settings() -> np.ndarray:
 
 
 def add_settings(values: np.ndarray) -> None:
-    """Write them down behind those that there are."""
+    """Append settings to the existing ones."""
     if not SETTINGS.exists():
         SETTINGS.write_text(",".join(PARAMETERS) + "\n", encoding="utf-8")
     with SETTINGS.open("a", encoding="utf-8") as file:

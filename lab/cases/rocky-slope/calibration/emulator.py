@@ -3,9 +3,9 @@
 
     python emulator.py               # how well each setting is known from the others
 
-A set is a vector of means and covariances, seen in the directions that impacts come from; its
-principal components over the settings, all ratios together, are Gaussian processes of the
-parameters (scikit-learn). R_b/R_m = 4 is half way between 3 and 5.
+A set is a vector of means and covariances, in the directions of impacts; its principal components
+over the settings, all ratios together, are Gaussian processes of the parameters (scikit-learn).
+R_b/R_m = 4 is half way between 3 and 5.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def to_vector(mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def from_vector(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Back, with the covariance nearest to that of the vector."""
+    """Means and covariances from a vector; the covariance is the nearest valid one."""
     back = np.kron(np.eye(3), BACK)
     covariance = np.zeros((*vector.shape[:-1], 9, 9))
     covariance[..., *LOWER] = vector[..., 9:]
@@ -75,7 +75,7 @@ class Emulator:
 
     def predict(self, unit: np.ndarray, z: np.ndarray | None = None) -> tuple:
         """Means (5, 9) and covariances (5, 9, 9) at a setting; `z` (components,) are normal numbers
-        for what the emulator does not know."""
+        for the errors of the emulator."""
         found = [one.predict(unit[None], return_std=True) for one in self.processes]
         score = np.array([float(mean[0]) for mean, _ in found])
         if z is not None:
@@ -85,12 +85,12 @@ class Emulator:
         return five(self.pca.inverse_transform(score[None]).reshape(-1, 54))
 
     def left_out(self, number: int) -> tuple:
-        """The sets of a setting as the others know them."""
+        """The sets of a setting predicted from the others."""
         score, _ = self._left_out_scores(number)
         return five(self.pca.inverse_transform(score[None]).reshape(-1, 54))
 
     def _left_out_scores(self, number: int) -> np.ndarray:
-        """Its scores as the others know them, and by how many deviations they are off, (2, n)."""
+        """Scores predicted from the other settings, and deviations in standard errors, (2, n)."""
         others = np.arange(len(self.unit)) != number
         found = []
         for one, values in zip(self.processes, self.scores.T, strict=True):
@@ -101,7 +101,7 @@ class Emulator:
         return np.array(found).T
 
     def fitted(self, number: int) -> tuple:
-        """The sets of a setting as they were fitted."""
+        """The fitted sets of a setting."""
         return five(self.vectors[number])
 
 
@@ -118,7 +118,7 @@ def process(unit: np.ndarray, values: np.ndarray) -> GaussianProcessRegressor:
 
 
 def unknown(one: GaussianProcessRegressor, std: float) -> float:
-    """What is not known of a score: without the noise of another fit."""
+    """Uncertainty of a score, without the noise of another fit."""
     noise = one.kernel_.k2.noise_level * one._y_train_std**2
     return float(np.sqrt(max(std**2 - noise, 0.0)))
 
@@ -130,7 +130,8 @@ def five(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check(table: xr.Dataset, state: str) -> None:
-    """Each setting by its fit and by the others: neutral slopes and growth at 38 degrees."""
+    """Compare each setting by its fit and by the others: neutral slopes and growth at 38
+    degrees."""
     emulator = Emulator(table, state)
     print(
         f"state {state}: the components explain {emulator.pca.explained_variance_ratio_.round(3)}"

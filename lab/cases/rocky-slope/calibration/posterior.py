@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the slope of the paper says of the laboratory's parameters: Bayes' rule by emcee.
+"""Inference of the laboratory's parameters from the slope of the paper, by emcee.
 
     python posterior.py WORK --prior 512      # numbers of the site over the prior: prior.csv
     python posterior.py WORK --wave 8         # settings to learn from next, into settings.csv
@@ -71,13 +71,13 @@ def site() -> Site:
 
 
 def nuisances(u: np.ndarray) -> dict[str, float]:
-    """Of a state of the chain, in their units."""
+    """Nuisance parameters of a state of the chain, in their units."""
     ends = zip(NUISANCES.items(), u[len(PARAMETERS) :], strict=True)
     return {name: low + one * (high - low) for (name, (low, high)), one in ends}
 
 
 def state_of(u: np.ndarray) -> str:
-    """Which state of the boulder counts."""
+    """Index of the state of the boulder that is used."""
     return list(STATES)[min(int(nuisances(u)["state"]), len(STATES) - 1)]
 
 
@@ -92,8 +92,8 @@ def slopes(u: np.ndarray) -> list[Talus]:
 
 
 def numbers(sets: Sets, u: np.ndarray) -> dict[str, float]:
-    """Numbers of the site in the mean over its slopes, and the log growth of a bounce that each
-    ratio has before the one below it."""
+    """Numbers of the site in the mean over its slopes, and the log growth of a bounce of each ratio
+    relative to the next smaller one."""
     each = [
         site().numbers(sets, seed=one.seed, talus=one, threads=1, reading="diameter")
         for one in slopes(u)
@@ -107,7 +107,7 @@ def numbers(sets: Sets, u: np.ndarray) -> dict[str, float]:
 
 
 def log_likelihood(found: dict[str, float], unknown: dict[str, float]) -> float:
-    """Of the numbers of a site; `unknown` are the emulator's standard deviations."""
+    """Log-likelihood of the numbers of a site; `unknown` are the emulator's standard deviations."""
     total = 0.0
     for name, (values, share) in PRINTED.items():
         for method, value in zip("AB", values, strict=True):
@@ -122,7 +122,7 @@ def log_likelihood(found: dict[str, float], unknown: dict[str, float]) -> float:
 
 
 class Likelihood:
-    """Of a state of the chain, with the emulator's errors, for a pool of processes."""
+    """Likelihood of a state of the chain, with the emulator's errors, for a pool of processes."""
 
     def __init__(self, unknown: dict[str, float]) -> None:
         self.unknown = unknown
@@ -134,7 +134,7 @@ class Likelihood:
 
 
 def over_prior(u: np.ndarray) -> dict[str, float]:
-    """Numbers of a state, and what other readings of the paper make of them."""
+    """Numbers of a state, and the same by other readings of the paper."""
     sets = sets_of(u)
     found = numbers(sets, u)
     radius, aspect = dict(found), dict(found)
@@ -155,7 +155,7 @@ def over_prior(u: np.ndarray) -> dict[str, float]:
 
 
 def prior(count: int, pool) -> None:
-    """Over the first states of a Sobol sequence."""
+    """Numbers over the first states of a Sobol sequence."""
     u = qmc.Sobol(len(NAMES), rng=np.random.default_rng(5)).random(count)
     rows = pool.map(over_prior, u, chunksize=4)
     pd.DataFrame(rows).to_csv(HERE / "prior.csv", index=False, float_format="%.5g")
@@ -167,7 +167,7 @@ def best_of_prior(count: int) -> np.ndarray:
 
 
 def wave(count: int) -> None:
-    """Of the most likely states of the prior those that are far from each other."""
+    """The most likely states of the prior that are far from each other."""
     unit = best_of_prior(6 * count)[:, : len(PARAMETERS)]
     chosen = [0]
     while len(chosen) < count:
@@ -182,7 +182,7 @@ def emulator_error(numbered: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
 
 
 def run(work: Path, steps: int, pool) -> None:
-    """Go on with the chain until it has as many steps."""
+    """Continue the chain up to this number of steps."""
     start, errors = best_of_prior(WALKERS), work / f"unknown-{learnt_from()}.csv"
     if not errors.exists():
         z = np.random.default_rng(7).standard_normal((24, 16))
@@ -205,7 +205,7 @@ def run(work: Path, steps: int, pool) -> None:
 
 
 def learnt_from() -> str:
-    """Of what the chain is: another emulator or prior begins another."""
+    """Identity of the chain: another emulator or prior begins another chain."""
     digest = hashlib.sha256()
     for name in "design.nc", "prior.csv", "emulator.py":
         digest.update((HERE / name).read_bytes())
@@ -221,14 +221,14 @@ def sample(work: Path) -> np.ndarray:
 
 
 def centre(u: np.ndarray) -> np.ndarray:
-    """The state nearest to the mean of all, but for which state of the boulder counts."""
+    """State nearest to the mean of all, without regard to the state of the boulder."""
     reals = np.array(NAMES) != "state"
     off = ((u - u.mean(0)) / u.std(0))[:, reals]
     return u[(off**2).sum(1).argmin()]
 
 
 def likeliest(u: np.ndarray, pool) -> np.ndarray:
-    """A state with the likeliest of the states of the boulder."""
+    """A state with the likeliest state of the boulder."""
     each = np.tile(u, (len(STATES), 1))
     each[:, NAMES.index("state")] = (np.arange(len(STATES)) + 0.5) / len(STATES)
     values = pool.map(Likelihood({}), each)
@@ -237,7 +237,8 @@ def likeliest(u: np.ndarray, pool) -> np.ndarray:
 
 
 def in_units(u: np.ndarray) -> pd.DataFrame:
-    """States of the chain in the units of the laboratory case, and which state counts."""
+    """States of the chain in the units of the laboratory case, and the selected state of the
+    boulder."""
     table = pd.DataFrame(physical(u[:, : len(PARAMETERS)]), columns=list(PARAMETERS))
     for one, (name, (low, high)) in zip(u[:, len(PARAMETERS) :].T, NUISANCES.items(), strict=True):
         table[name] = low + one * (high - low)
@@ -246,8 +247,8 @@ def in_units(u: np.ndarray) -> pd.DataFrame:
 
 
 def draws(work: Path, count: int, pool) -> None:
-    """States of the posterior into posterior.csv: the one nearest to the centre, then equally
-    likely ones, where walkers ended; and what is known of the whole into posterior.md."""
+    """Write states of the posterior to posterior.csv: the one nearest to the centre, then equally
+    likely ones, where walkers ended; and its description to posterior.md."""
     u = sample(work)
     ends = u[-WALKERS:][np.random.default_rng(11).permutation(WALKERS)[:count]]
     picked = np.vstack([likeliest(centre(u), pool), ends])
@@ -267,7 +268,7 @@ def quantiles(table: pd.DataFrame) -> list[str]:
 
 
 def summary(whole: pd.DataFrame, found: pd.DataFrame) -> list[str]:
-    """The ridge: quantiles, what hangs together, and the numbers of the draws."""
+    """The ridge: quantiles, correlations, and the numbers of the draws."""
     reals = whole.drop(columns="counts")
     text = ["# The posterior", "", "Written by posterior.py. The parameters, over the chain:", ""]
     text += [*quantiles(reals), "", f"The numbers of {len(found) - 1} draws:", ""]

@@ -4,9 +4,9 @@
     python ship.py IMPACTS.nc
 
 `laboratory-spheres` is the case ../lab.nml, whose parameters are near the centre of the posterior,
-by that state of the boulder of which its sets are likeliest. `laboratory-spheres-ensemble` has a
-draw for each row of posterior.csv but the first, the centre: the emulator's sets there. Lateral
-deviations and fitted ranges are those of `laboratory-spheres` in all.
+by the likeliest state of the boulder. `laboratory-spheres-ensemble` has a draw for each row of
+posterior.csv but the first, the centre: the emulator's sets there. Lateral deviations and fitted
+ranges are those of `laboratory-spheres` in all.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ SHIPPED = HERE.parents[2] / "python" / "rockfall" / "data" / "impact_sets"
 
 
 def likeliest_state(data: xr.Dataset) -> str:
-    """The state of the boulder whose sets the evidence favours, on slopes in the middle of what is
-    not known of them."""
+    """The state of the boulder whose sets the evidence favours, on slopes in the middle of their
+    uncertainty."""
     values = {}
     for state in STATES:
         fits = [
