@@ -3,8 +3,8 @@
 docs/case.md, result.md, cli.md, api.md, ground_table.md and glossary.md; and the blocks of pages
 that contain evidence.
 
-python tools/document.py writes them python tools/document.py --check checks whether they are up to
-date (exit status 0 or 1)
+python tools/document.py           writes them
+python tools/document.py --check   checks whether they are up to date (exit status 0 or 1)
 """
 
 import csv

@@ -2,8 +2,8 @@
 """Write tests/interface.txt: the names that docs/stability_policy.md promises, one a line. A test
 compares the list with the program; it is updated deliberately, and reviewed as a change.
 
-python tools/interface.py writes it python tools/interface.py --check prints the differences (exit
-status 0 or 1)
+python tools/interface.py           writes it
+python tools/interface.py --check   prints the differences (exit status 0 or 1)
 """
 
 import argparse

@@ -5,9 +5,9 @@
 
 Runs every scene of `extremes.py` and prints one table. Builds the kernel once more, in a temporary
 folder, with each flight audited in 64 bits of mantissa (`stability/audited_flight.f90`), and
-`factors`, which draws matrices from covariances; --contacts are audited, evenly over the scenes. The exit
-status is 1 if a bound is exceeded. With --builds the scenes only run in several rockfall-batch
-programs (release, run-time checks, sanitizers), whose results must be equal.
+`factors`, which draws matrices from covariances; --contacts are audited, evenly over the scenes.
+The exit status is 1 if a bound is exceeded. With --builds the scenes only run in several
+rockfall-batch programs (release, run-time checks, sanitizers), whose results must be equal.
 
 In every scene each boulder ends for a reason that the scene allows; no required number is NaN or
 infinite; no boulder has more energy than at its release; no flight is `off`: below the ground, or

@@ -3,9 +3,12 @@
 
 `python make_layers.py [FOLDER]` writes them to the current folder, or to another:
 
-dem.tif elevations, cells of 2 m site.gpkg cliff and ground (polygons), road (line), houses
-(polygons) net.gpkg a planned net (line) forest.gpkg trees (points) houses.gpkg houses (polygons):
-what they are worth, and who lives there traffic.gpkg the road (line): vehicles a day
+    dem.tif      elevations, cells of 2 m
+    site.gpkg    cliff and ground (polygons), road (line), houses (polygons)
+    net.gpkg     a planned net (line)
+    forest.gpkg  trees (points)
+    houses.gpkg  houses (polygons) with their values and residents
+    traffic.gpkg the road (line): vehicles a day
 
 It needs what rockfall needs, and nothing of rockfall. The valley is made up; it has coordinates of
 EPSG:25832 so that a GIS can show it, and lies at no real place.
