@@ -487,7 +487,7 @@ def test_the_same_result_gives_the_same_bytes(place, ending):
 
 def test_the_command_warns_of_a_terrain_that_is_gone(place, capsys, monkeypatch):
     Path("dem.tif").unlink()
-    monkeypatch.setattr("rockfall.products.figures_of", lambda *_: [])
+    monkeypatch.setattr("rockfall.products.figures_of", lambda *_, **__: [])
     assert main(["figures", "out.nc", "pictures"]) == 0
     err = capsys.readouterr().err
     assert err.startswith("rockfall: warning: dem.tif: cannot be read")
