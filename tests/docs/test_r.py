@@ -29,7 +29,7 @@ def test_r_runs_a_case(tmp_path, monkeypatch):
     for kind in "c", "r":
         ((name, code),) = re.findall(BLOCK.format(kind), page, re.MULTILINE | re.DOTALL)
         (tmp_path / name).write_text(code, "utf-8")
-    shutil.copy(ROOT / "python/rockfall/data/impact_sets/laboratory-spheres.nml", tmp_path)
+    shutil.copy(ROOT / "python/rockfall/data/impact_sets/vaujany-observed.nml", tmp_path)
     meson = [sys.executable, "-m", "mesonbuild.mesonmain"]
     setup = [*meson, "setup", "build", ROOT, f"--prefix={tmp_path}/.local", *QUICK]
     subprocess.run(setup, check=True, capture_output=True)
