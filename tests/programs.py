@@ -190,3 +190,4 @@ def killed_after(monkeypatch, chunks):
         return fly(*arguments)
 
     monkeypatch.setattr(simulate, "_run_range", until)
+    monkeypatch.setattr(simulate, "MAX_SECONDS", 1e6)  # whole chunks, on a slow machine too

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Cost of boulders at many evaluation lines: run, lines and report, by several builds.
 
-    python -m benchmarks.speed.crossings [--lines 1000] [--boulders 100000] [--repeat 3]
-        [--other PYTHON ...] [--commands run lines report]
+    python -m benchmarks.speed.crossings [--lines 1000] [--pieces 1] [--boulders 100000]
+        [--repeat 3] [--other PYTHON ...] [--commands run lines report] [--killed]
 
-The slope of `cases/vaujany` with lines across it. `--other` are Pythons of other builds of
-rockfall, which take turns with this one; numbers are minima of the turns. On a busy machine use the
-CPU times.
+The slope of `cases/vaujany` with lines across it, or with pieces of fewer such lines, as those of a
+road. `--other` are Pythons of other builds of rockfall, which take turns with this one; numbers are
+minima of the turns. On a busy machine use the CPU times. `--killed`: runs are also killed on their
+way, once they have kept something, and go on: every bit must be that of the run in one piece.
 """
 
 import argparse
@@ -14,7 +15,8 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmarks.machine import VAUJANY, best_turns, machine
+from benchmarks.machine import VAUJANY, best_turns, machine, run_child
+from benchmarks.speed.many import kill_on_the_way, same
 
 MB = 1e6
 COMMANDS = {
@@ -35,24 +37,44 @@ CASE = """&case boulders = {boulders}, seed = 20090601 /
 """
 
 
-def write_case(folder: Path, lines: int, boulders: int) -> None:
-    """The slope with lines from 15 m below the release down, in keys that all builds know."""
-    at = (570.0 - 560.0 * k / lines for k in range(lines))
+def write_case(folder: Path, lines: int, boulders: int, pieces: int = 1) -> None:
+    """The slope with lines from 15 m below the release down, each one of so many pieces across the
+    slope, in keys that all builds know."""
+    rows, width = lines // pieces, 197.5 / pieces
+    ends = (
+        (1.25 + width * piece, 570.0 - 560.0 * row / rows)
+        for row in range(rows)
+        for piece in range(pieces)
+    )
     groups = "".join(
-        f"&line name = '{k}', x = 1.25, 198.75, y = {y:.4f}, {y:.4f} /\n" for k, y in enumerate(at)
+        f"&line name = '{k}', x = {x:.4f}, {x + width:.4f}, y = {y:.4f}, {y:.4f} /\n"
+        for k, (x, y) in enumerate(ends)
     )
     for name, kept in (("case", "'all'"), ("none", "'none'")):
         text = CASE.format(boulders=boulders, place=VAUJANY.parent, kept=kept)
         (folder / f"{name}.nml").write_text(text + groups)
 
 
+def killed(folder: Path, command: str, seconds: float) -> None:
+    """Kill a run on its way, resume it, and print whether it is the run in one piece."""
+    case = COMMANDS[command][1]
+    words = [sys.executable, "-m", "rockfall", "run", case, "--quiet", "-o", "killed.nc"]
+    kill_on_the_way(folder, words, seconds)
+    run_child(*words, "--resume", cwd=folder)
+    found = "the same bits" if same(folder / FILES[command], folder / "killed.nc") else "OTHER BITS"
+    print(f"{command}: killed and resumed: {found}", flush=True)
+    (folder / "killed.nc").unlink()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--lines", type=int, default=1000)
+    parser.add_argument("--pieces", type=int, default=1)
     parser.add_argument("--boulders", type=int, default=100_000)
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--other", nargs="*", default=[])
     parser.add_argument("--commands", nargs="+", default=["run", "lines"], choices=COMMANDS)
+    parser.add_argument("--killed", action="store_true")
     given = parser.parse_args()
     print(machine())
     print(f"{given.lines:,} lines, {given.boulders:,} boulders")
@@ -61,13 +83,16 @@ def main() -> None:
         folders = [Path(top) / f"{k}" for k in range(len(pythons))]
         for folder in folders:
             folder.mkdir()
-            write_case(folder, given.lines, given.boulders)
+            write_case(folder, given.lines, given.boulders, given.pieces)
         for command in given.commands:
             best = best_turns(pythons, folders, [*COMMANDS[command]], given.repeat)
             for python, folder, (wall, cpu, peak) in zip(pythons, folders, best, strict=True):
                 size = (folder / FILES[command]).stat().st_size if command in FILES else 0
                 print(f"{command:7} {wall:7.1f} s, {cpu:7.1f} s of CPU, {peak / MB:7,.0f} MB, "
                       f"file {size / MB:8,.1f} MB  {python}", flush=True)  # fmt: skip
+            if given.killed and command in ("run", "none"):
+                wall, _, _ = best[-1]
+                killed(folders[-1], command, wall / 2)
 
 
 if __name__ == "__main__":

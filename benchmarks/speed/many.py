@@ -21,7 +21,7 @@ import rockfall
 from benchmarks.machine import NOTHING, VAUJANY, machine, run_child
 
 ROCKFALL = [sys.executable, "-m", "rockfall"]
-OWN = ("wall_seconds", "cpu_seconds", "threads", "history")  # attributes of a run
+OWN = ("wall_seconds", "cpu_seconds", "threads", "history", "date_created")  # attributes of a run
 MB = 1e6
 
 

@@ -2,7 +2,7 @@
 !> Elementary functions built only from + - * / and sqrt, for bitwise identical results on all machines
 !> (libm picks implementations with different last bits by processor type).
 module rockfall_math
-   use rockfall_kinds, only: wp, sp, i8
+   use rockfall_kinds, only: wp, sp, i4, i8
    implicit none
    private
    public :: pi, degree, real_of, squared_length, logarithm, exponential, cube_root, power, sine_cosine, squared_sine
@@ -33,8 +33,12 @@ contains
    elemental real(sp) function rounded_up(x)
       real(wp), intent(in) :: x
 
+      integer(i4) :: bits
+
       rounded_up = real(x, sp)
-      if (real(rounded_up, wp) < x) rounded_up = nearest(rounded_up, 1.0_sp)
+      bits = transfer(rounded_up, bits)
+      bits = bits + merge(1, -1, bits >= 0)  ! of the next larger number: `nearest` calls the system's library
+      if (real(rounded_up, wp) < x) rounded_up = transfer(bits, rounded_up)
    end function rounded_up
 
    !> |v|**2.

@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Zeroed memory for large arrays: allocated lazily, so that untouched pages cost nothing.
+!> Zeroed memory for large arrays: allocated lazily, so that untouched pages cost nothing. Prefetches.
 module rockfall_memory
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated
    use rockfall_kinds, only: i8
    implicit none
    private
-   public :: zeroed_block, free_block
+   public :: zeroed_block, free_block, prefetch
 
    interface
       type(c_ptr) function c_zeros(n, size) bind(c, name="rockfall_zeros")
@@ -16,6 +16,11 @@ module rockfall_memory
          import :: c_ptr
          type(c_ptr), value :: block
       end subroutine c_free
+
+      !> Prefetch the cache line of a value.
+      pure subroutine prefetch(value) bind(c, name="rockfall_prefetch")
+         type(*), intent(in) :: value
+      end subroutine prefetch
    end interface
 
 contains

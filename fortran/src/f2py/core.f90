@@ -548,7 +548,7 @@ contains
          associate (v => motion(:3, k), omega => motion(4, k))
             quantities(:, k) = all_quantities([0.0_c_double, 0.0_c_double, 0.0_c_double, &
                                                sqrt(v(1)**2 + v(2)**2 + v(3)**2), &
-                                               motion(:, k), kinetic_energy(boulder, v, omega)], volume(k))
+                                               motion(:, k), kinetic_energy(boulder, v, omega)], boulder%radius)
          end associate
       end do
    end subroutine line_quantities

@@ -7,7 +7,7 @@
 !> similar that agree in the scaled quantities, in the strength of the ground over rho_b g R_b, and in its relief: size,
 !> density and strength of the ground are one axis.
 module rockfall_impact_table
-   use, intrinsic :: iso_c_binding, only: c_float
+   use rockfall_memory, only: prefetch
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i8
    use rockfall_math, only: logarithm, exponential, power, tangent
@@ -128,14 +128,6 @@ module rockfall_impact_table
       integer :: exit = flies
       integer :: next = 0                   !! record that followed in the laboratory; 0: none
    end type outcome_t
-
-   interface
-      !> Prefetch the cache line of a number.
-      pure subroutine prefetch(number) bind(c, name="rockfall_prefetch")
-         import :: c_float
-         real(c_float), intent(in) :: number
-      end subroutine prefetch
-   end interface
 
 contains
 

@@ -5,6 +5,7 @@ module rockfall_run_state
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_math, only: rounded_up
+   use rockfall_memory, only: prefetch
    use rockfall_text, only: integer_text
    use rockfall_scene_type, only: scene_t, n_grounds
    use rockfall_outcome, only: boulder_result_t, left_window
@@ -39,6 +40,7 @@ module rockfall_run_state
    integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
    integer, parameter :: passing_height = findloc(crossing_fields, "passing_height", dim=1)
    integer, parameter :: at_once = 256                     !! boulders whose crossings a thread stores together
+   integer, parameter :: ahead = 8                         !! crossings that are fetched before one is sampled
    integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
 
    !> Run, or a range of its boulders. Arrays that the case does not need have size zero.
@@ -491,7 +493,7 @@ contains
       type(crossings_t), intent(in) :: crossings(:)
       integer, intent(in) :: thread, threads   !! number of this one, and of all
       integer, allocatable :: first(:), boulder(:), place(:)
-      real(wp) :: volume(at_once), row(size(line_fields), at_once)  !! of crossings added together
+      real(wp) :: radius(at_once), row(size(line_fields), at_once)  !! of crossings added together
       integer :: source(at_once), line, k, m, n
 
       allocate (first(size(scene%lines) + 1), boulder(sum(crossings%n)), place(sum(crossings%n)))
@@ -499,18 +501,23 @@ contains
       do line = thread, size(scene%lines), threads
          n = 0
          do m = first(line), first(line + 1) - 1
+            k = boulder(min(m + ahead, size(boulder)))
+            associate (at => crossings(k)%at(place(min(m + ahead, size(place)))))
+               call prefetch(at%crossed)
+               call prefetch(at%line)
+            end associate
             k = boulder(m)
             associate (at => crossings(k)%at(place(m)))
                if (at%crossed .and. results(k)%status /= left_window) then
                   n = n + 1
-                  volume(n) = results(k)%boulder%volume
+                  radius(n) = results(k)%boulder%radius
                   source(n) = int(results(k)%source)
                   row(:, n) = line_row(scene%dem, results(k), at)
                end if
             end associate
             if (n < at_once .and. m < first(line + 1) - 1) cycle
             call add_crossings(run%samples, run%layout, line, scene%lines(line), [scene%dem%x0, scene%dem%y0], &
-                               volume(:n), source(:n), row(:, :n))
+                               radius(:n), source(:n), row(:, :n))
             n = 0
          end do
       end do

@@ -5,7 +5,7 @@ module rockfall_line_samples
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_math, only: rounded_up
    use rockfall_line, only: line_t
-   use rockfall_boulder, only: release_t, feature_of, sphere_radius
+   use rockfall_boulder, only: release_t, feature_of
    use rockfall_samples, only: samples_t, add_numbers, add_tails, largest_unit
    use rockfall_variables, only: boulder_fields, boulder_counts, line_fields
    implicit none
@@ -109,20 +109,20 @@ contains
    end subroutine add_end
 
    !> Add crossings of a line by boulders.
-   subroutine add_crossings(samples, layout, index, line, origin, volumes, sources, crossings)
+   subroutine add_crossings(samples, layout, index, line, origin, radii, sources, crossings)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout
       integer, intent(in) :: index              !! of the line
       type(line_t), intent(in) :: line
       real(wp), intent(in) :: origin(2)         !! of local coordinates [m]
-      real(wp), intent(in) :: volumes(:)        !! of the boulders [m3]
+      real(wp), intent(in) :: radii(:)          !! R_b of the boulders [m]
       integer, intent(in) :: sources(:)         !! source numbers
       real(wp), intent(in) :: crossings(:, :)   !! (line_fields, boulders)
-      real(wp) :: values(size(volumes), n_quantities)
+      real(wp) :: values(size(radii), n_quantities)
       integer :: k
 
-      do k = 1, size(volumes)
-         values(k, :n_quantities - 1) = line_quantities(crossings(:, k), volumes(k))
+      do k = 1, size(radii)
+         values(k, :n_quantities - 1) = line_quantities(crossings(:, k), radii(k))
          values(k, n_quantities) = place_along(line, crossings(:2, k) - origin)
       end do
       call add_quantities(samples, layout, sources, values, 1, index + 1)
@@ -151,13 +151,12 @@ contains
    !> Quantities at a line, except the last, from its row; NaN if not available. The centre of a boulder in contact with
    !> the ground is R / cos(slope) above it vertically, and R along the normal; in flight, these are above the point at
    !> its jump height.
-   pure function line_quantities(row, boulder_volume) result(q)
-      real(wp), intent(in) :: row(:)          !! line_fields
-      real(wp), intent(in) :: boulder_volume  !! [m3]
+   pure function line_quantities(row, radius) result(q)
+      real(wp), intent(in) :: row(:)  !! line_fields
+      real(wp), intent(in) :: radius  !! R_b [m]
       real(wp) :: q(n_quantities - 1)
-      real(wp) :: radius, rotational_fraction, normal
+      real(wp) :: rotational_fraction, normal
 
-      radius = sphere_radius(boulder_volume)
       associate (speed => row(speed_row), jump => row(jump_row), passing => row(passing_row), omega => row(omega_row), &
                  forward => row(forward_row), turning => row(turning_row))
          rotational_fraction = turning

@@ -4,6 +4,7 @@
 module rockfall_samples
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
    use rockfall_kinds, only: wp, sp, i4, i8, i16
+   use rockfall_math, only: fraction_bits, exponent_bias
    use rockfall_memory, only: zeroed_block, free_block
    implicit none
    private
@@ -15,7 +16,8 @@ module rockfall_samples
 
    !> Bins of integers: width 1 below 512, then 256 per octave, so that no bin is wider than 0.4 % of its numbers; up to
    !> 2**45, and down to -2**20.
-   integer, parameter :: per_octave = 256, first_octave = 8
+   integer, parameter :: octave_bits = 8, per_octave = 2**octave_bits
+   integer, parameter :: before_octaves = per_octave*(exponent_bias + octave_bits - 1)
    integer, parameter :: below_zero = 3328, from_zero = 9728
    integer, parameter :: n_sample_bins = below_zero + from_zero
    integer, parameter :: bins_per_coarse = 64, n_coarse_bins = n_sample_bins/bins_per_coarse
@@ -230,11 +232,11 @@ contains
    pure integer function sample_bin(number) result(bin)
       integer(i8), intent(in) :: number
       integer(i8) :: size
-      integer :: octave
 
       size = min(abs(number), largest_unit - 1)
-      octave = max(0, int(bit_size(size)) - 1 - leadz(size) - first_octave)
-      bin = per_octave*octave + int(shiftr(size, octave))
+      ! of exponent and fraction of the number, which a real holds exactly, the bits that count octaves and their parts
+      bin = int(shiftr(transfer(real(size, wp), size), fraction_bits - octave_bits)) - before_octaves
+      bin = merge(int(iand(size, per_octave - 1_i8)), bin, size < per_octave)
       bin = below_zero + 1 + merge(bin, -min(bin, below_zero), number >= 0)
    end function sample_bin
 

@@ -2,8 +2,9 @@
 !> Elementary functions against the compiler's, in units in the last place.
 program test_math
    use, intrinsic :: iso_fortran_env, only: real128
-   use rockfall_kinds, only: wp
-   use rockfall_math, only: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine, tangent, arcsine
+   use rockfall_kinds, only: wp, sp
+   use rockfall_math, only: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine, tangent, arcsine, &
+                            rounded_up
    use check_m, only: check, check_close, finish
    implicit none
 
@@ -16,6 +17,7 @@ program test_math
    call test_squared_sine()
    call test_tangent()
    call test_arcsine()
+   call test_rounded_up()
    call finish()
 
 contains
@@ -106,6 +108,29 @@ contains
          call check_close("cube root of a cube", cube_root(real(k, wp)**3), real(k, wp), 3.0e-16_wp)
       end do
    end subroutine test_cube_root
+
+   !> Of both signs, subnormal ones, and next to zero and to the largest.
+   subroutine test_rounded_up()
+      real(wp), parameter :: special(*) = [0.0_wp, tiny(1.0_wp), -tiny(1.0_wp), 1.0e-45_wp, real(huge(1.0_sp), wp), &
+                                           -real(huge(1.0_sp), wp), -1.5_wp*huge(1.0_sp)]
+      real(wp) :: x
+      real(sp) :: up
+      logical :: least
+      integer :: k
+
+      least = .true.
+      do k = 1, 100000
+         if (k <= size(special)) then
+            x = special(k)
+         else
+            call random_number(x)
+            x = scale(x - 0.5_wp, mod(k, 270) - 145)
+         end if
+         up = rounded_up(x)
+         least = least .and. up >= x .and. nearest(up, -1.0_sp) < x
+      end do
+      call check("no smaller number of single precision is at least as large", least)
+   end subroutine test_rounded_up
 
    subroutine test_sine_cosine()
       real(wp) :: angle, s, c, worst(3)
