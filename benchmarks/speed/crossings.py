@@ -8,6 +8,7 @@ The slope of `cases/vaujany` with lines across it, or with pieces of fewer such 
 road. `--other` are Pythons of other builds of rockfall, which take turns with this one; numbers are
 minima of the turns. On a busy machine use the CPU times. `--killed`: runs are also killed on their
 way, once they have kept something, and go on: every bit must be that of the run in one piece.
+Tried for `none` and not faster: heaps with four nodes below each, tails boulder by boulder.
 """
 
 import argparse

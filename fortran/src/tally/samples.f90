@@ -5,7 +5,7 @@ module rockfall_samples
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
    use rockfall_kinds, only: wp, sp, i4, i8, i16
    use rockfall_math, only: fraction_bits, exponent_bias
-   use rockfall_memory, only: zeroed_block, free_block
+   use rockfall_memory, only: zeroed_block, free_block, prefetch
    implicit none
    private
    public :: samples_t, add_numbers, add_tails, add_tail, merge_samples, sample_bin, sample_edge, bins_per_coarse
@@ -270,6 +270,7 @@ contains
          end do
          do k = 1, n
             call find_block(samples, samples%at(coarse(k), quantity, part(first + k), place), block(k))
+            call prefetch(samples%counts(bin(k), block(k)))
          end do
          do k = 1, n
             associate (counts => samples%counts(bin(k), block(k)))
@@ -424,6 +425,7 @@ contains
             next = next + merge(1, 0, heap(next + 1) < heap(next))
             heap(node) = heap(next)
             node = next
+            call prefetch(heap(min(known, 16*node + 1)))  ! where the way is four nodes on, whichever it takes
          end do
          if (next == known) then
             heap(node) = heap(next)

@@ -3,8 +3,8 @@
 program test_math
    use, intrinsic :: iso_fortran_env, only: real128
    use rockfall_kinds, only: wp, sp
-   use rockfall_math, only: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine, tangent, arcsine, &
-                            rounded_up
+   use rockfall_math, only: pi, degree, logarithm, exponential, cube_root, sine_cosine, squared_sine, tangent, &
+                            arcsine, rounded_up
    use check_m, only: check, check_close, finish
    implicit none
 
