@@ -114,7 +114,7 @@ def _choices(
 ) -> Iterator[dict[str, Any]]:
     """Rows of a line: at most `allowed` [1/year] may pass."""
     tall = EXCEEDED["height"] <= HIGHEST
-    rates = yearly(hazard, hazard["line_class_behind"].values[:, k][..., tall])
+    rates = yearly(hazard, hazard["line_class_behind"].values[:, k])
     heights, high = EXCEEDED["height"][tall].tolist(), rates[2]
     classes = range(len(high))
     by_class = least_heights(classes, heights, lambda own, j: bool(high[own, j] <= allowed), prices)

@@ -131,9 +131,9 @@ def _advice(line: str, load: Row, rows: list[dict[Any, Any]], years: float) -> I
         return
     nearest = weaker[-1]
     weak = f"{nearest['ead_class']:.0f}"
-    if np.isnan(nearest["height"]):
+    if not np.isnan(nearest["height"]):
+        yield say("yearly.higher", weak=weak, height=nearest["height"])
+    elif nearest["through_high"] > 1 / years:
         through = Estimate.of(nearest, "through", digits=2)
         limits = through.interval
         yield say("yearly.too_weak", weak=weak, through=through.number, limits=limits)
-    else:
-        yield say("yearly.higher", weak=weak, height=nearest["height"])
