@@ -11,6 +11,7 @@ import rockfall
 from rockfall.analysis.observed.compare import compare, disagreement
 from rockfall.analysis.validity.site import angle_remarks
 from rockfall.cli import main
+from rockfall.html_report.summary import angle
 from rockfall.result.variables import STATUS
 
 
@@ -188,3 +189,16 @@ def test_pages_of_a_hazard_say_that_the_terrain_is_missing(place, capsys):
     Path("dem.tif").unlink()
     assert main(["report", "hazard.nc", "-o", "page.html"]) == 0
     assert "figures have no relief, give the DEM of the run" in capsys.readouterr().err
+
+
+def test_pages_say_that_angles_of_boulders_in_motion_are_upper_limits(seen):
+    _, result = seen
+    fall, distance = np.full(4, 100.0), np.array([100.0, 200.0, 300.0, 400.0])
+    own = result.isel(boulder=slice(4)).assign(
+        start_z=("boulder", fall), stop_z=("boulder", 0 * fall), plan_distance=("boulder", distance)
+    )
+    for status, said in (("stopped", []), ("hit_nodata", ["4 of 4 boulders (100 %) ended while"])):
+        flags = own["status"].copy(data=np.full(4, STATUS[status]))
+        first, *others = angle(own.assign(status=flags))
+        assert "minimum 14" in first
+        assert [text[: len(start)] for text, start in zip(others, said, strict=True)] == said

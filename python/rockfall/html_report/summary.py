@@ -14,9 +14,10 @@ from rockfall.analysis.precision.intervals import half_width
 from rockfall.language import Text, say, say_count
 from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
-from rockfall.quantities import number, percent
+from rockfall.quantities import number, part_of_boulders, percent
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, is_ensemble, simulated
+from rockfall.result.trajectories import ended_moving
 from rockfall.result.variables import ENDS
 from rockfall.studies.run_until import verdicts_of
 from rockfall.table import TOO_FEW, Estimate, Table
@@ -169,6 +170,9 @@ def angle(result: xr.Dataset) -> Iterator[str]:
     if angles.size:
         median, least = number(np.median(angles)), number(angles.min())
         yield say("summary.angle", angles=median, min=least)
+        if (moving := ended_moving(result)).any():
+            part = part_of_boulders(int(moving.sum()), moving.size)
+            yield f"{capital(say('model.angle_left', part=part))}."
 
 
 def technical(result: xr.Dataset) -> Iterator[str]:

@@ -8,9 +8,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.result.motion import Motion, motion_of
+from rockfall.result.variables import STATUS
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import xarray as xr
+    from numpy.typing import ArrayLike
 
     from rockfall.io.rasters.grid import Grid
     from rockfall.result.contents import Held, HeldVariable
@@ -18,6 +22,7 @@ if TYPE_CHECKING:
     Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and their grid
 
 POINTS = 25  # of each piece of a curve
+MOVING = "left_domain", "hit_nodata", "impact_limit"  # ends of boulders not at rest
 
 
 class Trajectory(NamedTuple):
@@ -127,6 +132,12 @@ def left_terrain(result: xr.Dataset) -> np.ndarray:
     full distance is unknown."""
     ended = ends(result)
     return ended["left_domain"] | ended["hit_nodata"]
+
+
+def ended_moving(values: Held | Mapping[str, ArrayLike]) -> np.ndarray:
+    """Boulders whose place of rest is not known: they left the known terrain, or reached the limit
+    of contacts."""
+    return np.isin(np.asarray(values["status"]), [STATUS[name] for name in MOVING])
 
 
 def flags_of(variable: HeldVariable) -> dict[str, int]:

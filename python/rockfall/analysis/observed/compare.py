@@ -49,7 +49,7 @@ from rockfall.language import Text, say
 from rockfall.limits import MIN_FOR_MEAN, MIN_FOR_STD
 from rockfall.result.crossings import line_names, line_values
 from rockfall.result.samples import check_rows, kept_note
-from rockfall.result.trajectories import ends, left_terrain
+from rockfall.result.trajectories import ended_moving
 from rockfall.result.variables import ENDS
 from rockfall.scene.scene import Scene
 
@@ -421,7 +421,7 @@ def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]
     names = sorted({str(name) for table in seen.kept.values() for name in table.columns})
     if names:
         yield say("compare.columns", names=", ".join(names))
-    count = (left_terrain(result) | ends(result)["impact_limit"]).sum()
+    count = ended_moving(result).sum()
     if count and any(item is not None for item in (seen.passing, seen.distances, seen.stops)):
         yield say("compare.never_at_rest", n=count)
     if len(seen.tests) and not seen.samples:

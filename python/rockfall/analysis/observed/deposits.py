@@ -42,7 +42,7 @@ from rockfall.io.rasters.arrays import corner_of
 from rockfall.io.rasters.grid import Grid
 from rockfall.io.vectors.point_rows import is_point_layer
 from rockfall.quantities import first_of
-from rockfall.result.trajectories import ends, left_terrain
+from rockfall.result.trajectories import ended_moving
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -161,7 +161,7 @@ def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -
     """Boulders of a result, from the source of blocks or all, that came to rest on the terrain, in
     the area in which blocks were mapped."""
     source = blocks.source
-    done = ~(left_terrain(result) | ends(result)["impact_limit"])
+    done = ~ended_moving(result)
     if source != ALL:
         origins = starts(result) if origins is None else origins
         sources = [k for k, name in enumerate(origins.names) if name == source]

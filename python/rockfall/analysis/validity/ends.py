@@ -17,6 +17,7 @@ from rockfall.language import Text, say
 from rockfall.quantities import first_of, part_of_boulders, percent
 from rockfall.result.crossings import AtLine, has_crossed, line_names
 from rockfall.result.grounds import rebounds_by_ground
+from rockfall.result.trajectories import ended_moving
 from rockfall.result.variables import STATUS
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         yield Remark(say("model.not_kept"), True, is_counted=False)
         return
     is_gone = np.isin(status, [STATUS["left_domain"], STATUS["hit_nodata"]])
-    is_moving = is_gone | (status == STATUS["impact_limit"])
+    is_moving = ended_moving(values)
     if is_gone.sum() > MAX_CUT * status.size:
         is_gone[is_gone] = _misses_line(values, case, is_gone)
     fall, distance = falls_and_distances(values)

@@ -13,7 +13,7 @@ from rockfall.analysis.precision.intervals import quantile, sources_of
 from rockfall.analysis.validity.remark import Remark
 from rockfall.language import say
 from rockfall.quantities import part_of_boulders, percent
-from rockfall.result.variables import STATUS
+from rockfall.result.trajectories import ended_moving
 
 if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 FARTHEST = 0.01  # fraction of the boulders with the lowest energy-line angles
 MIN_BOULDERS = 1000  # then the fraction is ten
 LOWEST = -90.0  # [degree] of any energy line
-MOVING = "left_domain", "hit_nodata", "impact_limit"  # ends in motion
 
 
 def angle_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -34,7 +33,7 @@ def angle_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     if observed is None or "start_x" not in values or np.size(values["start_x"]) < MIN_BOULDERS:
         return
     angles, source = mean_slopes(values), sources_of(values, case.release["sources"] == "sample")
-    moving = np.isin(np.asarray(values["status"]), [STATUS[name] for name in MOVING])
+    moving = ended_moving(values)
     angle, low, high = quantile(angles, FARTHEST, source)
     _, open_low, _ = quantile(np.where(moving, LOWEST, angles), FARTHEST, source)
     left, shown = part_of_boulders(int(moving.sum()), moving.size), {"observed": observed}
