@@ -83,9 +83,9 @@ def dossier(
     for line in inputs.remarks:
         warnings.warn(line, stacklevel=2)
     made = run_dossier(inputs, period=return_period, progress=progress, threads=threads)
-    parties = Parties(project, client, author)
+    how = terrain_of_inputs(inputs), Parties(project, client, author), language
     with atomic_folder(folder, files) as part:
-        paths = list(put_dossier(made, part, terrain_of_inputs(inputs), parties, language, costs))
+        paths = list(put_dossier(made, designs_of(made, costs), part, *how))
     warn_each(made.warnings)
     return [folder / path.name for path in paths]
 
@@ -145,14 +145,13 @@ def designs_of(made: Dossier, costs: str | Path | None = None) -> dict[str, Year
 
 def put_dossier(
     made: Dossier,
+    designs: dict[str, YearlyDesign],
     folder: Path,
     terrain: Terrain | None,
     parties: Parties,
     language: str,
-    costs: str | Path | None = None,
 ) -> Iterator[Path]:
-    """Write the files of a dossier into a new folder."""
-    designs = designs_of(made, costs)
+    """Write the files of a dossier, with the designs of its barriers, into a new folder."""
     hazards = [folder / hazard_name(name) for name in made.hazards]
     results = [*made.hazards.values()]
     if made.second:

@@ -101,7 +101,8 @@ def _vertices(figure: Figure) -> int:
 def _saved(figure: Figure, ending: str) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"figure.{ending}"
-        save(figure, path, DOTS_PER_INCH)
+        how = {"pil_kwargs": {"compress_level": 1}} if ending == "png" else {}  # written again
+        save(figure, path, DOTS_PER_INCH, **how)
         if ending == "png":  # a third of the bytes
             from PIL import Image
 

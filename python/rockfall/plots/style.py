@@ -90,8 +90,9 @@ def draw_bars(axes: Axes, fraction: np.ndarray, edges: np.ndarray) -> None:
     axes.stairs(100 * fraction, edges, color=BLUE, lw=1)
 
 
-def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
-    """Write a figure atomically, with reproducible bytes; Stopped if a stop was requested."""
+def save(figure: Figure, path: str | Path, dpi: int | None = None, **options: Any) -> None:
+    """Write a figure atomically, with reproducible bytes; Stopped if a stop was requested.
+    `options`: those of Matplotlib's `savefig`."""
     import matplotlib
 
     step()
@@ -105,7 +106,7 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None) -> None:
         _keep_ticks(figure)
         _lay_out(figure, Path(path).suffix, dpi)
         try:
-            figure.savefig(part, dpi=dpi, metadata=style.get(part.suffix))
+            figure.savefig(part, dpi=dpi, metadata=style.get(part.suffix), **options)
         except ValueError as error:  # not an image extension
             raise RockfallError(f"{path}: cannot be written: {error}") from error
 

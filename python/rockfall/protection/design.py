@@ -115,25 +115,26 @@ def design(
     case = case_of(result)
     how = standard, case.boulder["density"], volume
     doubts: dict[str, Any] = {"unconfirmed": unconfirmed_of(result, case, standard)}
-    came = {name: crossings(result, k) for k, name in enumerate(line_names(result))}
-    asked = [{"line": name, **demand(at_line, *how), **doubts} for name, at_line in came.items()]
-    for k, row in enumerate(asked):
+    names, nets, samples = line_names(result), barriers_of(result), LineSamples(result)
+    asked, barriers, chosen = [], [], []
+    loads: list[dict[str, Any]] = []
+    for k, name in stepped(enumerate(names)):  # one in memory at a time
+        came = crossings(result, k)
         _, *percents = passing_percent(result, k)
         fractions = (value / 100 for value in percents)
-        row |= dict(zip(with_limits("fraction"), fractions, strict=True))
-    barriers = [_check_of(result, k, asked[k], standard) | doubts for k in barriers_of(result)]
-    barriers = [row | {"verdict": verdict_of(row)} for row in barriers]
-    chosen = [
-        {"line": name, "n": crossings.n} | row | doubts
-        for name, crossings in came.items()
-        for row in choices(crossings, residual, prices)
-    ]
+        limits = dict(zip(with_limits("fraction"), fractions, strict=True))
+        asked.append({"line": name, **demand(came, *how), **doubts, **limits})
+        if k in nets:
+            row = _check_of(result, k, came, asked[k], standard) | doubts
+            barriers.append(row | {"verdict": verdict_of(row)})
+        rows = choices(came, residual, prices)
+        chosen += [{"line": name, "n": came.n} | row | doubts for row in rows]
+        loads += _loads(name, samples, k)
     parts = None
     if along is not None:
-        rows = _along(result, along, came[along], width, min_boulders, *how)
+        came = crossings(result, names.index(along))
+        rows = _along(result, along, came, width, min_boulders, *how)
         parts = _table([row | doubts for row in rows], _ALONG)
-    samples = LineSamples(result)
-    loads = [row for k, name in stepped(enumerate(came)) for row in _loads(name, samples, k)]
     return Design(
         standard,
         residual,
@@ -222,10 +223,9 @@ def _loads(line: str, samples: LineSamples, k: int) -> Iterator[dict[str, Any]]:
 
 
 def _check_of(
-    result: xr.Dataset, k: int, asked: dict[str, Any], factors: Factors
+    result: xr.Dataset, k: int, came: Crossings, asked: dict[str, Any], factors: Factors
 ) -> dict[str, Any]:
     """Check of a barrier against the standard, and the boulders that passed it in the run."""
-    came = crossings(result, k)
     height, capacity = (float(result[f"barrier_{name}"][k]) for name in ("height", "capacity"))
     flags = flags_of(result["crossing_outcome"])
     outcome = stored_at(result, "outcome", k)

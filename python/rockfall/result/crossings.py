@@ -157,17 +157,19 @@ class _Shared:
     def __init__(self, result: Known) -> None:
         self.result = result
         self._lines: dict[int, AtLine] = {}
+        self._kept: dict[int, dict[Any, Any]] = {}  # of all lines
+        self._size = 0  # crossings of `_lines`
 
     def at(self, line: int) -> AtLine:
-        at = self._lines.pop(line) if line in self._lines else AtLine(self.result, line)
-        self._lines[line] = at
-        while len(self._lines) > 1 and self._size() > MAX_SHARED:
-            del self._lines[next(iter(self._lines))]
+        if line in self._lines:
+            self._lines[line] = self._lines.pop(line)
+            return self._lines[line]
+        self._lines[line] = at = AtLine(self.result, line)
+        at.kept = self._kept.setdefault(line, at.kept)
+        self._size += at.boulders.size
+        while len(self._lines) > 1 and 8 * len(DERIVED) * self._size > MAX_SHARED:
+            self._size -= self._lines.pop(next(iter(self._lines))).boulders.size
         return at
-
-    def _size(self) -> int:
-        """Bytes of the quantities that may be derived."""
-        return 8 * len(DERIVED) * sum(at.boulders.size for at in self._lines.values())
 
 
 _shared: ContextVar[_Shared | None] = ContextVar("shared", default=None)

@@ -158,11 +158,11 @@ def _attached(result: Held, name: str) -> dict[str, Any]:
     variable = result.variables[name]
     if name in result.coords:
         return {}
-    beside = [
-        other for other, coordinate in result.coords.items()
-        if other not in result.sizes and {*coordinate.dims} <= {*variable.dims}
+    beside = [  # by name: a DataArray of each costs more than writing small variables
+        other for other in map(str, result.coords)
+        if other not in result.sizes and {*result.variables[other].dims} <= {*variable.dims}
     ]  # fmt: skip
-    attrs: dict[str, Any] = {"coordinates": " ".join(map(str, beside))} if beside else {}
+    attrs: dict[str, Any] = {"coordinates": " ".join(beside)} if beside else {}
     if name.endswith("_bounds"):  # CF: bounds inherit the attributes of their parents
         return attrs
     if variable.dtype.kind == "f":

@@ -18,6 +18,7 @@ from rockfall.case import Case
 from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
 from rockfall.protection.yearly import YEARS
+from rockfall.scene.stages import KeptStages
 from rockfall.studies.hazard import read_study, run_study
 from rockfall.studies.model_scenes import second_model
 from rockfall.studies.study import NO_CHECKPOINTS, Study
@@ -89,6 +90,7 @@ def read_dossier(
     """Read and check all inputs of a dossier before any run; arguments are those of
     `rockfall.studies.hazard.read_study`. With `one_model` no second model is run."""
     base_case(case)  # refuses a case without scenarios
+    arrays = {"stages": KeptStages()} | arrays  # what the variants have in common is read once
     if case.output["kept"] != "all":
         raise RockfallError(
             f"{case.name}: &output kept = '{case.output['kept']}': a dossier needs the boulders at "

@@ -33,6 +33,7 @@ from rockfall.result.variables import OUTCOME
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import implausible
 from rockfall.scene.scene import Scene
+from rockfall.scene.stages import KeptStages
 from rockfall.simulation.memory import machine_memory
 from rockfall.studies.study import NO_CHECKPOINTS, Study
 
@@ -74,10 +75,10 @@ def run_variants(
     ['bare', 'with net']
     """
     memory = memory or machine_memory()
-    for remark in check_variant_scenes(case, memory=memory, **arrays):
+    given = {"memory": memory, "stages": KeptStages(), **arrays}
+    for remark in check_variant_scenes(case, **given):
         warnings.warn(remark, stacklevel=2)
-    how: dict[str, Any] = {"progress": progress, "threads": threads}
-    results, limits = run_each(case, memory=memory, **how, **arrays)
+    results, limits = run_each(case, progress=progress, threads=threads, **given)
     warn_each(limits)
     return {name: with_model_warnings(result) for name, result in results.items()}
 

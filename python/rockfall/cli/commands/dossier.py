@@ -60,13 +60,14 @@ def dossier_command(arguments: argparse.Namespace) -> int:
             except Interrupted:
                 return study_interrupted(checkpoints)
             parties = Parties(arguments.project, arguments.client, arguments.author)
-            how = terrain_of_inputs(read), parties, arguments.language, arguments.costs
+            how = terrain_of_inputs(read), parties, arguments.language
+            designs = designs_of(made, arguments.costs)
             with atomic_folder(folder, inputs) as part, warnings_told():
-                paths = list(put_dossier(made, part, *how))
+                paths = list(put_dossier(made, designs, part, *how))
         for checkpoint in checkpoints:
             checkpoint.remove()
     warn_each(made.warnings)
     if not arguments.quiet:
-        print(*answers(made, designs_of(made, arguments.costs)), sep="\n")
+        print(*answers(made, designs), sep="\n")
         print_files([folder / path.name for path in paths])
     return DONE

@@ -29,6 +29,7 @@ from rockfall.language import catalogue
 from rockfall.products import report_variants
 from rockfall.result.dataset import write_result
 from rockfall.scene.read import read_scene
+from rockfall.scene.stages import KeptStages
 from rockfall.simulation.parts.finished import FINISHED, is_finished
 from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.progress import working
@@ -70,7 +71,8 @@ def variants_command(arguments: argparse.Namespace) -> int:
                           for k, _ in enumerate(case.scenario, start=1))]  # fmt: skip
         checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a variant")
         memory = memory_of(arguments)
-        remarks = check_variant_scenes(case, memory=memory)
+        given = {"memory": memory, "stages": KeptStages()}
+        remarks = check_variant_scenes(case, **given)
         if is_done(arguments, made, checkpoints, lambda: _are_finished(folder, case, memory)):
             return say(f"{folder}: {FINISHED}", DONE)
         for remark in remarks:
@@ -78,9 +80,9 @@ def variants_command(arguments: argparse.Namespace) -> int:
         with interrupts():  # completed work is kept
             by_name = dict(zip([*names, *yearly], checkpoints, strict=True))
             how: dict[str, Any] = {
-                "memory": memory,
                 "progress": not arguments.quiet,
                 "checkpoints": by_name,
+                **given,
             }
             try:
                 results, limits = run_each(case, **how)

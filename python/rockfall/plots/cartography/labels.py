@@ -12,6 +12,7 @@ from rockfall.plots.style import INK, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.text import Annotation
 
     #: x, y [m], the angle of the text [degree], and its offset from the place [points].
     Place = tuple[float, float, float, tuple[float, float]]
@@ -37,25 +38,36 @@ class Labels:
 
         halo = [withStroke(linewidth=2, foreground="white")]
         style = {"color": INK, "path_effects": halo, "rotation_mode": "anchor"} | style
-        for x, y, angle, (right, up) in places:
-            ha = "center" if not right else "left" if right > 0 else "right"
-            va = "center" if not up else "bottom" if up > 0 else "top"
-            note = self.axes.annotate(
-                plain(text), (x, y), (right, up), textcoords="offset points",
-                rotation=angle, ha=ha, va=va, **style,
-            )  # fmt: skip
-            box = note.get_window_extent(self.renderer).padded(FREE)
-            if self._is_inside(box) and not box.count_overlaps(self.boxes):
+        frame = self.axes.get_window_extent(self.renderer)
+        rooms: dict[Any, Any] = {}  # box of the text about its place: to measure it takes longest
+        for x, y, angle, offset in places:
+            at = self.axes.transData.transform((x, y))
+            if not frame.contains(*at):
+                continue
+            if (angle, offset) not in rooms:
+                note = self._written(text, (x, y), angle, offset, style)
+                box = note.get_window_extent(self.renderer).padded(FREE)
+                rooms[angle, offset] = box.translated(*-at)
+                note.remove()
+            box = rooms[angle, offset].translated(*at)
+            is_inside = frame.contains(box.x0, box.y0) and frame.contains(box.x1, box.y1)
+            if is_inside and not box.count_overlaps(self.boxes):
+                self._written(text, (x, y), angle, offset, style)
                 self.boxes.append(box)
                 return True
-            note.remove()
         return False
 
-    def _is_inside(self, box: Any) -> bool:
-        frame = self.axes.get_window_extent(self.renderer)
-        return bool(
-            frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1
-        )
+    def _written(
+        self, text: str, place: tuple[float, float], angle: float, offset: tuple[float, float],
+        style: dict[str, Any],
+    ) -> Annotation:  # fmt: skip
+        right, up = offset
+        ha = "center" if not right else "left" if right > 0 else "right"
+        va = "center" if not up else "bottom" if up > 0 else "top"
+        return self.axes.annotate(
+            plain(text), place, offset, textcoords="offset points",
+            rotation=angle, ha=ha, va=va, **style,
+        )  # fmt: skip
 
 
 def beside(x: np.ndarray, y: np.ndarray) -> Iterator[Place]:
