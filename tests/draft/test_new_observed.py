@@ -50,7 +50,7 @@ def observed():
     ("Ablagerungen", {}, "stops"),
     ("dépôts", {}, "stops"),
     ("surveyed", STARTS, "stops"),
-    ("trees_hit", {"impact": ["a", "b"], "dbh": [30.0, 40.0]}, "contacts"),
+    ("hits", {"impact": ["a", "b"], "dbh": [30.0, 40.0]}, "contacts"),
     ("cicatrices", {"Impact": [1, 2]}, "contacts"),
 ])  # fmt: skip
 def test_layers_are_known_as_observations(name, columns, kind, capsys):
@@ -124,6 +124,12 @@ def test_scars_without_a_name_are_left_out(capsys):
     assert "left out (scars need an attribute impact: a name or a number)" in (
         capsys.readouterr().out
     )
+
+
+def test_named_trees_stay_trees(capsys):
+    make_layer("trees.gpkg", POINTS, impact=[0, 1], dbh=[30.0, 40.0], species=["beech", "spruce"])
+    assert new("trees.gpkg") == 0
+    assert read_case("case.nml").forest["trees"] == "trees.gpkg"
 
 
 def test_named_sources_stay_sources(capsys):

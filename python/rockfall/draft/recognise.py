@@ -138,7 +138,7 @@ def kind_of(layer: Layer) -> tuple[str, str]:
         return _lines(layer)
     if layer.shape != "Point":
         return "", "points, lines and polygons are mixed: one kind to a layer"
-    if layer.attribute(IMPACT):
+    if layer.attribute(IMPACT) and not layer.is_called(TREES):
         return SCARS, f"points with {IMPACT}"
     if layer.is_called(SCARS):
         return "", f"scars need an attribute {IMPACT}: a name or a number"
