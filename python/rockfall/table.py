@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import zip_longest
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from rich.cells import cell_len  # columns on a terminal; the rest of rich takes long to import
 
@@ -54,7 +54,7 @@ class Estimate(NamedTuple):
     decimals: int | None = None  # instead of the digits that the interval justifies
 
     @classmethod
-    def of(cls, row: Mapping[Any, Any], name: str, factor: float = 1.0, **how: Any) -> Estimate:
+    def of(cls, row: Mapping[Any, Any], name: str, factor: float = 1.0, **how: Any) -> Self:
         """Cell of a number of a row, whose limits are in NAME_low and NAME_high, if present."""
         return cls(*(factor * row.get(f"{name}{end}", math.nan) for end in ENDS), **how)
 

@@ -303,14 +303,16 @@ def test_classes_and_risks_of_houses(sheets):
         assert rows[house][9].split("\n")[0] == class_of(frequencies)
         individual = frequencies[0] * lethality * presence
         assert risks[house][0] == pytest.approx(frequencies[0] * value * vulnerability, rel=CLOSE)
-        assert risks[house][3].split("\n")[0] == f"{individual:.1e}".replace("e-0", "e-")
-        at_risk = persons * individual
-        assert risks[house][5].split("\n")[0] == f"{at_risk:.1e}".replace("e-0", "e-")
-        deaths, damage = deaths + at_risk, damage + risks[house][0]
-        assert int(risks[house][4]) == int(np.searchsorted([0, 1e-6, 1e-5, 1e-4], individual))
+        fixed = {3: 1.0, 7: persons}  # columns of individual and collective risk
+        for column, times in fixed.items():
+            hits = [rows[house][k] * lethality * presence * times for k in range(3)]
+            assert risks[house][column : column + 3] == pytest.approx(hits, rel=CLOSE)
+        deaths, damage = deaths + persons * individual, damage + risks[house][0]
+        assert int(risks[house][6]) == int(np.searchsorted([0, 1e-6, 1e-5, 1e-4], individual))
     remaining = table(sheets, "What remains")["today"]
     assert remaining[1] == pytest.approx(damage, rel=CLOSE)
     assert remaining[4] == pytest.approx(deaths, rel=CLOSE)
+    assert remaining[7] == max(risks[house][3] for house in HOUSES)
     assert remaining[0] == max((class_of(row[0:9:3]) for row in rows.values()), key=OTHER.index)
 
 

@@ -16,11 +16,11 @@ from rockfall.files.risk_files import has_risk
 from rockfall.files.segment_files import has_segments
 from rockfall.language import Text, say, word
 from rockfall.protection.yearly import YearlyDesign
-from rockfall.quantities import small
 from rockfall.result.variables import ENDS
 from rockfall.studies.dossier import Dossier
 from rockfall.table import Column, Estimate, Table
 from rockfall.tables.hazard import (
+    Risk,
     assumptions,
     class_table,
     class_within,
@@ -169,6 +169,13 @@ def second_answer(dossier: Dossier) -> Iterator[Text]:
         )  # fmt: skip
 
 
+def _highest(hazard: xr.Dataset) -> Risk:
+    """Highest individual risk of an object."""
+    rows = {f"risk{end}": hazard[f"object_individual_risk{end}"].values for end in ENDS}
+    k = int(np.argmax(np.nan_to_num(rows["risk"])))
+    return Risk.of({name: float(risks[k]) for name, risks in rows.items()}, "risk", digits=2)
+
+
 def costs_of(dossier: Dossier) -> dict[str, float]:
     """Cost of each variant, if given."""
     given = case_in(dossier.first.attrs).variant or []
@@ -280,7 +287,6 @@ def remaining_table(dossier: Dossier) -> Table:
                 [float(hazard[f"total_{what}{end}"]) for end in ENDS]
                 for what in ("damage", "collective_risk")
             )
-            most = float(np.nanmax(hazard["object_individual_risk"].values, initial=0.0))
-            row += [_estimate(damage, 3), _estimate(deaths), small(most)]
+            row += [_estimate(damage, 3), _estimate(deaths), _highest(hazard)]
         rows.append([*row, *[costs.get(name, "-")] * bool(costs)])
     return Table.of(say("dossier.remaining_caption"), heads, rows)

@@ -141,7 +141,7 @@ def risk_table(hazard: xr.Dataset) -> Table:
     layers = hazard["object_layer"].values[order] if layer else order
     rows = [
         (row["object"], *([of_layer] if layer else []), _estimate(row, "damage", 3),
-         _risk(row, "individual_risk"), class_number(row), _risk(row, "collective_risk"))
+         Risk.of(row, "individual_risk"), class_number(row), Risk.of(row, "collective_risk"))
         for of_layer, row in zip(layers, frame.iloc[order].to_dict("records"), strict=True)
     ]  # fmt: skip
     sums = {
@@ -149,7 +149,7 @@ def risk_table(hazard: xr.Dataset) -> Table:
         for row in total_table(hazard).to_dict("records")
         for end, key in (("", "value"), ("_low", "low"), ("_high", "high"))
     }
-    damage, deaths = _estimate(sums, "damage", 3), _risk(sums, "collective_risk")
+    damage, deaths = _estimate(sums, "damage", 3), Risk.of(sums, "collective_risk")
     rows.append((say("hazard.all_objects"), *[""] * len(layer), damage, "", "", deaths))
     heads = (say(f"hazard.{name}") for name in ("damage", "individual", "class", "collective"))
     return Table.of(class_legend(), [say("hazard.risk_within"), *map(word, layer), *heads], rows)
@@ -206,7 +206,11 @@ def _estimate(row: Mapping[Any, Any], name: str, digits: int = 2) -> Estimate:
     return Estimate.of(row, name, digits=digits)
 
 
-def _risk(row: Mapping[Any, Any], name: str) -> str:
-    """Risk and its interval, by powers of ten."""
-    value, low, high = (small(row[f"{name}{end}"]) for end in ENDS)
-    return value if value == "-" else stacked(value, between(low, high))
+class Risk(Estimate):
+    """A cell with a risk and the limits of its interval, shown by powers of ten."""
+
+    __slots__ = ()
+
+    def shown(self, value: float, *, up: bool = False) -> Number:
+        """The risk, or a limit."""
+        return small(value)
