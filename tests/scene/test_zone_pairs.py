@@ -3,6 +3,7 @@
 the same numbers in a table of grounds."""
 
 import csv
+import re
 
 import numpy as np
 import pytest
@@ -254,3 +255,21 @@ def test_draws_of_a_shipped_ground_do_not_stand_in_for_it(case):
     whole = case.replace(surface=NO_ZONES | {"ground": "talus"} | OWN)
     with pytest.raises(RockfallError, match="talus-ensemble'"):
         rockfall.ensemble(whole.replace(ensemble={"runs": 8, "sets": ["talus-ensemble"]}))
+
+
+# ---- what no evidence has calibrated
+
+
+def smoother(scene):
+    """What remarks say of own grounds: relief to run too, by the name of the ground."""
+    found = (re.search(r"ground '(.*)': near .* relief of (\S+) degrees", r) for r in scene.remarks)
+    return {one[1]: float(one[2]) for one in found if one}
+
+
+def test_own_grounds_are_said_to_stop_boulders_too_early(case):
+    """With a relief 2 degrees smaller, if tables have it; shipped values are calibrated."""
+    scene = read_scene(write_pairs(case, "4,0.3,talus,,12.5\n-2,0.3,rock,1e7,11.5\n"))
+    assert smoother(scene) == {"talus (12.5 degrees)": 10.5, "rock (10000000 Pa, 11.5 degrees)": 10}
+    scene = read_scene(write_pairs(case, "4,0.3,talus,,7\n-2,0.3,talus,,13.5\n"))
+    assert smoother(scene) == {}
+    assert smoother(read_scene(write_pairs(case, "4,0.3,meadow,,\n-2,0.3,soft-soil,,\n"))) == {}

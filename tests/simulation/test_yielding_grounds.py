@@ -25,6 +25,7 @@ from rockfall.grounds.impact_tables import (
 )
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
+from rockfall.scene.surface import SAFER
 from rockfall.simulation.simulate import run_scene
 from same import same, same_numbers
 from scenes import case_in, grid, place, rough
@@ -326,3 +327,36 @@ def test_a_sigma_that_cannot_be_is_refused(value, said):
             case={"boulders": 1}, impact={"table": "talus"}, release={"x": [1.0], "y": [1.0]},
             boulder={"volume_mean": 1.0, "ground_strength_sigma": value},
         )  # fmt: skip
+
+
+# ---- between the reliefs thrown
+
+
+@pytest.mark.parametrize(("model", "n", "relief", "slope", "thrown"), [
+    ("ploughed", 96, 12.75, 20, 0.82), ("ploughed", 24, 12.75, 22, 0.89),
+    ("ploughed", 96, 10.25, 18, 0.91), ("hard", 190, 14.5, 22, 0.95),
+])  # fmt: skip
+def test_with_the_relief_advised_no_fewer_boulders_pass_than_as_thrown(
+    tmp_path, model, n, relief, slope, thrown
+):
+    """200 m along a plane near its neutral slope; `thrown`: by a table of the laboratory for this
+    relief (docs/archive/field_protocol.md)."""
+    radius, cell, rows = 0.4, 5.0, 64
+    fall = np.tan(np.radians(slope))
+    z = np.repeat(500 + fall * cell * np.arange(rows)[::-1, None], 40, axis=1)
+    down = -5 * np.cos(np.radians(slope))
+    cells = {"model": model, "strength": n * DENSITY * G * radius, "relief": relief - SAFER}
+    (tmp_path / "own.csv").write_text(
+        "name,source,rest_angle," + ",".join(cells) + "\nown,x,27,"
+        + ",".join(f"{value}" for value in cells.values()) + "\n"
+    )  # fmt: skip
+    case = rockfall.Case(
+        folder=tmp_path, case={"boulders": 300, "seed": 7},
+        surface={"ground": "own", "ground_table": "own.csv"},
+        boulder={"volume": "fixed", "volume_mean": 4 / 3 * np.pi * radius**3, "density": DENSITY},
+        release={"x": [100.0], "y": [300.0], "drop_height": 0.5,
+                 "velocity": [0.0, down, fall * down]},
+    )  # fmt: skip
+    result = rockfall.run(case, dem=z, transform=grid(z, cell))
+    passed = 300.0 - result["stop_y"].values > 200 * np.cos(np.radians(slope))
+    assert passed.mean() > thrown - 0.1

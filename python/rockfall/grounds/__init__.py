@@ -24,6 +24,7 @@ from rockfall.grounds.grounds import (
     find_ground,
     find_operator,
     grounds_by_shape,
+    is_calibrated,
     models,
     named_ground,
     other_tables,

@@ -220,6 +220,15 @@ def _yielding(numbers: Mapping[str, float]) -> YieldingGround:
     return YieldingGround(**{**usual, **numbers})
 
 
+def is_calibrated(plane: Plane) -> bool:
+    """Return True if a shipped ground has this strength and relief, whatever its spread and rest
+    angle."""
+    apart = {"rest_angle": 0.0, "strength_sigma": 0.0}
+    shipped = (yielding_ground(shipped_rows().rows[name]) for name in shipped_rows().yielding)
+    own = plane.model, plane.ground._replace(**apart)
+    return any(own == (model, ground._replace(**apart)) for model, ground in shipped)
+
+
 def check_yielding(where: str, model: str, numbers: Mapping[str, float]) -> None:
     """Refuse values of a ground that the kernel refuses."""
     _check_text(_row_text(model, numbers), where)

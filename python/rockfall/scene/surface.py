@@ -16,6 +16,7 @@ from rockfall.grounds import (
     GroundTable,
     case_ground,
     check_number,
+    is_calibrated,
     named_ground,
     table_path,
     usual_ground,
@@ -34,6 +35,9 @@ from rockfall.io.zone_table import RADII, Zone, index_blocks
 from rockfall.language import remark
 from rockfall.scene.layers import Inputs, file_checksum
 from rockfall.scene.parts import Rasters
+
+#: Degrees by which tables of a smaller relief err to the safe side (docs/howto/own-ground.md).
+SAFER = 2.0
 
 
 def size_columns(case: Case) -> tuple[str, ...]:
@@ -104,7 +108,7 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
         }
     check_number(by_name.values(), str(table.path))
     shapes = possible_shapes(case) or BLOCK_SHAPES[:1]
-    remarks = [note for rule in by_name.values() for note in _outside_plane(rule, shapes)]
+    remarks = [note for rule in by_name.values() for note in _plane_remarks(rule, shapes)]
     inputs.remarks += [note for note in remarks if note not in inputs.remarks]
     rasters.grounds = tuple(by_name.values())
     numbers = {name: k for k, name in enumerate(by_name, start=1)}
@@ -113,9 +117,10 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
     return zones, dict(table.names)
 
 
-def _outside_plane(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
+def _plane_remarks(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
     """Remarks on a ground whose boulders all meet a relief or strength outside the simulated
-    tables. Ground harder than the hardest table does not yield, and equals it."""
+    tables, or a relief inside them that no evidence has calibrated. Ground harder than the hardest
+    table does not yield, and equals it."""
     if rule.plane is None:
         return
     ground, radii = rule.plane.ground, np.array(rule.plane.radii)
@@ -124,6 +129,9 @@ def _outside_plane(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
     if met[1] < low or met[0] > high:
         numbers = {"relief": met[np.argmin(abs(met - low))], "low": low, "high": high}
         yield remark(rule.file, "input.relief_not_thrown", name=rule.name, **numbers)
+    elif not is_calibrated(rule.plane) and (less := min(SAFER, met[0] - low)) > 0:
+        numbers = {"relief": ground.relief - less}
+        yield remark(rule.file, "input.relief_uncalibrated", name=rule.name, **numbers)
     if ground.sizes(radii, rule.plane.weight).min() > softest_thrown(rule.plane.model):
         numbers = {"strength": ground.strength}
         yield remark(rule.file, "input.strength_not_thrown", name=rule.name, **numbers)
