@@ -160,6 +160,7 @@ def sought(folder):
         )
 
 
+@pytest.mark.all
 def test_the_truth_is_in_the_posterior_and_the_data_are_explained(found):
     table = posterior_table(found).set_index("parameter")
     rocks, volume = table.loc["R_m [m]".split(" ")[0]], table.loc["volume, mean"]

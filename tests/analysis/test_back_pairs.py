@@ -62,6 +62,7 @@ def sought(folder):
         return study.back_analysis(case, seen, members=192, enough=20, **HOW)
 
 
+@pytest.mark.all
 def test_the_pair_of_a_made_site_is_within_its_intervals(found):
     table = posterior_table(found).set_index("parameter")
     strength, relief = table.loc["strength of scree"], table.loc["relief of scree"]

@@ -207,6 +207,7 @@ def test_too_few_turns_of_many_sources_are_refused(tmp_path):
     assert converge(case, boulders=[2], reference=320).numerical["change_error"].notna().all()
 
 
+@pytest.mark.all
 @pytest.mark.filterwarnings("error")
 def test_the_command_writes_tables_and_figures(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

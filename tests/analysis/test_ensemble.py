@@ -136,6 +136,7 @@ def numbers(values):
     return {"n": known.size, "fraction": share, "mean": known.mean(), "q95": q95}
 
 
+@pytest.mark.all
 def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_path):
     """Covariances from the boulders of one pair of runs against 160 pairs with other boulders: the
     same ones over two terrains, from two sources, whose difference is no Monte Carlo error."""

@@ -90,6 +90,7 @@ COMMANDS = {
 }
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_print_each_warning_once(capfd, command):
     assert main([command, *COMMANDS[command]]) == 0

@@ -32,6 +32,7 @@ def noise(seed, shape=(36, 48)):
     return np.digitize(smooth, np.quantile(smooth, [0.5, 0.7, 0.8, 0.9]))
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("width", [3.0, 10.0, 25.0])
 def test_no_cell_gets_a_lower_class(seed, width):

@@ -54,6 +54,7 @@ def of(found, law, statistic, line=""):
     return table.loc[law, line, statistic]
 
 
+@pytest.mark.all
 def test_a_law_is_within_the_bounds_of_its_own_boulders(case, made):
     folder, line, speed = made
     seen = read_observed(folder / "stops.csv", folder / "speeds.csv")
@@ -233,6 +234,7 @@ def with_zones(case, rows):
 NAMED = "4,{0},soil_0\n-2,{0},rock\n77,,meadow\n"
 
 
+@pytest.mark.all
 def test_tables_hold_where_every_ground_has_a_name(case, made):
     """In place of all that rebounds, as classical models do; a note says on what part."""
     seen = read_observed(made[0] / "stops.csv")
@@ -283,6 +285,7 @@ def test_laws_that_hold_nowhere_are_refused(case, made):
     assert str(caught.value).endswith("absorbs boulders: no other model would hold anywhere")
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("rows", ["named", "none"])
 def test_a_table_that_needs_sizes_of_rocks_is_refused_without(case, made, rows):
     """Of all that are shipped it is left out, and a note says so."""

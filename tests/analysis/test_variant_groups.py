@@ -117,6 +117,7 @@ def test_runs_are_those_of_the_cases_by_hand(tmp_path):
     assert stopped > 0 and found["today"]["start_x"].equals(found["net"]["start_x"])
 
 
+@pytest.mark.all
 def test_one_command_makes_results_comparison_and_page(here, capsys, blank_figures):
     pytest.importorskip("jinja2", reason="the report extra is not installed")
     case = site(here, GROUPS)
@@ -161,6 +162,7 @@ def test_scenarios_give_the_frequencies_of_variants(here, capsys, blank_figures)
     assert not {*here.glob("*.checkpoint")}
 
 
+@pytest.mark.all
 def test_scenarios_of_stopped_variants_go_on(here, capsys, monkeypatch):
     site(here, GROUPS[:2], scenario=SCENARIOS)
     calls = iter(range(4))

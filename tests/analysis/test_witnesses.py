@@ -446,6 +446,7 @@ def found(truth):
         return study.back_analysis(of, witnessed(result), members=96, enough=30, **HOW)
 
 
+@pytest.mark.all
 def test_the_rocks_are_found_by_blocks_whose_release_is_not_known(found):
     (rocks,) = posterior_table(found).to_dict("records")
     assert rocks["q05"] < 0.2 < rocks["q95"]

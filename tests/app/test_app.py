@@ -1129,6 +1129,7 @@ def test_a_run_to_a_file_has_the_bits_of_the_command_line(serve, visit):
     assert sorted(one.name for one in Path().glob("long.*")) == ["long.gpkg", "long.nc", "long.nml"]
 
 
+@pytest.mark.all
 def test_a_run_to_a_file_that_is_stopped_goes_on(serve, visit):
     page = visit(serve())
     page.edit(1, settings={"case": {"boulders_total": 40_000}})
@@ -1154,6 +1155,7 @@ def test_a_run_to_a_file_that_is_stopped_goes_on(serve, visit):
     same_variables(fresh, rockfall.read_result("long.nc"))
 
 
+@pytest.mark.all
 def test_a_run_to_a_file_outlives_its_window(serve, visit):
     with program() as (child, server):
         page = visit(server)
@@ -1172,6 +1174,7 @@ def test_a_run_to_a_file_outlives_its_window(serve, visit):
     assert rockfall.read_result("long.nc").sizes["boulder"] == 40_000
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("name", ["x.nc", "x.html", "x_layers"])
 def test_a_killed_task_leaves_no_half_file_of_its_name(name, visit):
     """Killed before the last step, once all has been written."""
@@ -1259,6 +1262,7 @@ def test_command_lines_have_no_key(place, visit):
             time.sleep(0.01)
 
 
+@pytest.mark.all
 @sends_signals
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_ends_the_server_quietly(place, stop):

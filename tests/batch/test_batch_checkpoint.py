@@ -72,6 +72,7 @@ def test_a_run_that_is_killed_and_changes_programs_comes_to_the_same_bits(many):
     assert not list(many.glob("a.nc.*"))
 
 
+@pytest.mark.all
 def test_shards_that_are_killed_and_change_programs_join_to_the_run(many):
     parts = []
     for k, program in enumerate(PROGRAMS, start=1):
@@ -113,6 +114,7 @@ def test_a_checkpoint_is_not_overwritten_unasked(stopped, batch):
     refused(stopped, "a.nc.checkpoint: belongs to a different run (", "--resume", "--shard", "2/3")
 
 
+@pytest.mark.all
 @sends_signals
 def test_a_result_is_not_overwritten_unasked(many):
     """By both programs alike; what a stopped run left gives way to what goes on from it."""
@@ -244,6 +246,7 @@ def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch
     same_results(result_of(many / "a.nc"), rockfall.run(rockfall.read_case(many / "case.nml")))
 
 
+@pytest.mark.all
 @preloads
 def test_a_crash_at_every_step(ready):
     """Each is followed by an interrupt right after the next has begun."""

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Crossings of lines that rockfall-batch keeps in a file while a run goes on."""
 
+import pytest
+
 import rockfall
 from programs import make_full_case, same_results
 from rockfall.scene.prepare import prepare
@@ -9,6 +11,7 @@ BLOCK = 1_000_000  # crossings from which they go to the file
 COUNT = 1000  # lines
 
 
+@pytest.mark.all
 def test_crossings_beyond_a_block_are_those_of_rockfall_and_are_added_up(batch, tmp_path):
     west, north = 600000.0, 5000000.0
     line = [

@@ -121,6 +121,7 @@ def test_another_value_leaves_defaults_to_the_kernel():
     assert again == case and given_groups(again) == given_groups(case)
 
 
+@pytest.mark.all
 @untimed
 @given(
     some.dictionaries(

@@ -217,6 +217,7 @@ def test_bad_arguments_are_one_line_and_nothing_is_written(name, place, capfd):
     refuses(words, message, capfd)
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("size", [0, 20_000])
 def test_full_disk_leaves_nothing(place, size):
     before = files(place)

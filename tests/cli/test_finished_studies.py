@@ -64,6 +64,7 @@ def finished(gallery, tmp_path, monkeypatch, blank_figures, request):
     monkeypatch.chdir(gallery.copy(what, partial(finish, what), tmp_path))
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("what", COMMANDS)
 def test_a_finished_folder_is_left_as_it_is(what, capfd):
     before = everything(Path())
@@ -117,6 +118,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("what, name", CHANGES)
 def test_what_is_not_the_same_is_not_overwritten_unasked(what, name, capfd):
     words = [*COMMANDS[what], "--resume"]

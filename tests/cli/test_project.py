@@ -77,6 +77,7 @@ def rockfall_says(capsys):
     return run
 
 
+@pytest.mark.all
 def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, blank_figures, rockfall_says):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study_of_back, "ROUND", 8)

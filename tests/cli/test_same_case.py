@@ -49,6 +49,7 @@ OTHERS = {  # what changes from the result to the hazard or the models, and what
 }  # fmt: skip
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("what", ["hazard", "models"])
 @pytest.mark.parametrize("change", OTHERS)
 def test_a_report_takes_hazard_and_models_of_its_own_case_only(place, capsys, what, change):

@@ -67,6 +67,7 @@ def test_a_small_case_waits_for_no_package_that_it_does_not_use(tmp_path):
     assert (HEAVY | {"rockfall_lab"}) & found == set()
 
 
+@pytest.mark.all
 @pytest.mark.parametrize(
     "command", ["lines whole.nc", "report whole.nc --overwrite", "export whole.nc exported"]
 )

@@ -67,6 +67,7 @@ def result_of(path):
 OUTPUTS = {"rockfall": "a.nc", "rockfall-batch": "a"}
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("fault", NO_LOCKS)
 def test_runs_go_on_without_locks(program, fault, ready, disk):
@@ -79,6 +80,7 @@ def test_runs_go_on_without_locks(program, fault, ready, disk):
     assert not list(ready.glob("a.*.*")) and not list(ready.glob(".*"))
 
 
+@pytest.mark.all
 def test_sound_files_are_not_called_damaged_without_locks(ready, disk):
     for k in (1, 2):
         assert run("rockfall-batch", f"p{k}", ready, os.environ, "--shard", f"{k}/2")[0] == 0
@@ -95,6 +97,7 @@ def test_sound_files_are_not_called_damaged_without_locks(ready, disk):
     same_results(result_of(ready / "out.nc"), rockfall.run(rockfall.read_case(ready / "case.nml")))
 
 
+@pytest.mark.all
 def test_who_asks_for_locks_is_told_how_to_do_without(ready, disk):
     assert run("rockfall-batch", "a", ready, os.environ)[0] == 0
     how = disk | {"NO_LOCK": "37", "MOUNT": str(ready.resolve()), "HDF5_USE_FILE_LOCKING": "TRUE"}
@@ -141,6 +144,7 @@ def test_commands_that_work_for_long_try_to_rename_first(command, place, monkeyp
     assert everything(place) == before
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("fault", [errno.EPERM, errno.EIO])
 def test_a_finished_file_that_cannot_take_its_name_stays_and_is_named(program, fault, ready, disk):

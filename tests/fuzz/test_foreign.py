@@ -9,6 +9,7 @@ import pytest
 from benchmarks.machine import ROOT
 
 
+@pytest.mark.all
 def test_foreign_files_are_refused_or_read_to_the_numbers_they_hold():
     """In a process of its own: one that waits for a pipe is ended."""
     pytest.importorskip("pyogrio", reason="the vector extra is not installed")

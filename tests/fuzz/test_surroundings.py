@@ -40,6 +40,7 @@ def ran(command, prefix="", env=None, **options):
     return subprocess.run(line, capture_output=True, timeout=600, env=env, **options)
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("program", ["rockfall", "rockfall-batch"])
 @pytest.mark.parametrize(
     ("prefix", "env", "message"),
@@ -73,6 +74,7 @@ LIMITS = [
 ]  # fmt: skip
 
 
+@pytest.mark.all
 @pytest.mark.skipif(sys.platform != "linux", reason="the limits are those of Linux")
 @pytest.mark.parametrize(("program", "kind", "size"), LIMITS)
 def test_sixteen_threads_in_little_memory_run_or_say_so(programs, program, kind, size):
@@ -116,6 +118,7 @@ def test_the_smallest_stack_is_enough_for_every_kind_of_scene(batch, tmp_path, c
     assert done.returncode == 0, done.stderr.decode()
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("program", ["rockfall", "rockfall-batch"])
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 def test_a_run_without_streams_is_a_run(programs, program, closed):

@@ -482,6 +482,7 @@ CLOUDS = {
 }  # fmt: skip
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("way", CLOUDS)
 def test_a_point_cloud_in_feet_is_refused(way):
     write, message = CLOUDS[way]

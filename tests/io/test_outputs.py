@@ -97,6 +97,7 @@ def make_folder(_, target):
     os.mkdir(target)
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_replaces_a_file_if_told_to_but_no_input(name, place, capsys):
     words, target, read = COMMANDS[name]

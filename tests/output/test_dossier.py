@@ -134,6 +134,7 @@ def test_the_answer_shows_the_numbers_of_the_hazard(made):
             assert " ".join(str(cell).split()) in " ".join(text.split())
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_pages_are_few_and_full(made, monkeypatch, language):
     """At most eight pages, with the signature on the first; what follows page 1 fills more than
@@ -181,6 +182,7 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
     assert governs in first_page(page) or "frequency: " in first_page(page)
 
 
+@pytest.mark.all
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_many_houses_take_no_more_pages(case, tmp_path, monkeypatch):
     from weasyprint import HTML

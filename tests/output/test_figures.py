@@ -96,6 +96,7 @@ def curve(axes, label):
 # ---- which figures there are, and that each can be drawn
 
 
+@pytest.mark.all
 @pytest.mark.parametrize(
     ("line", "groups", "names"),
     [
@@ -477,6 +478,7 @@ def test_the_command_writes_every_figure_and_says_so(place, capsys, monkeypatch)
     assert max(path.stat().st_size for path in Path("pictures").iterdir()) < 1e6
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_the_same_result_gives_the_same_bytes(place, ending):
     result = rockfall.read_result("out.nc")
@@ -525,6 +527,7 @@ def test_a_small_fraction_is_not_rounded_to_nothing(full):
     assert "6 at L (0.0300 %, 95 % confidence interval 0.01" in speeds.caption
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("name", ["line_speed", "stops", "restitution", "profile"])
 def test_kept_ticks_are_those_that_matplotlib_makes(full, name, monkeypatch, tmp_path):
     """To the byte, of panels with a common axis, too."""

@@ -197,6 +197,7 @@ def test_a_document_has_the_tables_of_the_report(site):
 SPELLING = {"en": "en-GB", "de": "de-CH", "fr": "fr-FR", "it": "it-IT", "de-AT": "de-AT"}
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("language", SPELLING)
 def test_a_document_is_of_its_language_and_splits_no_row(site, language):
     assert main(f"export out.nc d_{language} --tables docx --language {language}".split()) == 0
@@ -245,6 +246,7 @@ HEADINGS = {
 }
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("language, heading", HEADINGS.items())
 def test_documents_are_in_the_language(site, language, heading):
     words = f"export out.nc in_{language} --tables docx xlsx --language {language}".split()

@@ -123,6 +123,7 @@ def laid_out(*locales):
     return pytest.mark.parametrize("locale", [*locales, *extra])
 
 
+@pytest.mark.all
 @laid_out("de", "fr", "it")
 def test_every_text_is_within_its_sheet_and_cell(documents, locale):
     """With energies of seven digits."""
@@ -137,6 +138,7 @@ def all_within(document):
     assert [(page, text) for page, text, fits in found if not fits] == []
 
 
+@pytest.mark.all
 @laid_out("en", "de-CH")
 def test_a_page_of_usual_numbers_fits_wraps_no_interval_and_has_a_map_to_read(documents, locale):
     """Page 1 has the whole project and title; the map has at least 60 mm between its title and its
@@ -169,6 +171,7 @@ def test_the_walk_finds_text_beyond_the_margin_and_beyond_its_cell():
     assert found == {"inside": True, "far": False, "uuuuuuuuuuuuuuuuu": False, "v": True}
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("command", ["report out.nc --pdf", "report out.nc -o page.pdf"])
 def test_without_fonts_a_pdf_is_refused_in_one_line(results, tmp_path, command):
     """Pango would end the process by a signal."""

@@ -87,6 +87,7 @@ def table(path, layer):
     return shapely.from_wkb(wkb), dict(zip(about["fields"], values, strict=True))
 
 
+@pytest.mark.all
 def test_every_layer_is_a_file_of_the_folder(project):
     root, folder = project
     layers = layers_of(root)
@@ -257,6 +258,7 @@ def test_points_stay_points(place):
     assert "sources" in names and not {"source_areas", "barriers", "dams"} & {*names}
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("language", ["de", "fr", "it"])
 def test_all_titles_and_labels_have_a_text(site, language):
     with speaking("en"):

@@ -425,6 +425,7 @@ def page(pages):
 # ---- languages
 
 
+@pytest.mark.all
 def test_no_english_is_left_on_a_page(pages):
     page = (pages / "de.html").read_text().split('id="provenance"')[0].split("<main>")[1]
     text = re.sub(r"<(style|pre|script|svg).*?</\1>|<[^>]*>", " ", page,
@@ -533,6 +534,7 @@ def kinds_of_result(folder):
     yield run(folder, boulders=30, forest=STEMS)
 
 
+@pytest.mark.all
 def test_every_kind_of_result_has_a_page_in_every_language(tmp_path, monkeypatch):
     monkeypatch.setattr("rockfall.html_report.page.return_levels", no_levels)
     monkeypatch.setattr("rockfall.html_report.page.picture", only_said)  # drawing is tested apart
@@ -816,6 +818,7 @@ def test_the_view_of_show_runs_within_the_page(browser, stored):
     assert said == []  # software WebGL warns of itself
 
 
+@pytest.mark.all
 def test_the_report_on_paper(result, monkeypatch, tmp_path):
     pytest.importorskip("weasyprint", reason="the pdf extra is not installed")
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])

@@ -93,6 +93,7 @@ def test_shapes_of_sources_are_not_called_spheres(results):
     assert stated(results["matrix"].assign_attrs(case=case.text())) == {SHAPES, STILL, WHOLE}
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("name", RUNS)
 def test_only_runs_by_sets_have_the_appendix_of_sets(results, name, monkeypatch):
     """And only rebounds by sets alone are compared with the paper."""

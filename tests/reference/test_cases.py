@@ -144,6 +144,7 @@ def protected(tmp_path_factory):
     return results
 
 
+@pytest.mark.all
 def test_the_road_is_reached_as_often_as_its_readme_says(protected):
     """Within four standard deviations of one run, of the 6 of the README."""
     for name, percent, error in (("road", 57.6, 0.2), ("net", 2.77, 0.06), ("dam", 7.6, 0.2)):
@@ -160,6 +161,7 @@ def test_the_net_changes_nothing_above_it(protected):
     assert not np.isfinite(at_lines(protected["net"])["line_speed"].values[0][stopped]).any()
 
 
+@pytest.mark.all
 def test_settlement_is_what_its_readme_says(tmp_path):
     """Two faces as sources, a gully, a flat fan; ten objects on it; its case is a hazard."""
     folder = CASES / "settlement"
@@ -190,6 +192,7 @@ def test_settlement_is_what_its_readme_says(tmp_path):
     assert {*np.unique(found.hazard_class.values)} >= {0, 1, 3, 4}
 
 
+@pytest.mark.all
 def test_the_forested_slope_is_as_its_readme_says(tmp_path):
     """Within four standard deviations of one run, of the 6 of the README."""
     place = CASES / "forested-slope"

@@ -35,6 +35,7 @@ def test_without_scatter_boulders_stop_or_run_away(tmp_path):
     assert found.value == pytest.approx(want, abs=0.06) and found.error < 0.01  # bisection
 
 
+@pytest.mark.all
 def test_the_page_has_every_number_of_every_set_and_table_but_ensembles(tmp_path, monkeypatch):
     name = "one"
     path = scenes.write_sets(tmp_path / f"{name}.nml", *scenes.sets())

@@ -129,6 +129,7 @@ def flown(folder, forest, impact=None):
     return run_scene(scene), replay.world_of(scene), forest_of(scene)
 
 
+@pytest.mark.all
 @pytest.mark.parametrize(
     ("forest", "impact"),
     [

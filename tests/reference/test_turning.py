@@ -169,6 +169,7 @@ def moments(v):
     return v.mean(), std, std / np.sqrt(v.size), std * np.sqrt((kurtosis - 1) / v.size) / 2
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("rule", ["past_aspect", "lab"])
 def test_lateral_spread_is_that_of_the_bounce_map(plane, rule):
     """Standard deviations differ by less than three standard errors, themselves below 3 %."""

@@ -42,6 +42,7 @@ def test_on_hard_ground_the_energy_is_strength_times_displaced_volume():
     assert found == pytest.approx(energy / displaced, rel=0.02)
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("shape", ["compact", "elongated", "platy"])
 def test_scars_of_blocks_of_any_attitude_give_one_strength_back(shape):
     """Corners dig deeper. Each attitude leaves another scar on the same ground; their strengths

@@ -659,6 +659,7 @@ def tutorial_layers(folder):
     subprocess.run([sys.executable, maker, folder], check=True)
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("case", sorted(CASES), ids=lambda case: str(case.relative_to(ROOT)))
 def test_cases(case, gallery, tmp_path):
     """Those whose terrain is not stored make it; those of published data, which are downloaded, are
