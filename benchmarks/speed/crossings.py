@@ -26,6 +26,7 @@ COMMANDS = {
     "lines": ("lines", "out.nc"),
     "report": ("report", "out.nc", "-o", "out.html", "--overwrite"),
 }
+ACROSS = 104.75  # length of a line [m]: of all pairs of a line and a boulder 37 % cross
 FILES = {"run": "out.nc", "none": "none.nc", "report": "out.html"}
 
 
@@ -39,9 +40,9 @@ CASE = """&case boulders = {boulders}, seed = 20090601 /
 
 
 def write_case(folder: Path, lines: int, boulders: int, pieces: int = 1) -> None:
-    """The slope with lines from 15 m below the release down, each one of so many pieces across the
-    slope, in keys that all builds know."""
-    rows, width = lines // pieces, 197.5 / pieces
+    """The slope with lines from 15 m below the release down, each one of so many pieces; in keys
+    that all builds know."""
+    rows, width = lines // pieces, ACROSS / pieces
     ends = (
         (1.25 + width * piece, 570.0 - 560.0 * row / rows)
         for row in range(rows)
