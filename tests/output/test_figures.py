@@ -23,6 +23,7 @@ from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.html_report import render
 from rockfall.io.rasters.grid import Grid
+from rockfall.language import speaking
 from rockfall.plots import extent, style, terrain
 from rockfall.plots import map_figures as mapfigures
 from rockfall.plots import rebound_figures as reboundfigures
@@ -589,3 +590,14 @@ def test_a_dense_figure_is_dots_on_white(full, monkeypatch):
     assert (dots[0] == 255).all() and (dots == 255).all(axis=2).mean() > 0.5
     blue = np.array([0x00, 0x72, 0xB2])
     assert (np.abs(dots.astype(int) - blue).max(axis=2) < 60).sum() > 500
+
+
+@pytest.mark.parametrize(
+    "locale, shown", [("en", "2,000"), ("fr", "2\u202f000"), ("de-CH", "2’000")]
+)
+def test_ticks_of_logarithms_are_in_the_language(full, locale, shown):
+    with speaking(locale):
+        (label, *_) = (
+            history_figure(full, 0).axes[0].xaxis.get_major_formatter().format_ticks([2e3])
+        )
+    assert label == shown

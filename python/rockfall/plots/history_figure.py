@@ -9,7 +9,7 @@ import numpy as np
 
 from rockfall.analysis.precision.history import NUMBERS, SHOWN, history, sizes
 from rockfall.analysis.precision.intervals import sources
-from rockfall.language import say
+from rockfall.language import localised, say, spoken
 from rockfall.plots.style import BLUE, INK, VERMILION, WIDE, capital, new_figure, styled
 from rockfall.quantities import QUANTITIES, statistic
 from rockfall.result.variables import ENDS
@@ -34,11 +34,12 @@ def history_figure(result: xr.Dataset, line: int) -> Figure:
     numbers = history(result, line, n)
     figure = new_figure(WIDE, 4.6)
     axes = figure.subplots(2, 2, sharex=True)
+    language = spoken()
     panels = dict(zip(("fraction", *SHOWN), axes.flat, strict=True))
     for quantity, panel in panels.items():
         panel.set_title(capital(QUANTITIES[quantity].title))
         panel.set_xscale("log")
-        panel.xaxis.set_major_formatter("{x:,g}")
+        panel.xaxis.set_major_formatter(lambda n, _: localised(f"{n:,g}", language))
     ends: dict[Axes, float] = {}
     for quantity, name in NUMBERS:
         rows = numbers["speed" if quantity == "fraction" else quantity]

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 MAX_TRAJECTORIES = 200  # maximum drawn
 LIMIT = 0.01  # pass frequency of the outline (paper, Fig. 10)
 BAR = 0.48  # height for the colour bar [inch]
+LETTER = 0.062  # width of a letter of its label [inch]
 OPAQUE = 0.8  # of colours, so that the relief remains visible
 
 
@@ -149,7 +150,7 @@ def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None
     if fewest := attrs.get("min_passages", 0):
         label += f"; {say('axis.blank', n=fewest)}"
     label += f"; {say('map.outline')}" if is_fraction(name) else ""
-    _draw_classes(sheet, values, grid, classes, fill(label, 60))
+    _draw_classes(sheet, values, grid, classes, fill(label, int(sheet.bar[2] / LETTER)))
     thin = thin_cells(result, name)
     if thin is not None:
         part, _ = cropped(thin, *grid_of(result[name]), sheet.extent, np.logical_and)
