@@ -6,6 +6,8 @@ import struct
 
 import numpy as np
 
+PATIENCE = 600.0  # [s] at most, on a machine that does other things
+
 
 def decoded(message):
     if isinstance(message, str):
@@ -36,7 +38,7 @@ class Talk:
 
     def until(self, type, **content):
         while True:
-            found = self.sent.get(timeout=600)
+            found = self.sent.get(timeout=PATIENCE)
             assert found["type"] != "fault", found
             if found["type"] == type and content.items() <= found.items():
                 return found

@@ -6,6 +6,7 @@ import { button } from './dom';
 import { DocumentStore, type Difference } from './document';
 import { Drawer, TOOLS, type Tool } from './draw';
 import { GroundDialog } from './ground_choice';
+import { Hazard } from './hazard';
 import { Legend } from './legend';
 import { mapButtons } from './map/furniture';
 import { MapView, type Shown } from './map/map_view';
@@ -64,6 +65,7 @@ export class CaseWindow {
     (place) => this.view.section.mark(place),
   );
   private readonly messages = new MessagePanel((error) => this.showError(error));
+  private readonly hazard: Hazard;
   private readonly features: FeaturePanel;
   private readonly settings: SettingsPanel;
   private readonly variantPanel: VariantPanel;
@@ -107,6 +109,7 @@ export class CaseWindow {
       onSelect: (id) => this.onSelect(id),
       propertiesOf: (layer) => propertiesOf(layer, forms, this.store, this.results.cell),
       onSection: (section) => this.want({ ...this.wanted, section }),
+      onBeside: (pixel) => this.hazard.choose(this.view.objectAt(pixel)),
       onReplaced: (count) => this.shell.say(say('app.replaced', { n: count })),
     });
     this.toolbar = new Toolbar(this.tools, (tool) => {
@@ -123,11 +126,19 @@ export class CaseWindow {
       mode === 'case' && !connection.standalone,
     );
     this.legend = new Legend(welcome.maps, welcome.view.map, (map) => this.want({ ...this.wanted, map }));
+    this.hazard = new Hazard(welcome.scenarios, this.view, {
+      want: (change) => this.want({ ...this.wanted, ...change }),
+      wanted: () => this.wanted,
+      onClasses: (classes) => {
+        this.setVisible('overlay', classes === null && this.display.isShown('overlay'));
+        this.legend.setClasses(classes);
+      },
+    });
     this.features = new FeaturePanel(this.store, forms, {
       select: (id) => this.drawer.select(id),
       zoom: (id) => this.view.fitFeature(id),
       remove: (id) => this.store.remove(id),
-    });
+    }, this.hazard.check);
     this.settings = new SettingsPanel(this.store, forms);
     this.display = new DisplayPanel(
       {
@@ -149,11 +160,12 @@ export class CaseWindow {
       base: () => welcome.base && this.take(welcome.base),
     });
     const tab = (name: string, content: HTMLElement): Tab => ({ name, title: say(`app.tab.${name}`), content });
+    const hazard = welcome.scenarios && !connection.standalone ? [tab('hazard', this.hazard.panel.root)] : [];
     const [features, display] = [tab('features', this.features.root), tab('display', this.display.root)];
     this.tabs = new Tabs(
       say('app.panel'),
       mode === 'case'
-        ? [features, tab('settings', this.settings.root), display, tab('variants', this.variantPanel.root)]
+        ? [features, tab('settings', this.settings.root), display, ...hazard, tab('variants', this.variantPanel.root)]
         : [display, features],
     );
     this.display.offer('drawn_zones', forms.layers.zones !== undefined);
@@ -237,11 +249,13 @@ export class CaseWindow {
   // Messages of the server
 
   receive(message: Text): void {
+    if (this.hazard.receive(message)) return;
     switch (message.type) {
       case 'state':
         if (message.refused) this.sender.refused(message.revision);
         if (message.revision < this.sender.revision) return;
         this.state = message;
+        this.hazard.forget();
         if (message.errors.length) this.sender.answer();
         this.refresh();
         return;
@@ -285,6 +299,7 @@ export class CaseWindow {
   }
 
   receiveBinary(message: Binary): void {
+    if (this.hazard.receiveBinary(message)) return;
     if (!variantOf(message)) return this.results.receive(message);
     this.variants = withResults(this.variants, message);
     this.refresh();
@@ -374,7 +389,11 @@ export class CaseWindow {
     this.features.select(id);
     const found = this.store.feature(id);
     if (found) this.tabs.show('features');
-    this.statistics.select(found ? String(found.feature.properties['name'] ?? '') : '');
+    const name = found ? String(found.feature.properties['name'] ?? '') : '';
+    this.statistics.select(name);
+    if (!this.chooser) return;
+    this.hazard.select(found && ['lines', 'barriers'].includes(found.layer) ? name : '');
+    if (found) this.hazard.choose(name);
   }
 
   private selectLine(name: string): void {
@@ -535,6 +554,7 @@ export class CaseWindow {
   private showRole(): void {
     this.legend.enable(this.chooser);
     this.display.enable(this.chooser);
+    this.hazard.enable(this.chooser);
     this.drawer.enable(this.writer, this.chooser);
     this.toolbar.show(this.drawer.tool, (one) => this.drawer.may(one));
     const reads = this.welcome.mode === 'case' && !this.writer && !this.connection.standalone;

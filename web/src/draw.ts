@@ -46,6 +46,8 @@ export interface DrawListener {
   propertiesOf(layer: Layer): Record<string, Value>;
   onReplaced(count: number): void;
   onSection(vertices: Position[]): void;
+  /** A click where no feature of the document is. */
+  onBeside(pixel: number[]): void;
 }
 
 export class Drawer {
@@ -259,7 +261,9 @@ export class Drawer {
 
   private click(event: MapBrowserEvent): void {
     if (this.tool !== 'select' || altKeyOnly(event)) return;
-    this.select(this.featureAt(event.pixel) ?? '');
+    const id = this.featureAt(event.pixel);
+    this.select(id ?? '');
+    if (id === undefined) this.listener.onBeside(event.pixel);
   }
 
   private point(event: MapBrowserEvent): void {

@@ -10,6 +10,7 @@ export class Legend {
   readonly root = element('section', { class: 'legend card', attributes: { 'aria-label': say('app.legend.title') } });
   private readonly choice: HTMLSelectElement;
   private readonly ramp = element('div', { class: 'ramp-box' });
+  private readonly classes = element('div', { class: 'class-box', hidden: true });
   private readonly speeds = element('div', { class: 'ramp-box' });
   private readonly zones = element('details', { class: 'zone-legend' });
   private unfolded = false; // the list of maps
@@ -26,7 +27,7 @@ export class Legend {
       if (this.choice.value === FOLD) this.fold(!this.unfolded);
       else onMap((this.shown = this.choice.value));
     });
-    this.root.append(this.choice, this.ramp, this.speeds, this.zones);
+    this.root.append(this.choice, this.ramp, this.classes, this.speeds, this.zones);
     this.speeds.hidden = true;
     this.zones.hidden = true;
   }
@@ -77,6 +78,18 @@ export class Legend {
       ...(rest.length ? [option(FOLD, say(unfolded ? 'app.legend.fewer' : 'app.legend.more'))] : []),
     );
     this.choice.value = shown;
+  }
+
+  /** Classes of hazard are shown in place of the result; null: no longer. */
+  setClasses(classes: readonly (readonly [name: string, colour: string])[] | null): void {
+    const items = (classes ?? []).slice(1).map(([name, colour]) => {
+      const patch = element('span', { class: 'patch' });
+      patch.style.background = colour;
+      return element('li', {}, patch, name);
+    });
+    this.ramp.hidden = this.choice.hidden = classes !== null;
+    this.classes.hidden = classes === null;
+    this.classes.replaceChildren(element('p', {}, say('app.legend.hazard')), element('ul', { class: 'patches' }, ...items));
   }
 
   setSpeeds(fastest: number | null): void {

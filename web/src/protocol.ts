@@ -84,6 +84,9 @@ export interface Wanted {
   lines: readonly string[];
   section: readonly Position[]; // its vertices
   objects: string; // which of `Welcome.offers`; '': none
+  net: string; // line or barrier whose design is checked
+  hazard: boolean; // of the scenarios
+  origin: string; // place whose sources are shown
 }
 /** A ground for a document that has none; `radius` of its rocks [m], where it needs one. */
 export interface GroundChoice {
@@ -109,6 +112,7 @@ export interface Welcome {
   forms: Forms;
   grounds: GroundChoice[];
   maps: MapName[];
+  scenarios: number; // that can be run for a hazard
   offers: string[]; // layers of objects
   view: Wanted;
   limits: Record<string, number>;
@@ -143,6 +147,9 @@ export type Text =
   | { type: 'role'; writer: boolean }
   | { type: 'document'; document: CaseDocument; revision: number } // as another window left it
   | { type: 'done'; task: LongTask; files: string[] }
+  | { type: 'net'; net: string; revision: number; tables: TableEntry[] }
+  | { type: 'hazard_begun'; revision: number }
+  | { type: 'hazard_refused'; revision: number; text: string }
   | { type: 'objects'; chosen: string; objects: Shape[]; remarks: string[] }
   | { type: 'unfinished'; runs: { name: string; boulders: number }[] } // that can be resumed
   | { type: 'refused'; task: string; text: string; exists: boolean }
@@ -256,7 +263,34 @@ export interface SectionMessage {
   quantities: Record<string, { unit: string; factor: number; decimals: number }>;
   lines: { name: string; kind: 'line' | 'barrier' | 'dam'; distance: number; height: number | null; q95: Record<string, (number | null)[]> }[];
 }
-export type BinaryHeader = TerrainMessage | BackgroundMessage | BatchMessage | LinesMessage | TrajectoriesMessage | SectionMessage;
+/** A table of the program; lines of a cell end with a line feed. */
+export interface TableEntry {
+  caption: string;
+  head: string[];
+  rows: string[][];
+}
+export interface HazardMessage {
+  type: 'hazard';
+  revision: number;
+  west: number;
+  north: number;
+  cell: number;
+  classes: [name: string, colour: string][];
+  tables: TableEntry[]; // of the scenarios, then of places
+  sentences: string[];
+  nets: Record<string, TableEntry[]>;
+  places: string[];
+}
+export interface OriginsMessage {
+  type: 'origins';
+  revision: number;
+  place: string;
+  error: string;
+  cell: number;
+  total: number; // boulders a year that come
+  parts: [text: string, colour: string, cells: number][];
+}
+export type BinaryHeader = TerrainMessage | BackgroundMessage | BatchMessage | LinesMessage | TrajectoriesMessage | SectionMessage | HazardMessage | OriginsMessage;
 
 const KINDS = { f4: Float32Array, f8: Float64Array, u1: Uint8Array, u4: Uint32Array, i4: Int32Array };
 type Kind = keyof typeof KINDS;

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockfall.app.asked import net_message
 from rockfall.app.edited.document import Document, Site
 from rockfall.app.edited.features import LAYERS
 from rockfall.app.edited.forms import Form, layer_forms, settings_forms
@@ -26,7 +27,7 @@ from rockfall.app.pictures import (
     trajectory_message,
 )
 from rockfall.app.sections import section_message
-from rockfall.app.surroundings import stands_of
+from rockfall.app.surroundings import Offer, stands_of
 from rockfall.case import case_of, given_groups
 from rockfall.io.rasters.grid import Grid
 from rockfall.language import LANGUAGES
@@ -48,6 +49,8 @@ class Exhibit:
 
     language = LANGUAGES[0]
     revision = 0
+    scenarios = 0  # that can be run
+    offer: Offer | None = None
 
     def __init__(self, result: xr.Dataset, file: Path | None, send: Send | None = None) -> None:
         self.result, self.case, self._send = result, case_of(result), send
@@ -88,6 +91,8 @@ class Exhibit:
         before, self.view = self.view, view
         if view.section != before.section:
             self._tell("section", self._section())
+        if view.net != before.net:
+            self._tell("net", net_message(self.result, view.net, self.language, revision=0))
         if (view.map, view.trajectories) != (before.map, before.trajectories):
             self._show()
 

@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from threading import Condition, Event, Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rockfall.analysis.lines.section import PATHS
+from rockfall.app.asked import hazard_message, hazard_of, origins_message
 from rockfall.app.edited.document import Document, Runnable, Site, runnable, with_output
 from rockfall.app.edited.features import Frame
 from rockfall.app.edited.places import entry_of, without_files
@@ -16,16 +17,21 @@ from rockfall.app.messages import Refused, fault_message, text_message
 from rockfall.app.pictures import BY_SOURCE, Ground, View, background_message
 from rockfall.app.progress import Progress, Send
 from rockfall.app.sections import MAPS
-from rockfall.app.surroundings import stands_of
+from rockfall.app.surroundings import Offer, stands_of
 from rockfall.case import REPEATABLE, Case, key_table
 from rockfall.case.variants import BASE
 from rockfall.case.zones import case_zones
 from rockfall.errors import RockfallError
+from rockfall.interrupts import Stopped, stopped_by
 from rockfall.io.rasters.dem import read_dem
 from rockfall.language import say, speaking, translated
 from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.scene.rules.plausible import input_warnings
 from rockfall.session.session import Session, open_session, scene_of
+from rockfall.simulation.simulate import Interrupted
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 STEP = 0.05  # seconds of the kernel between checks for new requests
 FIRST_MAP = "passages"
@@ -50,6 +56,7 @@ class Live:
         maps = document.settings.get("output", {}).get("maps", [])
         self.view = View(next((name for name in maps if name in self.maps), FIRST_MAP))
         self.error: Refused | None = None  # of the last edit
+        self.offer: Offer | None = None  # of objects at risk
         self._send, self._wake, self._cancel = send, Condition(), Event()
         self._closing = Event()
         self._pending = _Pending(document=document)
@@ -61,6 +68,9 @@ class Live:
         self._seen: tuple[Any, ...] = (None,) * 4  # in the background
         self._progress: Progress | None = None
         self._aside: Progress | None = None  # of a variant being compared
+        self._made: tuple[Case, dict[str, Any]] | None = None  # of the document, with its layers
+        self._hazard: xr.Dataset | None = None  # of it
+        self._is_hazard_due, self._told_origin = False, ""
         self._compared: list[Document] = []  # variants that wait for their run
         self._thread = Thread(target=self._work, name="live", daemon=True)
 
@@ -74,6 +84,11 @@ class Live:
             name for name in MAP
             if name not in (*BY_SOURCE, *EXCEEDED) and (forest or not name.startswith("tree_"))
         ]  # fmt: skip
+
+    @property
+    def scenarios(self) -> int:
+        """Number of the scenarios that can be run for a hazard."""
+        return len(self.site.kept.get("scenario", []))
 
     def start(self) -> None:
         """Begin to work."""
@@ -124,6 +139,10 @@ class Live:
                 self._pending.document = self._pending.document or self.document
                 self._pending.revision = self.revision
                 self._cancel.set()
+            of_hazard = view.hazard, view.objects
+            if of_hazard != (self.view.hazard, self.view.objects):
+                self._is_hazard_due = view.hazard and self._made is not None
+                self._hazard = None
             self.view = self._pending.view = view
             self._wake.notify()
 
@@ -190,8 +209,12 @@ class Live:
                 self._take(pending.document, pending.revision, pending.error)
         elif pending.view is not None and self._progress is not None:
             self._progress.look(pending.view)
+            if self.view.origin != self._told_origin:
+                self._tell_origins()
         elif self._progress is not None and self._progress.has_work(self.running):
             self._progress.over = not self._progress.step(self.running)
+        elif self._is_hazard_due and self.running:
+            self._run_hazard()
         if self._aside is not None:
             self._aside = self._aside if self._aside.step(True) else None
         elif self._compared:
@@ -201,12 +224,14 @@ class Live:
     def _has_work(self) -> bool:
         pending, progress = self._pending, self._progress
         goes_on = progress is not None and progress.has_work(self.running)
+        goes_on = goes_on or (self._is_hazard_due and self.running)
         wanted = pending.document, pending.view, self._aside
         return goes_on or bool(self._compared) or any(work is not None for work in wanted)
 
     def _take(self, document: Document, revision: int, error: Refused | None) -> None:
         """Take over a document, report its errors, and start its run if there are none."""
-        self._progress = None
+        self._progress = self._made = self._hazard = None
+        self._is_hazard_due = False
         errors: list[dict[str, str]] = []
         warnings: list[str] = []
         if error is not None:
@@ -237,6 +262,32 @@ class Live:
             assert self._session is not None and self._ground is not None
             self._show_background(made)
             self._progress = self._begin(self._cancel, {"revision": revision}, self._send)
+            frames = {name: self._frames[name] for name in made.layers}
+            self._made, self._is_hazard_due = (made.case, frames), self.view.hazard
+
+    def _run_hazard(self) -> None:
+        """Run the scenarios of the document, until another one comes."""
+        assert self._made is not None
+        self._is_hazard_due = False
+        fields = {"revision": self.revision}
+        self._send("hazard", text_message("hazard_begun", **fields))
+        try:
+            with speaking(self.language), stopped_by(self._cancel.is_set):
+                self._hazard = hazard_of(*self._made, self.offer)
+        except (Stopped, Interrupted):
+            self._is_hazard_due = self.view.hazard
+        except RockfallError as error:
+            text = without_files(str(error), self.site)
+            self._send("hazard", text_message("hazard_refused", text=text, **fields))
+        else:
+            self._send("hazard", hazard_message(self._hazard, self.language, **fields))
+            self._tell_origins()
+
+    def _tell_origins(self) -> None:
+        if self._hazard is not None:
+            place, fields = self.view.origin, {"revision": self.revision}
+            self._told_origin = place
+            self._send("origins", origins_message(self._hazard, place, self.language, **fields))
 
     def _begin_aside(self, variant: Document) -> None:
         """Begin the run of a variant that is compared."""
@@ -280,7 +331,7 @@ class Live:
         stands = stands_of(made.case, self.site.grid) if scene.stands else []
         fields |= {"stands": stands}
         message = background_message(scene, rows, sources is not None, self._ground, **fields)
-        return (zones, sources, scene.trees, scene.stands), message
+        return (zones, sources, scene.trees, scene.stands or None), message
 
     def _change(self, made: Runnable) -> None:
         """Open the session, or change it; an unchanged layer keeps its frame."""

@@ -14,7 +14,9 @@ from rockfall.language import LANGUAGES
 #: Kinds of messages that replace waiting ones of some kinds.
 REPLACED = {
     "batch": ("batch", "lines"),
-    "state": ("state", "batch", "lines", "trajectories", "section"), "section": ("section",),
+    "state": ("state", "batch", "lines", "trajectories", "section", "net", "hazard", "origins"),
+    "section": ("section",), "net": ("net",), "hazard": ("hazard", "origins"),
+    "origins": ("origins",),
     "trajectories": ("trajectories",), "terrain": ("terrain",), "progress": ("progress",),
     "background": ("background",), "objects": ("objects",), "document": ("document",),
     "variant batch": ("variant batch",), "unfinished": ("unfinished",),

@@ -49,6 +49,9 @@ class View(NamedTuple):
     lines: tuple[str, ...] = ()
     section: tuple[tuple[float, ...], ...] = ()  # vertices [m]
     objects: str = ""  # label of an `Offer`
+    net: str = ""  # line or barrier whose design is checked
+    hazard: bool = False  # of the scenarios
+    origin: str = ""  # place whose sources are shown
 
 
 class Ground:

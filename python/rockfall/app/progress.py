@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from rockfall.app.asked import net_message
 from rockfall.app.line_table import LineTable
 from rockfall.app.messages import Message, binary_message
 from rockfall.app.pictures import (
@@ -74,19 +75,24 @@ class Progress:
         return not self._batch.complete or self._has_missing()
 
     def look(self, view: View) -> None:
-        """Show another number of trajectories, another section, or other lines."""
+        """Show another number of trajectories, another section or net, or other lines."""
         before, self._view = self._view, view
         if self._batch is not None and view.trajectories != before.trajectories:
             self._sent = set()
             self._tell_trajectories(self._batch, self._batch.dataset())
         if self._batch is not None and view.section != before.section:
             self._tell_section(self._batch.dataset())
+        if self._batch is not None and view.net != before.net:
+            self._tell_net(self._batch.dataset())
         self._tell_lines(view.lines)
 
     def _tell_section(self, result: xr.Dataset) -> None:
         vertices = self._view.section
         message = section_message(result, vertices, self._terrain, **self._fields)
         self._send("section", message)
+
+    def _tell_net(self, result: xr.Dataset) -> None:
+        self._send("net", net_message(result, self._view.net, self._language, **self._fields))
 
     def _tell(self, running: bool) -> None:
         """Send the current results, and plan the next message so that the kernel gets most of the
@@ -113,6 +119,8 @@ class Progress:
         self._tell_trajectories(batch, result)
         if self._view.section:
             self._tell_section(result)
+        if self._view.net and not self._every_line:
+            self._tell_net(result)
         self._told = batch.boulders
         now = time.perf_counter()
         self._due = now + max(SECOND, PATIENCE * (now - begun))

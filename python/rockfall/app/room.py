@@ -45,11 +45,15 @@ KEPT = (
     "lines",
     "trajectories",
     "section",
+    "net",
+    "hazard",
+    "origins",
 )  # messages sent to a page that enters
 ADDED = {"more": "trajectories", "lines": "lines"}  # kinds that add to messages of a kind
 STALE = {
-    "state": ("batch", "lines", "trajectories", "section"),
+    "state": ("batch", "lines", "trajectories", "section", "net", "hazard", "origins"),
     "batch": ("lines",),
+    "hazard": ("origins",),
 }  # kinds that it ends
 
 NOTHING = Given()
@@ -168,7 +172,7 @@ class Room:
             offer.label: offer for offer in offered_objects(path.absolute().parent, self._given)
         }
         first = next(iter(offers), "") if self._given.objects else ""
-        shown.view = shown.view._replace(objects=first)
+        shown.view, shown.offer = shown.view._replace(objects=first), offers.get(first)
         objects = objects_message(offers.get(first), shown.site.grid)
         note_recent(path)
         before = self._shown
@@ -256,9 +260,16 @@ class Room:
         chosen = message.get("objects", "")
         if not isinstance(chosen, str) or chosen not in ("", *self._offers):
             raise Refused(say("app.server_wrong_type", name="objects"))
+        net, origin = message.get("net", ""), message.get("origin", "")
+        wants_hazard = message.get("hazard", False)
+        if type(net) is not str or type(origin) is not str or type(wants_hazard) is not bool:
+            raise Refused(say("app.server_wrong_type", name="view"))
         if chosen != self._shown.view.objects:
-            self._send("objects", objects_message(self._offers.get(chosen), self._shown.site.grid))
-        self._shown.look(View(name, number, tuple(lines), section, chosen))
+            self._shown.offer = self._offers.get(chosen)
+            self._send("objects", objects_message(self._shown.offer, self._shown.site.grid))
+        self._shown.look(
+            View(name, number, tuple(lines), section, chosen, net, wants_hazard, origin)
+        )
 
     def _compare(self, _: Client, message: dict[str, Any]) -> None:
         live, variant = self._live(), message.get("variant")
@@ -349,6 +360,7 @@ def about_shown(shown: Shown | None, language: str) -> dict[str, Any]:
     if shown is None:
         return {
             "mode": "start", "title": "", "file": "", "folder": "", "revision": 0, "maps": [],
+            "scenarios": 0,
             "document": Document().content(), "forms": {"settings": {}, "layers": {}},
             "base": None, "variants": [], "grounds": [],
             "view": View("", 0)._asdict(),
@@ -359,6 +371,7 @@ def about_shown(shown: Shown | None, language: str) -> dict[str, Any]:
         "mode": site.mode, "title": document.settings.get("case", {}).get("title", ""),
         "file": site.file.name, "folder": str(site.folder), "revision": shown.revision,
         "maps": map_choices(shown.maps, language), "document": document.content(),
+        "scenarios": shown.scenarios,
         "forms": {"settings": _forms(site.settings_forms), "layers": _forms(site.layer_forms)},
         "view": shown.view._asdict(),
         "base": base.content() if base else None, "grounds": ground_choices(),

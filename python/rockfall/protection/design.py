@@ -86,6 +86,7 @@ class Design:
 def design(
     result: xr.Dataset,
     *,
+    line: str | None = None,
     along: str | None = None,
     width: float = 10.0,
     min_boulders: int = 50,
@@ -97,17 +98,17 @@ def design(
 ) -> Design:
     """Requirements for a barrier on each line of a result, and checks of its barriers.
 
-    `along` names a line to be cut into windows of `width` [m]; windows with fewer than
-    `min_boulders` boulders are blank. `residual` is the fraction of the boulders that may pass,
-    `volume` [m3] the design block, `factors` a table with the numbers of the standard, without
-    which its requirements are left open, `costs` a table of prices, and `conditions` are those of
-    `rockfall.protection.factors.Conditions`.
+    `line` names the only line or barrier of the sheet. `along` names a line to be cut into windows
+    of `width` [m]; windows with fewer than `min_boulders` boulders are blank. `residual` is the
+    fraction of the boulders that may pass, `volume` [m3] the design block, `factors` a table with
+    the numbers of the standard, without which its requirements are left open, `costs` a table of
+    prices, and `conditions` are those of `rockfall.protection.factors.Conditions`.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
     >>> sheet = rockfall.design(result, survey="good")
     """
-    _check(result, along, width, min_boulders, residual, volume)
+    _check(result, line, along, width, min_boulders, residual, volume)
     standard = read_factors(conditions_of(conditions), factors)
     if along is not None:
         standard.require(f"along {along}")
@@ -118,14 +119,15 @@ def design(
     names, nets, samples = line_names(result), barriers_of(result), LineSamples(result)
     asked, barriers, chosen = [], [], []
     loads: list[dict[str, Any]] = []
-    for k, name in stepped(enumerate(names)):  # one in memory at a time
+    shown = [(k, name) for k, name in enumerate(names) if line in (None, name)]
+    for k, name in stepped(shown):  # one in memory at a time
         came = crossings(result, k)
         _, *percents = passing_percent(result, k)
         fractions = (value / 100 for value in percents)
         limits = dict(zip(with_limits("fraction"), fractions, strict=True))
         asked.append({"line": name, **demand(came, *how), **doubts, **limits})
         if k in nets:
-            row = _check_of(result, k, came, asked[k], standard) | doubts
+            row = _check_of(result, k, came, asked[-1], standard) | doubts
             barriers.append(row | {"verdict": verdict_of(row)})
         rows = choices(came, residual, prices)
         chosen += [{"line": name, "n": came.n} | row | doubts for row in rows]
@@ -186,6 +188,7 @@ def conditions_of(given: dict[str, str]) -> Conditions:
 
 def _check(
     result: xr.Dataset,
+    line: str | None,
     along: str | None,
     width: float,
     min_boulders: int,
@@ -198,8 +201,9 @@ def _check(
     check_rows(result, "design")
     if not result.sizes["boulder"]:
         raise RockfallError("design: the result has no boulders")
-    if along is not None:
-        line_number(result, along)
+    for name in (line, along):
+        if name is not None:
+            line_number(result, name)
     if not 0 <= residual < 1:
         raise RockfallError(f"residual = {residual}: must be >= 0 and < 1")
     if not 0 < width < np.inf:

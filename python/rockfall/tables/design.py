@@ -93,13 +93,15 @@ def demand_rows(asked: Mapping[Any, Any]) -> Iterator[list[object]]:
 def choice_table(design: Design, line: str) -> Table:
     """Height that leaves the residual at a line for each class, with the cheapest marked."""
     rows = [
-        (f"class {row['ead_class']}, {row['capacity'] / 1000:,.0f} kJ",
+        (say("design.choice", ead_class=row["ead_class"], capacity=row["capacity"] / 1000),
          number(row["height"], up=True), shown(row, "residual", 100.0), row["cost"],
-         "<- cheapest" if row["cheapest"] else "")
+         say("design.cheapest") if row["cheapest"] else "")
         for row in design.choices[design.choices["line"] == line].to_dict("records")
     ]  # fmt: skip
-    heads = (f"at most {100 * design.residual:g} % pass", Column("height", "m"),
-             Column("passing", "%"), "cost of 1 m", "")  # fmt: skip
+    heads = (
+        say("design.at_most", residual=100 * design.residual), Column(word("height"), "m"),
+        Column(word("passing"), "%"), say("design.cost_of_metre"), "",
+    )  # fmt: skip
     return Table.of("", heads, rows)
 
 

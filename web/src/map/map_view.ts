@@ -12,6 +12,7 @@ import { element } from '../dom';
 import type { BackgroundMessage, Binary, Layers, OverlayHeader } from '../protocol';
 import type { Shade, Terrain, Trajectories } from '../view3d/view3d';
 import { FeatureLayers } from './features';
+import { HazardLayer, OriginLayer } from './hazard_layer';
 import { type Extent, RasterLayer } from './plot_layer';
 import { hillshade, resultRaster, zoneRaster } from './rasters';
 import { SectionLayer } from './section_layer';
@@ -55,6 +56,8 @@ export class MapView {
   });
   private readonly stops = new DotLayer(22, { colour: LAYER_COLOURS.stops, radius: 1.3, shape: 'circle', halo: false });
   readonly section = new SectionLayer(45);
+  readonly hazard = new HazardLayer(10);
+  readonly origins = new OriginLayer(39);
   readonly objects = new ShapeLayer('objects', 24);
   private readonly stands = new ShapeLayer('stands', 13);
   private readonly overlayCanvas = element('canvas');
@@ -73,11 +76,13 @@ export class MapView {
         this.shade,
         this.zones,
         this.overlay,
+        this.hazard,
         this.stands,
         this.trees,
         this.sources,
         this.trajectories,
         this.stops,
+        this.origins,
         this.objects,
         ...this.features.all,
         this.section,
@@ -217,6 +222,12 @@ export class MapView {
   fitAtFirst(): void {
     if (this.terrain && !this.moved) this.fit(this.contentExtent() ?? this.terrainExtent());
   }
+  /** Name of the house or other object at a pixel; '': none. */
+  objectAt(pixel: number[]): string {
+    const found = this.map.getFeaturesAtPixel(pixel, { hitTolerance: 4, layerFilter: (layer) => layer === this.objects });
+    return String(found[0]?.get('name') ?? '');
+  }
+
   fitTerrain(): void {
     this.moved = true;
     this.fit(this.terrainExtent());

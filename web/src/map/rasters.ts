@@ -48,6 +48,15 @@ export function zoneRaster(
   return paint(nx, ny, (k) => colours[values[k] as number] as number);
 }
 
+/** Classes by their colours, as texts; the first is transparent. */
+export function classRaster(values: Uint8Array, nx: number, ny: number, colours: readonly string[]): HTMLCanvasElement {
+  const pixels = colours.map((colour) => {
+    const number = parseInt(colour.slice(1), 16);
+    return pixel([number >> 16, (number >> 8) & 255, number & 255], 255);
+  });
+  return paint(nx, ny, (k) => (values[k] ? (pixels[values[k] as number] ?? 0) : 0));
+}
+
 const STEPS = 256;
 const RAMP = Uint32Array.from({ length: STEPS }, (_, k) => pixel(viridis(k / (STEPS - 1)), 255));
 

@@ -97,6 +97,11 @@ export class DisplayPanel {
     this.number.disabled = this.objects.disabled = !on;
   }
 
+  /** Whether a layer is switched on. */
+  isShown(name: Shown): boolean {
+    return this.rows.get(name)?.querySelector('input')?.checked ?? true;
+  }
+
   /** Name the layer of objects that is shown. */
   setObjects(label: string): void {
     this.objects.value = label;

@@ -34,8 +34,9 @@ export class FeaturePanel {
     private readonly store: DocumentStore,
     private readonly forms: Forms,
     private readonly actions: Actions,
+    below: HTMLElement, // the properties of what is selected
   ) {
-    this.root.append(this.properties, element('h2', {}, say('app.features.title')), this.hint, this.list);
+    this.root.append(this.properties, below, element('h2', {}, say('app.features.title')), this.hint, this.list);
   }
 
   update(errors: readonly CaseError[], editable: boolean): void {

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Answers of other programs in the window: the design check of a net, the hazard of the scenarios,
+and the sources of what comes to a place, as messages with the numbers of the commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.hazard.origins import origins
+from rockfall.analysis.objects.at_risk import AtRisk
+from rockfall.app.messages import Message, binary_message, text_message
+from rockfall.app.surroundings import Offer
+from rockfall.case import Case
+from rockfall.errors import RockfallError
+from rockfall.files.hazard_files import HAZARD_COLOURS
+from rockfall.io.rasters.arrays import grid_of
+from rockfall.language import Number, say, speaking, word
+from rockfall.plots.cartography.rasters import merged
+from rockfall.plots.hazard.origin_map import COLOURS, parts_of_total
+from rockfall.protection.design import design
+from rockfall.protection.yearly import YearlyDesign, yearly_design
+from rockfall.result.crossings import line_names
+from rockfall.studies.hazard import read_study, run_study
+from rockfall.table import Table
+from rockfall.tables.design import check_tables, choice_table
+from rockfall.tables.hazard import object_table, scenario_table
+from rockfall.tables.yearly_design import (
+    advice,
+    choice_tables,
+    loads_table,
+    verdicts,
+)
+from rockfall.tables.yearly_design import check_tables as yearly_check_tables
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MAX_CELLS = 1001  # along a side of the map of classes
+
+
+def table_entry(table: Table) -> dict[str, Any]:
+    """A table as texts, in the language in force."""
+    return {"caption": str(table.caption), "head": table.head, "rows": [*table.texts()]}
+
+
+def net_message(result: xr.Dataset, net: str, language: str, **fields: Any) -> Message:
+    """Message `net`: the design sheet of a line or barrier, of the boulders so far."""
+    tables: list[Table] = []
+    if net in line_names(result) and result.sizes["boulder"]:
+        with speaking(language):
+            sheet = design(result, line=net)
+            tables = [*check_tables(sheet)]
+            if sheet.demand["n"].iloc[0]:
+                tables.append(choice_table(sheet, net))
+            return text_message("net", net=net, tables=[*map(table_entry, tables)], **fields)
+    return text_message("net", net=net, tables=[], **fields)
+
+
+def hazard_of(case: Case, frames: Mapping[str, Any], offer: Offer | None) -> xr.Dataset:
+    """Hazard of a case with layers, at these objects, as `rockfall.hazard` makes it."""
+    given = AtRisk([*offer.files], [*offer.layers]) if offer else AtRisk()
+    return run_study(read_study(case.replace(variant=[]), given, **frames))
+
+
+def hazard_message(hazard: xr.Dataset, language: str, **fields: Any) -> bytes:
+    """Message `hazard`: map of classes, thinned by maxima, tables, and sentences on the nets."""
+    data = hazard["hazard_class"]
+    grid, flipped = grid_of(data)
+    values = data.values[::-1] if flipped else data.values
+    step = int(max(values.shape) / MAX_CELLS) + 1
+    with speaking(language):
+        tables, sentences = [scenario_table(hazard)], list[str]()
+        nets: dict[str, list[dict[str, Any]]] = {}
+        if "line" in hazard.dims:
+            sheet = yearly_design(hazard)
+            tables.append(loads_table(sheet))
+            sentences = [*map(str, advice(sheet)), *map(str, verdicts(sheet))]
+            nets = {
+                name: [*map(table_entry, _of_line(sheet, name))] for name in sheet.loads["line"]
+            }
+        if "object" in hazard.dims:
+            tables.append(object_table(hazard))
+        words = [str(word(name)) for name in CLASSES]
+    return binary_message(
+        "hazard", {"classes": merged(values, step, np.maximum).astype("u1")}, **fields,
+        west=grid.west, north=grid.north, cell=grid.cell * step, error="",
+        classes=[*map(list, zip(words, HAZARD_COLOURS, strict=True))],
+        tables=[*map(table_entry, tables)], sentences=sentences, nets=nets,
+        places=[str(name) for kind in ("line", "object") if kind in hazard.dims
+                for name in hazard[kind].values],
+    )  # fmt: skip
+
+
+def _of_line(sheet: YearlyDesign, name: str) -> Iterable[Table]:
+    """Tables of a barrier or line: what it lets pass a year, and the barriers that would do."""
+    own = YearlyDesign(
+        sheet.period,
+        *(frame[frame["line"] == name] for frame in (sheet.loads, sheet.choices, sheet.checks)),
+    )
+    return [*yearly_check_tables(own), *choice_tables(own)]
+
+
+def origins_message(hazard: xr.Dataset | None, place: str, language: str, **fields: Any) -> bytes:
+    """Message `origins`: centres of the cells from which boulders come to a place, and the class of
+    each by its part of all that come; `error` if there is no such place."""
+    fields |= {"place": place, "error": "", "parts": []}
+    if hazard is None or not place:
+        return binary_message("origins", {}, **fields | {"place": ""})
+    try:
+        table = origins(hazard, place)
+    except RockfallError as error:
+        return binary_message("origins", {}, **fields | {"error": str(error)})
+    rates = table["frequency"].to_numpy()
+    classes = parts_of_total(rates) if rates.size else np.zeros(0)
+    with speaking(language):
+        words = [
+            say("dossier.origin_first", part=Number("50")),
+            say("dossier.origin_next", part=Number("30")),
+            say("dossier.origin_rest", part=Number("20")),
+        ]
+    fields["parts"] = [
+        [str(text), colour, int(np.count_nonzero(classes == k))]
+        for k, (text, colour) in enumerate(zip(words, COLOURS, strict=False))
+    ]
+    arrays = {name: table[name].to_numpy("f8") for name in ("x", "y", "frequency", "share")}
+    arrays |= {"class": classes.astype("u1")}
+    cell = grid_of(hazard["hazard_class"])[0].cell
+    return binary_message("origins", arrays, **fields, cell=cell, total=float(rates.sum()))

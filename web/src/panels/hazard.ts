@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Hazard of the scenarios: frequencies a year at lines, nets and houses, classes on the map, and where boulders come from.
+import { checkbox, element } from '../dom';
+import type { HazardMessage, OriginsMessage } from '../protocol';
+import { tableOf } from '../tables';
+import { decimal, say } from '../texts';
+
+interface Actions {
+  run(on: boolean): void;
+  classes(on: boolean): void;
+  origin(place: string): void;
+}
+
+export class HazardPanel {
+  readonly root = element('div', { class: 'hazard' });
+  private readonly state = element('p', { class: 'hint', attributes: { role: 'status', 'data-read': 'hazard' } });
+  private readonly origin = element('section', { class: 'origins' });
+  private readonly content = element('div');
+  private readonly runs: HTMLInputElement;
+  private readonly shows: HTMLInputElement;
+
+  constructor(
+    scenarios: number,
+    private readonly actions: Actions,
+  ) {
+    const run = checkbox(say('app.hazard.run', { n: scenarios }), false, actions.run, { attributes: { 'data-action': 'hazard' } });
+    const show = checkbox(say('app.hazard.classes'), true, actions.classes, { attributes: { 'data-show': 'hazard' } });
+    this.runs = run.querySelector('input') as HTMLInputElement;
+    this.shows = show.querySelector('input') as HTMLInputElement;
+    this.root.append(
+      element('h2', {}, say('app.tab.hazard')),
+      element('p', { class: 'hint' }, say('app.hazard.hint')),
+      run,
+      show,
+      this.state,
+      this.origin,
+      this.content,
+    );
+  }
+
+  /** Whether the scenarios are run, and their classes shown. */
+  set(running: boolean, shown: boolean, enabled: boolean): void {
+    this.runs.checked = running;
+    this.shows.checked = shown;
+    this.runs.disabled = !enabled;
+  }
+
+  tell(text: string): void {
+    this.state.textContent = text;
+  }
+
+  show(header: HazardMessage | null): void {
+    this.content.replaceChildren();
+    if (!header) return;
+    const [scenarios, ...tables] = header.tables;
+    const places = tables.map((table) => tableOf(table, header.places, this.actions.origin));
+    this.content.append(
+      ...(places.length ? [element('p', { class: 'hint' }, say('app.hazard.choose'))] : []),
+      ...places.map((table) => element('div', { class: 'wide' }, table)),
+      ...header.sentences.map((text) => element('p', { class: 'sentence' }, text)),
+      ...(scenarios ? [tableOf(scenarios)] : []),
+    );
+  }
+
+  showOrigins(header: OriginsMessage | null): void {
+    this.origin.replaceChildren();
+    this.content.querySelectorAll('[data-place]').forEach((one) => one.setAttribute('aria-pressed', String((one as HTMLElement).dataset['place'] === header?.place)));
+    if (!header?.place) return;
+    const numbers = { place: header.place, n: header.total ? decimal(Number(header.total.toPrecision(2))) : '0' };
+    this.origin.append(
+      element('h3', {}, say('app.hazard.origins', numbers)),
+      ...(header.error ? [element('p', { class: 'alert amber' }, header.error)] : []),
+      key(header.parts.map(([text, colour, cells]) => [say('app.hazard.cells', { text, cells }), colour])),
+    );
+  }
+}
+
+function key(entries: readonly (readonly [string, string])[]): HTMLElement {
+  const items = entries.map(([text, colour]) => {
+    const patch = element('span', { class: 'patch' });
+    patch.style.background = colour;
+    return element('li', {}, patch, text);
+  });
+  return element('ul', { class: 'patches' }, ...items);
+}
