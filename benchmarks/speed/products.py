@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of the products of a result: report, PDF, hazard, export, lines, figures, by several builds.
+"""Cost of products: report, PDF, hazard, dossier, export, lines, figures, by several builds.
 
     python -m benchmarks.speed.products [--boulders 100000] [--repeat 3]
-        [--other PYTHON ...] [--commands report pdf hazard export lines figures]
+        [--other PYTHON ...] [--commands report pdf hazard dossier export lines figures]
 
 The slope of `cases/vaujany` with seven maps; for the hazard `cases/settlement`, with few boulders,
-so that its files count. `--other` are Pythons of other builds of rockfall, which take turns with
-this one, each with a result of its own; numbers are minima of the turns. On a busy machine use the
-CPU times.
+so that its files count; for the dossier `cases/decision` as it is: four variants of three
+scenarios, and a second model. `--other` are Pythons of other builds of rockfall, which take turns
+with this one, each with a result of its own; numbers are minima of the turns. On a busy machine use
+the CPU times.
 """
 
 import argparse
@@ -23,12 +24,15 @@ MAPS = (
     "passages", "reach_probability", "deposits", "energy_max", "energy_q95", "speed_q95",
     "jump_height_q95",
 )  # fmt: skip
-SETTLEMENT = ROOT / "cases/settlement"
+SETTLEMENT, DECISION = ROOT / "cases/settlement", ROOT / "cases/decision"
+LAYERS = ROOT / "cases/tutorial/make_layers.py"  # of the decision
 COMMANDS = {
     "report": "report out.nc -o out.html --overwrite",
     "pdf": "report out.nc --pdf --language de -o out.pdf --overwrite",
     "hazard": "hazard settlement/case.nml --objects settlement/objects.geojson --boulders 5 "
     "--quiet -o hazard --overwrite",
+    "dossier": "dossier decision/decision.nml --objects decision/houses.gpkg --objects "
+    "decision/traffic.gpkg --quiet -o dossier --overwrite",
     "export": "export out.nc exported --overwrite",
     "lines": "lines out.nc",
     "figures": "figures out.nc figures --overwrite",
@@ -60,6 +64,8 @@ def prepare(python: str, folder: Path, boulders: int) -> None:
     rows = [line.split(",") for line in table.read_text().splitlines()]
     table.write_text("\n".join(",".join(row[:2]) for row in rows) + "\n")  # any build's ground
     run_child(sys.executable, SETTLEMENT / "make_terrain.py", folder / "settlement")
+    shutil.copytree(DECISION, folder / "decision")
+    run_child(sys.executable, LAYERS, cwd=folder / "decision")
 
 
 def main() -> None:

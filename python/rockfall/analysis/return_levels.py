@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -192,9 +193,10 @@ def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
     """Upper end point and the upper limit of its 95 % interval (profile likelihood); both infinite
     if the latter is."""
     theta = fit.shape / fit.scale
+    lowest = best_of(theta, excess)[2]
 
     def excess_cost(other: float) -> float:
-        loss = best_of(other, excess)[2] - best_of(theta, excess)[2]
+        loss = best_of(other, excess)[2] - lowest
         return loss * excess.size * weight - Z**2 / 2
 
     nothing = -1e-9 / excess.max()
@@ -254,7 +256,7 @@ def _level(
         return Level(refused=say("level.too_long", times=MAX_PERIOD))
     assert fit is not None  # or it would be refused
     level = _profiled(N, sample, independent, fit)
-    if tried[-1].shape > -MAX_SHAPE:
+    if tried[-1].shape > -MAX_SHAPE and tried[-1] is not fit:
         other = _profiled(N, sample, independent, tried[-1])
         level = Level(level.value, min(level.low, other.low), max(level.high, other.high))
     if level.high > MAX_HIGH * level.value:
@@ -307,6 +309,7 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
     lowest = best_of(fit.shape / fit.scale, value - fit.threshold)
     allowed = Z**2 / 2 * (1 + BARTLETT * n / (k * independent))
 
+    @cache  # the ends of brackets are asked for twice
     def excess_cost(level: float) -> float:
         above = level - fit.threshold  # the tail may not end before the level
         end = max(-1.0, math.log1p(-top / max(above, (1 + 1e-9) * top)) / reach)
