@@ -64,7 +64,7 @@ GONE = {"czml": "is no longer written: use kml, which Cesium reads"}
 DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF: each feature once
 MEASURED = {"LineString ZM": "Measured 3D LineString"}  # by its name in pyogrio
 _ROWS = 100_000  # boulders in memory at a time
-_TOGETHER = 200_000  # maximum number of line crossings that are written together
+_TOGETHER = 500_000  # crossings of lines that are written together: a third of a gigabyte
 PLACES = 4  # decimals of places of crossings [m], which are accurate to a tenth of a millimetre
 METRES = {"units": "m"}
 #: Attributes of the columns of crossings.
@@ -411,17 +411,18 @@ def _sources(sources: SourceTable) -> Features:
 
 
 def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
-    """First crossings of each line, with all their variables. Lines that few boulders cross are
-    written together: GDAL indexes appended rows one by one."""
+    """First crossings of each line, with all their variables, in parts that fit in memory. Lines
+    that few boulders cross are written together: GDAL indexes appended rows one by one."""
     import shapely
 
     pending: list[Features] = []
-    for k, name in enumerate(line_names(data)):
-        columns = _crossings(data, k)
+    parts = ((name, part) for k, name in enumerate(line_names(data))
+             for part in _parts(_crossings(data, k)))  # fmt: skip
+    for name, columns in parts:
         points = shapely.points(columns["x"].values, columns["y"].values)
         line = {"line": np.full(points.size, name, dtype=object)}
         pending.append((points, line | dict(_field(*column) for column in columns.items())))
-        if sum(len(points) for points, _ in pending) > _TOGETHER:
+        if sum(len(points) for points, _ in pending) >= _TOGETHER:
             yield _joined(pending)
             pending = []
     if pending:
