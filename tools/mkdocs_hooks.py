@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Hooks of mkdocs.yml for the site.
 
-- Links of pages to files outside docs/ (cases, benchmarks, CHANGELOG.md, ...) hold in a browser of
+- Links of pages to files outside docs/ (cases, benchmarks, CHANGELOG.md, ...) work in a browser of
   the repository and here: Markdown becomes a page of the site, any other file comes with it.
 - Equations, `$...$` and `$$...$$` with `\\tag{n}`, become MathML, which browsers draw.
-- The pages that FORD makes of the kernel, in out/fortran, stand under fortran/.
+- The pages that FORD makes of the kernel, in out/fortran, are put under fortran/.
 - Archived pages can be linked to, but are neither in the navigation nor in the search.
 - No page may ask anything of the network, and each link must lead somewhere.
 """

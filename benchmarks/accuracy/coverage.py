@@ -53,7 +53,7 @@ class Held:
         self.of: dict[tuple, list] = defaultdict(list)
 
     def add(self, name: str, low, high, truth, passages) -> None:
-        """Those of one repetition."""
+        """Add the counts of one repetition."""
         low, high, truth = (np.asarray(one, float) for one in (low, high, truth))
         level = np.digitize(passages, LEVELS) - 1
         given = np.isfinite(low) & np.isfinite(high)

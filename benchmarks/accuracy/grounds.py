@@ -70,8 +70,8 @@ class Measured(NamedTuple):
 
 
 def kinds() -> Iterator[Kind]:
-    """The impact set with rocks of several sizes, the rows of the shipped table, and those of other
-    shipped tables that differ from them."""
+    """The impact set with rocks of several sizes, the rows of the shipped table, and the rows of
+    other shipped tables where they differ."""
     for ratio in RATIOS:
         label = f"vaujany-observed, R_b/R_m = {ratio}"
         yield Kind(label, "impact_sets", "vaujany-observed", RADIUS / ratio)

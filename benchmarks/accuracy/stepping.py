@@ -285,7 +285,7 @@ def terrain(dem: Path) -> tuple[rockfall.Case, np.ndarray]:
 def figure(
     flat: list[Run], last: float, rough: list[Run], samples: list[Samples], path: Path
 ) -> None:
-    """Write the error of one landing on the plane against step and CPU time, and that of the
+    """Write the error of one landing on the plane against step and CPU time, and the error of the
     fraction passing the first line of cases/vaujany against CPU time; `last` is the exact flight's
     error of the last contact on the plane [m]."""
     import matplotlib.pyplot as plt

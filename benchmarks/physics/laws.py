@@ -2,10 +2,10 @@
 """Rebound models by their names in benchmarks of sites: the matrix, tables of impacts, and rows of
 a table of grounds.
 
-`--law NAME=TABLE` is a table of impacts: one that is shipped, or a file in whose name {shape}
-stands for the shape of the block; `TABLE@27` the same with a `rest_angle` of 27 degrees. `--ground
-ROW` is a classical rebound: a row of the shipped table of grounds; `ROW@16` the same with a
-`roughness_angle` of 16 degrees; `TABLE:ROW` a row of another shipped table or of a file of grounds.
+`--law NAME=TABLE` is a table of impacts: one that is shipped, or a file, in whose name {shape}
+is replaced by the shape of the block; `TABLE@27` adds a `rest_angle` of 27 degrees. `--ground ROW`
+is a classical rebound: a row of the shipped table of grounds; `ROW@16` adds a `roughness_angle` of
+16 degrees; `TABLE:ROW` is a row of another shipped table or of a file of grounds.
 """
 
 import argparse

@@ -6,12 +6,13 @@
         [--radius-sigma S ...] [--write]
 
 Table 2 of the paper prints mean, deviation and maximum of 100 boulders at two lines.
-`vaujany-observed` is fitted to them on other slopes, `bourrier2009` to what the paper *simulated*.
-Prints the relative errors, of maxima those of their mean over hundreds of boulders, by these sets,
-other named sets, and tables of impacts or classical grounds (benchmarks.physics.laws), over slopes
-of the recipe of cases/vaujany with their standard errors, and those of the paper's own simulation.
---radius-sigma adds `vaujany-observed` with rocks of each boulder's own size, and the change of the
-mean error of its six deviations. --write puts them into the table of evidence.
+`vaujany-observed` is fitted to them on other slopes, `bourrier2009` to the numbers that the paper
+*simulated*. Prints the relative errors of these sets, of other named sets, and of tables of impacts
+or classical grounds (benchmarks.physics.laws), over slopes of the recipe of cases/vaujany, with
+their standard errors, and the errors of the paper's own simulation; maxima are compared by their
+mean over hundreds of boulders. --radius-sigma adds `vaujany-observed` with rocks of each boulder's
+own size, and the change of the mean error of its six deviations. --write puts all into the table of
+evidence.
 """
 
 import argparse

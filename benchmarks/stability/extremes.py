@@ -2,7 +2,7 @@
 """Extreme terrain, scales and impact sets as cases for `stability.py` and the tests.
 
 The default is a lively impact set on rough ground of 40 degrees. Local and map coordinates are
-equal there, and cells are 2 m, so that points meant to be on a side are exactly there.
+equal there, and cells are 2 m, so that points on the side of a cell are exactly on it.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Scene:
         return rockfall.Case(folder=folder, name=self.name, **merged)
 
     def arrays(self) -> dict[str, Any]:
-        """The rasters, as `rockfall.run` takes them."""
+        """The rasters, as arguments of `rockfall.run`."""
         rocks = np.full(self.z.shape, self.surface, "f4")
         return {"dem": self.z, "transform": self.grid, "mean_radius": rocks}
 

@@ -126,7 +126,7 @@ def _spelled(random: np.random.Generator, value: float) -> str:
 def _spoil_header(
     random: np.random.Generator, rows: list, centre: bool, split: bool, shape: tuple[int, int]
 ) -> str:
-    """One fault; what it is."""
+    """Introduce one fault, and return its description."""
     k = int(random.integers(len(rows)))
     key = rows[k][0]
     fault = pick(random, ("word", "word", "word", "twice", "missing", "mixed", "size", "both",
@@ -266,7 +266,7 @@ def _spoil_netcdf(
     random: np.random.Generator, about: dict, units: list, stored: np.dtype,
     x: np.ndarray, y: np.ndarray,
 ) -> str:  # fmt: skip
-    """One fault; what it is."""
+    """Introduce one fault, and return its description."""
     fault = pick(random, ("unit", "unit", "unit", "scale", "offset", "range", "valid", "unsigned",
                           "missing", "uneven", "oblong", "text"))  # fmt: skip
     if fault == "unit":
@@ -313,7 +313,7 @@ def _typed(value: Any, stored: np.dtype) -> Any:
 
 
 def geotiff_structure(random: np.random.Generator, folder: Path) -> Made:
-    """Types, tiles, marks, packing, companions; or what leads elsewhere."""
+    """Types, tiles, marks, packing, companion files, or offsets that point elsewhere."""
     z, path = elevations(random), folder / "dem.tif"
     stored = np.dtype(pick(random, ("u1", "i2", "u2", "i4", "u4", "f4", "f8")))
     raw = z.astype(stored) if stored.kind == "f" else (np.abs(z) % 250).astype(stored)

@@ -24,7 +24,7 @@ def run(name: str, seed: int, **changes):
 
 
 def numbers(seed: int) -> Iterator[tuple[str, float]]:
-    """What one seed gives."""
+    """The numbers of a run with one seed."""
     results = {name: run(name, seed) for name in ("road", "net", "dam")}
     bare = rockfall.design(results["road"], residual=0.02)
     came = bare.demand.set_index("line").loc["net", "n"]

@@ -10,8 +10,8 @@
     houses.gpkg  houses (polygons) with their values and residents
     traffic.gpkg the road (line): vehicles a day
 
-It needs what rockfall needs, and nothing of rockfall. The valley is made up; it has coordinates of
-EPSG:25832 so that a GIS can show it, and lies at no real place.
+It needs the packages that rockfall needs, but not rockfall itself. The valley is made up; it has
+coordinates of EPSG:25832 so that a GIS can show it, and lies at no real place.
 """
 
 import sys

@@ -191,7 +191,7 @@ def slopes(seed: int, count: int) -> list[Talus]:
 
 
 def numbers(sets: Sets, name: str, on: list[Talus], boulders: int) -> dict[str, float]:
-    """All numbers of sets: means over slopes, and what follows from the matrices."""
+    """All numbers of sets: means over slopes, and numbers derived from the matrices."""
     observed = name == "vaujany-observed"
     site = Site(HERE, boulders, trajectories=0)
     rows = []
@@ -389,7 +389,8 @@ class Inference:
     ranges: dict[str, tuple[float, float]]
 
     def header(self) -> list[str]:
-        """The comments of a set file: what was fitted, how well, and what was judged."""
+        """The comments of a set file: which numbers were fitted, how well, and how others
+        compare."""
         wanted = items(self.name)
         mean, error = self.slopes.mean(), self.slopes.std() / np.sqrt(len(self.slopes))
         off = {item.name: item.residual(mean[item.name]) for item in wanted}

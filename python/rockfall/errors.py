@@ -34,8 +34,8 @@ class RockfallError(ValueError):
 
 
 def check_kernel(code: int, message: bytes, name: str = "") -> None:
-    """Raise an error that the kernel reports for the scene; `name` is put before a line without
-    one."""
+    """Raise an error that the kernel reports for the scene; `name` is put before lines that lack a
+    name."""
     if code:
         text = message.decode(errors="replace").strip()
         raise RockfallError(f"{name}: {text}" if name else text, code)

@@ -79,7 +79,7 @@ class Exhibit:
         return [name for name in MAP if name in self.result and name not in EXCEEDED]
 
     def start(self) -> None:
-        """Send all that is shown."""
+        """Send all messages of the view."""
         for kind, message in self.messages():
             self._tell(kind, message)
 
@@ -87,7 +87,7 @@ class Exhibit:
         """End nothing: nothing is running."""
 
     def look(self, view: View) -> None:
-        """Change what is shown."""
+        """Change the selected map, lines or section."""
         before, self.view = self.view, view
         if view.section != before.section:
             self._tell("section", self._section())
@@ -118,7 +118,7 @@ class Exhibit:
         yield from self._pictures()
 
     def _pictures(self) -> Iterator[tuple[str, Message]]:
-        """Messages that depend on what is shown."""
+        """Messages that depend on the selected map, lines and section."""
         result, attrs, view = self.result, self.result.attrs, self.view
         progress: dict[str, Any] = {
             "revision": 0, "boulders": simulated(result), "running": False, "seconds_left": None,

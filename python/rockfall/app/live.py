@@ -133,7 +133,7 @@ class Live:
             return self.document, self.revision
 
     def look(self, view: View) -> None:
-        """Change what is shown; another map or section needs another run."""
+        """Change the selected map, lines or section; another map or section needs another run."""
         with self._wake:
             if view.map != self.view.map or (view.section and not self.view.section):
                 self._pending.document = self._pending.document or self.document

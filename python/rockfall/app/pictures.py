@@ -90,8 +90,8 @@ class Ground:
 def background_message(
     scene: Scene, zones: dict[int, Zone], sources: bool, ground: Ground, **fields: Any
 ) -> bytes:
-    """Message `background`: the parts of a case that are no features of its document. `zones` are
-    the rows of its raster of zones; `sources`: whether it has others than drawn ones."""
+    """Message `background`: the parts of a case that are not features of its document. `zones` are
+    the rows of its raster of zones; `sources` is true if it has sources that were not drawn."""
     arrays: dict[str, np.ndarray] = {}
     entries, rows = [], scene.rasters.zone
     if zones and rows is not None and len(zones) < 256:

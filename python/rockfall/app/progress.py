@@ -129,7 +129,7 @@ class Progress:
         return self._table is not None and bool(self._table.missing)
 
     def _tell_further(self) -> bool:
-        """Send the statistics of some lines that were not in view; False if there are no more."""
+        """Send the statistics of some lines that were not in view; False if none are left."""
         if self._table is not None:
             self._tell_lines(list(islice(self._table.missing, MAX_LINES)))
         return self._has_missing()

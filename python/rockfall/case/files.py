@@ -39,8 +39,8 @@ def input_files(case: Case) -> Iterator[Path]:
 
 
 def read_names(case: Case) -> list[str]:
-    """Names, without folders, of the files that a case gives: those of sets and tables of impacts,
-    which it may name and not follow, are left out."""
+    """Names, without folders, of the files that a case gives: files of sets and tables of impacts,
+    which may be named but unused, are left out."""
     names = (
         name
         for key, name in case.files()

@@ -29,7 +29,8 @@ def is_done(
     checkpoints: Iterable[Checkpoint],
     are_finished: Callable[[], bool],
 ) -> bool:
-    """Return True if `--resume` finds the files of a finished study; refuse those of another."""
+    """Return True if `--resume` finds the files of a finished study; refuse files of another
+    study."""
     there = [path.exists() for path in made]
     if not (arguments.resume and any(there)):
         return False
@@ -61,7 +62,7 @@ def study_checkpoints(
 
 
 def study_interrupted(checkpoints: Iterable[Checkpoint]) -> int:
-    """Report what the checkpoints hold after Ctrl-C, and return the exit status."""
+    """Report the progress saved in checkpoints after Ctrl-C, and return the exit status."""
     kept = [str(checkpoint.path) for checkpoint in checkpoints if checkpoint.saved]
     if not kept:
         raise KeyboardInterrupt

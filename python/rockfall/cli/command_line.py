@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _check_names(arguments: argparse.Namespace) -> None:
-    """Refuse names that are not UTF-8: netCDF and case files can hold no others."""
+    """Refuse names that are not UTF-8, which netCDF and case files require."""
     encoding = sys.getfilesystemencoding()
     if encoding != "utf-8":
         raise RockfallError(f"file names are in {encoding} here: set LC_ALL=C.UTF-8")

@@ -96,7 +96,7 @@ def read_hazard(path: str | Path) -> xr.Dataset:
 
 
 def is_hazard(path: str | Path) -> bool:
-    """Return True if a netCDF file holds a hazard; False for any other, or none."""
+    """Return True if a file is a netCDF file of a hazard; False otherwise."""
     try:
         with open_netcdf(path) as file:
             return "hazard_class" in file.variables

@@ -114,7 +114,7 @@ class ImpactTable:
         )
 
     def columns(self, low: float, high: float) -> ImpactTable:
-        """The parts of the columns that serve sizes from `low` to `high`, of a single row."""
+        """The parts of the columns for sizes from `low` to `high`, of a single row."""
         kept = _around(self.size, low, high)
         per_part = (len(self.first) - 1) // len(self.size)
         bins = slice(kept.start * per_part, kept.stop * per_part)

@@ -45,10 +45,10 @@ def import_avaframe(
 ) -> dict[str, list[str]]:
     """Write to the folder `out` a case of the inputs of an AvaFrame folder (or of its `Inputs`):
     the DEM, release areas of `REL` (several are variants), and the cells of `INFRA` as polygons for
-    `rockfall hazard --objects`. Returns lines about what was taken over, with changes, and not.
-    `ground` is that of the slope, which AvaFrame does not know, `crs` (such as EPSG:31287) the
-    coordinate system of a DEM without one. A raster in `RES` has no stems: it is refused, or left
-    out by `no_forest`.
+    `rockfall hazard --objects`. Returns lines about inputs imported unchanged, imported with
+    changes, and ignored. `ground` is that of the slope, which AvaFrame does not know, `crs` (such
+    as EPSG:31287) the coordinate system of a DEM without one. A raster in `RES` has no stems: it is
+    refused, or left out by `no_forest`.
 
     >>> import rockfall
     >>> lines = rockfall.import_avaframe("avaHill", "boulders", ground="talus", crs="EPSG:31287")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Imports of projects of other programs: what each of their inputs became, and the case file."""
+"""Imports of projects of other programs: the report on each input, and the case file."""
 
 from __future__ import annotations
 

@@ -102,8 +102,8 @@ class Layer:
         return best if hits[best] else ""
 
     def values(self, made: Import, kind: str) -> dict[str, list[float]]:
-        """Numbers of all features by key; what is missing has the default, which is noted where it
-        has an effect."""
+        """Numbers of all features by key; missing ones get the default, which is noted where it has
+        an effect."""
         own = {name for key in KEYS[kind].values() for name in key.names}
         for name in self.columns.keys() - own - {"name"}:
             why = WITHOUT_EFFECT.get(name, "is no attribute that PlatRock reads here")
@@ -159,8 +159,8 @@ def import_platrock(
 ) -> dict[str, list[str]]:
     """Write to the folder `out` a case of the layers of a PlatRock simulation in three dimensions:
     one DEM (.asc, .tif), GeoJSON of rocks, soils, forest and checkpoints by their attributes, trees
-    (.xyd). Returns lines about what was taken over, with changes, and not. `crs` (such as
-    EPSG:2154) is the coordinate system of all of them, which PlatRock ignores.
+    (.xyd). Returns lines about inputs imported unchanged, imported with changes, and ignored. `crs`
+    (such as EPSG:2154) is the coordinate system of all of them, which PlatRock ignores.
 
     >>> import rockfall
     >>> lines = rockfall.import_platrock("simulation", "imported", crs="EPSG:2154")

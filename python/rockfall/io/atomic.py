@@ -90,7 +90,7 @@ def atomic_folder(
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """Create a folder and its parents; new ones are removed again after an error."""
+    """Create a folder and its parents; after an error, remove the new ones."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -143,7 +143,7 @@ def _draw_band(
 
 
 def _with_limits(table: pd.DataFrame, name: str, factor: float) -> list[np.ndarray]:
-    """Column of a number, and those of the limits of its interval."""
+    """Columns of a number and of the limits of its interval."""
     return [factor * table[column].to_numpy(float) for column in with_limits(name)]
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """XML of a project: coordinate system, tree of layers, layers, themes, extent, layouts.
 
-Elements and attributes are those that QGIS 3.22 and later read; omitted ones have their defaults
-there. Sources of layers are relative to the project.
+Elements and attributes are those read by QGIS 3.22 and later, which uses defaults for omitted ones.
+Sources of layers are relative to the project.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Theme(NamedTuple):
 
 
 class Project(NamedTuple):
-    """All that a project has."""
+    """Contents of a project."""
 
     title: str
     crs: str | None  # well-known text

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of a project, from the files of a folder and the styles that they have there."""
+"""Layers of a project, from the files of a folder and their styles there."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def kernel_arrays(arrays: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _elevations(rasters: Rasters) -> np.ndarray:
-    """Elevations in the precision that they have."""
+    """Elevations, in their own precision."""
     z = rasters.z if rasters.z.size else NO_TERRAIN
     return np.require(z, "f4" if z.dtype == np.float32 else "f8", ["C", "A"])
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rasters and sources of a scene, as they are read."""
+"""Rasters and sources of a scene, as read from files."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ ABOUT = {  # dimensions, units, long name
 def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
     """Write `scene.nc` and `case.nml` to `folder`; returns these paths.
 
-    The scene file holds all numbers of the kernel's input, so rockfall-batch gives identical
+    The scene file contains all numbers of the kernel's input, so rockfall-batch gives identical
     results. `arrays` are as in `rockfall.scene.read.read_scene`.
     """
     folder, inputs = Path(folder), list(input_files(case))

@@ -124,7 +124,7 @@ class Scene(Sources):
 
     @property
     def shapes(self) -> list[str]:
-        """Block shapes that its boulders can have; [] if all have the one of the case."""
+        """Block shapes that its boulders can have; [] if all have the shape of the case."""
         own, shapes = self.source_shape, {*possible_shapes(self.case)}
         by_axes = "block_axes" in self.case.boulder
         if by_axes and self.features is not None and self.features.law is not None:

@@ -45,7 +45,7 @@ FRESH = Stages()
 
 @dataclass(frozen=True)
 class _Kept:
-    """Result of a stage, and what it depends on."""
+    """Result of a stage, and the inputs on which it depends."""
 
     uses: tuple[Any, ...]  # objects compared by identity: none is changed in place
     seen: dict[str, Any]  # groups of the case that were read, by name

@@ -121,7 +121,7 @@ class Tally:
         return before + self.array("crossing_line").size
 
     def part_arrays(self) -> list[Array]:
-        """Arrays of the packed part, likewise."""
+        """Arrays of the packed part, in the same form."""
         arrays = self._chosen(self.run.part_arrays())
         if self.spilled is None:
             return arrays

@@ -76,8 +76,8 @@ def boulders_at(result: xr.Dataset, line: str, alignment: str) -> AtAlignment:
 
 
 def _bytes(scene: Scene) -> int:
-    """Memory for the boulders at a line [bytes]. Those of scenarios are pooled: results, and copies
-    of what crosses, are held at once."""
+    """Memory for the boulders at a line [bytes]. Boulders of scenarios are pooled: results, and
+    copies of the boulders that cross, are in memory at once."""
     scenarios = len(scene.case.scenario)
     return BYTES_AT_LINE * scene.boulders * (1 + 2 * scenarios)
 
@@ -134,7 +134,8 @@ def scene_with(
 def memory_note(
     scene: Scene, alignments: Sequence[Alignment], batches: Sequence[Sequence[Alignment]]
 ) -> str:
-    """Note that the case runs several times, with what all alignments at once would need."""
+    """Note that the case runs several times, with the memory needed to run all alignments at
+    once."""
     need, scenarios = _bytes(scene) * len(alignments) / 1e9, len(scene.case.scenario) or 1
     return (
         f"{scenarios * scene.boulders:,} boulders at {len(alignments)} alignments take {need:.2g} "

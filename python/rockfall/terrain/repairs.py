@@ -68,7 +68,7 @@ def _spill(z: np.ndarray) -> np.ndarray:
 
 
 def _pairs(number: np.ndarray) -> np.ndarray:
-    """Pairs of adjacent cells (2, n), each once; 0 stands for everything outside."""
+    """Pairs of adjacent cells (2, n), each once; 0 is everything outside."""
     padded, pairs = np.pad(number, 1), []
     ny, nx = padded.shape
     for down, right in HALF:

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The laboratory at many settings of its physical parameters: the training data of the emulator.
 
-    python design.py WORK            # fire; an interrupted run goes on where it stopped
+    python design.py WORK            # fire; continues an interrupted run
     python design.py WORK --fit      # sets of all settings that are done, into design.nc
 
-The settings stand in settings.csv: a first wave from a Sobol sequence over the prior, later ones
-from what the posterior of those before left (`posterior.py --wave`). All have the same seed: the
-same radii, places, angles and speeds are drawn (common random numbers).
+The settings are in settings.csv: a first wave from a Sobol sequence over the prior, later waves
+from the posterior of the earlier ones (`posterior.py --wave`). All have the same seed, and so the
+same radii, places, angles and speeds (common random numbers).
 """
 
 from __future__ import annotations

@@ -3,15 +3,15 @@
 
     python posterior.py WORK --prior 512      # numbers of the site over the prior: prior.csv
     python posterior.py WORK --wave 8         # settings to learn from next, into settings.csv
-    python posterior.py WORK --steps 100      # the chain; an interrupted one goes on
+    python posterior.py WORK --steps 100      # the chain; continues an interrupted one
     python posterior.py WORK --draws 24       # states of the posterior: posterior.csv
 
-A state is a setting of the laboratory, the state of the boulder that counts as its rebound, and
-what is not known of the slope. Its likelihood is that of what the paper prints of EL1, by methods A
-and B, and of its rebounds, and of the rule that larger boulders are not less mobile on the same
-ground; the boulders of all states have the same seeds. How far a stand-in for the site may be off
-is half of the bounds of the scorecard, for energies all of them; A and B, on the same slopes, count
-as one; other numbers as independent. What the emulator does not know comes on top.
+A state is a setting of the laboratory, the state of the boulder that counts as its rebound, and the
+unknown properties of the slope. Its likelihood combines the printed numbers of EL1 by methods A and
+B, the printed rebounds, and the rule that larger boulders are not less mobile on the same ground;
+the boulders of all states have the same seeds. The standard error of the modelled site is half of
+the bounds of the scorecard (for energies the whole bounds); A and B, on the same slopes, count as
+one number, all others as independent. The variance of the emulator is added.
 """
 
 from __future__ import annotations

@@ -38,8 +38,8 @@ def layers_checksum(objects: Objects, segments: Segments) -> str:
 
 
 def is_finished(path: Path, case: Case, scene: Scene, objects: Objects, segments: Segments) -> bool:
-    """Return True if a file is the hazard of a case, of these inputs, by this version. Any other
-    file, and a damaged one, is not."""
+    """Return True if a file is the hazard of a case, of these inputs, by this version. Return False
+    for any other file, or a damaged one."""
     expected = {
         "version": __version__,
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),

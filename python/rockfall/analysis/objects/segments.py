@@ -3,8 +3,8 @@
 
 A segment with a width is the strip of ground along its piece of the axis, with straight ends, whose
 outline becomes an evaluation line with no width: a boulder hits the segment as soon as it touches
-the strip with its side. So a boulder that lies over the end of a segment hits both, and one that
-crosses a winding road twice is counted where it crosses, each time.
+the strip with its side. A boulder that touches two segments therefore hits both, and a boulder that
+crosses a winding road twice is counted at both places.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def check_roads(given: AtRisk) -> None:
 
 
 def roads_of(given: AtRisk, scene: Scene, remarks: list[str]) -> Segments:
-    """Segments of the roads of a layer; none without one."""
+    """Segments of the roads of a layer; an empty list without a layer."""
     roads, layer = given.segments, given.segments_layer
     if roads is None:
         return Segments()
@@ -212,7 +212,7 @@ def _stretches(parts: Sequence[Sequence[np.ndarray]], layer: Layer) -> Iterator[
 
 
 def _roads(stretches: Sequence[_Stretch], label: str) -> list[str]:
-    """Name of each road: that of its lines if they have the same, else that of the layer."""
+    """Name of each road: the common name of its lines, or else the name of the layer."""
     names: dict[int, set[str]] = {}
     for stretch in stretches:
         names.setdefault(stretch.road, set()).add(stretch.name)

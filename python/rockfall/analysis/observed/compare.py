@@ -206,7 +206,7 @@ def _named(table: str, row: dict[str, Any]) -> tuple[bool, float, str]:
 
 
 def _differs(row: dict[str, Any]) -> bool | None:
-    """Verdict of a row of a comparison; None without one."""
+    """Verdict of a row of a comparison; None if the row has no verdict."""
     if "p" in row:
         return None if np.isnan(row["p"]) else row["p"] < LEVEL
     if "verdict" in row:
@@ -290,7 +290,7 @@ def _verdicts(
     observed: float, low: float, high: float, simulated: float, from_: float, to: float
 ) -> tuple[bool | None, bool | None]:
     """Verdicts: whether the interval of the simulated number contains the observed one, and whether
-    that of their difference (Zou and Donner 2008) contains 0. An observed number without an
+    the interval of their difference (Zou and Donner 2008) contains 0. An observed number without an
     interval is taken as exact; None if the simulated one has none."""
     if np.isnan(observed) or np.isnan(from_):
         return None, None

@@ -80,8 +80,8 @@ def unit_notes(seen: Observed) -> Iterator[Text]:
 
 
 def ratio_notes(errors: pd.DataFrame) -> Iterator[Text]:
-    """Notes on means or maxima at lines, as rows of `Comparison.errors`, whose ratio to those of
-    the run is that of another unit."""
+    """Notes on means or maxima at lines, as rows of `Comparison.errors`, whose ratio to the
+    simulated ones suggests another unit."""
     rows = errors[errors["statistic"].isin(("mean", "max")) & (errors["observed"] > 0)]
     for (line, quantity), group in rows.groupby(["line", "quantity"], sort=False):
         comparable = group[group["simulated"] > 0]
@@ -95,7 +95,7 @@ def ratio_notes(errors: pd.DataFrame) -> Iterator[Text]:
 def distance_notes(
     ours: np.ndarray, distances: np.ndarray | None, seen: Observed
 ) -> Iterator[Text]:
-    """Note on run-outs whose ratio to those of the run [m] is that of another unit."""
+    """Note on run-outs whose ratio to the simulated ones [m] suggests another unit."""
     if distances is not None and distances.size:
         ratio = float(distances.mean() / ours.mean())
     elif seen.passing is not None:

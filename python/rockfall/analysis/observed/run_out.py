@@ -133,9 +133,8 @@ def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
-    """Stopping distances, and where places are known lateral offsets, of observed and simulated
-    boulders; of the result those from sources with observed boulders. None if distances are
-    unknown."""
+    """Stopping distances, and lateral offsets where places are known, of observed boulders, and of
+    simulated boulders from the same sources. None if distances are unknown."""
     observed = observed_boulders(result, seen)
     if observed is None:
         return None
@@ -305,7 +304,7 @@ class Frame(NamedTuple):
 
 
 def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
-    """Frames of the groups of sources whose stopping places were observed."""
+    """Tables of the groups of sources for which stopping places were observed."""
     origins = starts(result)
     if seen.stops is None or (seen.starts is None and len(origins.places) > 1):
         return {}

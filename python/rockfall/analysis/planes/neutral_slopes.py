@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Neutral slopes of a scene, on which a bounce loses what the next flight gains, compared with the
-slopes of its ground. On steeper ground boulders accelerate without limit: bouncing has no terminal
-velocity."""
+"""Neutral slopes of a scene, on which a bounce loses as much energy as the next flight gains,
+compared with the slopes of its ground. On steeper ground boulders accelerate without limit:
+bouncing has no terminal velocity."""
 
 from __future__ import annotations
 

@@ -278,7 +278,7 @@ def _inverse_of_cubic(t: float, a: float) -> float:
 
 def sources(result: Held) -> Sources:
     """Sources of the boulders of a result, by `source`. In a sample, sources at one place are
-    merged: the place was chosen, whatever volumes it releases."""
+    merged: the place was chosen once, whichever volumes it releases."""
     return sources_of(result, are_sampled(result))
 
 

@@ -31,8 +31,9 @@ NONE = 0.0, 0.0, 0.0
 
 
 class Estimate(NamedTuple):
-    """A statistic of the boulders that have a value, and what each released boulder contributes to
-    its error (its influence, of mean 0; Hampel 1974). NaN, and no influence, from too few."""
+    """A statistic of the boulders that have a value, and the contribution of each released boulder
+    to its error (its influence, of mean 0; Hampel 1974). With too few boulders, the statistic is
+    NaN without influences."""
 
     value: float
     influence: np.ndarray | None = None

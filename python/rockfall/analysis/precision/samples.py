@@ -130,7 +130,8 @@ class Values(Sample):
     """Values of boulders."""
 
     def __init__(self, values: np.ndarray, source: Sources | Passing) -> None:
-        """Values of the boulders that have one, or of all from these sources with NaN for none."""
+        """Values of the boulders that have one, or, given sources, of all boulders from them (NaN
+        without a value)."""
         if isinstance(source, Sources):
             has = ~np.isnan(values)
             values, source = values[has], Passing(source, has)

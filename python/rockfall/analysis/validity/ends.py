@@ -113,7 +113,7 @@ def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iter
 
 
 def _lines_of(values: Variables, case: Case) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Index and group of the lines of a case for which there are values: its first ones."""
+    """Index and group of the lines of a case that have values: the first lines."""
     return zip(range(np.size(values["row_size"])), case.lines, strict=False)
 
 

@@ -49,8 +49,9 @@ def log_remarks(case: Case) -> Iterator[Remark]:
 
 
 def breakage_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on breakage: that its rule is not validated, what statistics count, and boulders
-    whose fragments were limited or lost as fines; none where boulders do not break."""
+    """Remarks on breakage: that its rule is not validated, which fragments the statistics count,
+    and how many boulders had fragments limited or lost as fines; empty where boulders do not
+    break."""
     if case.breakage["at"] == "none":
         return
     yield Remark(say("model.breakage"), True, is_counted=False)

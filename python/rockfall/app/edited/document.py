@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The edited document, its site (what stays as opened), and the one way in which both make a case
-with layers, for a live run and for files alike."""
+"""The edited document, its site (the parts of a case that are not edited), and the case with layers
+made of both, identical for a live run and for files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Document:
     variant: str = ""  # name of the &variant from which it comes; "": the case without them
 
     def content(self) -> dict[str, Any]:
-        """Document as the page gets it."""
+        """Document in the form sent to the page."""
         layers = {
             name: [feature._asdict() for feature in features]
             for name, features in self.layers.items()
@@ -179,8 +179,8 @@ def _release_from(sources: list[Feature], release: dict[str, Any]) -> None:
 
 
 def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list[Feature]:
-    """Zones that are drawn, and those that fill the rest of the terrain with the uniform ground of
-    the case; each has a number where there is a default zone."""
+    """Drawn zones, and zones that fill the rest of the terrain with the uniform ground of the case;
+    all are numbered if there is a default zone."""
     sizes = {key: surface.pop(key) for key in SIZES if key in surface}
     surface["zones"] = FROM_ARRAY
     if "table" in surface:
@@ -191,7 +191,7 @@ def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list
 
 
 def _numbered(zones: list[Feature]) -> list[Feature]:
-    """Zones with a number each: zones without a number get new ones."""
+    """Zones, numbered: those without a number get a new one."""
     new = max((zone.properties.get("zone", 0) for zone in zones), default=0)
     numbered = []
     for zone in zones:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Features drawn on the map: checks of what the page sends, and layers of them, which are the same
-in a live run and in a saved file."""
+"""Features drawn on the map: checks of the data that the page sends, and layers made of them,
+identical in a live run and in a saved file."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ class Feature(NamedTuple):
 def check_features(
     layer: str, given: Any, form: Form, before: Sequence[Feature] = ()
 ) -> list[Feature]:
-    """Features of a layer as the page sends them, a list of all or, as `set` and `remove`, what
-    differs from those before; Refused if they are not valid."""
+    """Features of a layer that the page sends: a list of all, or changes as `set` and `remove`.
+    Raises Refused if they are not valid."""
     remove: Any = []
     if isinstance(given, dict):
         remove, given = given.get("remove"), given.get("set")
@@ -117,7 +117,8 @@ def _coordinates(kind: str, given: Any, place: dict[str, str]) -> Any:
 
 
 def positions(given: Any, least: int, place: dict[str, str]) -> list[list[float]]:
-    """Vertices that a page sends, at least this number; Refused at their place if they are none."""
+    """Vertices that a page sends, at least this many. Raises Refused, with their place, if they are
+    not vertices."""
     if not isinstance(given, list) or not least <= len(given) <= MAX_VERTICES:
         raise Refused(say("app.server_wrong_shape"), **place)
     return [_position(vertex, place) for vertex in given]
@@ -191,7 +192,7 @@ class Layer:
             yield {**line.properties, "x": x, "y": y}
 
     def frame(self, crs: Any) -> Frame:
-        """Layer as `rockfall.open` takes it."""
+        """Layer in the form expected by `rockfall.open`."""
         return Frame(self, crs)
 
 

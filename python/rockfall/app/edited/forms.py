@@ -31,7 +31,7 @@ REST = "rest"  # attribute of the zone polygons that fill the terrain around the
 
 
 class Field(NamedTuple):
-    """A field of a form, as the page gets it; `min` and `max` are limits, if there are any."""
+    """A field of a form, in the form sent to the page; `min` and `max` are optional limits."""
 
     name: str
     kind: str  # real, integer, text, logical, or count: an integer or a word
@@ -127,7 +127,7 @@ def _pair_field(name: str) -> Field:
 
 
 def ground_names(*cases: Case) -> tuple[str, ...]:
-    """Grounds that can be named without opening another file than those of the cases."""
+    """Grounds that can be named without opening files beyond those of the cases."""
     grounds: list[str] = []
     for case in cases:
         own = [case.surface[key] for _, key in GROUND_KEYS if key in case.surface]
@@ -156,7 +156,8 @@ def _field(key: Key) -> Field:
 
 
 def check_value(field: Field, value: Any, **place: str) -> Any:
-    """Value of a field in its type; Refused if it cannot be one. The kernel checks ranges."""
+    """Value of a field, converted to its type; raises Refused if that fails. The kernel checks
+    ranges."""
     if field.list and isinstance(value, list):
         if len(value) > min(field.most, MAX_VALUES):
             raise Refused(say("app.server_too_many", name=field.name), **place)

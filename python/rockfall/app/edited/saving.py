@@ -55,7 +55,7 @@ def check_free(folder: Path, names: list[str], overwrite: bool) -> None:
 
 
 class Saved(NamedTuple):
-    """Files that were written, and a remark on what the case lacks, if it does."""
+    """Files that were written, and a remark if the case lacks something."""
 
     files: list[Path]
     remark: str = ""

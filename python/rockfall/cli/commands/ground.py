@@ -49,7 +49,7 @@ def ground_command(arguments: argparse.Namespace) -> int:
 
 
 def _scars(arguments: argparse.Namespace) -> Scars | None:
-    """Scars of the file, or of the options; a single value serves all scars."""
+    """Scars of the file, or of the options; a single value applies to all scars."""
     given = {key: getattr(arguments, key) for key in COLUMNS}
     given = {key: values for key, values in given.items() if values}
     if not given:

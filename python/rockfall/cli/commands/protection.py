@@ -98,7 +98,7 @@ def design_command(arguments: argparse.Namespace) -> int:
 
 
 def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
-    """Design by the return period of what passes, over the scenarios of hazards."""
+    """Design by the return period of boulders that pass, over the scenarios of hazards."""
     for key in keys:
         if key != "costs" and getattr(arguments, key) is not None:
             reason = "is for results OUT.nc: a hazard takes --return-period and --costs"

@@ -174,7 +174,7 @@ class RasterFile:
         return quote(str(path.with_name(f"{path.stem}_{suffix}.tif")))
 
     def _expression(self, factor: float) -> str:
-        """Quoted expression for `rio calc`; empty if stored numbers stay."""
+        """Quoted expression for `rio calc`; empty if the stored numbers are used unchanged."""
         scale, offset = (factor * number for number in self.cells.packing)
         if (scale, offset) == (1.0, 0.0):
             return ""

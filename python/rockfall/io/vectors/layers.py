@@ -2,9 +2,9 @@
 """Vector layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf, drawings): features, and polygons
 rasterised on the terrain's grid.
 
-Files are checked before GDAL opens them. Shapefile and FlatGeobuf hold only shapes. A GeoPackage is
-a database, whose views may be endless; GeoJSON is text that could be anything else, so it is
-rewritten.
+Files are checked before GDAL opens them. Shapefile and FlatGeobuf contain only shapes. A GeoPackage
+is a database, whose views may be endless; GeoJSON is text, which GDAL could read as another format,
+so it is rewritten.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def read_point_rows(
     """Columns of a layer of points, and its rows, in the form of `rockfall.io.tables.read_table`: x
     and y [m] in the CRS of the grid, and the attributes, in lower case.
 
-    Reprojections are noted in `remarks`. A RockfallError names what is wrong with the layer.
+    Reprojections are noted in `remarks`. A RockfallError names the fault of an invalid layer.
     """
     points = read_points(path, grid, remarks)
     columns = {name.lower(): values for name, values in points.values.items()}

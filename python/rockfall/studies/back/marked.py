@@ -30,7 +30,8 @@ FEW = 20  # number of boulders at a mark below which it is reported
 @dataclass
 class Marked(Witnesses):
     """Marks with their lines in the case, with sums of kernels, squares and distribution functions,
-    and boulders; log-densities of hits follow those of the marks by the same boulders."""
+    and boulders; log-densities of hits come after the log-densities of marks by the same
+    boulders."""
 
     SUMS, AGAIN = 4, 8
 
