@@ -93,7 +93,7 @@ def default_runaway() -> str:
     steep = 38, 42
     fast = (runaway(slope, "1", "vaujany-observed, R_m 0.2 m") for slope in steep)
     return paragraph(
-        f"On 400 m of {steep[0]} and {steep[1]} degrees "
+        f"On slopes of 400 m at {steep[0]} and {steep[1]} degrees, "
         f"{' and '.join(f'{100 * part:.0f}' for part in fast)} % of the boulders with R_b/R_m = 5 "
         "are faster than any observed ([planes](validation/planes.md))."
     )
@@ -145,7 +145,7 @@ def sites() -> str:
             "[Tschamut](tschamut.md)",
             "run-outs of 80 blocks on pasture",
             f"mean {signed(mean)}, deviation {signed(spread)}, KS {ks.error:.2f}",
-            "half chooses `meadow`; the other half was looked at too often to confirm it",
+            "half calibrates `meadow`; the other half was used too often to confirm it",
         ],
         [
             "[Vaujany](vaujany.md)",
@@ -153,14 +153,14 @@ def sites() -> str:
             f"means within {vaujany('talus', 'mean')}, deviations within "
             f"{vaujany('talus', 'std')}, largest energies "
             f"{largest('energy_translational', 'talus')}",
-            "some slopes of the recipe choose `talus`, others judge",
+            "`talus` is calibrated on some slopes of the recipe, and tested on others",
         ],
         [
             "[forest at Vaujany](../../../cases/vaujany-forest/README.md)",
             "fraction that passes, speeds",
             f"{bare.simulated:.0f} % pass without forest ({bare.observed:g} %), "
             f"{wooded.simulated:.0f} % with it ({wooded.observed:g} %), speeds {speeds}",
-            "chose where a stem is hit, and the rest angle of `talus`",
+            "used to choose the hit position of stems, and the rest angle of `talus`",
         ],
         [
             "[single stems](stems.md)",
@@ -177,16 +177,16 @@ def sites() -> str:
         ],
         [
             "[shadow of talus](shadow.md)",
-            "angle that boulders pass below talus",
-            f"up to R_b = 1 m at most {100 * shade:.0f} % pass the limit of 27.5 degrees, of 1.8 m "
-            f"up to {100 * large:.0f} %",
+            "angle passed by boulders below talus",
+            f"up to R_b = 1 m, at most {100 * shade:.0f} % pass the limit of 27.5 degrees; "
+            f"of 1.8 m, up to {100 * large:.0f} %",
             "nothing fitted",
         ],
         [
             "[Mel de la Niva](../../../cases/mel-de-la-niva/README.md)",
             "deposited blocks",
             "not run",
-            "tried with a stand-in",
+            "tested with substitute files",
         ],
     ]
     return table(["site", "what", "by tables of impacts", "evidence"], rows)
@@ -304,8 +304,8 @@ def tables() -> str:
     )
     rows = [
         [
-            "100 boulders at two lines of [Vaujany](validation/field/vaujany.md), on slopes that "
-            "chose nothing",
+            "100 boulders at two lines of [Vaujany](validation/field/vaujany.md), on slopes "
+            "not used for calibration",
             "`talus`",
             f"means within {vaujany('talus', 'mean')}, deviations within "
             f"{vaujany('talus', 'std')}, largest energies "
@@ -325,14 +325,14 @@ def tables() -> str:
             "0.22 required: **not met**)",
         ],
         [
-            "[shadow](validation/field/shadow.md) below talus of 38 degrees, on 10 degrees, R_b "
-            "0.2 to 1 m",
+            "[shadow](validation/field/shadow.md) below talus of 38 degrees, on a slope of 10 "
+            "degrees, R_b 0.2 to 1 m",
             "`compact`, `meadow`, soils",
             f"1 % pass {min(angles):.1f} to {max(angles):.1f} degrees; 27.5 is the usual limit",
         ],
         [
-            "no boulder was [observed](validation/field/tschamut.md#runaway) faster than 0.8 m/s a "
-            "degree",
+            "no boulder was [observed](validation/field/tschamut.md#runaway) faster than 0.8 m/s "
+            "per degree",
             "`talus`, `soft-soil`",
             f"fractions on 400 m of 34 degrees {fast['0.4']} (R_b 0.4 m), {fast['1']} (1 m)",
         ],
@@ -345,7 +345,7 @@ def tables() -> str:
             "blocks in the laboratory, after a fall of 20 m onto 20 degrees (R_b 0.6 m)",
             "`vegetated-soil`, `soft-soil`",
             f"pass 60 m: {' and '.join(by_table)}, blocks {' and '.join(of_blocks)}: **too far**, "
-            "the safe side",
+            "on the safe side",
         ],
     ]
     return table(["evidence", "ground", "result"], rows)

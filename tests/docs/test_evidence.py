@@ -32,11 +32,9 @@ EXEMPT = {
 #: Sentences that are no evidence, by words that they have.
 OTHER = {
     "observed blocks stopped within": "of the observation alone",
-    "deviation within 25 % of what was observed": "bounds of verdicts",
+    "standard deviation within 25 % of the observed values": "bounds of verdicts",
     "more than 5 % of its boulders are faster": "the bound of a warning",
-    "5 % (shared over all sets of data)": "the level of a test",
     "of a q95 is estimated up to": "errors of an estimate, not of the model",
-    "projection that draws lengths": "a projection",
 }
 NUMBER = re.compile(
     r"\d ?%|\b(?:a|one|two|three|four) (?:third|quarter|fifth|sixth|seventh|tenth|half)s?\b"
