@@ -3,6 +3,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("starlette", reason="the app extra is not installed")
@@ -84,3 +85,29 @@ def test_the_list_has_twelve_maps_until_it_is_unfolded(window):
     window.browser.execute_script(CHOOSE, "+")
     folded = window.browser.execute_script(f"return {OPTIONS}")
     assert len(folded) == 14 and "energy_q95_low" in folded  # the one that is shown stays in it
+
+
+def test_contours_are_where_the_ground_has_their_elevation(browser):
+    z = scenes.rough(dtype="f4")
+    z[40:60, 40:60] = np.nan
+    make_raster("dem.tif", z)
+    with served("case.nml") as server:
+        resize(browser, 1280, 800)
+        window = open_window(browser, server)
+        assert browser.execute_script("return rockfall.contours") == []  # made when first shown
+        window.click('[data-tab="display"]')
+        window.click('[data-show="contours"]')
+        shown = window.until("contours", "rockfall.contours.length && rockfall.contours")
+        off = browser.execute_script("""
+        return rockfall.contours.flatMap(({ elevation, vertices }) => vertices.map((place) => {
+          const z = rockfall.elevation(place);
+          return z === null ? 0 : Math.abs(z - elevation);
+        })).reduce((a, b) => Math.max(a, b), 0)""")
+        browser.get("about:blank")
+    assert off < 0.01  # [m], of single precision
+    levels = np.array([one["elevation"] for one in shown])
+    steps = np.diff(levels)
+    assert (steps == steps[0]).all() and (levels % steps[0] == 0).all()
+    assert np.nanmin(z) <= levels[0] < np.nanmin(z) + steps[0]
+    assert np.nanmax(z) - steps[0] < levels[-1] <= np.nanmax(z)
+    assert 8 <= levels.size <= 42 and sum(len(one["vertices"]) for one in shown) > 500

@@ -225,6 +225,12 @@ export class CaseWindow {
   get shownTrajectories(): number {
     return this.results.trajectories?.boulder.length ?? 0;
   }
+  get contours(): unknown {
+    return this.view.contours.shown;
+  }
+  elevation(place: [number, number]): number | null {
+    return this.view.elevation(...place);
+  }
   get frames(): readonly Frame[] {
     return this.scene.frames;
   }

@@ -22,6 +22,8 @@ export interface Handles {
   readonly batch: unknown;
   readonly document: unknown;
   readonly trajectories: number;
+  readonly contours: unknown;
+  elevation(place: [number, number]): number | null;
   readonly frames: unknown; // of the view in three dimensions
 }
 declare global {
@@ -46,6 +48,10 @@ window.rockfall = Object.freeze({
   get trajectories() {
     return current?.shownTrajectories ?? 0;
   },
+  get contours() {
+    return current?.contours ?? [];
+  },
+  elevation: (place: [number, number]) => current?.elevation(place) ?? null,
   get frames() {
     return current?.frames ?? [];
   },

@@ -11,6 +11,7 @@ import { LAYER_COLOURS, type ColourScale } from '../colours';
 import { element } from '../dom';
 import type { BackgroundMessage, Binary, Layers, OverlayHeader } from '../protocol';
 import type { Shade, Terrain, Trajectories } from '../view3d/view3d';
+import { ContourLayer } from './contour_layer';
 import { FeatureLayers } from './features';
 import { HazardLayer, OriginLayer } from './hazard_layer';
 import { type Extent, RasterLayer } from './plot_layer';
@@ -28,6 +29,7 @@ export type Shown =
   | 'trees'
   | 'background_sources'
   | 'stands'
+  | 'contours'
   | 'objects'
   | 'sources'
   | 'lines'
@@ -59,6 +61,7 @@ export class MapView {
   readonly hazard = new HazardLayer(10);
   readonly origins = new OriginLayer(39);
   readonly objects = new ShapeLayer('objects', 24);
+  readonly contours = new ContourLayer(21);
   private readonly stands = new ShapeLayer('stands', 13);
   private readonly overlayCanvas = element('canvas');
   private overlayOpacity = 0.85;
@@ -79,6 +82,7 @@ export class MapView {
         this.hazard,
         this.stands,
         this.trees,
+        this.contours,
         this.sources,
         this.trajectories,
         this.stops,
@@ -102,6 +106,7 @@ export class MapView {
   /** Show a terrain; a map may take its view from another one to move with it. */
   setTerrain(terrain: Terrain, shade: Shade | null, shared?: View): void {
     this.terrain = terrain;
+    this.contours.display(terrain);
     const extent = this.terrainExtent();
     if (shade)
       this.shade.display(hillshade(shade.values, shade.nx, shade.ny), [
@@ -208,6 +213,7 @@ export class MapView {
       trees: this.trees,
       background_sources: this.sources,
       stands: this.stands,
+      contours: this.contours,
       objects: this.objects,
       sources,
       lines,

@@ -19,7 +19,8 @@ const CASE: readonly Shown[] = [
   'stands',
   'objects',
 ];
-const HIDDEN_AT_FIRST: readonly Shown[] = ['stops'];
+const GROUND: readonly Shown[] = ['contours'];
+const HIDDEN_AT_FIRST: readonly Shown[] = ['stops', 'contours'];
 const NUMBERS = [0, 20, 50, 100, 200, 500, 1000];
 
 interface Actions {
@@ -80,6 +81,8 @@ export class DisplayPanel {
         this.number,
       ),
       checkbox(say('app.display.by_speed'), false, actions.bySpeed, { attributes: { 'data-show': 'by_speed' } }),
+      element('h2', {}, say('app.display.ground')),
+      ...GROUND.map(row),
       element('h2', {}, say('app.display.case')),
       ...CASE.map(row),
       element(
@@ -123,6 +126,7 @@ function colourOf(name: Shown): HTMLElement | null {
       return swatch('sources');
     case 'zones':
     case 'overlay':
+    case 'contours':
       return null;
     default:
       return swatch(name);
