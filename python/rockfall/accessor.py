@@ -19,7 +19,7 @@ OF_RESULTS = (
 
 
 class Accessor:
-    """The functions `OF_RESULTS`, whose first argument is the Dataset."""
+    """Functions of `OF_RESULTS` as methods; each takes the Dataset as its first argument."""
 
     def __init__(self, dataset: xr.Dataset) -> None:
         self._dataset = dataset

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rules of the kernel that files, statistics and products share."""
+"""Rules of the kernel shared by files, statistics and products."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ ROOM = 2**14  # longer than any list of numbers
 
 
 def kernel_numbers(name: str) -> np.ndarray:
-    """Constant numbers of the kernel, by the names of its procedure."""
+    """Numerical constants of the kernel, by name."""
     values, n = _core.constants(name, ROOM)
     return values[:n]
 

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Texts by message id in the current language, from the catalogues of gettext in `locale/*.po`.
 
-English is a catalogue like the others: rewording it does not touch the ids. Placeholders have
-names; numbers that fill them are written in the format of the language, and lists are joined as
-usual there. A text remembers its message and values, so that an English text can be repeated on a
-page in another language.
+English is a catalogue like the others, so rewording it does not change the ids. Placeholders are
+named; numbers and lists are formatted for the language. A text keeps its message and values, so
+that it can be shown again in another language.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ class Text(str):
 
 @contextmanager
 def speaking(language: str) -> Iterator[None]:
-    """Make texts in this language within the block."""
+    """Use this language for texts within the block."""
     catalogue(language)
     token = _in_force.set(language)
     try:
@@ -91,7 +90,7 @@ class Catalogue:
         return self.forms.get(key, [key])[0]
 
     def ngettext(self, key: str, n: int) -> str:
-        """Message of a key on `n` things, or the key itself."""
+        """Message of a key for `n` things, or the key itself."""
         return self.forms[key][self.plural(n)] if key in self.forms else key
 
 
@@ -109,7 +108,7 @@ def catalogue(language: str) -> Catalogue:
 
 
 def spelling(locale: str) -> Callable[[str], str]:
-    """Return the function that spells a text of the catalogue as in this region."""
+    """Return a function that applies the regional spelling to a text."""
     rules = SPELLING if locale in NOT_SWISS else ()
 
     def spelt(text: str) -> str:
@@ -121,7 +120,7 @@ def spelling(locale: str) -> Callable[[str], str]:
 
 
 def texts_of(language: str, room: str) -> dict[str, str]:
-    """All texts, unfilled, of the messages of a room (the first part of their ids)."""
+    """All unfilled texts of a group of messages (the first part of their ids)."""
     forms = catalogue(language).forms
     return {key: texts[0] for key, texts in forms.items() if key.startswith(f"{room}.")}
 
@@ -132,12 +131,12 @@ def say(key: str, /, **values: object) -> Text:
 
 
 def remark(where: object, key: str, /, **values: object) -> Text:
-    """Text of a message on a place in the inputs: a file, or a group and key."""
+    """Text of a message about a place in the inputs: a file, or a group and key."""
     return say("input.remark", where=str(where), text=say(key, **values))
 
 
 def say_count(key: str, n: int, /, **values: object) -> Text:
-    """Text of a message on `n` things, in the plural form of the language."""
+    """Text of a message about `n` things, in the plural form of the language."""
     return _said(key, {"n": n, **values}, is_count=True)
 
 
@@ -181,8 +180,9 @@ def packed(text: object) -> Any:
 
 
 def unpacked(data: Any, english: str) -> str:
-    """Text from the data of `packed`; the `english` text stored with them, if the data are damaged
-    or the message is from a later version."""
+    """Text from the data of `packed`; the stored `english` text if the data are damaged or the
+    message is from a later version.
+    """
     try:
         return _unpacked(data) if isinstance(data, dict) else str(english)
     except (AttributeError, KeyError, TypeError, ValueError):

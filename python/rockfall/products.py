@@ -59,8 +59,9 @@ NO_COSTS: Mapping[str, float] = {}
 
 
 class Added(NamedTuple):
-    """Additions to an export: a project of QGIS, with its DEM, hazard and imprint; tables in
-    these formats; and the language of both."""
+    """Additions to an export: a QGIS project with its DEM, hazard and imprint; tables in these
+    formats; and their language.
+    """
 
     project: bool = False
     tables: Sequence[str] = ()

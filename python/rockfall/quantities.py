@@ -116,7 +116,8 @@ def with_unit(label: str, unit: str) -> str:
 
 def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
     """Format a number with `digits` significant digits, thousands separators and no exponent; "-"
-    if unknown. `up` never shows less than the value, for required minima."""
+    if unknown. `up` rounds up, for required minima.
+    """
     value = float(value)
     if not math.isfinite(value):
         return Number("-")
@@ -130,7 +131,7 @@ def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
 
 
 def small(value: float) -> Number:
-    """A risk, by a power of ten: 2.3e-7."""
+    """Format a risk as a power of ten: 2.3e-7."""
     if not math.isfinite(value):
         return Number("-")
     return Number(f"{value:.1e}".replace("e-0", "e-").replace("e+00", "") if value else "0")
@@ -143,7 +144,7 @@ def round_step(rough: float) -> float:
 
 
 def count(number: int, singular: str, plural: str | None = None) -> str:
-    """A number of things: 1 boulder, 2,000 boulders."""
+    """Number of things as text: 1 boulder, 2,000 boulders."""
     return f"{number:,} {singular if number == 1 else plural or singular + 's'}"
 
 

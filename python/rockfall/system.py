@@ -27,7 +27,7 @@ FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG)
 
 
 def check_free(folder: Path, size: int) -> None:
-    """Raise an OSError if the disk of a folder has less than this left [bytes]."""
+    """Raise an OSError if the disk of a folder has less free space [bytes]."""
     if shutil.disk_usage(folder).free < size:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -54,7 +54,7 @@ if sys.platform == "win32":
         return int(status.ullTotalPhys)
 
     def memory_limits() -> list[int]:
-        """Limits on the memory of this process other than that of the machine [bytes]."""
+        """Memory limits [bytes] of this process other than the machine's memory."""
         return []
 
     def lock(descriptor: int) -> None:
@@ -91,8 +91,9 @@ if sys.platform == "win32":
                 os.close(descriptor)
 
     def replace(source: Path, target: Path) -> None:
-        """Rename a file, over another if there is one; try again for a second, since virus scanners
-        and backups keep new files open."""
+        """Rename a file, replacing an existing one; retried for a second, because virus scanners
+        and backups may keep new files open.
+        """
         for _ in range(10):
             try:
                 return os.replace(source, target)
@@ -112,7 +113,7 @@ else:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
     def memory_limits() -> list[int]:
-        """Limits on the memory of this process other than that of the machine [bytes]."""
+        """Memory limits [bytes] of this process other than the machine's memory."""
         return [limit for limit in resource.getrlimit(resource.RLIMIT_AS)[:1] if limit > 0]
 
     def lock(descriptor: int) -> None:
@@ -165,7 +166,7 @@ else:
             os.close(descriptor)
 
     def replace(source: Path, target: Path) -> None:
-        """Rename a file, over another if there is one."""
+        """Rename a file, replacing an existing one."""
         os.replace(source, target)
 
     def before_fork(call: Callable[[], object]) -> None:

@@ -42,8 +42,8 @@ LETTERS = 108  # total width of the numbers of a row that fits on A4, upright, n
 class Estimate(NamedTuple):
     """A cell: a number and the limits of its interval, in the unit of its column; NaN if unknown.
 
-    Both are shown with these significant `digits`, or with as many as the interval justifies: the
-    last digit is a twentieth to a half of its half-width. `up` rounds up, for required minima.
+    Both are shown with `digits` significant digits, or as many as the interval justifies: the last
+    digit is a twentieth to a half of the half-width. `up` rounds up, for required minima.
     """
 
     value: float
@@ -55,7 +55,7 @@ class Estimate(NamedTuple):
 
     @classmethod
     def of(cls, row: Mapping[Any, Any], name: str, factor: float = 1.0, **how: Any) -> Self:
-        """Cell of a number of a row, whose limits are in NAME_low and NAME_high, if present."""
+        """Cell of a number in a row; its limits are in NAME_low and NAME_high, if present."""
         return cls(*(factor * row.get(f"{name}{end}", math.nan) for end in ENDS), **how)
 
     @property
@@ -97,7 +97,7 @@ class Estimate(NamedTuple):
 
 
 def in_line(cell: object) -> str:
-    """A cell of several lines on one line."""
+    """Multi-line cell joined to one line."""
     return translated(cell).replace("\n", " ")
 
 
@@ -120,8 +120,9 @@ def between(low: object, high: object) -> str:
 
 
 class Column(NamedTuple):
-    """A column: its label, or its name in a table of data; its unit, and the decimals that texts
-    show of its numbers (None: three significant digits)."""
+    """A column: its label, or its name in a data table; its unit; and the decimals shown in texts
+    (None: three significant digits).
+    """
 
     label: str = ""
     unit: str = ""
@@ -129,7 +130,7 @@ class Column(NamedTuple):
 
     @classmethod
     def of(cls, display: Quantity, number: str, *, short: bool = False) -> Column:
-        """Column of a statistic of a quantity: E_tot, q95 [kJ] in short, or in words."""
+        """Column of a statistic of a quantity: short, such as E_tot, q95 [kJ], or in words."""
         words = (display.name, number) if short else (display.label, statistic(number))
         return cls(", ".join(words), display.unit, display.decimals)
 
@@ -177,13 +178,13 @@ class Table(NamedTuple):
             yield [column.text(cell) for column, cell in zip(self.columns, row, strict=False)]
 
     def is_crowded(self) -> bool:
-        """Return True if its numbers are too wide for one line each on A4: cells may then wrap."""
+        """Return True if numbers are too wide for one line on A4; cells may then wrap."""
         columns = zip(*(row[1:] for row in self.texts() if len(row) > 1), strict=True)
         longest = (max(map(len, "\n".join(column).split("\n"))) for column in columns)
         return sum(1 + letters for letters in longest) > LETTERS
 
     def data(self) -> tuple[list[Column], Iterator[list[object]]]:
-        """Columns and rows in which limits of intervals have columns of their own."""
+        """Columns and rows with interval limits in their own columns."""
         columns: list[Column] = []
         split = [any(isinstance(row[k], Estimate) for row in self.rows if len(row) > k)
                  for k in range(len(self.columns))]  # fmt: skip
@@ -202,8 +203,9 @@ def _spread(row: Sequence[object], split: Sequence[bool]) -> list[object]:
 
 
 def data_table(frame: pd.DataFrame) -> Table:
-    """Table of data, as in a CSV: its units are those of results, by column, or by row in a column
-    after `quantity`."""
+    """Table of data, as in a CSV: in the units of results, by column, or by row in a column after
+    `quantity`.
+    """
     by_row = "quantity" in frame.columns
     if by_row:
         frame = frame.copy()
@@ -218,9 +220,10 @@ def data_table(frame: pd.DataFrame) -> Table:
 
 
 def as_text(table: Table, indent: str = "  ") -> str:
-    """Table for a terminal, without its caption: columns as wide as their longest cell, the first
-    left-aligned, the others right-aligned; lines of a cell below each other, long heads broken, and
-    columns that do not fit below the others, with the first column repeated."""
+    """Table for a terminal, without its caption. The first column is left-aligned, the others
+    right-aligned; long heads wrap; columns that do not fit follow below, with the first column
+    repeated.
+    """
     cells = [*table.texts()]
     head = [[_wrapped(name, cells, k) for k, name in enumerate(table.head)]] * any(table.head)
     lines: list[list[str]] = []
@@ -238,7 +241,7 @@ def as_text(table: Table, indent: str = "  ") -> str:
 
 
 def _wrapped(head: str, rows: Sequence[Sequence[str]], k: int) -> str:
-    """Head of the k-th column, except the first, broken to about the width of its cells."""
+    """Head of the k-th column, except the first, wrapped to about the width of its cells."""
     if not k:
         return head
     lines = (line for row in rows if len(row) > 1 for line in row[k].split("\n"))
@@ -246,7 +249,7 @@ def _wrapped(head: str, rows: Sequence[Sequence[str]], k: int) -> str:
 
 
 def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Columns that fit side by side, each time with the first column."""
+    """Groups of columns that fit side by side, each with the first column."""
     parts: list[list[int]] = [[0][: len(widths)]]
     for k in range(1, len(widths)):
         if len(parts[-1]) > 1 and sum(2 + widths[j] for j in (*parts[-1], k)) - 2 > room:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Version of the package, which is defined in meson.build only."""
+"""Version of the package, defined only in meson.build."""
 
 import sys
 from glob import iglob

@@ -92,7 +92,7 @@ class DesignBlock:
 
     @property
     def shape_limits(self) -> tuple[float, float]:
-        """95 % interval of the shape (Smith 1985)."""
+        """95 % confidence interval of the shape (Smith 1985)."""
         error = Z * (1 + self.fit.shape) / math.sqrt(self.fit.exceedances)
         return self.fit.shape - error, self.fit.shape + error
 
@@ -173,7 +173,9 @@ def _check_largest(survey: Survey, asked: dict[str, Any], volume_max: float) -> 
 
 
 def _fit(survey: Survey, threshold: float | None) -> Fit:
-    """GPD of the deposited blocks above the threshold, or above the lowest threshold that fits."""
+    """Fit a GPD to the deposited blocks above the threshold, or above the lowest threshold that
+    fits.
+    """
     if threshold is not None:
         _check_numbers(survey, threshold)
         fit = _fit_above(survey.volumes, threshold)
@@ -216,7 +218,8 @@ def _fit_above(ordered: np.ndarray, threshold: float) -> Fit:
 
 def _tried(survey: Survey) -> Iterator[Fit]:
     """Fits above increasing thresholds, from the smallest dated block: smaller blocks have no
-    dates."""
+    dates.
+    """
     ordered = survey.volumes
     most = min(int((ordered > survey.dated.min()).sum()), ordered.size - 1)
     numbers = np.geomspace(max(most, MIN_BLOCKS), MIN_BLOCKS, THRESHOLDS).round().astype(int)
@@ -392,7 +395,7 @@ def _rounded(value: Any) -> Any:
 
 
 def _beyond_keys(scenario: dict[str, Any]) -> str | None:
-    """Value that the table of keys does not allow."""
+    """Value outside the range that the table of keys allows."""
     for key in key_table():
         if key.group == "scenario" and isinstance(value := scenario.get(key.name), float):
             if rule := broken_rule(key.group, key.name, value):
@@ -425,8 +428,9 @@ def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> It
 
 
 def _same_volumes(survey: Survey, threshold: float) -> float:
-    """p-value that dated and undated blocks above the threshold have one distribution; NaN if one
-    of the lists has too few."""
+    """p-value of a test that dated and undated blocks above the threshold have the same
+    distribution; NaN if a list has too few.
+    """
     from scipy.stats import ks_2samp
 
     dated, undated = (volumes[volumes > threshold] for volumes in (survey.dated, survey.undated))

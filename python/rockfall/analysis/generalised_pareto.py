@@ -20,7 +20,8 @@ MAX_PLACE = 2.0  # upper end of the search variable of `fit_gpd`, near the large
 
 class Fit(NamedTuple):
     """GPD of the values above a threshold: P(X > x | X > u) = (1 + shape (x - u) / scale)**(-1 /
-    shape); `p_value` is that of its Anderson-Darling test."""
+    shape); `p_value` belongs to its Anderson-Darling test.
+    """
 
     threshold: float
     exceedances: int

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Statistics of the boulders at the evaluation lines, with their uncertainty.
 
-Each interval is a 95 % confidence interval over other samples of the same number of boulders, from
-`rockfall.analysis.precision.intervals`: it covers the Monte Carlo error.
+Intervals are 95 % confidence intervals from `rockfall.analysis.precision.intervals`; they cover the
+Monte Carlo error.
 """
 
 from __future__ import annotations
@@ -109,8 +109,9 @@ def line_statistics(
 def line_numbers(
     result: Held, line: int, quantity: str, source: Sources | None = None
 ) -> dict[str, float]:
-    """A row of `line_statistics` for a quantity at the line of this index; `source` is that of each
-    boulder, if different from the result's."""
+    """Row of `line_statistics` for a quantity at the line with this index; `source` gives the
+    source of each boulder, if different from the result's.
+    """
     return numbers(LineSamples(result, source).sample(line, quantity), quantity)
 
 
@@ -159,7 +160,9 @@ def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
 
 
 def withheld(row: Mapping[str, float]) -> list[str]:
-    """Numbers of a row without an interval, or without one of its limits: too few boulders."""
+    """Names of the numbers in a row that lack an interval, or one of its limits, because of too few
+    boulders.
+    """
     return [
         name
         for name in ("mean", "std", *map(quantile_name, QUANTILES))
@@ -169,17 +172,17 @@ def withheld(row: Mapping[str, float]) -> list[str]:
 
 
 def quantile_name(level: float) -> str:
-    """Name of a quantile in tables: q95 of 0.95."""
+    """Name of a quantile in tables, such as q95 for 0.95."""
     return f"q{level * 100:.0f}"
 
 
 def with_limits(name: str) -> list[str]:
-    """Names of a number and of the limits of its 95 % interval."""
+    """Names of a number and its 95 % limits."""
     return [name, f"{name}_low", f"{name}_high"]
 
 
 def limited(numbers: Mapping[str, float], name: str) -> list[float]:
-    """A number of a row and the limits of its interval; NaN where missing."""
+    """Number of a row and its limits; NaN where missing."""
     return [numbers.get(key, np.nan) for key in with_limits(name)]
 
 

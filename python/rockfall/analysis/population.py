@@ -15,8 +15,7 @@ OF_VOLUMES = (  # keys of &boulder, without the list of volumes, which may be lo
 
 
 def population_notes(case: Case, yearly: bool = False) -> Iterator[Text]:
-    """Notes on the boulders behind the numbers of a case; some numbers are `yearly`, over
-    its scenarios."""
+    """Notes on the boulders behind the numbers of a case; `yearly` numbers cover its scenarios."""
     given = {key: case.boulder[key] for key in keys_of("boulder") if key in case.boulder}
     volumes = [f"{key} = {literal(value)}" for key, value in given.items() if key in OF_VOLUMES]
     yield say("variants.population", boulders=", ".join(volumes))
@@ -25,6 +24,6 @@ def population_notes(case: Case, yearly: bool = False) -> Iterator[Text]:
 
 
 def scenario_note(case: Case) -> Iterator[Text]:
-    """Note that the numbers of a run are not of the scenarios of its case, if it has any."""
+    """Note that the numbers of a run do not cover the scenarios of its case, if it has any."""
     if case.scenario:
         yield say("variants.other_population")

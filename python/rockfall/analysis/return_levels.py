@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Return levels: the value exceeded by one in N boulders, extrapolated beyond the sample.
 
-The largest of n values grows with n. In addition this module gives the level that one in N of the
-boulders that pass a line exceeds, from a generalised Pareto distribution (GPD) of the values above
-a high threshold (Pickands 1975; Coles 2001, chapter 4). It is refused where the data do not support
-it. Boulders of common sources count as their effective number of independent ones.
+The largest of n values grows with n. This module estimates the level that one in N of the passing
+boulders exceeds, from a generalised Pareto distribution (GPD) of the values above a high threshold
+(Pickands 1975; Coles 2001, chapter 4). It is refused where the data do not support it. Boulders of
+common sources count as their effective number of independent ones.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Tail:
 
     @property
     def shape_limits(self) -> tuple[float, float]:
-        """95 % interval of the shape (Smith 1985)."""
+        """95 % confidence interval of the shape (Smith 1985)."""
         assert self.fit is not None
         error = (1 + self.fit.shape) / np.sqrt(self.fit.exceedances * self.independent / self.n)
         return self.fit.shape - Z * error, self.fit.shape + Z * error
@@ -148,7 +148,7 @@ def tail(values: np.ndarray, source: Sources | None = None, levels: Sequence[int
 def tail_at(
     samples: LineSamples, line: int, quantity: str, levels: Sequence[int] = LEVELS
 ) -> tuple[Sample, Tail]:
-    """Sample of a quantity at the line of this index, and its upper tail, which is fitted once."""
+    """Sample of a quantity at the line with this index, and its cached upper tail."""
     sample = samples.sample(line, quantity)
     kept = samples.kept(line)
     key = quantity, tuple(levels)
@@ -176,7 +176,8 @@ def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:
 
 def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
     """Fits above increasing thresholds, with decreasing numbers of exceedances; a sample of few
-    independent boulders may lack the values above the lowest."""
+    independent boulders may lack the values above the lowest thresholds.
+    """
     n, available = sample.n, UPPER * independent
     if available < MIN_ABOVE:
         return
@@ -190,8 +191,9 @@ def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
 
 
 def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
-    """Upper end point and the upper limit of its 95 % interval (profile likelihood); both infinite
-    if the latter is."""
+    """Upper end point with the upper limit of its 95 % interval (profile likelihood); both infinite
+    if the limit is.
+    """
     theta = fit.shape / fit.scale
     lowest = best_of(theta, excess)[2]
 
@@ -224,8 +226,9 @@ def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str |
 
 
 def _rising(levels: dict[int, Level]) -> dict[int, Level]:
-    """Levels whose values and limits do not fall from more to less frequent: some are from the
-    sample, others from its tail."""
+    """Levels whose values and limits do not decrease with N: some come from the sample, others
+    from its tail.
+    """
     least: tuple[float, ...] = (-np.inf,) * 3
     rising = dict(levels)
     for N in sorted(levels):

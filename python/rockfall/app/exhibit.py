@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Display of a result, in place of a live run."""
+"""Display of a result, without a live run."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 
 class Exhibit:
-    """A result for the page; it cannot be edited."""
+    """A read-only result for the page."""
 
     language = LANGUAGES[0]
     revision = 0
@@ -101,7 +101,7 @@ class Exhibit:
             self._tell(kind, message)
 
     def speak(self, language: str) -> None:
-        """Change the language, and send all messages with words again."""
+        """Change the language and send all texts again."""
         if language != self.language:
             self.language = language
             self._show()
@@ -142,7 +142,7 @@ class Exhibit:
         return section_message(self.result, self.view.section, self._terrain, revision=0)
 
     def _background(self) -> bytes:
-        """Message with the places from which boulders started, and the stands of forest."""
+        """Message with the start places of boulders, and the forest stands."""
         places = np.column_stack([self.result[f"start_{axis}"].values for axis in "xy"])
         places = np.unique(places, axis=0)
         arrays = {"sources": sampled_rows(MAX_SOURCES, *places.T)}
@@ -157,7 +157,7 @@ def _fixed(form: Form) -> Form:
 
 
 def _terrain(result: xr.Dataset, file: Path | None) -> tuple[np.ndarray, Grid]:
-    """Terrain of a result; one without elevations if it cannot be found."""
+    """Terrain of a result; without elevations if it cannot be found."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the page shows that relief is missing
         terrain = terrain_of(result, beside=None if file is None else file.parent)

@@ -27,7 +27,8 @@ BINS = 20
 
 class LineTable:
     """Lines of a result. Statistics of a line are computed on first use: for thousands of lines
-    they take longer than the run."""
+    they would take longer than the run.
+    """
 
     def __init__(self, result: xr.Dataset) -> None:
         self._result = _without_maps(result)
@@ -37,11 +38,11 @@ class LineTable:
         self.missing = dict.fromkeys(self.names)  # names without statistics yet, in order
 
     def entries(self, chosen: Collection[str]) -> list[dict[str, Any]]:
-        """Name and kind of each line, with the statistics of those chosen."""
+        """Name and kind of each line, with statistics of the chosen ones."""
         return [self._entry(name) if name in chosen else self._head(name) for name in self.names]
 
     def further(self, chosen: Collection[str]) -> list[dict[str, Any]]:
-        """Entries of the chosen lines whose statistics were not sent yet."""
+        """Entries of the chosen lines whose statistics were not sent."""
         return [self._entry(name) for name in chosen if name in self.missing]
 
     def _head(self, name: str) -> dict[str, Any]:
@@ -50,7 +51,7 @@ class LineTable:
         return {"name": name, "kind": "barrier" if barrier else "line"}
 
     def _entry(self, name: str) -> dict[str, Any]:
-        """Statistics of a line, in shown units; null where the package withholds them."""
+        """Statistics of a line in display units; null where withheld."""
         self.missing.pop(name, None)
         line = self._indices[name]
         samples = {quantity: self._samples.sample(line, quantity) for quantity in SHOWN}
@@ -67,8 +68,9 @@ class LineTable:
 
 
 def _without_maps(result: xr.Dataset) -> Contents:
-    """Result without its maps. Of thousands of lines each is looked up many times, which takes most
-    of the time in a Dataset."""
+    """Result without its maps: repeated lookups in a Dataset with maps are slow for thousands of
+    lines.
+    """
     held = {
         str(name): (variable.dims, variable.values, variable.attrs)
         for name, variable in result.variables.items() if "x" not in variable.dims
@@ -77,8 +79,7 @@ def _without_maps(result: xr.Dataset) -> Contents:
 
 
 def _known(row: dict[str, float], name: str, factor: float = 1.0) -> float | None:
-    """A number, or null instead of NaN, so that messages of thousands of lines need no search for
-    NaN."""
+    """A number, or None instead of NaN, so that large messages need no search for NaN."""
     value = factor * float(row.get(name, math.nan))
     return value if math.isfinite(value) else None
 
@@ -101,8 +102,9 @@ def _numbers(name: str, row: dict[str, float], sample: Sample) -> dict[str, Any]
 
 
 def _histogram(sample: Sample) -> tuple[list[int], float, float]:
-    """Counts in equal bins from 0, or the minimum if negative, to the maximum, and both ends; none
-    without rows of the boulders that passed."""
+    """Counts in equal bins from 0, or from a negative minimum, to the maximum, and both ends; None
+    without rows of passing boulders.
+    """
     if not isinstance(sample, Values) or not sample.n:
         return [], 0.0, 1.0
     values = sample.values

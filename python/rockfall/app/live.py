@@ -76,7 +76,7 @@ class Live:
 
     @property
     def maps(self) -> list[str]:
-        """Maps that can be shown; runs in the order of the sources would be no samples."""
+        """Maps that can be displayed; with sources in order, partial runs would not be samples."""
         documents = self.site.variants.documents.values()
         states = (self.site.opened, *(document.settings for document in documents))
         forest = any("forest" in settings for settings in states)
@@ -108,8 +108,8 @@ class Live:
         whole: bool = False,
     ) -> None:  # fmt: skip
         """Replace layers and groups of the document, and run it. A refused edit leaves the document
-        unchanged, so that it differs from the page: nothing runs until an edit has the `whole`
-        document."""
+        different from the page: nothing runs until an edit has the `whole` document.
+        """
         with self._wake:
             try:
                 if self.error is not None and not whole:
@@ -147,7 +147,7 @@ class Live:
             self._wake.notify()
 
     def speak(self, language: str) -> None:
-        """Change the language, and send everything again, because it contains words."""
+        """Change the language and send all texts again."""
         with self._wake:
             if language != self.language:
                 self.language = language
@@ -157,7 +157,7 @@ class Live:
                 self._wake.notify()
 
     def compare(self, variant: str) -> None:
-        """Run a variant of the opened case in addition to the document, for a comparison."""
+        """Run a variant of the opened case for a comparison with the document."""
         with self._wake:
             self._compared.append(self.site.variants.documents[variant])
             self._wake.notify()
@@ -229,7 +229,7 @@ class Live:
         return goes_on or bool(self._compared) or any(work is not None for work in wanted)
 
     def _take(self, document: Document, revision: int, error: Refused | None) -> None:
-        """Take over a document, report its errors, and start its run if there are none."""
+        """Accept a document, report its errors, and start its run if there are none."""
         self._progress = self._made = self._hazard = None
         self._is_hazard_due = False
         errors: list[dict[str, str]] = []
@@ -290,7 +290,7 @@ class Live:
             self._send("origins", origins_message(self._hazard, place, self.language, **fields))
 
     def _begin_aside(self, variant: Document) -> None:
-        """Begin the run of a variant that is compared."""
+        """Begin the run of a variant for comparison."""
         try:
             made = runnable(self.site, variant)
             self._change(made)
@@ -315,7 +315,7 @@ class Live:
         return Progress(batches, fields, view, self._ground, terrain, send, self.language, aside)
 
     def _show_background(self, made: Runnable) -> None:
-        """Send the parts of the case that are no features, if they have changed."""
+        """Send the non-feature parts of the case if they have changed."""
         seen, message = self._background(made)
         if not all(new is other for new, other in zip(seen, self._seen, strict=True)):
             self._seen = seen
@@ -334,7 +334,7 @@ class Live:
         return (zones, sources, scene.trees, scene.stands or None), message
 
     def _change(self, made: Runnable) -> None:
-        """Open the session, or change it; an unchanged layer keeps its frame."""
+        """Open or change the session; unchanged layers keep their frame."""
         shown, section = self.view.map, self.view.section
         maps = [*([shown] if shown else []), *(MAPS if section else [])]
         case = with_output(made.case, maps, PATHS if section else 0)
@@ -353,7 +353,7 @@ class Live:
 
 
 def _changes(before: Case, after: Case) -> dict[str, Any]:
-    """Changes of a session that turn one case into another."""
+    """Changes that turn one case of a session into another."""
     changes: dict[str, Any] = {name: getattr(after, name) for name in REPEATABLE}
     for group in {key.group for key in key_table()} - {*REPEATABLE}:
         changes[group] = dict.fromkeys(getattr(before, group)) | getattr(after, group)

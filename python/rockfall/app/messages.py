@@ -2,8 +2,8 @@
 """Messages between server and page: JSON, or a JSON header followed by arrays.
 
 A binary message is the length of its header (uint32, little-endian), the header, padded with spaces
-so that what follows begins at a multiple of 8 bytes, and the arrays in C order, little-endian, each
-at a multiple of 8 bytes. The header lists their names, types, shapes and offsets.
+to a multiple of 8 bytes, and the arrays in C order, little-endian, each at a multiple of 8 bytes.
+The header lists their names, types, shapes and offsets.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Message: TypeAlias = "str | bytes"
 
 
 class Refused(Exception):
-    """A request of the page that is refused, with the place of the problem in its document."""
+    """A refused request from the page, with the location of the problem in its document."""
 
     def __init__(
         self, text: str, *, layer: str = "", id: str = "", group: str = "", key: str = ""
@@ -71,7 +71,7 @@ def binary_message(type: str, /, arrays: Mapping[str, np.ndarray], **content: An
 
 
 def read_message(text: str) -> dict[str, Any]:
-    """Message of a page; Refused for anything but an object with a type and plain numbers."""
+    """Parsed message from a page; only objects with a type and plain numbers are accepted."""
     try:
         message = json.loads(text, parse_constant=_no_number, parse_float=_finite)
     except (ValueError, RecursionError):
@@ -86,7 +86,7 @@ def _no_number(token: str) -> float:
 
 
 def _finite(token: str) -> float:
-    """Number of a token; a ValueError if it is too large."""
+    """Number of a JSON token; a ValueError if it is too large."""
     value = float(token)
     if not math.isfinite(value):
         raise ValueError(f"{token} is too large")
@@ -102,7 +102,7 @@ def _json(content: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Content in types of JSON; None for numbers that are not finite."""
+    """Content as JSON types; None for numbers that are not finite."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if hasattr(value, "tolist"):  # of NumPy

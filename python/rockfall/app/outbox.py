@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages that wait for a page: a slow one gets the latest results, not a queue of old ones."""
+"""Messages queued for a page: a slow page gets the latest results instead of a backlog."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ REPLACED = {
 
 
 class Client:
-    """A page: where messages to it go."""
+    """A page, and the destination of its messages."""
 
     def __init__(self, send: Callable[[str, Message], None]) -> None:
         self.send, self.language = send, LANGUAGES[0]
@@ -32,14 +32,14 @@ class Client:
 
 
 class Outbox:
-    """A queue that is filled from any thread, and emptied in an event loop."""
+    """A queue filled from any thread and emptied in an event loop."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop, self._waiting = loop, deque[tuple[str, Message]]()
         self._filled = asyncio.Event()
 
     def put(self, kind: str, message: Message) -> None:
-        """Add a message. Further trajectories of a run (kind "more") replace none."""
+        """Add a message. Further trajectories of a run (kind "more") replace no earlier message."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._put, kind, message)
 

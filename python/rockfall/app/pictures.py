@@ -41,8 +41,9 @@ BY_SOURCE = ("sources", "reach_probability_by_source")  # maps for which runs go
 
 
 class View(NamedTuple):
-    """Map and number of trajectories shown besides statistics, the lines whose statistics are in
-    view where there are more than MAX_LINES, the section, and the layer of objects."""
+    """Displayed map, number of trajectories, section and object layer; and the lines in view, if
+    there are more than MAX_LINES.
+    """
 
     map: str = ""
     trajectories: int = 100
@@ -55,7 +56,7 @@ class View(NamedTuple):
 
 
 class Ground:
-    """Terrain as the page has it: heights and hillshade, both thinned."""
+    """Terrain as sent to the page: thinned heights and hillshade."""
 
     def __init__(self, z: np.ndarray, grid: Grid) -> None:
         extent = grid.west, grid.east, grid.south, grid.north
@@ -66,7 +67,7 @@ class Ground:
 
     @property
     def step(self) -> int:
-        """Number of cells along the side of one cell of the hillshade."""
+        """Hillshade cell size in cells of the raster."""
         return round(self.shade_grid.cell / self.full.cell)
 
     def message(self) -> bytes:
@@ -83,7 +84,7 @@ class Ground:
         )  # fmt: skip
 
     def relative(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Places (n, 2) from the south-western corner of the heights [m]."""
+        """Places (n, 2) relative to the south-western corner [m]."""
         return np.column_stack([x - self.grid.west, y - self.grid.south])
 
 
@@ -115,7 +116,7 @@ def background_message(
 
 
 def sampled_rows(most: int, *columns: np.ndarray) -> np.ndarray:
-    """At most this number of rows of columns, evenly selected."""
+    """Values of at most `most` evenly spaced rows of some columns."""
     step = max(1, -(-len(columns[0]) // most))
     return np.column_stack([column[::step] for column in columns]).astype("f8")
 
@@ -135,7 +136,7 @@ def _about_map(name: str) -> dict[str, str]:
 def batch_message(
     result: xr.Dataset, case: Case, shown: str, ground: Ground, language: str, **fields: Any
 ) -> bytes:
-    """Message `batch` of the results so far, with the named map, if any."""
+    """Message `batch` with the results so far and the named map, if any."""
     with speaking(language):
         warnings = [
             f"{remark.text}." for remark in model_remarks(result, case) if remark.is_warning
@@ -153,7 +154,7 @@ def batch_message(
 
 
 def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:
-    """Places and statuses of the ends of a sample of boulders, evenly selected."""
+    """End places and statuses of an evenly spaced sample of boulders."""
     if not has_rows(result):
         return {"stops": np.zeros((0, 2), "f4"), "stop_status": np.zeros(0, "u1")}
     step = -(-result.sizes["boulder"] // MAX_STOPS)
@@ -163,7 +164,7 @@ def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:
 
 
 def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray]:
-    """A map in its shown unit, thinned by maxima; NaN where no boulder passed."""
+    """A thinned map in display units, by maxima; NaN where no boulder passed."""
     data = result[shown]
     (_, factor), (grid, flipped) = shown_as(data), grid_of(data)
     values = data.values[::-1] if flipped else data.values
@@ -196,8 +197,9 @@ def trajectory_message(
 
 
 def _points(path: Trajectory, ground: Ground) -> np.ndarray:
-    """Points (n, 6) of a trajectory: x, y, z, time, speed and gravity at both ends of each piece,
-    between which the page draws the parabola, or, without gravity, a straight line."""
+    """Points (n, 6) of a trajectory: x, y, z, time, speed and gravity at both ends of each piece.
+    The page draws a parabola between them or, without gravity, a straight line.
+    """
     place = np.arange(path.x.size) % POINTS
     chosen = (place == 0) | (place == POINTS - 1)
     plan = ground.relative(path.x[chosen], path.y[chosen])

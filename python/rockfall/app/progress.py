@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A live run, and the parts of it that have been sent."""
+"""A live run, and the record of what was sent."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Send = Callable[[str, Message], None]
 
 
 class Progress:
-    """A run of a session, whose results are sent from time to time."""
+    """A run of a session that sends its results periodically."""
 
     def __init__(
         self, batches: Iterator[Batch], fields: dict[str, Any], view: View, ground: Ground,
@@ -58,8 +58,9 @@ class Progress:
         return (running and not self.over) or self.told_running != running
 
     def step(self, running: bool) -> bool:
-        """Advance the run and send results from time to time, at last the statistics of lines that
-        are not in view; False at its end."""
+        """Advance the run, send results periodically, and finally the statistics of lines out of
+        view; False at its end.
+        """
         if not running:
             self._tell(running)
             return True
@@ -75,7 +76,7 @@ class Progress:
         return not self._batch.complete or self._has_missing()
 
     def look(self, view: View) -> None:
-        """Show another number of trajectories, another section or net, or other lines."""
+        """Change the number of trajectories, the section, the net, or the lines in view."""
         before, self._view = self._view, view
         if self._batch is not None and view.trajectories != before.trajectories:
             self._sent = set()
@@ -95,8 +96,9 @@ class Progress:
         self._send("net", net_message(result, self._view.net, self._language, **self._fields))
 
     def _tell(self, running: bool) -> None:
-        """Send the current results, and plan the next message so that the kernel gets most of the
-        time."""
+        """Send the current results, and schedule the next message so that the kernel gets most of
+        the time.
+        """
         self.told_running = running
         batch = self._batch
         if batch is None:
@@ -135,7 +137,7 @@ class Progress:
         return self._has_missing()
 
     def _tell_lines(self, names: Sequence[str]) -> None:
-        """Send the statistics of these lines, of the boulders of the last message, if not sent."""
+        """Send the statistics of these lines from the last message's boulders, unless sent."""
         if self._table is not None and (lines := self._table.further(names)):
             fields = {**self._fields, "boulders": self._told, "lines": lines}
             self._send("lines", binary_message("lines", {}, **fields))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files opened before, in the user's state folder."""
+"""Recently opened files, in the user's state folder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST = 10
 
 
 def recent_files() -> list[Path]:
-    """Files opened before that still exist, the latest first."""
+    """Recently opened files that still exist, latest first."""
     try:
         content = json.loads(_file().read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -25,8 +25,9 @@ def recent_files() -> list[Path]:
 
 
 def note_recent(path: Path) -> None:
-    """Put a file first in the list. The list is a convenience: if it cannot be written, as in a
-    read-only home folder, it is omitted."""
+    """Put a file first in the list; skipped if the list cannot be written, as in a read-only home
+    folder.
+    """
     path = path.absolute()
     files = [path, *(file for file in recent_files() if file != path)][:MOST]
     with suppress(OSError, RockfallError):

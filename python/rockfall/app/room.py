@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The opened file and the pages that look at it: the first page writes, the others read."""
+"""The opened file and the pages that display it: the first page can edit, the others only view."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Room:
 
     @property
     def is_busy(self) -> bool:
-        """Return True while a report or an export is made."""
+        """Return True while a report or an export is being made."""
         return self._task is not None
 
     def close(self) -> None:
@@ -96,7 +96,7 @@ class Room:
             self._shown.close()
 
     def enter(self, client: Client, hello: dict[str, Any]) -> None:
-        """Welcome a page, and send it the messages that the other pages have."""
+        """Welcome a page, and send it the messages already sent to others."""
         with self._lock:
             wish = hello.get("language")
             client.language = self._language or (wish if wish in LANGUAGES else LANGUAGES[0])
@@ -108,7 +108,7 @@ class Room:
             self._welcome(client)
 
     def leave(self, client: Client) -> None:
-        """Forget a page; the next one may write."""
+        """Remove a page; the next one may edit."""
         with self._lock:
             if client in self._clients:
                 self._clients.remove(client)
@@ -118,7 +118,7 @@ class Room:
                     self._set_writer(self._clients[0])
 
     def take(self, client: Client, text: str) -> None:
-        """Run a request of a page, or report why not."""
+        """Run a request from a page, or report why it failed."""
         with speaking(client.language):
             task = ""
             try:
@@ -149,7 +149,7 @@ class Room:
         _ACTIONS[kind](self, client, message)
 
     def _set_writer(self, client: Client) -> None:
-        """Let a page write; it gets the document as the previous page left it."""
+        """Let a page edit; it gets the document of the previous editor."""
         before, self._writer = self._writer, client
         if before is not None and before is not client:
             before.send("role", text_message("role", writer=False))
@@ -159,7 +159,7 @@ class Room:
         client.send("role", text_message("role", writer=True))
 
     def _open(self, path: Path) -> None:
-        """Open a file, in place of the one before."""
+        """Open a file, replacing the previous one."""
         if not path.is_file():
             raise RockfallError(f"{path}: no such file")
         language = self._writer.language if self._writer else self._language or LANGUAGES[0]
@@ -199,7 +199,7 @@ class Room:
                 client.send(kind, message)
 
     def _welcome(self, client: Client) -> None:
-        """Send a page all that it needs to begin."""
+        """Send a page everything it needs to start."""
         client.recent = recent_files()
         recent = [{"name": path.name, "folder": str(path.parent)} for path in client.recent]
         limits = {
@@ -281,8 +281,9 @@ class Room:
         self._live().run(running)
 
     def _save(self, message: dict[str, Any], others: Callable[[str], list[str]]) -> str:
-        """Save the document, and return its name; names of `others`, further files to be written,
-        are checked first."""
+        """Save the document and return its name; the names of further files, `others`, are checked
+        first.
+        """
         live, overwrite = self._live(), message.get("overwrite", False)
         name = check_name(message.get("name"))
         if not isinstance(overwrite, bool):
@@ -324,7 +325,7 @@ class Room:
         self._task.start()
 
     def _offer_unfinished(self, live: Live, send: Callable[[str, Message], None]) -> None:
-        """Send the runs of the folder that were stopped, and can be resumed."""
+        """Send the stopped runs in the folder that can be resumed."""
         runs = [{"name": name, "boulders": n} for name, n in unfinished(live.site.folder).items()]
         send("unfinished", text_message("unfinished", runs=runs))
 

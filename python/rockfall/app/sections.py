@@ -43,8 +43,9 @@ COLUMNS = (
 def section_message(
     result: xr.Dataset | None, vertices: Places, terrain: Terrain | None, **fields: Any
 ) -> bytes:
-    """Message `section` along these vertices, in SI units; `error` if the result has none. Without
-    vertices no section is shown."""
+    """Message `section` along these vertices, in SI units; `error` if the result allows none. No
+    vertices: no section.
+    """
     fields |= {"vertices": vertices, "within": WITHIN, "error": "", "lines": []}
     shown = {name: QUANTITIES[name] for name in SHOWN}
     fields["quantities"] = {

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Local server of the page: its files, and a websocket for everything else.
 
-Only this machine and only this page get in: the socket is bound to 127.0.0.1, Host and Origin must
-be ours, and the first message must have the key, which the URL has in its fragment. A cookie would
-be shared by all ports of 127.0.0.1. The page opens no path.
+Access is limited to this machine and page: the socket is bound to 127.0.0.1, Host and Origin must
+match, and the first message must contain the key from the URL fragment. A cookie would be shared by
+all ports of 127.0.0.1. The page opens no path.
 """
 
 from __future__ import annotations
@@ -58,14 +58,15 @@ def bind(port: int) -> socket.socket:
 
 
 def check_page(page: Path) -> None:
-    """Refuse to start without the page, which is built, not stored in the repository."""
+    """Refuse to start if the page is missing: it is built, not stored in the repository."""
     if not (page / "app.js").is_file():
         raise RockfallError("the page of the window has not been built: `./run page` builds it")
 
 
 class Server:
-    """Server of one room, on a bound socket, until the last page has closed. It serves the page
-    while the room is still being opened: pages wait for `admit`."""
+    """Server of one room, on a bound socket, until the last page has closed. It starts before the
+    room is open: pages wait for `admit`.
+    """
 
     def __init__(
         self, bound: socket.socket, *, page: Path | None = None, keep: bool = False,
@@ -90,7 +91,7 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Address of the page, with the key in its fragment, which browsers send to nobody."""
+        """Address of the page, with the key in its fragment, which browsers do not send."""
         return f"http://{HOST}:{self.port}/#key={self.key}"
 
     def run(self) -> None:
@@ -107,11 +108,13 @@ class Server:
         self._server.should_exit = True
 
     def admit(self, room: Room) -> None:
-        """Let the pages that wait, and later ones, into a room; may be called from any thread."""
+        """Admit waiting and later pages to a room; may be called from any thread."""
         self._opening.set_result(room)
 
     def refuse(self, error: RockfallError) -> None:
-        """Report to the first page why there is no document, and stop; from any thread."""
+        """Report to the first page why there is no document, and stop; may be called from any
+        thread.
+        """
         self._opening.set_exception(error)
 
     def _app(self, page: Path) -> Starlette:
@@ -151,7 +154,7 @@ class Server:
             pass
 
     async def _hello(self, socket: WebSocket) -> dict[str, Any] | None:
-        """First message, if it has the key."""
+        """First message, if it contains the key."""
         try:
             given = read_message(await asyncio.wait_for(_text(socket), HELLO_SECONDS))
         except (TimeoutError, Refused):
@@ -161,7 +164,7 @@ class Server:
         return given if valid and given["type"] == "hello" else None
 
     async def _serve(self, socket: WebSocket, room: Room, hello: dict[str, Any]) -> None:
-        """Pass messages both ways until the page closes or takes no more."""
+        """Pass messages both ways until the page closes or stops reading."""
         outbox = Outbox(asyncio.get_running_loop())
         client = Client(outbox.put)
         if self._left is not None:
@@ -184,7 +187,7 @@ class Server:
                 self._end_later(room)
 
     def _end_later(self, room: Room) -> None:
-        """Stop after some seconds without a page; products in progress are finished first."""
+        """Stop after some seconds without a page; running tasks are finished first."""
 
         def end() -> None:
             if not room.is_empty:  # a page came while another was leaving
@@ -215,7 +218,7 @@ async def _text(socket: WebSocket) -> str:
 
 
 async def _send_all(socket: WebSocket, outbox: Outbox) -> None:
-    """Send messages as fast as the page takes them, until it has taken none for long."""
+    """Send messages as fast as the page accepts them; give up after a long pause."""
     while True:
         message: Message = await outbox.get()
         sent = socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message)
@@ -223,7 +226,7 @@ async def _send_all(socket: WebSocket, outbox: Outbox) -> None:
 
 
 class _Guard:
-    """Let in requests of this page only, and add headers to responses."""
+    """Accept requests from this page only, and add headers to responses."""
 
     def __init__(self, app: ASGIApp, port: int) -> None:
         self._app = app
@@ -264,7 +267,7 @@ class _Guard:
         await self._app(scope, receive, with_headers)
 
     def _admits(self, headers: list[tuple[bytes, bytes]], socket: bool) -> bool:
-        """Return True for our Host and, which a websocket must have, our Origin."""
+        """Return True if Host and, for a websocket, Origin are ours."""
         hosts = [value for name, value in headers if name == b"host"]
         origins = [value for name, value in headers if name == b"origin"]
         if len(hosts) != 1 or hosts[0] not in self._hosts or len(origins) > 1:
@@ -273,9 +276,10 @@ class _Guard:
 
 
 def open_browser(url: str) -> TemporaryDirectory[str]:
-    """Open the page in the user's browser, if there is one, through a file that leads to it: all
-    users of the machine see command lines, which thus contain no key. Returns the folder of the
-    file, which only this user can read, and which is to be removed once the page is open."""
+    """Open the page in the user's browser, if any, through a temporary redirect file: command lines
+    are visible to all users and must not contain the key. Returns the folder of the file, readable
+    only by this user, to be removed once the page is open.
+    """
     folder = TemporaryDirectory(prefix="rockfall-")
     path = Path(folder.name) / "window.html"
     with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A result as a page of its own, for Jupyter and for files."""
+"""A result as a standalone page, for Jupyter and for files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def show(result: xr.Dataset | str | Path, language: str = "en") -> View:
     """View of a result (a Dataset, or its netCDF file), which Jupyter shows: a map with its lines,
     maps and stops, and trajectories in three dimensions, as `rockfall app` has them.
 
-    Needs the `[app]` extra. A RockfallError if the language is unknown, or the file no result.
+    Needs the `[app]` extra. Raises RockfallError if the language is unknown, or the file is not a
+    result.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -56,7 +57,7 @@ def show(result: xr.Dataset | str | Path, language: str = "en") -> View:
 
 
 class View:
-    """A view of a result, from `rockfall.show`; `page` is its text."""
+    """View of a result, from `rockfall.show`; `page` is its HTML."""
 
     def __init__(self, messages: list[Message]) -> None:
         held = [
@@ -71,7 +72,7 @@ class View:
         return f'<iframe srcdoc="{html.escape(self.page)}" style="{style}"></iframe>'
 
     def save(self, path: str | Path) -> Path:
-        """Write the page to a file, which needs no other file; returns its path."""
+        """Write the page to a self-contained file; return its path."""
         path = Path(path)
         check_output(path)
         with atomic_write(path) as part:
@@ -97,6 +98,7 @@ def _page(messages: str) -> str:
 
 
 def _inline(text: str) -> str:
-    """Script or style escaped so that it cannot end its element: strings and patterns may escape
-    any character."""
+    """Script or style escaped so that it cannot end its element; valid because strings and patterns
+    may escape any character.
+    """
     return _END.sub(lambda match: f"<\\{match[0][1:]}", text)

@@ -26,14 +26,14 @@ MAX_OFFERED = 40  # layers of a folder
 
 
 class Given(NamedTuple):
-    """Layers that the user gave besides the file that is opened."""
+    """Layers given by the user in addition to the opened file."""
 
     objects: Sequence[Path] = ()
     objects_layer: Sequence[str] = ()
 
 
 class Offer(NamedTuple):
-    """A choice of layers of objects, by its label on the page."""
+    """A choice of object layers, with its label on the page."""
 
     label: str
     files: Sequence[Path]
@@ -41,7 +41,7 @@ class Offer(NamedTuple):
 
 
 def offered_objects(folder: Path, given: Given) -> list[Offer]:
-    """Layers of objects that the page can choose: those given, then all of a folder."""
+    """Object layers that the page can choose: those given, then all in a folder."""
     offers = []
     if given.objects:
         names = [*(file.name for file in given.objects), *given.objects_layer]
@@ -59,8 +59,9 @@ def offered_objects(folder: Path, given: Given) -> list[Offer]:
 
 
 def objects_message(offer: Offer | None, grid: Grid) -> Message:
-    """Message `objects`: names, as in a hazard, and shapes. Without an offer there are none. A
-    RockfallError if its layers cannot be read."""
+    """Message `objects`: names, as in a hazard, and shapes; empty without an offer. Raises
+    RockfallError if a layer cannot be read.
+    """
     import shapely
 
     remarks: list[str] = []
@@ -82,7 +83,7 @@ def objects_message(offer: Offer | None, grid: Grid) -> Message:
 
 
 def stands_of(case: Case, grid: Grid) -> list[dict[str, Any]]:
-    """Stands of the forest of a case, with their names; none where their layer cannot be found."""
+    """Forest stands of a case with their names; empty if their layer cannot be found."""
     import shapely
 
     given = case.forest.get("polygons", FROM_ARRAY)

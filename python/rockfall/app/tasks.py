@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Products of a saved case: it is run from the start, without the tallies of a live run, and its
-result is written, alone or with a report or layers. A run for a result alone, which may be long,
-has the checkpoints of `rockfall run`; either program resumes from them."""
+"""Products of a saved case. It is run from the start, without live tallies; the result is written
+alone or with a report or layers. Runs for a result alone use the checkpoints of `rockfall run`, and
+either program can resume them.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +42,7 @@ MAX_UNFINISHED = 5  # maximum number of runs offered
 
 
 def outputs(task: str, name: str) -> list[str]:
-    """Names of the files and folders that a task writes besides the case, its result first."""
+    """Names of the files and folders that a task writes besides the case, result first."""
     result = Path(f"{name}.nc")
     others = {
         REPORT: f"{name}.html", EXPORT: f"{name}_layers", SIMULATE: str(checkpoint_of(result)),
@@ -50,8 +51,9 @@ def outputs(task: str, name: str) -> list[str]:
 
 
 def unfinished(folder: Path) -> dict[str, int]:
-    """Names of the cases in a folder whose runs were stopped, and the number of boulders in their
-    checkpoints; the latest first."""
+    """Names of the cases in a folder with stopped runs, and the numbers of boulders in their
+    checkpoints; latest first.
+    """
     suffix = str(checkpoint_of(Path(".nc")))
     files = [file for file in folder.glob(f"*{suffix}") if file.is_file()]
     files.sort(key=lambda file: file.stat().st_mtime, reverse=True)
@@ -78,7 +80,7 @@ class Task:
         self._thread.start()
 
     def cancel(self) -> None:
-        """Stop as soon as possible, without files."""
+        """Stop as soon as possible, without writing files."""
         self._cancel.set()
 
     def wait(self) -> None:
@@ -143,7 +145,7 @@ class Task:
         raise Stopped
 
     def _phase(self, text: str, done: int = 0, total: int = 0, left: float | None = None) -> None:
-        """Report the progress of the work; total 0: not known."""
+        """Report progress; total 0: unknown."""
         self._send(*self._about("progress", phase=text, done=done, total=total, seconds_left=left))
 
     def _refusal(self, text: str) -> tuple[str, str]:
@@ -155,14 +157,14 @@ class Task:
 
 
 class _Clock:
-    """Progress of a run, with the time left by the rate since the first report."""
+    """Progress of a run, with the time left estimated from the rate since the first report."""
 
     def __init__(self, tell: Callable[[str, int, int, float | None], None], what: str) -> None:
         self._tell, self.what = tell, what
         self._begun, self._before = time.perf_counter(), 0
 
     def start(self, done: int) -> None:
-        """Begin a run with some boulders done."""
+        """Begin a run; some boulders may be done already."""
         self._begun, self._before = time.perf_counter(), done
 
     def tell(self, done: int, total: int) -> None:
@@ -173,7 +175,7 @@ class _Clock:
 
 
 class _Watched(Checkpoint):
-    """Checkpoint of a run whose progress is reported."""
+    """Checkpoint of a run that reports progress."""
 
     def __init__(self, output: Path, clock: _Clock) -> None:
         super().__init__(output, SAVE_SECONDS, self._note)
@@ -188,5 +190,5 @@ class _Watched(Checkpoint):
         super().look(tally)
 
     def _note(self, text: str) -> None:
-        """Show from now on that no more checkpoints are written."""
+        """Report that no more checkpoints can be written."""
         self._clock.what = f"{self._clock.what} ({text})"

@@ -85,7 +85,9 @@ def _try_renaming(folder: Path) -> None:
 
 
 def check_space(path: Path, size: int) -> None:
-    """Refuse an output of at least this size [bytes] that the disk of its folder cannot hold."""
+    """Refuse an output of at least this size [bytes] that does not fit on the disk of its
+    folder.
+    """
     try:
         reserve(path.parent, size)
     except OSError as error:
@@ -95,8 +97,9 @@ def check_space(path: Path, size: int) -> None:
 
 
 def check_outputs(paths: Iterable[Path], inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse to overwrite an input under any name, a folder or a device, and, unless `overwriting`
-    allows it, any file."""
+    """Refuse to overwrite an input under any name, a folder or a device, or, unless `overwriting`
+    allows it, any existing file.
+    """
     taken = [path for path in paths if os.path.lexists(path)]
     read = {_identity(path) for path in inputs if os.path.exists(path)} if taken else set()
     for path in taken:
@@ -116,15 +119,17 @@ def _identity(path: str | Path) -> tuple[int, int]:
 
 
 def why_unwritten(error: Exception, folder: Path) -> str:
-    """Reason why a library could not write a file in a folder: most do not report that the disk is
-    full."""
+    """Reason why a library could not write a file in a folder: most libraries do not report a full
+    disk.
+    """
     full = shutil.disk_usage(folder).free < LEFT_FREE
     return os.strerror(errno.ENOSPC) if full else str(error)
 
 
 def check_folder(folder: Path, *, tries: bool = True) -> None:
-    """Refuse a file in place of a folder, and, if requested, one that is not writable; the folder
-    need not exist."""
+    """Refuse a file in place of a folder and, on request, a folder that is not writable; the folder
+    need not exist.
+    """
     if folder.exists() and not folder.is_dir():
         raise RockfallError(f"{folder}: is a file, a folder is needed")
     if tries:
@@ -132,6 +137,6 @@ def check_folder(folder: Path, *, tries: bool = True) -> None:
 
 
 def existing(folder: Path) -> Path:
-    """The folder, or the nearest of its parents that exists."""
+    """The folder, or its nearest existing parent."""
     place = folder.resolve()
     return next(path for path in (place, *place.parents) if path.exists())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""CSV tables written by users, and CSV tables for their spreadsheets."""
+"""CSV tables: reading those written by users, and writing tables for spreadsheets."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Row(NamedTuple):
         return value
 
     def maybe(self, column: str, min: float = -math.inf, max: float = math.inf) -> float:
-        """A number, or NaN where the column or the cell is missing."""
+        """Number in a cell, or NaN if the column or the cell is missing."""
         return self.number(column, min, max) if self.cells.get(column) else math.nan
 
 

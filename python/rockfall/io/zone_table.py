@@ -30,7 +30,7 @@ _INTEGER = re.compile(r"[+-]?[0-9]+")
 
 
 class NamedGround(NamedTuple):
-    """A ground by its name, and a strength [Pa] and relief [degree] in place of its own."""
+    """A ground by name, with a strength [Pa] and relief [degree] that replace its own."""
 
     name: str
     pair: Mapping[str, float] = MappingProxyType({})  # by their names in a table of grounds
@@ -53,7 +53,9 @@ class Zone(NamedTuple):
 
     @property
     def pair(self) -> dict[str, float]:
-        """Own strength and relief, by their names in a table of grounds; empty if not given."""
+        """Strength and relief of the zone, by their names in a table of grounds; empty if not
+        given.
+        """
         given = {"strength": self.strength, "relief": self.relief}
         return {name: value for name, value in given.items() if not math.isnan(value)}
 
@@ -113,8 +115,8 @@ def zones_of_polygons(
     """Id of each polygon (int32), the zones by id, and whether the ids are from the layer, for
     polygons whose attributes are the columns of a table of zones.
 
-    Polygons with equal attributes are one zone. Its id is the value of an integer attribute `field`
-    if this distinguishes zones, else its number in the order of the file, from 1.
+    Polygons with equal attributes are one zone. Its id is the integer attribute `field` if that
+    identifies zones, else its number in file order, from 1.
     """
     texts_of = {name: attribute(columns, name) for name in (*MATERIAL, *NAMES)}
     given = {
@@ -146,7 +148,7 @@ def zones_of_polygons(
 
 
 def _own_ids(values: np.ndarray | None, kinds: list[tuple[str, ...]]) -> list[int] | None:
-    """Ids of polygons, if no id stands for different kinds."""
+    """Ids of polygons, unless one id is used for polygons that differ."""
     if values is None or values.dtype.kind not in "iu":
         return None
     ids = [int(value) for value in values]

@@ -29,7 +29,7 @@ class Part(NamedTuple):
 
 
 def write_document(title: str, parts: Iterable[Part], path: Path) -> Path:
-    """Write tables to a document on A4, landscape, atomically, in the current language."""
+    """Write tables to an A4 landscape document, atomically, in the current language."""
     from docx import Document
     from docx.shared import Cm
 
@@ -58,7 +58,7 @@ def write_document(title: str, parts: Iterable[Part], path: Path) -> Path:
 
 
 def _set_language(document: Any, language: str) -> None:
-    """Language of all texts, in which long words are hyphenated."""
+    """Set the language of all texts, which controls hyphenation."""
     from docx.oxml.ns import qn
 
     document.core_properties.language = language
@@ -73,7 +73,7 @@ def _set_language(document: Any, language: str) -> None:
 
 
 def _add_table(document: Any, table: Table) -> None:
-    """A table; its first row is repeated on each page that it reaches, and no row is split."""
+    """Add a table; its first row is repeated on each page, and no row is split."""
     rows = [table.head, *table.texts()]
     grid = document.add_table(len(rows), len(table.head), style="Table Grid")
     cells = iter(grid._cells)  # grid.cell(i, j) would build this list each time

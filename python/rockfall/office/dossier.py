@@ -22,7 +22,8 @@ def write_dossier_document(title: str, sections: Sequence[Section], path: Path) 
 
 def write_dossier_workbook(title: str, sections: Sequence[Section], path: Path) -> Path:
     """Write each table as a sheet of a workbook, after a sheet with the sentences; numbers have all
-    their digits, and limits of intervals columns of their own."""
+    digits, and interval limits have their own columns.
+    """
     rows: list[tuple[str, str]] = [("", title), ("", say("office.intervals"))]
     sheets, number = [], 0
     for section in sections:

@@ -44,7 +44,8 @@ def put_tables(
     result: xr.Dataset, folder: Path, formats: Sequence[str], language: str, checksum: str = ""
 ) -> Iterator[Path]:
     """Write line statistics, return levels and effects of barriers to tables.xlsx and tables.docx
-    in a new folder, with facts on the run; `checksum` is that of the result's file, if any."""
+    in a new folder, with facts on the run; `checksum` belongs to the result's file, if any.
+    """
     sheets = [*_result_sheets(result)] if "xlsx" in formats else []  # texts as in CSV files
     with speaking(language):
         facts = _facts(result, checksum)
@@ -130,7 +131,7 @@ def _fact_sheet(facts: Iterable[Table], notes: Iterable[str]) -> Sheet:
 
 
 def _notes_of(name: str, notes: Iterable[str]) -> Iterator[str]:
-    """Notes that are not empty, after the name of their subject."""
+    """Non-empty notes, each after the name of its subject."""
     for note in filter(None, notes):
         yield say("join.colon", before=name, after=translated(note))
 

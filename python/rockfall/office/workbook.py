@@ -92,7 +92,7 @@ def number_format(value: float) -> str:
 
 
 def _widen(page: Any, is_table: bool) -> None:
-    """Make columns as wide as their contents as shown, within reason; long headers wrap."""
+    """Set column widths to their displayed contents, within limits; long headers wrap."""
     for column in page.columns:
         head, *cells = column
         longest = max((len(_shown(cell)) for cell in cells), default=0)
@@ -102,7 +102,7 @@ def _widen(page: Any, is_table: bool) -> None:
 
 
 def _heighten(page: Any) -> None:
-    """Give each row with texts of several lines their height, which LibreOffice does not find."""
+    """Set the height of rows with multi-line texts, which LibreOffice does not do."""
     for row in page.rows:
         lines = max(_lines(cell, page.column_dimensions[cell.column_letter].width) for cell in row)
         if lines > 1:

@@ -68,8 +68,9 @@ def along_figure(design: Design) -> Figure:
 
 
 def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> None:
-    """Draw steps of a number and its band, hatched upwards where there are too few boulders for an
-    upper limit."""
+    """Draw steps of a number and its band, hatched upwards where too few boulders give no upper
+    limit.
+    """
     edges = np.append(along["start"], along["end"].iloc[-1])
     value, low, high = (factor * along[name + end].to_numpy() for end in ENDS)
     finite = np.append(value, high)[np.isfinite(np.append(value, high))]

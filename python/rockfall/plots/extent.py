@@ -22,8 +22,9 @@ CELL = 5.0  # default for margins [m]
 
 
 def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) -> Extent:
-    """Extent of a map: everything that boulders reached and further places (n, 2), with a margin,
-    not too narrow; within the terrain if given."""
+    """Map extent of everything that boulders reached and further places (n, 2), with a margin, not
+    too narrow, and within the terrain if given.
+    """
     x, y = (
         [result[f"{end}_{axis}"].values for end in ("start", "stop") if f"{end}_{axis}" in result]
         for axis in "xy"
@@ -45,8 +46,9 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
 
 
 def around(x: np.ndarray, y: np.ndarray, cell: float, terrain: Terrain | None = None) -> Extent:
-    """Extent of a map of these places, with a margin, not too narrow; within the terrain if
-    given."""
+    """Map extent of these places, with a margin, not too narrow, and within the terrain if
+    given.
+    """
     longest = max(np.ptp(x), np.ptp(y))
     margin = 0.06 * longest + 3 * cell
     shortest = SLENDEREST * (longest + 2 * margin) / 2

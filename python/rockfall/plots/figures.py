@@ -118,8 +118,9 @@ def write_figures(
     format: str = "png",
     inputs: Iterable[str | Path] = (),
 ) -> list[Path]:
-    """Write figures to a folder, created if missing, all of them or none, over no file of the
-    `inputs`; returns the files written."""
+    """Write figures to a folder, created if missing: all or none, and never over `inputs`. Return
+    the files written.
+    """
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
     need("figures need", "report", "matplotlib")
@@ -194,7 +195,7 @@ def _passages(
 
 
 def drawn_lines(result: xr.Dataset, most: int | None = None) -> list[int]:
-    """Lines of figures, counted from 0, in their order: all, or those that most boulders pass."""
+    """Indices of lines in figures, in order: all, or those that most boulders pass."""
     if not lines(result):
         return []
     passed = result["row_size"].values

@@ -58,8 +58,9 @@ def history_figure(result: xr.Dataset, line: int) -> Figure:
 
 
 def _mark_minor(axes: Axes) -> None:
-    """Draw the minor ticks of a logarithmic axis, without labels, as one row of marks: each tick
-    takes a millisecond."""
+    """Draw the minor ticks of a logarithmic axis as one unlabelled row of marks: each tick would
+    take a millisecond.
+    """
     import matplotlib
     from matplotlib.markers import TICKDOWN
     from matplotlib.ticker import LogLocator, NullLocator
@@ -84,8 +85,9 @@ def _mark_minor(axes: Axes) -> None:
 def _curve(
     axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, scale: float
 ) -> float:
-    """Plot a number with its 95 % band; returns the upper limit for the axis: at least twice the
-    highest number, since bands of few boulders are unbounded, and the end of the last band."""
+    """Plot a number with its 95 % band. Returns the upper axis limit, from twice the highest number
+    and the end of the last band, since bands of few boulders are unbounded.
+    """
     value, low, high = (
         np.array([scale * row.get(f"{name}{end}", np.nan) for row in rows]) for end in ENDS
     )

@@ -14,7 +14,7 @@ Made = TypeVar("Made")
 
 
 class LeftOut:
-    """Parts that are left out, by the fault that prevents them."""
+    """Parts left out, by the fault that prevents them."""
 
     def __init__(self) -> None:
         self._parts: dict[str, list[Text]] = {}
@@ -33,6 +33,6 @@ class LeftOut:
             return None
 
     def notes(self) -> Iterator[Text]:
-        """One line for each fault, with the parts that it prevents."""
+        """One line for each fault, with the parts left out because of it."""
         for fault, parts in self._parts.items():
             yield say("page.left_out", parts=[*map(say, (text.key for text in parts))], why=fault)

@@ -61,9 +61,10 @@ class Row(NamedTuple):
 def distribution_figure(
     result: xr.Dataset, quantity: str, observed: Any = None, which: Iterable[int] | None = None
 ) -> Figure:
-    """Distribution of a quantity among the boulders that pass, with a panel for each line or for
-    `which` of them, counted from 0; below it mean and standard deviation, also from `observed` (see
-    `rockfall.plots.figures`)."""
+    """Distribution of a quantity among the boulders that pass, with a panel for each line, or for
+    the lines `which`, counted from 0; mean and standard deviation are below, also of `observed`
+    (see `rockfall.plots.figures`).
+    """
     which = list(range(result.sizes["line"]) if which is None else which)
     display, names = QUANTITIES[quantity], [line_names(result)[k] for k in which]
     ours = [display.factor * values_at(result, quantity, k) for k in which]
@@ -166,7 +167,7 @@ def _finite(values: np.ndarray) -> np.ndarray:
 
 
 def _sample(observed: Any, line: str, quantity: str) -> np.ndarray:
-    """Observed values of single boulders; empty if there are none."""
+    """Observed values of individual boulders; empty if there are none."""
     samples = {} if observed is None else observed.samples
     return np.asarray(samples.get((line, quantity), ()), float)
 
@@ -174,7 +175,9 @@ def _sample(observed: Any, line: str, quantity: str) -> np.ndarray:
 def _rows(
     line: str, ours: np.ndarray, theirs: np.ndarray, quantity: str, observed: Any
 ) -> list[Row]:
-    """Means and deviations of a quantity at a line: of this run, printed, and of the sample."""
+    """Means and standard deviations of a quantity at a line: of this run, published, and of the
+    sample.
+    """
     rows = []
     if ours.size:
         rows.append(Row(say("compare.this_run"), ours.mean(), _deviation(ours), OURS))
@@ -198,8 +201,9 @@ def _deviation(values: np.ndarray) -> float:
 
 
 def _bins(samples: list[np.ndarray]) -> np.ndarray:
-    """Edges of bins of a round width, up to a value exceeded by one in 500 of any sample; their
-    number depends on the largest sample."""
+    """Bin edges of a round width, up to a value that one in 500 of any sample exceeds; their number
+    depends on the largest sample.
+    """
     high = max((float(np.quantile(v, BEYOND)) for v in samples if v.size), default=1.0)
     low = min([0.0, *(float(v.min()) for v in samples if v.size)])
     largest = max(v.size for v in samples)

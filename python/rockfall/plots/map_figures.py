@@ -111,12 +111,12 @@ def _finished(sheet: Sheet, result: xr.Dataset) -> Figure:
 
 
 def is_fraction(name: str) -> bool:
-    """Return True if a map is drawn as a fraction of all boulders."""
+    """Return True if a map shows a fraction of all boulders."""
     return name == "passages" or name.startswith("reach_probability")
 
 
 def map_note(result: xr.Dataset, name: str) -> str:
-    """Note on blank cells that have values, and on the basis of the values of a map."""
+    """Note on blank cells that have values, and on what the values of a map are based on."""
     attrs = result[name].attrs
     notes = map_comment(name, attrs)
     if "min_passages" in attrs:
@@ -183,7 +183,7 @@ def _draw_classes(
 
 
 def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
-    """Draw recorded trajectories in plan, or some of them if there are many."""
+    """Draw recorded trajectories in plan; only some of them if there are many."""
     from matplotlib.collections import LineCollection
 
     paths = [xy.T for xy in spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)]

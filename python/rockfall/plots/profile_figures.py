@@ -69,7 +69,7 @@ def _ground_below(
 
 
 def _speeds_in_motion(curve: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Distances and speeds, without the times at which a boulder rests between contacts."""
+    """Distances and speeds, without times when a boulder rests between contacts."""
     moves = (curve.speed > 0) | (curve.time == 0)
     return curve.distance[moves], curve.speed[moves]
 

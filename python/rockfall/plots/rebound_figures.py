@@ -46,8 +46,9 @@ KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
 
 
 def beside_paper(result: xr.Dataset) -> bool:
-    """Return True if the rebounds are comparable with values of the paper, which apply to impact
-    sets."""
+    """Return True if the rebounds are comparable with the paper's values, which apply to impact
+    sets.
+    """
     return not (classical_grounds(result) or table_grounds(result))
 
 

@@ -91,7 +91,7 @@ def _draw_profile(axes: Axes, section: Section) -> None:
 
 
 def _bases(section: Section) -> str:
-    """Boulders behind the numbers of a section, and the boulders that it leaves out."""
+    """Notes on the boulders behind the numbers of a section, and on those left out."""
     style = {"part": section.recorded, "n": section.boulders, "within": section.line.within}
     left_out = section.not_kept
     more = [say_count("figures.section_not_kept", left_out)] if left_out else []

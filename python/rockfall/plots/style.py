@@ -78,7 +78,7 @@ def _localise_ticks(figure: Figure, language: str) -> None:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Empty figure [inch] with a layout that keeps its panels apart, outside pyplot's registry."""
+    """Empty figure [inch] with a layout that separates its panels, outside pyplot's registry."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -91,8 +91,9 @@ def draw_bars(axes: Axes, fraction: np.ndarray, edges: np.ndarray) -> None:
 
 
 def save(figure: Figure, path: str | Path, dpi: int | None = None, **options: Any) -> None:
-    """Write a figure atomically, with reproducible bytes; Stopped if a stop was requested.
-    `options`: those of Matplotlib's `savefig`."""
+    """Write a figure atomically, with reproducible bytes; raises Stopped if a stop was requested.
+    `options` are passed to Matplotlib's `savefig`.
+    """
     import matplotlib
 
     step()
@@ -112,8 +113,9 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None, **options: An
 
 
 def _keep_ticks(figure: Figure) -> None:
-    """Make ticks once for each view and space: Matplotlib makes them a dozen times, a quarter of
-    the time of a figure."""
+    """Cache ticks for each view and space: Matplotlib computes them a dozen times, a quarter of the
+    time of a figure.
+    """
     for axis in [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
         make = getattr(axis, "_update_ticks", None)  # private: without it figures take longer
         if make is not None:
@@ -139,7 +141,9 @@ def _room(axis: Axis) -> tuple[float, ...]:
 
 
 def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
-    """Lay a figure out, as its first format draws texts: Matplotlib would draw it twice."""
+    """Lay out a figure with the texts of its first format; otherwise Matplotlib would draw it
+    twice.
+    """
     from matplotlib.backend_bases import get_registered_canvas_class
 
     engine, canvas = figure.get_layout_engine(), get_registered_canvas_class(ending[1:])
@@ -151,7 +155,7 @@ def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
 
 
 def save_pages(pages: Iterable[Figure], path: str | Path, dpi: int) -> None:
-    """Write figures as the pages of a PDF, as `save` writes one."""
+    """Write figures as pages of one PDF, like `save`."""
     import matplotlib
     from matplotlib.backends.backend_pdf import PdfPages
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Terrain of the boulders of a result, located again and checked."""
+"""Terrain of the boulders of a result, found again and checked."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def terrain_of(
 
 
 def _places(result: xr.Dataset, beside: Path | None) -> list[Path]:
-    """Candidate paths of the DEM of the case: where it was run, or next to the result."""
+    """Candidate paths of the case's DEM: where it was run, or next to the result."""
     case = case_of(result)
     if case.terrain["dem"] == FROM_ARRAY:
         raise RockfallError(f"{case.name}: the elevations of the run came from an array, no file")
@@ -65,7 +65,7 @@ def _places(result: xr.Dataset, beside: Path | None) -> list[Path]:
 
 
 def _found(result: xr.Dataset, places: list[Path]) -> Path:
-    """First of the given files that is the DEM of the run."""
+    """First of the given files that is the run's DEM."""
     there = [path for path in places if Path(raster_file(str(path))).exists()]
     for path in there[:-1]:
         with contextlib.suppress(RockfallError):
@@ -115,8 +115,9 @@ def _inside(centres: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _check_place(result: xr.Dataset, path: Path, grid: Grid) -> None:
-    """Check that the cells of the result's grid mapping, which starts where maps do, are cells of
-    the DEM."""
+    """Check that the result's grid, whose origin is that of its maps, matches the cells of the
+    DEM.
+    """
     west, north, cell = corner_of(result["crs"].attrs)
     column, row = round((west - grid.west) / grid.cell), round((grid.north - north) / grid.cell)
     part = grid.part(Box(row, column, grid.ny, grid.nx))

@@ -27,8 +27,9 @@ SAMPLES = 200  # places along a line at which elevation and distance are taken
 
 
 class Alignment(NamedTuple):
-    """A candidate line: its vertices [m], its mean and least plan distances from the protected
-    line, its mean elevation, and its length [m]."""
+    """Candidate line: vertices [m], mean and minimum plan distances from the protected line, mean
+    elevation, and length [m].
+    """
 
     name: str
     x: list[float]
@@ -40,8 +41,9 @@ class Alignment(NamedTuple):
 
 
 class Shift(NamedTuple):
-    """Steps by which the protected line is moved [m], up to a distance, and the azimuth of the move
-    [degree]; None: perpendicular to the line, towards the sources."""
+    """Shifts of the protected line: step [m], maximum distance, and azimuth [degree]; None:
+    perpendicular to the line, towards the sources.
+    """
 
     every: float
     to: float
@@ -49,8 +51,9 @@ class Shift(NamedTuple):
 
 
 def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Alignment]]:
-    """The scene with copies of a line as evaluation lines, and these lines; the line itself comes
-    first. Copies that lie entirely outside the terrain are left out."""
+    """Scene with copies of a line as evaluation lines, and these lines, the original first. Copies
+    entirely outside the terrain are left out.
+    """
     number = _steps(shift)
     vertices = vertices_of(scene.case, line)
     step = _direction(scene, line, vertices, shift.direction) * shift.every
@@ -76,8 +79,9 @@ def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Al
 def drawn_scene(
     case: Case, scene: Scene, line: str, layer: Any, name: str | None, arrays: Mapping[str, Any]
 ) -> tuple[Scene, list[Alignment]]:
-    """The scene of a case with the lines of a layer (a file, or a GeoDataFrame) as evaluation
-    lines, and these lines; `scene` is the scene of the case without them."""
+    """Scene of a case with the lines of a layer (a file or GeoDataFrame) as evaluation lines, and
+    these lines; `scene` is the scene without them.
+    """
     given = {"candidates": layer} if is_frame(layer) else {}
     with frame_files(given) as files:
         file = files.get("candidates", layer if is_frame(layer) else Path(layer).resolve())
@@ -109,8 +113,7 @@ def vertices_of(case: Case, line: str) -> np.ndarray:
 def alignment(
     scene: Scene, name: str, vertices: np.ndarray, line: np.ndarray, shift: float | None = None
 ) -> Alignment:
-    """An alignment above a line, shifted or not, with the elevation of the known terrain below it;
-    NaN without terrain."""
+    """Alignment above a line, shifted or drawn, with its elevation; NaN without terrain."""
     apart = beside(spaced(vertices, SAMPLES), line)[0]
     distance = float(apart.mean()) if shift is None else shift
     z, grid, places = scene.rasters.z, scene.grid, spaced(vertices, SAMPLES)
@@ -142,8 +145,9 @@ def _steps(shift: Shift) -> int:
 
 
 def _direction(scene: Scene, line: str, vertices: np.ndarray, azimuth: float | None) -> complex:
-    """Unit vector of a move, from its azimuth, or perpendicular to the chord of a line on the side
-    of the mean source."""
+    """Unit vector of a shift, from its azimuth, or perpendicular to the chord of a line towards the
+    mean source.
+    """
     if azimuth is not None:
         return complex(1j * np.exp(-1j * math.radians(azimuth)))
     chord = vertices[-1] - vertices[0]

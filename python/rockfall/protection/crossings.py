@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that reach a line, as a barrier there would meet them."""
+"""Boulders that reach a line, as a barrier there would."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Crossings(NamedTuple):
 
 
 def crossings(result: xr.Dataset, line: int) -> Crossings:
-    """Crossings at the line of this index."""
+    """Crossings at the line with this index."""
     check_rows(result, "a quantity of each boulder at a line")
     at = at_line(result, line)
     numbers = (at.values(name) for name in Crossings._fields[2:])
@@ -51,8 +51,9 @@ def crossings(result: xr.Dataset, line: int) -> Crossings:
 
 
 def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:
-    """Mark boulders that a barrier of this height [m] and capacity [J] lets pass, over or through
-    it, when they first reach it: the kernel's rule without its stop speed."""
+    """Mark boulders that pass a barrier of this height [m] and capacity [J], over or through it, at
+    first contact: the kernel's rule without its stop speed.
+    """
     if not came.n:
         return np.zeros(0, bool)
     outcome = barrier_outcomes(height, capacity, came.passing_height, came.energy_total)

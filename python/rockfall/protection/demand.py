@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requirements of the standards for a barrier that these boulders reach: energy, height, EAD
-class."""
+"""Requirements of the standards for a barrier, from the boulders that reach it: energy, height, EAD
+class.
+"""
 
 from __future__ import annotations
 
@@ -39,8 +40,7 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
 
 
 def _density(came: Crossings, density: float) -> float:
-    """Density of the densest boulder that came, from its energy; the density of the case if
-    equal."""
+    """Density of the boulder that is densest by its energy; the density of the case if equal."""
     moves = came.speed > 0
     mass = 2 * came.energy_translational[moves] / came.speed[moves] ** 2
     densest = float((mass / came.volume[moves]).max(initial=0.0))
@@ -49,7 +49,8 @@ def _density(came: Crossings, density: float) -> float:
 
 def class_for(energy: float, factors: Factors) -> float:
     """Lowest EAD class whose capacity covers a design energy [J]; ABOVE if none does, NaN if the
-    energy is unknown. Kits of class 0 are not tested at a SEL."""
+    energy is unknown. Class 0 kits are not tested at SEL.
+    """
     first = 1 if factors.conditions.limit_state == "SEL" else 0
     enough = [k for k in range(first, ABOVE) if energy < usable(EAD_ENERGY[k], factors)]
     return np.nan if np.isnan(energy) else enough[0] if enough else ABOVE

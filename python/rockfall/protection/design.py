@@ -156,7 +156,7 @@ def design(
 
 
 def _block_remarks(result: xr.Dataset, volume: float | None) -> Iterator[str]:
-    """Remark on a design block whose size is far from that of the boulders whose speeds it gets."""
+    """Remark on a design block much larger or smaller than the boulders that supply its speeds."""
     low, high = float(result["volume"].min()), float(result["volume"].max())
     if volume is not None and not low / FAR <= volume <= high * FAR:
         yield say("design.far_block", volume=volume, low=low, high=high)
@@ -215,7 +215,7 @@ def _check(
 
 
 def _loads(line: str, samples: LineSamples, k: int) -> Iterator[dict[str, Any]]:
-    """Quantiles and return levels of the boulders that reach the line of this index."""
+    """Quantiles and return levels of the boulders that reach the line with this index."""
     for quantity in LOADS:
         sample, tail = tail_at(samples, k, quantity)
         row: dict[str, Any] = {"line": line, "n": sample.n, "quantity": quantity}
@@ -250,10 +250,11 @@ def _check_of(
 
 
 def verdict_of(row: Mapping[str, Any]) -> str:
-    """Verdict on a barrier, for the table and for all texts: "no" if a requirement certainly fails,
-    "undecided" if the interval of a requirement contains its limit, or if the loads depend on
-    unconfirmed assumptions, else "yes"; with the requirements that decide. A barrier that no
-    boulder reaches has none ("")."""
+    """Verdict on a barrier, for tables and texts: "no" if a requirement certainly fails;
+    "undecided" if the interval of a requirement contains its limit, or the loads depend on
+    unconfirmed assumptions; else "yes"; with the deciding requirements. "" for a barrier that no
+    boulder reaches.
+    """
     if not row["n"]:
         return ""
     unsure = [what for what in ("height", "energy") if not row[f"{what}_certain"]]
@@ -272,8 +273,9 @@ def verdict_of(row: Mapping[str, Any]) -> str:
 def _verdict(
     asked: dict[str, Any], name: str, suffices: Callable[[float], bool]
 ) -> tuple[bool, bool]:
-    """Verdict on a requirement, and whether it is valid over the entire interval; unknown limits
-    are ignored."""
+    """Verdict on a requirement, and whether it applies to the entire interval; unknown limits are
+    ignored.
+    """
     value, low, high = (asked[f"{name}{end}"] for end in ENDS)
     if suffices(value):
         return True, suffices(high)
@@ -283,7 +285,7 @@ def _verdict(
 def _along(
     result: xr.Dataset, line: str, came: Crossings, width: float, min_boulders: int, *how: Any
 ) -> Iterator[dict[str, Any]]:
-    """Requirements of the standard for each window along a line; blank where few boulders pass."""
+    """Requirements of the standard for windows along a line; blank where few boulders pass."""
     edges, window = windows(result, line_number(result, line), width)
     window = window[window >= 0]
     for k, (start, end) in enumerate(itertools.pairwise(edges)):

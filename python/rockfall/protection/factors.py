@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Partial factors of the standards, from the user's table: none is shipped, because we have read no
-text of a standard."""
+"""Partial factors of the standards, from the user's table: none is shipped, because the texts of
+the standards were not available.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +74,7 @@ class Factors:
 
     @property
     def open(self) -> str:
-        """Names of the factors to fill in, with their conditions; "" if they are given."""
+        """Names and conditions of missing factors; "" if all are given."""
         names = (name for name, value in self.values.items() if math.isnan(value))
         return ", ".join(
             f"{name} ({self.condition(name)})" if name in DECIDES else name for name in names
@@ -87,8 +88,9 @@ class Factors:
 
 
 def read_factors(conditions: Conditions, path: str | Path | None = None) -> Factors:
-    """Factors of a standard under these conditions, from a table; without one they are left
-    open."""
+    """Factors of a standard under these conditions, from a table; without a table they are left
+    open.
+    """
     for key, allowed in ALLOWED.items():
         if (given := getattr(conditions, key)) not in allowed:
             raise RockfallError(f"{key} = '{given}': must be {', '.join(allowed)}")

@@ -25,8 +25,9 @@ COST_COLUMNS = ["class", "height", "cost"]
 
 
 class Choice(NamedTuple):
-    """Barrier of a class: its height [m], NaN where none is enough, and its cost per metre, NaN
-    where none has a price."""
+    """Barrier of a class: its height [m], NaN if none suffices, and its cost per metre, NaN without
+    a price.
+    """
 
     ead_class: int
     height: float
@@ -39,9 +40,10 @@ class Choice(NamedTuple):
 
 
 def height_for(came: Crossings, capacity: float, residual: float) -> float:
-    """Minimum height [m] of a barrier of this capacity [J] that at most the fraction `residual` of
-    the boulders passes, over it or through it; NaN where too many break through. Needs one sort: of
-    the boulders that it can stop, the remainder of `residual` may pass over."""
+    """Minimum height [m] of a barrier with this capacity [J] that at most the fraction `residual`
+    of the boulders passes, over or through it; NaN if too many break through. One sort suffices: of
+    the boulders that it can stop, the rest of `residual` may pass over.
+    """
     heights = np.sort(came.passing_height[came.energy_total <= capacity])
     over = math.floor(residual * came.n * (1 + 1e-12)) - (came.n - heights.size)
     if not came.n or over < 0:
@@ -76,8 +78,9 @@ def least_heights(
     is_enough: Callable[[int, int], bool],
     costs: Costs | None,
 ) -> list[Choice]:
-    """Barrier of each class with the least of some rising heights [m] that is enough, by the class
-    and the index of the height."""
+    """Barrier of each class with the lowest sufficient height from an ascending list [m], by class
+    and height index.
+    """
     first = (next((k for k in range(len(heights)) if is_enough(own, k)), None) for own in classes)
     return [
         Choice.of(own, math.nan if k is None else heights[k], costs)
@@ -86,22 +89,26 @@ def least_heights(
 
 
 def cheapest(choices: Iterable[Choice]) -> Choice | None:
-    """The barrier of the lowest cost, of the lowest class if several have it; None without any."""
+    """Barrier of the lowest cost, in the lowest class if several are equal; None if there is
+    none.
+    """
     priced = [choice for choice in choices if not math.isnan(choice.cost)]
     return min(priced, key=lambda choice: choice.cost, default=None)
 
 
 def residual_of(passing: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:
-    """Fraction of the boulders that pass a barrier, among those that reach it from these sources,
-    and its 95 % interval."""
+    """Fraction of the boulders reaching a barrier from these sources that pass it, and its 95 %
+    interval.
+    """
     if not passing.size:
         return math.nan, math.nan, math.nan
     return fraction_interval(passing, source)
 
 
 def cost_of(ead_class: int, height: float, costs: Costs | None) -> float:
-    """Cost per metre: the lowest price of a barrier of the class that is high enough; without
-    prices energy times height [kJ m], which favours no manufacturer. NaN if there is none."""
+    """Cost per metre: the lowest price of a sufficiently high barrier of the class. Without prices,
+    energy times height [kJ m], which favours no manufacturer. NaN if there is none.
+    """
     if math.isnan(height):
         return math.nan
     if costs is None:
@@ -111,7 +118,7 @@ def cost_of(ead_class: int, height: float, costs: Costs | None) -> float:
 
 
 def read_costs(path: str | Path) -> Costs:
-    """Read prices per metre of barrier by class and height [m]: a table class, height, cost."""
+    """Read prices per metre of barrier from a table with the columns class, height [m] and cost."""
     where, columns, rows = read_table(path)
     check_columns(where, columns, COST_COLUMNS)
     if missing := [name for name in COST_COLUMNS if name not in columns]:
@@ -127,7 +134,7 @@ def read_costs(path: str | Path) -> Costs:
 
 
 def cost_remarks(costs: Costs | None) -> Iterator[Text]:
-    """Remark on prices of barriers higher than any."""
+    """Remark on implausibly high barrier prices."""
     highest = max((height for _, height in costs or {}), default=0.0)
     if highest > NET:
         yield say("design.high_prices", height=highest)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stands of trees of a result, with their numbers of stems."""
+"""Forest stands of a result, with their numbers of stems."""
 
 from __future__ import annotations
 

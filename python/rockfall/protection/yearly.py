@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Barriers by the frequency of passing boulders: loads of a return period at the lines of a hazard,
-the sufficient barrier of each class, and the barriers of the case."""
+"""Barriers by the frequency of passing boulders: loads by return period at the lines of a hazard,
+the sufficient barrier in each class, and the case's barriers.
+"""
 
 from __future__ import annotations
 
@@ -34,13 +35,13 @@ _CHECKS = ["line", "height", "capacity", *_BEHIND, "holds", "certain"]
 class YearlyDesign:
     """Tables for a return period [year], in SI units, with 95 % limits.
 
-    `loads`: for each line and barrier the boulders that come a year, and the energy and height that
-    a boulder reaches once in the period. `choices`: for each line and class of EAD 340059 the least
-    height [m], up to `HIGHEST`, of a barrier that lets a boulder pass at most once in the period,
-    by the upper limit, or NaN; boulders a year `behind` it, and boulders a year that would break
-    `through` any barrier of the class; and which barrier is advised: the cheapest, if boulders may
-    come more often than once in the period. `checks`: boulders a year that pass the barriers of the
-    case, and whether they are at most one in the period.
+    `loads`: for each line and barrier, the number of boulders that arrive a year, and the energy
+    and height reached once in the period. `choices`: for each line and class of EAD 340059 the
+    least height [m], up to `HIGHEST`, of a barrier that lets a boulder pass at most once in the
+    period, by the upper limit, or NaN; boulders a year `behind` it, and boulders a year that would
+    break `through` any barrier of the class; and the advised barrier: the cheapest, if
+    boulders may arrive more often than once in the period. `checks`: boulders a year that pass the
+    barriers of the case, and whether they are at most one in the period.
     """
 
     period: float
@@ -94,7 +95,7 @@ def yearly_design(
 
 
 def check_period(years: float) -> None:
-    """Refuse a return period whose levels a hazard does not have."""
+    """Refuse a return period for which a hazard has no levels."""
     if years not in PERIODS:
         shown = ", ".join(f"{period:g}" for period in PERIODS)
         raise RockfallError(f"return_period = {years:g}: must be one of {shown}")

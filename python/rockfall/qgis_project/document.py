@@ -24,7 +24,7 @@ Extent = tuple[float, float, float, float]  # west, east, south, north [m]
 
 
 class Theme(NamedTuple):
-    """Layers that are shown together, by a name."""
+    """Layers shown together, with a name."""
 
     name: str
     layers: tuple[Layer, ...]
@@ -63,8 +63,9 @@ def crs_element(name: str, crs: str | None) -> ElementTree.Element:
 def tree_layer(
     layer: Layer, visible: bool = True, expanded: bool = True, title: str = ""
 ) -> ElementTree.Element:
-    """A layer in a tree, of the project or of a legend, there with a title of its own. A map has
-    the rows of its classes, not that of its band, which comes first."""
+    """Layer in the tree of the project, or of a legend with its own title. A map shows the rows of
+    its classes, not the row of its band, which comes first.
+    """
     attrs = {
         "id": layer.id, "name": layer.title, "source": layer.source,
         "providerKey": provider(layer), "checked": _checked(visible),
@@ -128,7 +129,7 @@ def _checked(yes: bool) -> str:
 
 
 def _layer(layer: Layer, crs: str | None) -> ElementTree.Element:
-    """A layer with its style: the children of the style are those of the layer."""
+    """Layer element with its style: the children of the style element."""
     attrs = {"type": "raster" if layer.is_raster else "vector"}
     if "labelsEnabled" in layer.style.attrib:
         attrs["labelsEnabled"] = layer.style.attrib["labelsEnabled"]
@@ -163,7 +164,7 @@ def corners(extent: Extent) -> dict[str, str]:
 
 
 def _properties() -> ElementTree.Element:
-    """Properties of the project: it has a coordinate system; sources are relative to it."""
+    """Project properties: a coordinate system is set; sources are relative to the project."""
     properties = ElementTree.Element("properties")
     system = ElementTree.SubElement(properties, "SpatialRefSys")
     ElementTree.SubElement(system, "ProjectionsEnabled", type="int").text = "1"

@@ -19,8 +19,9 @@ LABELLED = "label"  # attribute of styles and their elements with a text for use
 
 
 class Layer(NamedTuple):
-    """A layer: its title, its source relative to the project, its style as elements of XML, whether
-    it is shown at first and in legends on paper."""
+    """A layer: title, source relative to the project, style as XML elements, and whether it is
+    initially visible and in printed legends.
+    """
 
     title: str
     source: str
@@ -40,7 +41,7 @@ class Layer(NamedTuple):
 
 
 class Group(NamedTuple):
-    """A group of layers, the uppermost first."""
+    """A group of layers, top layer first."""
 
     title: str
     layers: tuple[Layer, ...]
@@ -75,7 +76,7 @@ def _translated(style: ElementTree.Element) -> ElementTree.Element:
 
 
 def _class(match: re.Match[str]) -> str:
-    """Label of a class between limits, as <= 10 kJ, 10 - 30 kJ, > 30 kJ."""
+    """Label of a class between limits, such as <= 10 kJ, 10 - 30 kJ, > 30 kJ."""
     most, low, high, least, unit = match.groups()
     ends = f"\u2264 {most}" if most else f"> {least}" if least else f"{low} \u2013 {high}"
     return f"{localised(ends)} {word(unit)}"

@@ -47,8 +47,9 @@ NORTH = (
 
 
 class Texts(NamedTuple):
-    """Texts of a layout: title, subtitle, lines below them, lines below the legend, and the texts
-    before the scale and the date of printing."""
+    """Texts of a layout: title, subtitle, lines below them, lines below the legend, and the
+    prefixes of scale and print date.
+    """
 
     title: str
     subtitle: str
@@ -61,7 +62,7 @@ class Texts(NamedTuple):
 def layout(
     name: str, theme: str, extent: Extent, layers: Iterable[Layer], texts: Texts
 ) -> ElementTree.Element:
-    """Layout of a theme; `layers` are those of its legend."""
+    """Layout of a theme; `layers` appear in its legend."""
     attrs = {"name": name, "units": "mm", "printResolution": "300", "worldFileMap": ""}
     root = ElementTree.Element("Layout", attrs)
     pages = ElementTree.SubElement(root, "PageCollection")
@@ -86,7 +87,7 @@ def paper_extent(extent: Extent) -> Extent:
 
 
 def scale_of(extent: Extent) -> float:
-    """Round denominator of the scale at which an extent fits on the paper."""
+    """Round scale denominator at which an extent fits on the paper."""
     west, east, south, north = extent
     return round_scale(1e3 * max((east - west) / MAP_WIDE, (north - south) / MAP_HIGH))
 
@@ -99,7 +100,7 @@ def bar_unit(scale: float) -> float:
 
 
 def _item(layout_name: str, kind: int, what: str, place: Sequence[float], **options: str):
-    """An item at x, y with a width and a height."""
+    """An item at x, y with width and height."""
     x, y, wide, high = (f"{number:.6g}" for number in place)
     own = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, f'rockfall/{layout_name}/{what}')}}}"
     usual = {

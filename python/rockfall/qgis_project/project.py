@@ -73,8 +73,9 @@ def put_project(
     imprint: Imprint = NOBODY,
     language: str = "en",
 ) -> Iterator[Path]:
-    """Write project.qgz for the files of an export in a new folder, and elevation_m.tif with its
-    style if the terrain is known. `files` may include those of a hazard."""
+    """Write project.qgz for the files of an export in a new folder and, if the terrain is known,
+    elevation_m.tif with its style. `files` may include the files of a hazard.
+    """
     extent = reached(data, terrain)
     with speaking(language):
         relief: list[Layer] = []
@@ -115,9 +116,9 @@ def _relief(terrain: Terrain, extent: Extent, folder: Path) -> list[Layer]:
 
 
 def _vectors(path: Path) -> dict[str, Layer]:
-    """Layers of a GeoPackage that have a style, in drawing order; none if there is no file. Objects
-    with several kinds of shapes have no style: QGIS would choose a random colour, and layers of
-    risk show them."""
+    """Styled layers of a GeoPackage in drawing order; none if there is no file. Objects of several
+    shape types have no style, because QGIS would choose a random colour; risk layers show them.
+    """
     if not path.exists():
         return {}
     with closing(sqlite3.connect(path)) as database:
@@ -158,7 +159,9 @@ def _maps(files: Iterable[Path]) -> tuple[dict[str, Layer], dict[str, Layer]]:
 
 
 def _themes(layers: _Layers) -> Iterator[Theme]:
-    """Trajectories, zones, and each map, all over sources, lines, protection and relief."""
+    """Themes: trajectories, zones, and each map, all above sources, lines, protection and
+    relief.
+    """
     above, below = _base(layers)
     shown = [layer for name, layer in layers.hazard.items() if name != "zones_by_cell"]
     if "trajectories" in layers.result:
@@ -173,7 +176,7 @@ def _themes(layers: _Layers) -> Iterator[Theme]:
 
 
 def _base(layers: _Layers) -> tuple[tuple[Layer, ...], tuple[Layer, ...]]:
-    """Layers above and below a map that every theme has."""
+    """Layers above and below a map, common to all themes."""
     sources = "source_areas" if "source_areas" in layers.result else "sources"
     names = "lines", "barriers", "dams", sources
     above = tuple(layers.result[name] for name in names if name in layers.result)
@@ -181,7 +184,7 @@ def _base(layers: _Layers) -> tuple[tuple[Layer, ...], tuple[Layer, ...]]:
 
 
 def _groups(layers: _Layers) -> Iterator[Group]:
-    """Groups from the top of the map to its ground, with the initial selection."""
+    """Groups from top to bottom of the map, with the initial selection."""
     above, _ = _base(layers)
     first = next((name for name in PASSED if name in layers.maps), next(iter(layers.maps), ""))
     chosen = {layer.id for layer in above} | {name for name in (_id(layers.maps, first),) if name}

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Draws of each boulder of a result: its shape, and the strength of the ground under it."""
+"""Random properties of each boulder of a result: its shape, and the strength of the ground under
+it.
+"""
 
 from __future__ import annotations
 

@@ -60,15 +60,16 @@ def chosen_lines(result: Held, lines: Sequence[str | int] | None = None) -> list
 
 
 def rows_at(result: Known, line: int) -> slice:
-    """Rows of the crossings of the line of this index."""
+    """Rows of the crossings at the line with this index."""
     sizes = np.asarray(result["row_size"])
     first = int(sizes[:line].sum(dtype="i8"))
     return slice(first, first + int(sizes[line]))
 
 
 class AtLine:
-    """Crossings of the line of this index by the boulders of a result; boulders may have been
-    selected; values read or computed are cached."""
+    """Crossings at the line with this index. Boulders may have been selected; values read or
+    computed are cached.
+    """
 
     def __init__(self, result: Known, line: int) -> None:
         """Crossings of a result, or of arrays by name, which have no energies: they lack a case."""
@@ -79,7 +80,7 @@ class AtLine:
         self._rows, self.boulders = self._rows_and_boulders()
 
     def _rows_and_boulders(self) -> tuple[slice | np.ndarray, np.ndarray]:
-        """Rows of the crossings, and index along `boulder` of each, in the order of numbers."""
+        """Rows of the crossings, and the index along `boulder` of each, in boulder order."""
         rows, kept = rows_at(self._held, self._line), np.asarray(self._held["boulder"])
         numbers = np.asarray(self._held["crossing_boulder"][rows])  # of a file only these rows
         if not kept.size or not numbers.size:
@@ -103,15 +104,14 @@ class AtLine:
 
     @cached_property
     def volumes(self) -> np.ndarray:
-        """Volume [m3] of each boulder; where boulders may break, of the fragment whose crossing is
-        given."""
+        """Volume [m3] of each boulder or, where boulders may break, of the crossing fragment."""
         if "crossing_volume" in self._result:
             return self.stored("volume").astype("f8")
         return np.asarray(self._held["volume"])[self.boulders]
 
     @cached_property
     def derived(self) -> np.ndarray:
-        """Quantities that follow from others, in the order of `DERIVED` (quantities, n)."""
+        """Quantities derived from others, in the order of `DERIVED` (quantities, n)."""
         if not self.boulders.size:
             return np.empty((len(DERIVED), 0))
         mass = masses_of(self._result, self.boulders)
@@ -146,13 +146,14 @@ def masses_of(result: Held, boulders: np.ndarray | slice = slice(None)) -> np.nd
 
 @lru_cache(maxsize=8)
 def _density(text: str, file: str) -> float:
-    """Density of the boulders of a case [kg/m3]; cached, because reading a case of many lines takes
-    longer than the numbers at a line."""
+    """Density of the boulders of a case [kg/m3]; cached, because parsing a case with many lines
+    takes longer than the statistics at a line.
+    """
     return float(case_in({"case": text, "case_file": file}).boulder["density"])
 
 
 class _Shared:
-    """Crossings of the lines of a result, the most recent last, as far as memory allows."""
+    """Cache of crossings at the lines of a result, most recent last, as far as memory allows."""
 
     def __init__(self, result: Known) -> None:
         self.result = result
@@ -177,8 +178,9 @@ _shared: ContextVar[_Shared | None] = ContextVar("shared", default=None)
 
 @contextmanager
 def sharing(result: Known) -> Iterator[None]:
-    """Share values read and derived of a line between all analyses within the block, in which the
-    result must not change."""
+    """Share values read and derived at lines between all analyses within the block; the result must
+    not change meanwhile.
+    """
     token = _shared.set(_Shared(result))
     try:
         yield
@@ -238,7 +240,7 @@ def outcomes_at(result: Held, line: int) -> np.ndarray:
 
 
 def without_absent(result: Held) -> Held:
-    """Result without crossings of missing boulders, such as after a selection."""
+    """Result without the crossings of missing boulders, for instance after a selection."""
     if isinstance(result, Contents) or "row_size" not in result:
         return result
     line, number = (result[f"crossing_{name}"].values for name in ("line", "boulder"))

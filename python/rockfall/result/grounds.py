@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class GroundRebounds(NamedTuple):
-    """Rebounds of a ground, and their fraction of all."""
+    """Rebounds on a ground, and their fraction of all rebounds."""
 
     name: str
     model: str
@@ -85,8 +85,9 @@ def stochastic_fraction(values: Variables) -> float:
 
 
 def classical_grounds(values: Variables) -> list[GroundRebounds]:
-    """Grounds with coefficients of restitution that made rebounds, the most frequent first;
-    absorbing grounds have none and are left out."""
+    """Grounds with restitution coefficients on which boulders rebounded, most frequent first;
+    absorbing grounds are left out.
+    """
     grounds = [
         ground
         for ground in rebounds_by_ground(values)
@@ -96,12 +97,12 @@ def classical_grounds(values: Variables) -> list[GroundRebounds]:
 
 
 def table_grounds(values: Variables) -> list[GroundRebounds]:
-    """Tables of impacts from which rebounds were drawn."""
+    """Impact tables that rebounds used."""
     return [rule for rule in rebounds_by_ground(values) if rule.rebounds and rule.model in TABLES]
 
 
 def sets_followed(values: Variables, case_set: str) -> list[str]:
-    """Names of the impact sets that made rebounds; `case_set` is that of the case."""
+    """Names of the impact sets that rebounds used; `case_set` is the case's set."""
     if "rebounds_by_ground" not in values:
         return [case_set]
     grounds = rebounds_by_ground(values)

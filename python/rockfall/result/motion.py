@@ -42,12 +42,13 @@ class Motion(NamedTuple):
     vertex: np.ndarray  # (n) index, in the result, of the last contact, release or obstacle hit
 
     def take(self, pieces: Any) -> Motion:
-        """Pieces of an index or mask; for None, all of them with an axis for several parts."""
+        """Pieces selected by index or mask; None selects all, with an axis for several parts."""
         return Motion(*(values[..., pieces] for values in self))
 
     def straightened(self) -> Motion:
-        """Motion with each leg on the ground straight to its end, as the kernel traces it to lines
-        and cells."""
+        """Motion with each leg on the ground straightened to its end, as the kernel traces it to
+        lines and cells.
+        """
         slides = (self.gravity == 0) & self.velocity.any(axis=0)
         joins = slides & np.roll(slides, 1) & (np.diff(self.vertex, prepend=-1) == 0)
         first = np.flatnonzero(~joins)
@@ -55,8 +56,9 @@ class Motion(NamedTuple):
         return self.take(first)._replace(end=self.end[:, last])
 
     def at(self, part: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x, y, z [m] and time [s] (4, ...), and speed [m/s], after a part of the duration of each
-        piece (0 to 1)."""
+        """x, y, z [m] and time [s] (4, ...), and speed [m/s], at a fraction (0 to 1) of the
+        duration of each piece.
+        """
         step = self.end - self.start
         fallen = self.gravity * step[3]  # g t at the end
         place = self.start + part * step
@@ -91,8 +93,9 @@ def motion_of(result: Held, number: int | None = None, gravity: float | None = N
 
 
 def are_met(boulder: np.ndarray, leg: np.ndarray) -> np.ndarray:
-    """Mask of the vertices that are releases, contacts, obstacles hit and ends: not intermediate
-    points of a leg on the ground."""
+    """Mask of vertices at releases, contacts, obstacle hits and ends, without intermediate points
+    of legs on the ground.
+    """
     straight, same = leg > LEG["flight"], np.diff(boulder, prepend=-1) == 0
     return ~(straight & np.roll(straight, 1) & same)
 
@@ -123,14 +126,15 @@ def _between(
 
 
 def seconds(values: np.ndarray) -> np.ndarray:
-    """Values with durations as numbers of seconds."""
+    """Durations as numbers of seconds; other values unchanged."""
     return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values
 
 
 def spins(result: Held, motion: Motion) -> np.ndarray:
-    """W = R_b omega [m/s] of each piece of all motion of a result. For a roll or slide it is the
-    speed; at vertices without a rebound it follows from the piece before: at a tree or barrier a
-    boulder loses the same fraction of W as of the speed."""
+    """W = R_b omega [m/s] of each piece of all motion of a result. For a roll or slide, W is the
+    speed. At vertices without a rebound it follows from the previous piece: at a tree or barrier, W
+    and speed fall by the same fraction.
+    """
     vertex, first, indices = np.unique(motion.vertex, return_index=True, return_inverse=True)
     piece = motion.take(first)
     out_w, ratio = (result[f"trajectory_{name}"].values[vertex] for name in ("out_w", "ratio"))
@@ -153,14 +157,14 @@ def _are_parallel(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 class Sampled(NamedTuple):
-    """Motion as chords: each piece with both its ends, and parabolas between at equal times."""
+    """Motion as chords: both ends of each piece, with parabolas sampled at equal times."""
 
     motion: Motion
     samples: np.ndarray  # (m, 4) x, y, z [m], time since release [s]
     piece: np.ndarray  # (m) index of its piece
 
     def strings(self, by: np.ndarray) -> list[np.ndarray]:
-        """Samples (m, 4) of pieces that share a number `by`, each place and time once."""
+        """Samples (m, 4) of pieces that share a number `by`, without duplicate points."""
         group = by[self.piece]
         begins = np.diff(group, prepend=-1) != 0
         new = begins | np.append(True, (np.diff(self.samples, axis=0) != 0).any(axis=1))

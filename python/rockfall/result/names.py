@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Names as words, for files and flags."""
+"""Names as words for files and flags."""
 
 from __future__ import annotations
 

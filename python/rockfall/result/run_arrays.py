@@ -26,7 +26,7 @@ class Array(NamedTuple):
 
 
 class _Row(NamedTuple):
-    """A row of the kernel's table. (RunArrays keeps no views, which would keep it alive.)"""
+    """A row of the kernel's table. (RunArrays keeps no views, because they would keep it alive.)"""
 
     group: str
     name: str
@@ -38,7 +38,7 @@ class _Row(NamedTuple):
 
 
 class RunArrays:
-    """Handle of a run; closed when no run and no view of it remains."""
+    """Handle of a run; closed when no run or view uses it."""
 
     def __init__(self, opened: tuple[int, int, bytes], name: str) -> None:
         handle, code, message = opened
@@ -52,8 +52,9 @@ class RunArrays:
         cls, case: Case, boulders: tuple[int, int, int], box: Box, grounds: int, features: bool,
         shapes: bool, *layout: np.ndarray,
     ) -> Self:  # fmt: skip
-        """Create a run to be joined from parts, or a part. `boulders`: of the complete run, before
-        the part, in it; `layout`: part_last and group_part of samples."""
+        """Create a run to be joined from parts, or a part. `boulders`: numbers in the complete run,
+        before the part, and in the part; `layout`: part_last and group_part of samples.
+        """
         extent = in_kernel(case), boulders, window(box), grounds, features, shapes
         return cls(_core.open_joined_run(*extent, *layout), "merge")
 
@@ -92,7 +93,7 @@ class RunArrays:
             k += 1
 
     def changed(self) -> None:
-        """Note that the kernel may have replaced arrays."""
+        """Record that the kernel may have replaced arrays."""
         self._table = None
 
     def array(self, file_name: str) -> np.ndarray:
@@ -108,15 +109,17 @@ class RunArrays:
         check_kernel(*_core.pack_part(self.handle, only_samples))
 
     def begin_part(self, boulders: int, lengths: Sequence[int], name: str) -> None:
-        """Allocate a part for the first boulders, to be filled: numbers of rows, cells, shared
-        cells, bins, and coarse bins of samples, crossings (-1: none)."""
+        """Allocate a part for the first boulders. Arguments are the numbers of rows, cells, shared
+        cells, bins, coarse bins of samples, and crossings (-1: none).
+        """
         code, message = _core.begin_part(self.handle, boulders, lengths)
         check_kernel(code, message, name)
         self.changed()
 
     def unpack_part(self, name: str, grid: Grid, only_samples: bool = False) -> None:
-        """Store the filled part, or only its samples and the numbers of its rows, and forget it; a
-        RockfallError names values that are impossible in a run."""
+        """Store the filled part, or only its samples and row numbers, and discard it; a
+        RockfallError reports values that are impossible in a run.
+        """
         corner, nodes = (grid.west, grid.north, grid.cell), (grid.nx, grid.ny)
         code, message = _core.unpack_part(self.handle, only_samples, corner, nodes)
         check_kernel(code, message, name)

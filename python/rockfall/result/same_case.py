@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checks that compared results belong together: the same case, or variants on one site. They use
-the metadata of files: case, checksums of inputs, CRS, places."""
+file metadata: case, input checksums, CRS, extent.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +34,9 @@ FILES = {  # checksums of files
 
 
 def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
-    """Refuse a result (`what` names it) of another case than the first: another CRS, terrain,
-    ground, forest, sources, impact sets, or keys of its case."""
+    """Refuse a result (named by `what`) whose case differs from the first: CRS, terrain, ground,
+    forest, sources, impact sets, or keys.
+    """
     _check_crs(first, other, what)
     for attribute, names in (("decoded_checksums", DECODED), ("input_checksums", FILES)):
         ours, theirs = (json.loads(data.attrs[attribute]) for data in (first, other))
@@ -46,8 +48,9 @@ def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
 
 
 def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
-    """Refuse results, by the names of their files, that are not variants on one site: another CRS,
-    or distant places."""
+    """Refuse results (by file name) that are not variants of one site: their CRS differs, or they
+    are far apart.
+    """
     for (name, data), (next_name, other) in pairwise(results.items()):
         _check_crs(data, other, next_name)
         if not _overlap(_extent(data), _extent(other)):
@@ -76,8 +79,9 @@ def _crs_name(data: xr.Dataset) -> str:
 
 
 def _extent(result: xr.Dataset) -> np.ndarray:
-    """Extent of its boulders: minimum and maximum x and y [m], (2, 2); of all places if neither
-    maps nor rows give it."""
+    """Extent of the boulders: minimum and maximum x and y [m], (2, 2); the extent of all places if
+    neither maps nor rows give it.
+    """
     if "x" in result.sizes:
         half = corner_of(result["crs"].attrs)[2] / 2
         ends = [

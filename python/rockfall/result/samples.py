@@ -22,7 +22,7 @@ def simulated(result: Held) -> int:
 
 
 def kept_note(result: Held) -> str:
-    """Note on the boulders behind numbers that need rows; "" if these are all boulders."""
+    """Note on the boulders behind numbers that need rows; "" if all boulders have rows."""
     rows, boulders = result.sizes["boulder"], simulated(result)
     return "" if rows == boulders else say("compare.kept", part=rows, n=boulders)
 

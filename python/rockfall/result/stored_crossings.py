@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crossings of a result that stay in its file, since they may take most of the memory: a few lines
-are read at a time, and checked then."""
+"""Crossings that stay in the result file, since they may take most of the memory: a few lines are
+read and checked at a time.
+"""
 
 from __future__ import annotations
 

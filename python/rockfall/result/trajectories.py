@@ -67,8 +67,9 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
 
 
 def curves(motion: Motion) -> list[Trajectory]:
-    """A curve for each boulder, of `POINTS` for each piece of its motion; a point for a boulder
-    that never moved."""
+    """A curve for each boulder, with `POINTS` per piece of its motion; a single point for a boulder
+    that never moved.
+    """
     # If the ground falls away from a table's contact, the slide has neither length nor duration.
     motion = motion.take((motion.gravity > 0) | (motion.end[3] > motion.start[3]))
     (x, y, z, time), speed = motion.take(None).at(np.linspace(0, 1, POINTS))
@@ -98,7 +99,7 @@ def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:
 def from_start(
     result: xr.Dataset, x: np.ndarray, y: np.ndarray, boulders: np.ndarray | slice = slice(None)
 ) -> np.ndarray:
-    """Straight plan distance [m] of a place of each boulder, or of some, from its start."""
+    """Plan distance [m] from the start of each boulder, or of some, to a place."""
     start_x, start_y = (result[f"start_{axis}"].values[boulders] for axis in "xy")
     return np.hypot(x - start_x, y - start_y)
 
@@ -122,7 +123,7 @@ def ended(result: Held) -> dict[str, int]:
 
 
 def gone(result: Held) -> int:
-    """Number of boulders that left the known terrain, as in `left_terrain`."""
+    """Number of boulders that left the known terrain; see `left_terrain`."""
     end = ended(result)
     return end["left_domain"] + end["hit_nodata"]
 

@@ -158,8 +158,9 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
 
 
 def check_crossings(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse crossings that are not sorted by line, then by boulder, or of a boulder without a
-    row."""
+    """Refuse crossings that are not sorted by line and boulder, or that belong to a boulder without
+    a row.
+    """
     if "crossing_line" not in data:  # none, or checked when read
         return
     sizes, kept, fault = data["row_size"].values, data["boulder"].values, ""
@@ -175,8 +176,9 @@ def check_crossings(data: xr.Dataset, path: str | Path) -> None:
 
 
 def fault_of_crossings(name: str, values: np.ndarray, line: np.ndarray, kept: np.ndarray) -> str:
-    """Fault of values of a variable of crossings of these lines, one after another, by the
-    boulders that are kept; "" if none."""
+    """Fault in a variable of crossings at these lines in sequence, given the boulders kept; "" if
+    none.
+    """
     good = True
     if name == "crossing_line":
         good = bool((values == line).all())

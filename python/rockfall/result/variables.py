@@ -58,8 +58,7 @@ def map_dims(name: str) -> tuple[str, ...]:
 
 
 def fault_of(name: str, values: np.ndarray) -> str:
-    """Fault of values that are impossible in a run, by the name of their variable in files; "" if
-    none."""
+    """Fault of values that are impossible in a run, by the variable's name in files; "" if none."""
     return _core.value_fault(name, np.ravel(values)).decode().strip() if values.size else ""
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of a folder of Rockyfor3D to a case, which names the original files, and copies only
-where the meaning differs here."""
+"""Conversion of a Rockyfor3D folder to a case. The case uses the original files, except for copies
+where the meaning differs.
+"""
 
 from __future__ import annotations
 

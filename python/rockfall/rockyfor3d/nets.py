@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nets as lines, from Rockyfor3D's rasters with the number of a net in each of its cells."""
+"""Nets as lines, from Rockyfor3D rasters with a net number in each cell."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DECIMALS = 3  # of coordinates [m]
 
 
 class Net(NamedTuple):
-    """A barrier, and the number of its cells outside its line, in branches or loops."""
+    """A barrier, and the number of its cells off the line, in branches or loops."""
 
     keys: dict[str, Any]
     off: int
@@ -49,7 +49,7 @@ def barriers(folder: Folder) -> Iterator[Net]:
 
 
 def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float:
-    """Minimum value among the cells of a net."""
+    """Minimum value over the cells of a net."""
     if not (values > 0).all():  # including no data
         raise RockfallError(
             f"{folder.rasters[raster]}: {name} has cells that are not > 0: give every cell of "
@@ -59,8 +59,9 @@ def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float
 
 
 def centre_line(path: np.ndarray, grid: Grid, dem: np.ndarray) -> tuple[list[float], list[float]]:
-    """Line through cells from end to end, half a cell beyond their centres, without the stairs of
-    the raster. For a single cell it lies along the contour."""
+    """Line through cells from end to end, half a cell beyond their centres, without raster steps. A
+    single cell gives a line along the contour.
+    """
     if len(path) == 1:
         along = _contour(dem, *path[0])
         path = path + 0.5 * np.array([-along, along])

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers given as GeoDataFrames or objects like them (a shapely `geometry`, a `crs`, columns). They
-are written to temporary files while a scene is read, so that they are treated like files."""
+"""Layers given as GeoDataFrames or similar objects (a shapely `geometry`, a `crs`, columns). They
+are written to temporary files while a scene is read, and then treated like files.
+"""
 
 from __future__ import annotations
 
@@ -36,8 +37,9 @@ def is_frame(given: Any) -> bool:
 
 
 class FrameFiles:
-    """Files of frames in a temporary folder, until they are removed or their owner is gone; a frame
-    given again keeps its file."""
+    """Files of frames in a temporary folder, kept until they are removed or their owner is freed; a
+    repeated frame keeps its file.
+    """
 
     def __init__(self) -> None:
         self._folder: Path | None = None
@@ -59,7 +61,7 @@ class FrameFiles:
         self._known.clear()
 
     def _next_folder(self) -> Path:
-        """An empty folder for a file, which has the name of its frame."""
+        """An empty folder for a file that has the name of its frame."""
         if self._folder is None:
             self._folder = Path(mkdtemp())
             self._remove = weakref.finalize(self, shutil.rmtree, self._folder, True)
@@ -73,8 +75,9 @@ class FrameFiles:
 def frame_files(
     frames: Mapping[str, Any], store: FrameFiles | None = None
 ) -> Iterator[dict[str, Path]]:
-    """Write frames to files, by name, for the duration of the block, or as long as their store
-    lives; callers name the frames in errors."""
+    """Write frames to files by name, for the duration of the block or the lifetime of their store;
+    callers name the frames in errors.
+    """
     own = store or FrameFiles()
     try:
         files = own.write(frames)
@@ -106,8 +109,9 @@ def with_frames(
     read: Callable[[Case], Scene],
     store: FrameFiles | None = None,
 ) -> Scene:
-    """Read the scene of a case with the layers of frames, by name: those of GROUPS in addition to
-    its own, the others (zones, trees, stands, clearings, sources) in place of its own."""
+    """Read the scene of a case with the layers of frames, by name. Layers in GROUPS are added to
+    the case; the others (zones, trees, stands, clearings, sources) replace the case's own.
+    """
     keys = {name: _key(name, frame) for name, frame in frames.items() if name not in GROUPS}
     if "zones" in frames and _says_ground(frames["zones"], case.surface["zone_field"]):
         case = case.replace(surface={"table": None})
@@ -157,7 +161,7 @@ def _column(column: Any) -> np.ndarray:
 
 
 def _key(name: str, frame: Any) -> tuple[str, str]:
-    """Group and key of a case for such a layer."""
+    """Group and key of a case for a layer."""
     if name in KEYS:
         return KEYS[name]
     if name != "sources":
@@ -172,14 +176,15 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
 
 
 def _says_ground(frame: Any, field: str) -> bool:
-    """Return True if zones have ground attributes, and no id for a table."""
+    """Return True if zones have ground attributes and no table id."""
     columns = {str(column).lower() for column in frame.columns}
     return field.lower() not in columns and not columns.isdisjoint(MATERIAL)
 
 
 def _naming(case: Case, files: Mapping[str, Path], keys: Mapping[str, tuple[str, str]]) -> Case:
-    """Case that names files in place of frames; keys that select a layer of the replaced file are
-    removed."""
+    """Case that names files instead of frames; keys that select a layer of a replaced file are
+    removed.
+    """
     groups: dict[str, Any] = {}
     if "sources" in files:
         groups["release"] = dict.fromkeys(PLACES & case.release.keys())

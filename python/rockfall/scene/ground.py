@@ -61,7 +61,7 @@ class Ground:
         self._take_sizes(band, inner)
 
     def with_sources(self, band: Rasters, box: Box, x: np.ndarray, y: np.ndarray) -> Ground:
-        """Statistics with those of the sources (of all at x, y) in a box added."""
+        """Statistics with the sources in a box (of all at x, y) added."""
         row = ((band.grid.north - y) / band.grid.cell).astype(int).clip(0, band.grid.ny - 1)
         in_box = (row >= box.row) & (row < box.stop_row)
         if not in_box.any():
@@ -164,8 +164,9 @@ def ground_of(rasters: Rasters) -> Ground:
 
 
 def falls_and_rises(sizes: np.ndarray) -> tuple[int, int]:
-    """Number of places where sizes (Rg70, Rg20, Rg10 first) decrease, and where they increase;
-    places with equal sizes are not counted."""
+    """Number of places where sizes (Rg70, Rg20, Rg10 in order) decrease, and where they increase;
+    places with equal sizes are not counted.
+    """
     falls = (sizes[1:] <= sizes[:-1]).all(axis=0) & (sizes[-1] < sizes[0])
     differ = (sizes[1:] != sizes[:-1]).any(axis=0) & ~np.isnan(sizes).any(axis=0)
     return int(np.count_nonzero(falls)), int(np.count_nonzero(differ & ~falls))
@@ -186,7 +187,7 @@ def _slopes(band: Rasters, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _bends(band: Rasters, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Changes (2, n) of the tangent of the ground at cells of a band, along rows and columns."""
+    """Changes (2, n) of the ground slope (tangent) at cells of a band, along rows and columns."""
     z = band.z
     twice = 2 * z[row, column].astype(float)
     along = z[row, column - 1] - twice + z[row, column + 1]
@@ -195,7 +196,7 @@ def _bends(band: Rasters, row: np.ndarray, column: np.ndarray) -> np.ndarray:
 
 
 def _ground_numbers(band: Rasters, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Ground numbers of the scene at given cells."""
+    """Ground numbers of the scene at these cells."""
     if band.cell_ground is not None:
         return band.cell_ground[at]
     if band.material_ground is None or band.zone is None:
@@ -204,8 +205,9 @@ def _ground_numbers(band: Rasters, at: tuple[np.ndarray, np.ndarray]) -> np.ndar
 
 
 def _samples(band: Rasters, box: Box) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of evenly spaced cells of the complete terrain that lie in a box and are
-    known together with their eight neighbours."""
+    """Rows and columns of evenly spaced cells of the complete terrain that are in a box and known
+    together with their eight neighbours.
+    """
     grid = band.grid
     step = max(1, int(np.sqrt(grid.nx * grid.ny / SAMPLES)))
     rows = np.arange(max(1, -(-box.row // step) * step), min(box.stop_row, grid.ny - 1), step)

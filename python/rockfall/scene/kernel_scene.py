@@ -74,7 +74,7 @@ class KernelScene:
 
 
 def _new_scene(rasters: Rasters, arrays: Mapping[str, np.ndarray], draw: int = 0) -> int:
-    """The handle of a scene that has these arrays, and is not built."""
+    """Handle of a new, unbuilt scene with these arrays."""
     grid, (row, column) = rasters.grid, rasters.at
     nodes, first = (grid.nx, grid.ny), (column + 1, row + 1)
     handle = _core.new_scene(grid.west, grid.north, grid.cell, nodes, first, draw)
@@ -126,7 +126,7 @@ def terrain_of(rasters: Rasters) -> Iterator[int]:
 
 
 def area_ratios(rasters: Rasters, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Surface over plan area (Horn 1981) of the cells at places [m]."""
+    """Surface area over plan area (Horn 1981) of the cells at places [m]."""
     with terrain_of(rasters) as terrain:
         return _core.area_ratios(terrain, x, y)
 

@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 @dataclass
 class Inputs:
-    """Case and grid of a scene that is read, with the arrays given, checksums and remarks."""
+    """Case and grid of a scene being read, with given arrays, checksums and remarks."""
 
     case: Case
     grid: Grid
@@ -38,8 +38,9 @@ class Inputs:
     def blocks(
         self, key: str, what: str, dtype: Any, box: Box | None = None, smooth: bool = True
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """Blocks of rows, in any order, of a raster on the cells of the DEM: from the array given
-        for it, or from the file named in the case. `smooth`: see `aligned_blocks`."""
+        """Blocks of rows, in any order, of a raster on the DEM's cells, from its given array or
+        from the file named in the case. `smooth`: see `aligned_blocks`.
+        """
         given = self.arrays.pop(key, None)
         if given is None:
             group = next(row.group for row in file_keys() if row.name == key)
@@ -73,8 +74,10 @@ def take_inputs(
     uses: tuple[Any, ...],
     make: Callable[[Inputs], T],
 ) -> T:
-    """Result of a stage that reads inputs; its checksums and remarks are added to the inputs, and
-    the arrays that it used are removed. It uses the grid and all arrays, and the objects `uses`."""
+    """Run a stage that reads inputs and return its result. Its checksums and remarks are added to
+    the inputs, and used arrays are removed. The stage depends on the grid, all arrays, and the
+    objects in `uses`.
+    """
 
     def read(case: Case) -> tuple[T, Inputs]:
         own = Inputs(case, inputs.grid, dict(inputs.arrays))
@@ -111,7 +114,7 @@ def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:
 
 
 def _whole_numbers(key: str, given: np.ma.MaskedArray, dtype: Any) -> np.ma.MaskedArray:
-    """The array, if all its values are integers that fit `dtype`."""
+    """The array, if all its values are whole numbers that fit `dtype`."""
     limits = np.iinfo(dtype)
     wrong = (given < limits.min + 1) | (given > limits.max) | (given != np.rint(given))
     if np.ma.filled(wrong, False).any():

@@ -27,14 +27,14 @@ STRENGTH = {*fields("strength")}  # a barrier has exactly one of these
 
 
 class _Drawn(NamedTuple):
-    """A group as if typed in the case."""
+    """A group equivalent to one typed in the case."""
 
     where: str  # for messages
     values: dict[str, Any]
 
 
 def read_lines(inputs: Inputs, stages: Stages = FRESH) -> Case:
-    """The case with the coordinates of its layers."""
+    """Case with the coordinates from its layers."""
     groups, case = _groups(), inputs.case
     if not any("file" in entry for group in groups for entry in getattr(case, group)):
         return case
@@ -51,18 +51,18 @@ def read_lines(inputs: Inputs, stages: Stages = FRESH) -> Case:
 
 
 def with_lines_of(case: Case, read: Case) -> Case:
-    """A case with the coordinates of the case as read."""
+    """Case with the line coordinates of another case that was read."""
     return case.replace(**{group: getattr(read, group) for group in _groups()})
 
 
 def _groups() -> list[str]:
-    """Groups that allow several entries from a layer."""
+    """Groups that may have several entries from a layer."""
     drawn = {key.group for key in file_keys() if key.name == "file"}
     return [group for group in REPEATABLE if group in drawn]
 
 
 def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
-    """Raise an error that names the offending feature of a layer, if a single one is invalid."""
+    """Raise an error that names the offending feature of a layer, if there is only one."""
     for group, several in drawn.items():
         for feature in several:
             alone = copy.copy(case)
@@ -71,7 +71,7 @@ def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
 
 
 def _drawn(inputs: Inputs, group: str) -> Iterator[_Drawn]:
-    """The groups of a name, with each feature of a layer as one group."""
+    """Groups of one kind, with each feature of a layer as a group."""
     for entry in getattr(inputs.case, group):
         if "file" in entry:
             yield from _features(inputs, group, entry)
@@ -80,7 +80,7 @@ def _drawn(inputs: Inputs, group: str) -> Iterator[_Drawn]:
 
 
 def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[_Drawn]:
-    """A group for each line of a layer, with missing values taken from the feature."""
+    """A group for each line of a layer; missing values come from the feature's attributes."""
     path = inputs.case.path(given["file"])
     parts, columns = read_layer(path, given.get("layer"), inputs.grid, inputs.remarks)
     layer = given.get("layer")
@@ -131,8 +131,9 @@ def numbered(names: Sequence[str]) -> Iterator[str]:
 
 
 def _plain(value: Any, kind: str) -> Any:
-    """An attribute in the type of the case; None if empty. Integer columns with empty values arrive
-    as reals."""
+    """Attribute in the type of the case key; None if empty. Integer columns with empty values are
+    read as reals.
+    """
     if (value := plain(value)) is None:
         return None
     if kind == "logical":

@@ -53,7 +53,7 @@ class Rasters:
     cell_ground: np.ndarray | None = None  # int8 (ny, nx): of each cell; neither: the first
 
     def used_zones(self) -> np.ndarray:
-        """Rows of `sizes`, counted from 0, that occur in some cell."""
+        """Rows of `sizes`, from 0, used in some cell."""
         is_used = np.zeros(len(self.sizes) + 1, bool)
         assert self.zone is not None
         for rows in row_blocks(self.zone.shape):
@@ -87,7 +87,7 @@ class Features(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Places where boulders are released, with their weights and boulders."""
+    """Release places, with their weights and boulders."""
 
     x: np.ndarray  # of each source [m]
     y: np.ndarray
@@ -99,7 +99,7 @@ class Sources:
     source_values: ExtremeCount = field(default_factory=ExtremeCount)
 
     def select(self, chosen: np.ndarray) -> Self:
-        """The sources with these numbers, from 0, or those that are marked."""
+        """Sources with these numbers, from 0, or with this mask."""
         own: list[Any]
         x, y, area, frequency, *own = (
             None if column is None else column[chosen]

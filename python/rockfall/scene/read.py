@@ -105,7 +105,7 @@ def read_scene(
 
 
 def _elevations(case: Case, dem: Any, transform: Any) -> tuple[np.ndarray, Grid, str, list[str]]:
-    """Elevations, given or in a file, their grid, the checksum of the file, and remarks."""
+    """Elevations, given or from a file, their grid, the file's checksum, and remarks."""
     if dem is not None:
         return *from_array(dem, transform), "", []
     file = _dem_path(case)
@@ -154,8 +154,9 @@ def _scene(
 
 
 def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
-    """The scene without rasters, which are read in windows of the given number of cells; all rows
-    have been read and checked once."""
+    """Scene without rasters, which are read in windows of the given number of cells; all rows have
+    been read and checked once.
+    """
     inputs.case = read_lines(inputs)
     case, grid = inputs.case, inputs.grid
     by_source = {"sources", "reach_probability_by_source"} & set(case.output.get("maps", []))
@@ -198,7 +199,7 @@ def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
 
 
 def _with_arrays(case: Case, keys: set[str]) -> Case:
-    """Check the case again, with the rasters that were given as arrays."""
+    """Check the case again, together with the rasters given as arrays."""
     changes: dict[str, Any] = {}
     for key in file_keys():
         if "raster" in key.file and key.name in keys and key.name in getattr(case, key.group):
@@ -207,8 +208,9 @@ def _with_arrays(case: Case, keys: set[str]) -> Case:
 
 
 def _check_files(case: Case, arrays: dict[str, Any]) -> None:
-    """Check that every file that the case names and that is to be read exists; the error lists all
-    missing files."""
+    """Check that every file named by the case and to be read exists; the error lists all missing
+    files.
+    """
     missing = []
     unread = {*RADII} - {*size_columns(case)}
     for key, file in case.files():

@@ -60,7 +60,7 @@ class Scene(Sources):
         return own | {"stages": FRESH}
 
     def replace(self, **changes: Any) -> Scene:
-        """The scene with other values, its own or those of its rasters."""
+        """Scene with some values replaced, its own or those of its rasters."""
         cells = {key: changes.pop(key) for key in OF_RASTERS & changes.keys()}
         rasters = replace(self.rasters, **cells) if cells else self.rasters
         return replace(self, **{"rasters": rasters} | changes)
@@ -72,7 +72,7 @@ class Scene(Sources):
 
     @property
     def grounds(self) -> tuple[GroundRule, ...]:
-        """Grounds, if any differs from the impact sets."""
+        """Grounds, or None if all use the impact sets."""
         return self.rasters.grounds
 
     @property
@@ -183,17 +183,18 @@ class Scene(Sources):
         ]
 
     def sources_of(self, numbers: np.ndarray) -> np.ndarray:
-        """The sources of boulders (1..), counted from 0."""
+        """Sources of boulders (numbered from 1), from 0."""
         return _core.sources_of_boulders(self.kernel.handle, numbers) - 1
 
     def numbers_of(self, source: int) -> range:
-        """The boulders of a source, counted from 0."""
+        """Boulders of a source, from 0."""
         first, last = _core.boulders_of_source(self.kernel.handle, source + 1)
         return range(int(first), int(last) + 1)
 
     def around(self, first: int, boulders: int) -> tuple[Scene, int]:
-        """Scene with rasters for boulders from number `first`, and the number of boulders that it
-        covers: itself, or one with a window of the terrain."""
+        """Scene with the rasters for boulders from number `first`, and the number of boulders
+        covered: itself, or a window of the terrain.
+        """
         windows = self.windows
         if windows is None:
             return self, boulders

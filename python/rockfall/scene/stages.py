@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stages of a reading, whose results an open session keeps: a stage is repeated only if something
-that it used has changed."""
+"""Stages of reading, with results cached by an open session: a stage is repeated only if something
+it used has changed.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ T = TypeVar("T")
 
 
 class Stages:
-    """Stages of a single reading; nothing is kept."""
+    """Stages of a single reading, without a cache."""
 
     def take(
         self,
@@ -28,16 +29,17 @@ class Stages:
         make: Callable[[Case], T],
         reads: bool = True,
     ) -> T:
-        """Result of a stage, which `make` derives from the case and from the objects `uses`, and
-        from files, if it `reads` them."""
+        """Result of a stage, derived by `make` from the case, the objects `uses` and, if it `reads`
+        them, files.
+        """
         return make(case)
 
     def find(self, name: str, uses: tuple[Any, ...]) -> Any:
-        """Result kept by `keep` for the same objects; None without one."""
+        """Result cached by `keep` for the same objects; None if there is none."""
         return None
 
     def keep(self, name: str, uses: tuple[Any, ...], result: Any) -> None:
-        """Keep a result that depends only on these objects."""
+        """Cache a result that depends only on these objects."""
 
 
 FRESH = Stages()
@@ -53,11 +55,11 @@ class _Kept:
     result: Any
 
     def is_of(self, uses: tuple[Any, ...]) -> bool:
-        """Return True if these are the objects that the result depends on."""
+        """Return True if the result depends on exactly these objects."""
         return len(self.uses) == len(uses) and all(map(is_, self.uses, uses))
 
     def holds(self, case: Case, uses: tuple[Any, ...]) -> bool:
-        """Return True if the stage would have the same result again."""
+        """Return True if the stage would give the same result again."""
         return (
             self.is_of(uses)
             and all(getattr(case, group) == value for group, value in self.seen.items())
@@ -66,7 +68,7 @@ class _Kept:
 
 
 class KeptStages(Stages):
-    """Stages that keep their results from one reading to the next."""
+    """Stages with results cached between readings."""
 
     def __init__(self, kept: dict[str, _Kept] | None = None) -> None:
         self._kept = kept or {}
@@ -99,8 +101,9 @@ class KeptStages(Stages):
 
 
 class WatchedCase(Case):
-    """A case that notes the groups that are read, and, for a stage that `reads` files, the states
-    of the files that these groups name, before they are read."""
+    """A case that records the groups read and, for a stage that `reads` files, the states of the
+    files named in these groups before reading.
+    """
 
     def __init__(self, case: Case, reads: bool) -> None:
         self.__dict__ |= case.__dict__

@@ -41,12 +41,12 @@ SAFER = 2.0
 
 
 def size_columns(case: Case) -> tuple[str, ...]:
-    """Size columns that the method of a case needs."""
+    """Size columns required by the case's method."""
     return RADII[:1] if case.surface["method"] == "B" else RADII[1:]
 
 
 def radius_over_rg(case: Case) -> float:
-    """Ratio of R_m to Rg in method A, where Rg is read as a diameter or a radius."""
+    """Ratio of R_m to Rg in method A, with Rg as a diameter or a radius."""
     return _core.size_to_radius(case.surface["rg_reading"])
 
 
@@ -72,8 +72,9 @@ def read_rasters(inputs: Inputs, z: np.ndarray, box: Box) -> Rasters:
 
 
 def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dict[int, str]]:
-    """Read grounds, where they differ from the case's impact sets, and the ground of each material.
-    Returns the zones by id, and the names of grounds by id in a raster."""
+    """Read grounds that differ from the case's impact sets, and the ground of each material.
+    Returns the zones by id, and the names of grounds by raster id.
+    """
     case, surface = inputs.case, inputs.case.surface
     zones = case_zones(case, inputs.remarks)
     named = [zone for zone in zones.values() if zone.names_ground]
@@ -119,8 +120,9 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
 
 def _plane_remarks(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
     """Remarks on a ground whose boulders all meet a relief or strength outside the simulated
-    tables, or a relief inside them that no evidence has calibrated. Ground harder than the hardest
-    table does not yield, and equals it."""
+    tables, or a relief without calibration. Ground harder than the hardest table equals it, because
+    it does not yield.
+    """
     if rule.plane is None:
         return
     ground, radii = rule.plane.ground, np.array(rule.plane.radii)
@@ -138,12 +140,12 @@ def _plane_remarks(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
 
 
 def _differs(name: str, table: GroundTable, case: Case) -> bool:
-    """Return True if the table of impacts of a case differs from the row of its name."""
+    """Return True if the case's impact table differs from the row with its name."""
     return usual_ground(case).text != table.ground(name, case).text
 
 
 def _read_cell_grounds(inputs: Inputs, rasters: Rasters, box: Box, ids: dict[int, str]) -> None:
-    """Read the ground number of each cell; cells without an id have the case's ground."""
+    """Read the ground number of each cell; cells without an id use the case's ground."""
     case, grounds = inputs.case, rasters.grounds
     blocks = inputs.blocks("ground_map", "ids of grounds", np.int32, box)
     names = [grounds[0].name, *ids.values()]
@@ -158,7 +160,7 @@ def _read_cell_grounds(inputs: Inputs, rasters: Rasters, box: Box, ids: dict[int
 def _read_zones(
     inputs: Inputs, rasters: Rasters, box: Box, columns: tuple[str, ...], zones: dict[int, Zone]
 ) -> None:
-    """Read zones as indices into the table of sizes."""
+    """Read zones as indices into the size table."""
     case, surface = inputs.case, inputs.case.surface
     path = case.path(surface["zones"])
     table_path_, numbers = path, None  # polygons have their own ground
@@ -210,7 +212,7 @@ def _check_sizes(
 
 
 def _used(rasters: Rasters) -> set[tuple[int, int]]:
-    """Pairs of material and ground that occur in some cell, both counted from 0."""
+    """Pairs of material and ground that occur in some cell, both from 0."""
     if rasters.cell_ground is None:
         used = [0] if rasters.zone is None else rasters.used_zones().tolist()
         grounds = rasters.material_ground
@@ -223,7 +225,9 @@ def _used(rasters: Rasters) -> set[tuple[int, int]]:
 
 
 def _read_values(inputs: Inputs, rasters: Rasters, box: Box, columns: tuple[str, ...]) -> None:
-    """Read rasters of sizes, required wherever the terrain is known and its ground needs them."""
+    """Read rasters of sizes, which are required where the terrain is known and its ground needs
+    them.
+    """
     need = np.array(
         [0, *(ground.rocks for ground in rasters.grounds)] if rasters.grounds else [0, 2]
     )

@@ -25,8 +25,9 @@ RIM = 4  # cells of a window that boulders may not enter, where the raster conti
 
 
 class Windows:
-    """Windows of a given number of cells, larger where a source needs it; the window in memory, and
-    the survey of all rows."""
+    """Windows with a given number of cells, larger where a source needs it; holds the window in
+    memory and the survey of all rows.
+    """
 
     def __init__(self, cells: int, cell_bytes: int, survey: Survey, ground: Ground) -> None:
         self.cells, self.bytes = cells, cells * cell_bytes  # of a window, and its memory
@@ -40,8 +41,9 @@ class Windows:
         self.box = Box(0, 0, 0, 0)
 
     def fit(self, grid: Grid, sources: Sources, first: int) -> Box:
-        """Move to the longest run of sources from the first that fits in a window (at least one);
-        returns its box."""
+        """Move the window to the longest run of sources, from the first, that fits (at least one);
+        return its box.
+        """
         column = ((sources.x[first:] - grid.west) / grid.cell).astype(int)
         row = ((grid.north - sources.y[first:]) / grid.cell).astype(int)
         north, west, south, east = self.margins
@@ -73,8 +75,9 @@ class Windows:
 
 
 def bands(inputs: Inputs, cells: int) -> Iterator[tuple[Rasters, Box]]:
-    """All rows in order, in bands: rasters of about the given number of cells, which contain those
-    rows and their neighbours."""
+    """All rows in order as bands: rasters with about the given number of cells that contain the
+    rows and their neighbours.
+    """
     ny, nx = inputs.grid.shape
     rows = max(1, cells // nx - 2 * RIM)
     for first in range(0, ny, rows):

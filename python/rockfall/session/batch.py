@@ -31,9 +31,9 @@ RECORDED = 100  # trajectories, if no number is given
 
 
 class Batch:
-    """Results so far of a run of a session: of the boulders done when it was yielded, which are
-    evenly from all sources (with maps of sources: from the first sources). The last batch of a run
-    is complete, with the bits of `rockfall.run`.
+    """Results so far of a run of a session: of the boulders completed so far, spread evenly over
+    all sources (with maps of sources: the first sources). The last batch is complete and equals
+    `rockfall.run` bit for bit.
 
     Statistics and trajectories may be taken at any time; a Dataset, which has the maps, only
     until the run continues.
@@ -63,7 +63,7 @@ class Batch:
 
     @property
     def case(self) -> Case:
-        """Case of the run: `rockfall.run` of it gives the same result.
+        """Case of the run: `rockfall.run` on it gives the same result.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -75,7 +75,7 @@ class Batch:
 
     @property
     def boulders(self) -> int:
-        """Number of boulders done.
+        """Number of completed boulders.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -99,7 +99,7 @@ class Batch:
 
     @property
     def complete(self) -> bool:
-        """True if all boulders are done.
+        """True if all boulders are completed.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -135,7 +135,7 @@ class Batch:
 
     @cached_property
     def until_met(self) -> bool:
-        """True if all rules of `until` are met; False without any.
+        """True if all rules of `until` are met; False without rules.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -149,7 +149,7 @@ class Batch:
 
     @cached_property
     def warnings(self) -> list[str]:
-        """Limits of the model that matter for the boulders done, as in the report.
+        """Limits of the model that matter for the completed boulders, as in the report.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -165,7 +165,7 @@ class Batch:
         classes: Sequence[float] | None = None,
         quantities: Sequence[str] | None = None,
     ) -> pd.DataFrame:
-        """Statistics at the lines: `rockfall.line_statistics` of the boulders done.
+        """Statistics at the lines: `rockfall.line_statistics` of the completed boulders.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -176,8 +176,8 @@ class Batch:
         return line_statistics(self._result or self._rows, by, classes, quantities)
 
     def trajectories(self, number: int = RECORDED, skip: Collection[int] = ()) -> list[Trajectory]:
-        """Trajectories of at most this number of the boulders done, evenly spread over all of the
-        run, as in `rockfall.trajectories`, without those of the boulders in `skip`: their numbers.
+        """Trajectories of at most this number of completed boulders, evenly spread over the run, as
+        in `rockfall.trajectories`, except boulders whose numbers are in `skip`.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -190,8 +190,9 @@ class Batch:
         return curves(motion_of(vertices, gravity=self.case.flight["gravity"]))
 
     def dataset(self) -> xr.Dataset:
-        """Result so far, with maps, as of `rockfall.run`; `complete` in its attributes is 0 until
-        the last batch. A RockfallError once the run has continued, which changes the maps.
+        """Result so far, with maps, as from `rockfall.run`; the attribute `complete` is 0 until the
+        last batch. Raises a RockfallError once the run has continued, because the maps have
+        changed.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -228,7 +229,7 @@ class Batch:
         return result
 
     def _recorded(self, number: int) -> dict[int, np.ndarray]:
-        """Vertices of the boulders done among this number of all boulders of the run."""
+        """Vertices of completed boulders, selected from this number over the whole run."""
         scene, kept, marks = self._tally.scene, self._tally.trajectories, self._tally.marks
         assert isinstance(scene, Scene)
         if number < 1:

@@ -30,7 +30,7 @@ BATCH_SECONDS = 0.1
 
 
 def open_session(case: Case, *, threads: int | None = None, **arrays: Any) -> Session:
-    """Open a case for many runs: a Session, which keeps what it has read and surveyed.
+    """Open a case for many runs: a Session, which keeps its inputs in memory.
 
     `arrays` (dem, zones, lines, ...) are as in `rockfall.run`, and must not be changed in place;
     `threads` are those of all runs (default: the case's). The terrain stays in memory: a terrain
@@ -50,8 +50,8 @@ def open_session(case: Case, *, threads: int | None = None, **arrays: Any) -> Se
 
 
 class Session:
-    """An open case, from `rockfall.open`. Its methods may be called from any thread: a change
-    leaves a run in progress on the case that it was started with.
+    """An open case, from `rockfall.open`. Its methods may be called from any thread: a run in
+    progress continues with the case it was started with.
 
     >>> import rockfall
     >>> session = rockfall.open(rockfall.read_case("case.nml"))
@@ -135,8 +135,8 @@ class Session:
         `changes` are groups of the case as in `case.replace` (`release={"x": [120.0]}`; a key that
         is None is removed; `line=[...]`, `barrier=[...]`, `dam=[...]` replace all groups of the
         name), and rasters and layers as in `rockfall.run` (`lines`, `barriers`, `sources`, `dem`,
-        ...), in place of those given before; None removes one. Files written since are read again,
-        also by `change()` alone. New warnings raise a UserWarning. An error leaves the session
+        ...), in place of earlier ones; None removes one. Files modified since are read again, also
+        by `change()` alone. New warnings raise a UserWarning. An error leaves the session
         unchanged.
 
         >>> import rockfall
@@ -199,7 +199,7 @@ class Session:
         return scene.case.case["threads"] if self._threads is None else self._threads
 
     def _read(self, case: Case, arrays: dict[str, Any], boulders: int | None) -> None:
-        """Read a case with this number of boulders, and take over everything or nothing."""
+        """Read a case with this number of boulders; apply everything or nothing."""
         total = {"boulders": None, "boulders_total": boulders}
         stages = self._stages.copy()
         scene = read_scene(
@@ -218,14 +218,14 @@ class Session:
         self._stages, self._scene = stages, scene
 
     def _warn(self, before: set[str]) -> None:
-        """Issue warnings that were not there before, attributed to the caller's caller."""
+        """Issue new warnings, attributed to the caller's caller."""
         for line in self.warnings:
             if line not in before:
                 warnings.warn(line, stacklevel=3)
 
 
 def scene_of(session: Session) -> Scene:
-    """Scene that an open session has read, which must not be changed."""
+    """Scene read by an open session; must not be changed."""
     return session._opened()
 
 
@@ -240,8 +240,9 @@ def _changed_arrays(before: dict[str, Any], changes: dict[str, Any]) -> dict[str
 def _batches(
     batches: Batches, until: str, criteria: list[Rule], cancelled: Event, seconds: float
 ) -> Iterator[Batch]:
-    """Advance a run, and yield its results, until all are done, the rules are met, or the run is
-    cancelled."""
+    """Advance a run and yield its results until it is complete, the rules are met, or it is
+    cancelled.
+    """
     complete = met = False
     while not complete and not met:
         batches.advance(seconds, cancelled.is_set)

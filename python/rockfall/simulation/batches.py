@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run in batches of a given time, with boulders from all its sources in each, that can be
-cancelled between pieces of a few milliseconds."""
+"""A run in batches of a given time, each with boulders from all sources; it can be cancelled
+between pieces of a few milliseconds.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ RECOVERY = 1.5  # expected growth of the rate after a slow piece
 
 
 class Batches:
-    """The boulders of an empty tally, in an order in which the completed ones are evenly spread."""
+    """Boulders of an empty tally, in an order that spreads the completed ones evenly."""
 
     def __init__(self, tally: Tally) -> None:
         self.tally, self.lock = tally, RLock()
@@ -37,7 +38,7 @@ class Batches:
             self._pieces = self._spread()
 
     def advance(self, seconds: float, cancelled: Callable[[], bool]) -> None:
-        """Simulate boulders for a time, up to the last, or until cancelled."""
+        """Simulate boulders for a time, until all are done, or until cancelled."""
         stop = time.perf_counter() + seconds
         while self.tally.done < self.tally.boulders and not cancelled():
             with self.lock:
@@ -46,18 +47,19 @@ class Batches:
                 return
 
     def _size(self) -> int:
-        """Number of boulders for the duration of a piece."""
+        """Number of boulders for a piece of this duration."""
         return max(1, int(PIECE_SECONDS * self._rate)) if self._rate else FIRST_PIECE
 
     def _in_order(self) -> Iterator[range]:
-        """Pieces of the boulders, counted from 0, one after the other."""
+        """Pieces of the boulders in sequence, from 0."""
         while self.tally.done < self.tally.boulders:
             stop = min(self.tally.done + self._size(), self.tally.boulders)
             yield range(self.tally.done, stop)
 
     def _spread(self) -> Iterator[range]:
-        """Every n-th boulder, then others halfway between these, and so on, in pieces that are each
-        spread over all boulders as well."""
+        """Every n-th boulder, then those halfway between, and so on, in pieces that are also spread
+        over all boulders.
+        """
         boulders = range(self.tally.boulders)
         for part in spread_parts(boulders, -(-len(boulders) // (LANES * self._threads))):
             for piece in spread_parts(part, -(-len(part) // self._size())):
@@ -92,8 +94,9 @@ class Batches:
 
 
 def spread_parts(numbers: range, parts: int) -> Iterator[range]:
-    """Every `parts`-th of some numbers, from each of the first ones, in an order in which each part
-    lies in a gap between earlier parts (van der Corput's)."""
+    """Every `parts`-th number, starting from each of the first ones, ordered so that each part
+    falls in a gap between earlier parts (van der Corput's order).
+    """
     parts = min(parts, len(numbers))
     bits = max(0, parts - 1).bit_length()
     for k in range(1 << bits):

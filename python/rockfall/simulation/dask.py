@@ -34,9 +34,9 @@ def run_on_cluster(
 ) -> Contents:
     """Run a scene on the Dask cluster at an address, or on `local:N` processes of this machine.
 
-    Each worker reads the rasters once, from the files that the case names, which must have the same
-    paths there. A part whose worker dies is repeated by another. The result is that of `simulate`,
-    bit for bit.
+    Each worker reads the rasters once; the files of the case must have the same paths on all
+    workers. If a worker fails, another repeats its part. The result is that of `simulate`, bit for
+    bit.
     """
     need("a Dask cluster needs", "cluster", "distributed")
     from distributed import as_completed
@@ -94,8 +94,9 @@ def _client(where: str) -> Iterator[Any]:
 
 
 def _straight(address: str) -> dict[str, Any]:
-    """Options for direct transfer from local workers; elsewhere only the scheduler may be
-    reachable."""
+    """Options for direct transfer from local workers; remote workers may be reachable only through
+    the scheduler.
+    """
     here = re.match(r"(\w+://)?(127\.|localhost)", address) is not None
     return {"set_as_default": False, "direct_to_workers": here}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plan of the maps of a run: which layers the kernel's stacks have for a case."""
+"""Plan of the maps of a run: the layers of the kernel's stacks for a case."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ HITS = "tree_impacts"  # a map of counts, kept among the sums because they hold 
 
 
 class Plan(NamedTuple):
-    """Tallies needed for the maps of a case: layers by name, from 1 in their stacks; 0: not
-    needed."""
+    """Tallies needed for the maps of a case: layer in the stack by name, from 1; 0: not needed."""
 
     #: passages, deposits, sources; released: boulders of these sources; hits; energy_exceeded and
     #: hits_energy_exceeded: the first of those for thresholds

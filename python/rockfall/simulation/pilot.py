@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pilot run with some boulders of a case, from which the needs of the complete run follow."""
+"""Pilot run with some boulders of a case, to estimate the resources for the complete run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ VALUE = 20e-9  # CPU seconds to write the value of a cell
 
 @dataclass
 class Pilot:
-    """Pilot run with some boulders, to estimate the needs of the complete run."""
+    """Pilot run with some boulders, and estimates for the complete run."""
 
     tally: Tally
     seconds: float  # CPU time per boulder
@@ -44,7 +44,7 @@ class Pilot:
     blocks: float  # blocks of bins filled by all boulders of the run, if not all rows are kept
 
     def values(self) -> dict[str, Any]:
-        """Variables of its boulders, as in a result, without names of lines."""
+        """Variables of the pilot's boulders, as in a result, without line names."""
         tally, scene = self.tally, self.tally.scene
         values: dict[str, Any] = tally.columns()
         if scene.grounds:
@@ -63,8 +63,9 @@ class Pilot:
 
 
 def pilot_run(scene: Scene) -> Pilot:
-    """Pilot run with a number of boulders that follows from the scene, not from a clock, so that
-    `check` always prints the same for a case."""
+    """Pilot run with a number of boulders that depends on the scene, not on time, so that `check`
+    always prints the same for a case.
+    """
     check_team(scene.case.case["threads"])
     probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
     rebounds = max(1.0, float(probe.tally.columns()["impacts"].mean()))
@@ -73,8 +74,9 @@ def pilot_run(scene: Scene) -> Pilot:
 
 
 def _follow(scene: Scene, number: int) -> Pilot:
-    """Simulate boulders from random sources twice: the second time no memory is newly allocated, as
-    for most boulders of a long run."""
+    """Simulate boulders from random sources twice: the second pass allocates no new memory, like
+    most of a long run.
+    """
     maps = scene.case.output.get("maps", [])
     output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
     drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
@@ -112,8 +114,9 @@ def _all_cells(few: Tally, boulders: int) -> float:
 
 
 def _counted(sample: Scene, boulders: int) -> tuple[float, float]:
-    """CPU time of a boulder of the pilot run whose row is not kept, and the number of blocks of
-    bins that all boulders would fill."""
+    """CPU time per boulder of the pilot run without rows, and the number of bin blocks that all
+    boulders would fill.
+    """
     counted = replace(sample, case=sample.case.replace(output={"kept": "none"}))
     few = start(counted, threads=1)
     before = sample.windows.reading if sample.windows else 0.0
@@ -128,8 +131,9 @@ def _counted(sample: Scene, boulders: int) -> tuple[float, float]:
 
 def _all_reached(passages: np.ndarray, more: float) -> float:
     """Number of cells that this multiple of boulders would reach, if passages per cell follow a
-    gamma distribution: counts are then negative binomial (Fisher, Corbet & Williams 1943). Its mean
-    and shape reproduce the numbers of cells passed at all, and passed once, by the few boulders."""
+    gamma distribution: counts are then negative binomial (Fisher, Corbet & Williams 1943). Mean and
+    shape are fitted to the numbers of cells passed at least once and exactly once in the pilot run.
+    """
     total, cells, once = passages.sum(dtype="i8"), (passages > 0).sum(), (passages == 1).sum()
     if more <= 1 or not 0 < once < total:
         return float(cells * max(1.0, more))
@@ -193,8 +197,9 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 
 def _sample_bytes(tally: Tally, pilot: Pilot, more: float) -> float:
-    """Bytes of counts in bins, of their positions, and of the largest values at lines, if the run
-    has this multiple of the boulders of its pilot."""
+    """Bytes of counts in bins, their positions, and the largest values at lines, for this multiple
+    of the pilot's boulders.
+    """
     passed = np.zeros(0)
     if tally.scene.case.lines:
         passed = np.bincount(pilot.tally.array("crossing_line")) * more

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Progress of work: a bar on a terminal with fraction done, rate and time left; else a line every
-ten seconds; or lines for another program."""
+"""Progress of work: on a terminal a bar with fraction done, rate and time left; else a line every
+ten seconds, or lines for another program.
+"""
 
 import os
 import sys
@@ -80,7 +81,7 @@ def _lines(total: int, what: str) -> Callable[..., None]:
 
 
 def _seldom(total: int, what: str) -> Callable[..., None]:
-    """Function that reports progress and the time left every ten seconds, for a log."""
+    """Function that logs progress and the time left every ten seconds."""
     made, begun = 0, time.monotonic()
     last = begun
 
@@ -98,7 +99,7 @@ def _seldom(total: int, what: str) -> Callable[..., None]:
 
 
 class _Work:
-    """Steps of work that several functions do."""
+    """Steps of work shared by several functions."""
 
     def __init__(self, advance: Callable[..., None]) -> None:
         self.advance, self.made, self.total = advance, 0, 0
@@ -134,14 +135,14 @@ def add_steps(steps: int) -> None:
 
 
 def step(*_: Any) -> None:
-    """Note that a step of work is done; Stopped if a stop was requested."""
+    """Count a completed step of work; raises Stopped if a stop was requested."""
     check_stop()
     if work := _work.get():
         work.step()
 
 
 def stepped(items: Iterable[Item]) -> Iterator[Item]:
-    """Items; each is a step of work."""
+    """Yield items, each as a step of work."""
     for item in items:
         yield item
         step()

@@ -22,8 +22,7 @@ class Run(RunArrays):
 
     @classmethod
     def of_scene(cls, scene: Scene, numbers: range, box: Box, threads: int) -> Run:
-        """Create a run of the boulders with these numbers, counted from 0, with maps of some
-        cells."""
+        """Create a run of boulders with these numbers, from 0, with maps of some cells."""
         handle, name = scene.kernel.handle, scene.case.name
         extent = numbers.start, len(numbers), window(box), threads, MAX_COLUMNS
         return cls(_core.open_run(handle, *extent), name)
@@ -42,10 +41,10 @@ class Run(RunArrays):
         step: int = 1,
         seconds: float = sys.float_info.max,
     ) -> tuple[int, np.ndarray, np.ndarray]:
-        """Run boulders, every `step`-th from number `first` (counted from 1), on a scene, which may
-        be a window. After some seconds no more of them start. Returns the number of the boulders
-        done, at least one; and the numbers of boulders that left the window, which are not tallied,
-        with their places of exit (2, n)."""
+        """Run boulders on a scene (or window): every `step`-th from number `first` (from 1). After
+        some seconds no more are started. Returns the number completed, at least one, and the
+        numbers and exit places (2, n) of boulders that left the window, which are not tallied.
+        """
         done, left, code, message = _core.advance(
             self.handle, scene.kernel.handle, first, step, size, seconds
         )

@@ -219,14 +219,15 @@ def trace(tally: Tally) -> None:
 
 
 def recorded_numbers(scene: Scene, wanted: int, first: int, last: int) -> list[int]:
-    """Boulders from the first to the last whose trajectories are recorded, if a number of them is
-    requested: evenly spread over all boulders of the run."""
+    """Boulders from the first to the last whose trajectories are recorded, if a number is
+    requested: evenly spread over the run.
+    """
     numbers, n = _core.recorded_numbers(scene.kernel.handle, first, last, wanted)
     return numbers[:n].tolist()
 
 
 def trajectory(scene: Scene, number: int) -> np.ndarray:
-    """Vertices (release, contacts, end) of one boulder, with the columns `fields("vertex")`."""
+    """Vertices (release, contacts, end) of one boulder, with columns `fields("vertex")`."""
     while True:
         vertex, left = _run_alone(scene.around(number, 1)[0], number)
         if left is None:
@@ -238,8 +239,9 @@ def trajectory(scene: Scene, number: int) -> np.ndarray:
 def _run_alone(
     scene: Scene, number: int
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-    """Vertices of a boulder, and the place where it left the window, if it did; no tally
-    changes."""
+    """Vertices of a boulder, and the place where it left the window, if it did; tallies are
+    unchanged.
+    """
     vertex, recorded = np.empty((0, len(fields("vertex")))), 256
     while recorded > len(vertex):
         vertex = np.empty((recorded, len(fields("vertex"))))

@@ -21,7 +21,9 @@ PIECE = 1_000_000  # crossings in memory when they are read again
 
 
 class _Block(NamedTuple):
-    """Place of the columns of a block in the file, and its crossings of each line."""
+    """Position in the file of the columns of a block, and the number of its crossings of each
+    line.
+    """
 
     offsets: dict[str, int]  # by name in files
     ends: np.ndarray  # rows up to the end of each line, from 0 for none
@@ -38,7 +40,9 @@ class SpilledCrossings:
         self._lines = lines
 
     def take(self, run: RunArrays, least: int | None = None) -> None:
-        """Take over the crossings of a run, if there are at least this many (default: a block)."""
+        """Move the crossings of a run to the file, if there are at least this many (default: a
+        block).
+        """
         if run.array("crossing_line").size < (BLOCK if least is None else least):
             return
         run.sort_crossings()
@@ -62,7 +66,7 @@ class SpilledCrossings:
             ) from error
 
     def columns(self, run: RunArrays) -> list[Array]:
-        """All crossings, including those of the run, as arrays that are read on demand."""
+        """All crossings, including those still in the run, as arrays read on demand."""
         self.take(run, 1)
         if not self._blocks:
             return [*run.arrays(*GROUPS)]
@@ -78,7 +82,7 @@ class SpilledCrossings:
         return np.sum([none, *(block.ends for block in self._blocks)], axis=0)
 
     def rows(self, name: str, first: int, last: int) -> np.ndarray:
-        """Values of a column at the lines first to last - 1, sorted by line, then by boulder."""
+        """Values of a column at lines first to last - 1, sorted by line and boulder."""
         dtype = self._columns[name].values.dtype
         ends = self.ends[first : last + 1] - self.ends[first]
         values = np.empty(int(ends[-1]), dtype)
@@ -102,7 +106,7 @@ class SpilledCrossings:
 
 
 class _Column:
-    """A column of all crossings; NumPy reads it completely, or only a slice."""
+    """A column of all crossings, which NumPy reads completely or by slices."""
 
     def __init__(self, store: SpilledCrossings, name: str, dtype: np.dtype) -> None:
         self._store, self._name, self.dtype = store, name, dtype

@@ -33,7 +33,7 @@ ANY = range(1, 2)  # placeholder for boulders that do not matter
 
 @dataclass
 class Origin:
-    """Origin of a part: its run. Also used in place of its scene."""
+    """Origin of a part: its run. Also used instead of its scene."""
 
     case: Case
     boulders: int  # of the complete run
@@ -50,8 +50,9 @@ class Origin:
     stands: Sequence[Stand] = ()
 
     def difference(self, other: Origin, own: range = ANY, theirs: range = ANY) -> str:
-        """First item in which another run differs, "" if none; threads and the notation of the case
-        are ignored. Ranges of boulders differ unless the other one begins this one."""
+        """First item in which another run differs, "" if none; threads and notation of the case are
+        ignored. Ranges of boulders may differ only if the other range starts this one.
+        """
         texts, numbers, corners = zip(self._identity(own), other._identity(theirs), strict=True)
         cases = in_kernel(self.case), in_kernel(other.case)
         what = _core.run_difference(*cases, *texts, np.array(numbers).T, np.array(corners).T)
@@ -68,8 +69,7 @@ class Origin:
 
 @dataclass
 class Tally:
-    """A run in the kernel, of a scene or of parts alone, with data that the kernel does not
-    store."""
+    """A kernel run, of a scene or of parts only, with data that the kernel does not store."""
 
     scene: Scene | Origin
     run: Run
@@ -114,7 +114,7 @@ class Tally:
         return self.arrays(*CROSSINGS)
 
     def crossed(self) -> int:
-        """Number of crossings of lines so far."""
+        """Number of line crossings so far."""
         if not self.scene.case.lines:
             return 0
         before = int(self.spilled.ends[-1]) if self.spilled is not None else 0
@@ -157,7 +157,7 @@ class Tally:
 
     @property
     def chosen(self) -> slice | np.ndarray:
-        """Rows of the boulders done: the first rows, or the indices of the marked ones."""
+        """Rows of the completed boulders: the first rows, or the indices of marked rows."""
         number = self.number
         if self.marks is not None:
             of_rows = self.marks if number is None else self.marks[number - self.before - 1]
@@ -188,12 +188,13 @@ class Tally:
                 array.values[...] = array.values[..., order]
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Columns of the kernel for these rows, and sums over boulders, by name."""
+        """Kernel columns for these rows, and sums over boulders, by name."""
         return {array.name: array.values for array in self.arrays("boulder", "count")}
 
     def settle(self, sign: int = 1) -> None:
         """Reduce the counts of split sources in their cells to the completed boulders, as stored in
-        a part; with sign -1 restore the counts of all boulders, to continue the run."""
+        a part; sign -1 restores the counts of all boulders, to continue the run.
+        """
         if tells_sources(self.scene.case):
             assert isinstance(self.scene, Scene)
             _core.settle_sources(self.run.handle, self.scene.kernel.handle, self.done, sign)
@@ -211,7 +212,7 @@ class Tally:
 
     @property
     def window(self) -> Box:
-        """Terrain cells that maps cover, or all cells without maps."""
+        """Terrain cells covered by maps; all cells if there are no maps."""
         return self.box if self.scene.case.output.get("maps") else self.scene.grid.box
 
     @property

@@ -34,8 +34,9 @@ MAXIMA = {
 
 
 def make_result(tally: Tally, maps: bool = True) -> Contents:
-    """Complete results of a run, named as in `variables`; with or without its maps, whose tallies
-    are used up (`settle` comes before) unless the run continues."""
+    """Complete results of a run, named as in `variables`, with or without maps. Unless the run
+    continues, the map tallies are used up (call `settle` first).
+    """
     groups = "boulder", "count", "energy", "feature", "shape", "mass", "tree", "breakage"
     data = table_variables(tally, *groups)
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
@@ -71,7 +72,7 @@ def table_variables(tally: Tally, *groups: str) -> dict[str, Any]:
 
 
 def described(arrays: Iterable[Array]) -> dict[str, Any]:
-    """Arrays as variables, by the table of variables."""
+    """Arrays as variables, described by the table of variables."""
     data: dict[str, tuple] = {}
     for array in arrays:
         attrs: dict[str, Any] = {**variables.about(array.group, array.name)}
@@ -106,7 +107,7 @@ def sample_variables(tally: Tally) -> dict[str, Any]:
 
 
 def _grounds_themselves(tally: Tally) -> dict[str, Any]:
-    """Names, models and blocks of the grounds; none where the scene has only its impact sets."""
+    """Names, models and blocks of the grounds; empty if the scene has only its impact sets."""
     if not (grounds := tally.scene.grounds):
         return {}
     names, models, radii = (
@@ -122,8 +123,9 @@ def _grounds_themselves(tally: Tally) -> dict[str, Any]:
 
 
 def line_variables(tally: Tally) -> dict[str, Any]:
-    """Evaluation lines, which of them are barriers, and their first crossings, by line, then by
-    boulder."""
+    """Evaluation lines, whether each is a barrier, and first crossings sorted by line and
+    boulder.
+    """
     case, lines = tally.scene.case, tally.scene.case.lines
     names = [str(line["name"]) for line in lines]
     data = numbered("line", names, "name of the evaluation line")
@@ -149,8 +151,9 @@ def line_variables(tally: Tally) -> dict[str, Any]:
 
 
 def numbered(dim: str, names: Sequence[str], long_name: str) -> dict[str, Any]:
-    """Coordinate of a named dimension: numbers from 0 with a word for each, since programs lose or
-    refuse variables on a coordinate of text, and next to it the names."""
+    """Coordinate of a named dimension: numbers from 0 with a word for each, and the names next to
+    it, since programs refuse or lose variables on a text coordinate.
+    """
     numbers = np.arange(len(names), dtype="i4")
     flags = {
         "flag_values": numbers if numbers.size > 1 else np.int32(0),  # files have a single one
@@ -195,7 +198,8 @@ def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
 
 def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, int]:
     """A map, the minimum number of passages for a value, and the number below which a value is
-    uncertain."""
+    uncertain.
+    """
     if (layers := _layers(name, tally)) is not None:  # without a copy, to save memory
         values = layers.copy() if tally.goes_on else layers
         if name in MAXIMA:
@@ -261,8 +265,9 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
 
 
 def run_attributes(tally: Tally) -> dict[str, Any]:
-    """Attributes of a result, or of a part, that describe its run. The source is that of parts,
-    which rockfall-batch writes too; results have another one."""
+    """Attributes of a result or part that describe its run. `source` is for parts, which
+    rockfall-batch also writes; results have another.
+    """
     scene = tally.scene
     return {
         "Conventions": CONVENTIONS,

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The barrier that results from a siting, verified by runs with it: boulders that come to the line
-today, and those that still come, with the same boulders."""
+"""Barrier recommended by a siting, verified by runs: boulders that reach the line today, and those
+that still do with the barrier; the boulders are the same.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +48,7 @@ class Wanted(NamedTuple):
 
 
 class Most(NamedTuple):
-    """The highest available barrier, and the prices of barriers."""
+    """Maximum barrier height, and barrier prices."""
 
     height: float = MAX_HEIGHT  # [m]
     ead_class: int = len(EAD_ENERGY) - 1
@@ -56,9 +57,9 @@ class Most(NamedTuple):
 
 @dataclass(frozen=True)
 class Advice:
-    """A barrier, and the boulders that come to the protected line `today` and with it (`left`),
-    with limits of 95 % intervals; `change` is their difference, with the same boulders. All are
-    numbers a year if the case has scenarios (`yearly`), else fractions of the boulders released.
+    """A barrier, and the boulders that reach the protected line `today` and with the barrier
+    (`left`), with 95 % limits; `change` is the paired difference. All are numbers a year if the
+    case has scenarios (`yearly`), else fractions of the boulders released.
 
     `ways` has the fractions of these boulders that pass over the barrier, break through it, or pass
     around its ends. `is_enough` is None if no frequency was given as acceptable.
@@ -79,14 +80,14 @@ class Advice:
 
     @property
     def has_effect(self) -> bool:
-        """True if fewer boulders come than without the barrier, beyond the error of the
-        simulation."""
+        """True if significantly fewer boulders arrive than without the barrier."""
         return self.change[2] < 0
 
 
 class _Came(NamedTuple):
-    """Boulders of a run that come to the line; the outcome of each at the barrier, 0 for boulders
-    that do not meet it before; their heights [m] and energies [J] there."""
+    """Boulders of a run that reach the line; the outcome of each at the barrier (0 if it did not
+    meet the barrier before); and heights [m] and energies [J] there.
+    """
 
     comes: np.ndarray
     outcome: np.ndarray
@@ -112,8 +113,9 @@ def check_acceptable(case: Case, acceptable: float | None) -> None:
 def wanted(
     rows: Sequence[Mapping[str, Any]], alignments: Sequence[Alignment], most: Most
 ) -> list[Wanted]:
-    """Barriers to be tried, the cheapest first, of alignments that are not refused: with the height
-    and class at the upper ends of their intervals, if these exist, within the limits."""
+    """Barriers to try, cheapest first, for alignments that are not refused: with height and class
+    at the upper limits of their intervals where known, within the limits.
+    """
     able = [
         (row["fits"] != "yes", row["cost"], row["distance"], k)
         for k, row in enumerate(rows)
@@ -142,10 +144,11 @@ def advise(
     *,
     progress: bool = False,
 ) -> Advice | None:
-    """The first of some barriers with which at most `acceptable` boulders a year come to the line,
-    by the upper limit: unchanged, higher, or of a higher class. If none suffices, the barrier that
-    leaves the fewest. None without barriers. `bare`: results without a barrier, with their
-    frequencies [1/year], of the same scenarios, or of the case."""
+    """First barrier, unchanged, higher or of a higher class, with which at most `acceptable`
+    boulders a year reach the line, by the upper limit. If none suffices, the barrier that lets the
+    fewest through; None without barriers. `bare`: results without a barrier, with their frequencies
+    [1/year], of the same scenarios, or of the case.
+    """
     if not barriers:
         return None
     yearly = {name: often for name, (_, often) in bare.items()}
@@ -174,8 +177,9 @@ def advise(
 def _stronger(
     case: Case, barrier: Wanted, after: Sequence[_Came], most: Most, acceptable: float
 ) -> Wanted | None:
-    """The cheapest barrier, higher or of a higher class, that would have left at most this number
-    of the boulders that passed a barrier; None if there is none."""
+    """Cheapest barrier, higher or of a higher class, that at most this number of the boulders that
+    passed would still have passed; None if there is none.
+    """
 
     def is_enough(ead_class: int, k: int) -> bool:
         would = (
@@ -209,7 +213,7 @@ def _came(
     barrier: Wanted | None,
     progress: bool,
 ) -> list[_Came]:
-    """Boulders of each run, or result, that come to a line, with a barrier."""
+    """Boulders of each run or result that reach a line, with a barrier."""
     is_line = barrier is not None and barrier.alignment.name == line
 
     def numbers(name: str, result: xr.Dataset) -> _Came:
@@ -240,13 +244,13 @@ def _with_barrier(
 
 
 def _sum(case: Case, runs: Sequence[_Came]) -> Three:
-    """Boulders that come, a year, or their fraction."""
+    """Boulders that arrive a year, or their fraction."""
     fractions = (fraction_interval(run.comes, run.source) for run in runs)
     return yearly_sum([run.yearly for run in runs], fractions, _factor(case))
 
 
 def _change(case: Case, today: Sequence[_Came], after: Sequence[_Came]) -> Three:
-    """Difference that a barrier makes to them."""
+    """Difference made by a barrier to the boulders that arrive."""
     apart = (
         difference_of_fractions(here.comes, before.comes, here.source)
         for here, before in zip(after, today, strict=True)
@@ -260,8 +264,9 @@ def _factor(case: Case) -> Sequence[float]:
 
 
 def _ways(runs: Sequence[_Came]) -> dict[str, float]:
-    """Fractions of the boulders that still come, by their path past the barrier; empty if none
-    come."""
+    """Fractions of the boulders that still arrive, by their path past the barrier; empty if none
+    arrive.
+    """
     masks = {name: number for name, number in OUTCOME.items() if name != "stopped"} | {ROUND: 0}
     parts = {
         name: sum(run.yearly * float(np.mean(run.comes & (run.outcome == k))) for run in runs)

@@ -53,7 +53,7 @@ class Convergence:
     boulders).
 
     - study: boulders from each source; value; low, high of its 95 % interval (the maximum has
-      none); change from the row before, with fewer boulders.
+      none); change from the previous row, with fewer boulders.
     - error: boulders over all sources, their cpu_seconds, relative error (root mean square over
       this number of blocks).
     - cost: slope of log error over log boulders and its standard error; relative error of 10,000
@@ -136,7 +136,7 @@ def converge(
 
 
 def _sizes(sources: int) -> list[int]:
-    """BOULDERS, or fewer in the same proportions if there are many sources."""
+    """BOULDERS, or proportionally fewer if there are many sources."""
     most = min(BOULDERS[-1], max(2, REFERENCE // sources))
     return [max(2, size * most // BOULDERS[-1]) for size in BOULDERS]
 
@@ -162,8 +162,9 @@ def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
 
 
 def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.ndarray, float]:
-    """Values of boulders: (lines, quantities, boulders), NaN where they did not cross; CPU seconds
-    per boulder. They are simulated in pieces, each with the next seed; the sources take turns."""
+    """Values of boulders: (lines, quantities, boulders), NaN without a crossing; and CPU seconds
+    per boulder. Boulders are simulated in pieces with successive seeds; the sources take turns.
+    """
     sources = scene.x.size
     piece = max(1, PIECE // sources)
     try:
@@ -190,7 +191,9 @@ def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.nd
 
 
 def _numbers(values: np.ndarray) -> np.ndarray:
-    """(lines, numbers, blocks) of (lines, quantities, blocks, boulders); NaN where none crossed."""
+    """Statistics (lines, numbers, blocks) from (lines, quantities, blocks, boulders); NaN where
+    none crossed.
+    """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Mean of empty|Degrees of freedom|All-NaN")
         fraction = np.isfinite(values[:, :1]).mean(axis=3)
@@ -275,7 +278,7 @@ def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
 def _terrains(
     study: Study, scene: Scene, boulders: int, cost: pd.DataFrame
 ) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Change of each number by each variant of the terrain, and variants that are refused."""
+    """Change of each number by each terrain variant, and the refused variants."""
     import pandas as pd
 
     name, other = other_digits(scene)
@@ -313,7 +316,7 @@ def _terrains(
 
 
 def other_digits(scene: Scene) -> tuple[str, Scene]:
-    """Name of the other floating-point precision, and the scene with elevations in it.
+    """Name of the other floating-point precision, and the scene with elevations converted to it.
 
     float64 elevations are rounded. float32 elevations receive random digits for the rounding:
     up to half of their last binary digit.

@@ -30,9 +30,9 @@ MAPS = re.compile(r"(energy|speed|jump_height|passing_height)_(mean|max|max_map|
 
 
 def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray]:
-    """Maps of the difference of each variant from the first, by name: of the fraction of boulders
-    that pass a cell, its verdict (-1 less, 1 more, 0 undecided), and of the maps of energy, speed
-    and height that both have, where boulders pass in both.
+    """Maps of the difference of each variant from the first, by name: the fraction of boulders that
+    pass a cell, its verdict (-1 less, 1 more, 0 undecided), and the maps of energy, speed and
+    height that both have, where boulders pass in both.
 
     Results do not record which boulders pass a cell, so that the fractions are taken as
     independent. The intervals are then too wide for common random numbers: the verdict of a cell
@@ -78,18 +78,18 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
 
 
 def have_passages(results: Mapping[str, xr.Dataset]) -> bool:
-    """Return True if all variants have the map on which maps of difference are based."""
+    """Return True if all variants have the map needed for difference maps."""
     return all("passages" in result for result in results.values())
 
 
 def on_same_cells(results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-    """The first variant, and the variants whose maps have its cells."""
+    """The first variant, and those variants whose maps have the same cells."""
     first = next(iter(results.values()))
     return {name: result for name, result in results.items() if _same_cells(first, result)}
 
 
 def _same_cells(first: xr.Dataset, other: xr.Dataset) -> bool:
-    """Return True if maps of two results are on the cells of one grid."""
+    """Return True if the maps of two results share one grid."""
     ours, theirs = (grid_of(data["passages"])[0] for data in (first, other))
     steps = np.array([theirs.west - ours.west, theirs.north - ours.north]) / ours.cell
     return theirs.cell == ours.cell and float(np.abs(steps - np.round(steps)).max()) <= OF_A_CELL
@@ -106,7 +106,7 @@ def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
 
 
 def _fractions(counts: np.ndarray, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fractions of the boulders that pass cells, and the limits of their intervals."""
+    """Fractions of the boulders that pass cells, and their limits."""
     boulders = simulated(result)
     starts = (result[f"start_{axis}"].values for axis in "xy")
     per_cluster = boulders_per_cluster(case_of(result), *starts)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class Second(NamedTuple):
-    """Hazard by another model, of this name."""
+    """Hazard by a second model, with its name."""
 
     model: str
     hazard: xr.Dataset
@@ -61,8 +61,9 @@ class Dossier:
 
 @dataclass(frozen=True)
 class DossierInputs:
-    """Checked inputs of a dossier: the hazard of each variant, likely mistakes, and the inputs of
-    the first variant by a second model, with its name."""
+    """Checked inputs of a dossier: the hazard of each variant, likely mistakes, and the first
+    variant's inputs for a second model, with its name.
+    """
 
     case: Case
     studies: Mapping[str, HazardInputs]
@@ -169,8 +170,9 @@ def _scenes(study: HazardInputs, by_name: Mapping[str, Any]) -> Iterator[tuple[s
 
 
 def _at_objects(study: HazardInputs, result: xr.Dataset, lines: list[str]) -> dict[str, np.ndarray]:
-    """Energies of all boulders at objects with a width, by name: with the layer if a line has the
-    same name, and with its number if another object has it."""
+    """Energies of all boulders at objects with a width, by name; the layer is added if a line has
+    the same name, and the number if another object has it.
+    """
     energies: dict[str, np.ndarray] = {}
     for number, (energy, _) in object_hits(study.objects, result):
         name = study.objects.names[number]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard study: each scenario of a case is run once, and combined by frequency."""
+"""Hazard study: each scenario of a case is run once; results are combined by frequency."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def run_study(
     threads: int | None = None,
     checkpoints: Sequence[Checkpoint] = (),
 ) -> xr.Dataset:
-    """Run the scenarios in turn; each resumes from its checkpoint, or is taken from its result."""
+    """Run the scenarios in turn; each resumes from its checkpoint, or is read from its result."""
     if results and len(results) != len(study.scenarios):
         many = f"{len(study.scenarios)} scenarios"
         raise RockfallError(f"results: {len(results)} for {many}: one is needed for each, in order")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenes of a case by every rebound model, which differ in their grounds only."""
+"""Scenes of a case by every rebound model, which differ only in their grounds."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ AS_GIVEN = "grounds of the case"
 
 
 def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scenes by the name of their model, the case's own first; `notes` collects remarks."""
+    """Scenes by model name, the case's own first; `notes` collects remarks."""
     as_given = read_scene(case)
     own = _with_named_apart(as_given)
     table = GroundTable(table_path(case))
@@ -96,9 +96,10 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
 def by_tables(
     case: Case, own: Scene, names: Sequence[str] | None, notes: list[str]
 ) -> Iterator[tuple[str, Scene]]:
-    """Scenes of a case by these tables of impacts in place of the grounds that `variants` varies,
-    except its own table; by default all shipped tables, without those that need unknown rock sizes.
-    `own` is the scene of the case; `notes` collects remarks."""
+    """Scenes of a case with these impact tables instead of the grounds that `variants` varies,
+    except its own table. The default is all shipped tables whose rock sizes are known. `own` is the
+    scene of the case; `notes` collects remarks.
+    """
     own = _with_named_apart(own)
     varied, is_named = _varied(own), not _own_share(own)
     follows_table = case.impact["form"] == "table" or "ground" in case.surface
@@ -127,9 +128,10 @@ def by_tables(
 
 
 def second_model(own: Scene) -> tuple[str, Scene] | None:
-    """Name and scene of another model that is possible on the ground of a scene: impact sets in
-    place of its tables and classical grounds, where rocks have a suitable size; the table `talus`
-    in place of its impact sets. None if neither is possible anywhere."""
+    """Name and scene of another model for the ground of a scene: impact sets instead of its tables
+    and classical grounds, where rocks have a suitable size; or the table `talus` instead of its
+    impact sets. None if neither is possible.
+    """
     own = _with_named_apart(own)
     varied = _varied(own)
     if not _on_grounds(own, varied).any():
@@ -146,8 +148,9 @@ def second_model(own: Scene) -> tuple[str, Scene] | None:
 def _unsized_notes(
     case: Case, option: str, rules: Iterable[GroundRule], unsized: float
 ) -> Iterator[str]:
-    """Remark on grounds of an option that need rock sizes which part of the terrain lacks; refused
-    if all of it lacks them."""
+    """Remark on grounds of an option that need rock sizes missing on part of the terrain; refused
+    if all of it lacks them.
+    """
     needing = [rule.name for rule in rules if rule.rocks]
     if unsized == 1 and needing:
         raise RockfallError(
@@ -158,8 +161,9 @@ def _unsized_notes(
 
 
 def named_notes(own: Scene) -> Iterator[str]:
-    """Remark on the part of a terrain on which all models have the same ground, or on the grounds
-    that they vary if every place has a named ground."""
+    """Remark on the part of the terrain where all models have the same ground, or on the varied
+    grounds if every place has a named ground.
+    """
     own = _with_named_apart(own)
     if not (share := _own_share(own)):
         part = _on_grounds(own, _varied(own))[~np.isnan(own.rasters.z)].mean()
@@ -205,8 +209,9 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
 
 
 def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scene with its impact sets in place of grounds, wherever its rocks have a suitable size;
-    obstacles that stop every boulder, and smooth ground, keep their grounds."""
+    """Scene with its impact sets instead of grounds, wherever its rocks have a suitable size;
+    obstacles that stop every boulder, and smooth ground, keep their grounds.
+    """
     cells, rule = own.rasters, GroundRule(own.case.impact["sets"])
     names = [ground.name for ground in own.grounds]
     grounds = own.grounds if rule.name in names else (*own.grounds, rule)
@@ -224,8 +229,9 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
 
 
 def _with_named_apart(scene: Scene) -> Scene:
-    """Scene in which zones that name the case's ground have a copy of it under another name, so
-    that they keep it when models vary the case's ground."""
+    """Scene in which zones that name the case's ground get a renamed copy, which stays unchanged
+    when models vary the case's ground.
+    """
     usual = named_ground(scene.case)
     own, zones = str(usual), case_zones(scene.case).values()
     named = np.array([zone.ground and str(zone.ground_in(usual)) == own for zone in zones], bool)
@@ -239,12 +245,12 @@ def _with_named_apart(scene: Scene) -> Scene:
 
 
 def _own_share(scene: Scene) -> float:
-    """Fraction of the terrain where no zone and no cell names a ground [-]."""
+    """Fraction of the terrain without a zone or cell ground [-]."""
     return float(_on_grounds(scene, {usual_name(scene.case)})[~np.isnan(scene.rasters.z)].mean())
 
 
 def _unsized_part(scene: Scene, varied: Collection[str]) -> float:
-    """Fraction of the grounds of these names on which no rocks have a size [-]."""
+    """Fraction of these grounds without rock sizes [-]."""
     unsized = _test_sizes(scene.rasters, lambda sizes: sizes[0] == 0)
     here = _on_grounds(scene, varied)
     return float(np.broadcast_to(unsized, here.shape)[here].mean()) if here.any() else 0.0
@@ -267,7 +273,7 @@ def _grounds_of(cells: Rasters) -> np.ndarray:
 
 
 def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Test of rock sizes (columns, ...), for each cell or for one size everywhere."""
+    """Test rock sizes (columns, ...) for each cell, or once for a uniform size."""
     if cells.values is not None:
         return test(cells.values)
     return np.append(False, test(cells.sizes.T))[1 if cells.zone is None else cells.zone]
@@ -276,8 +282,9 @@ def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.
 def with_rocks(
     scene: Scene, small: GroundRule, large: GroundRule, varied: Collection[str] = ()
 ) -> Scene:
-    """Scene with these grounds for its small and large rocks, in place of the named grounds
-    (default: the default ground)."""
+    """Scene with these grounds for small and large rocks, instead of the named grounds (default:
+    the default ground).
+    """
     cells = scene.rasters
     varied = varied or {usual_name(scene.case)}
     others = [ground for ground in scene.grounds if ground.name not in varied]
@@ -309,7 +316,6 @@ def _filled(numbers: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _choice(scene: Scene, sizes: np.ndarray, small: int, large: int) -> np.ndarray:
-    """Ground, of two, for rocks of these sizes; obstacle heights are diameters, as in
-    Rockyfor3D."""
+    """Choice between two grounds by rock size; obstacle heights are diameters, as in Rockyfor3D."""
     obstacles = sizes if scene.case.surface["method"] == "A" else sizes / radius_over_rg(scene.case)
     return np.where(obstacles >= LARGE, np.int8(large), np.int8(small))

@@ -68,9 +68,9 @@ def run_models(
     progress: bool = False,
     tables: Sequence[str] = (),
 ) -> Models:
-    """Run a case by the impact sets with methods A and B, if it has their sizes, and by each
-    classical model, or by these `grounds` (rows of its table, impact sets) instead; and by these
-    `tables` of impacts.
+    """Run a case by the impact sets with methods A and B, if their sizes are known, and by each
+    classical model or the given `grounds` (rows of its table, impact sets); and by these `tables`
+    of impacts.
 
     Ground that the case assigns to zones or cells by name is the same for all models; models differ
     where its own impact sets or table, or its `&surface ground`, apply. There classical models use

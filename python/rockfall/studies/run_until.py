@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs that end when the confidence intervals at the lines reach a requested width.
 
-This is not a study of several scenes (`rockfall.studies.study`): it is one run, whose tallies
-continue with more boulders until they are enough.
+Unlike a study of several scenes (`rockfall.studies.study`), this is one run that continues with
+more boulders until the rules are met.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ FORM = "QUANTITY.STATISTIC@LINE<PERCENT% or fraction@LINE<PERCENT%"
 
 
 class Rule(NamedTuple):
-    """A criterion: the half-width of a 95 % interval is below a fraction of the number itself."""
+    """A criterion: the half-width of a 95 % interval must be below a fraction of the number."""
 
     text: str
     line: int  # index, from 0
@@ -67,9 +67,8 @@ class Rule(NamedTuple):
 class Verdict(NamedTuple):
     """Verdict of a result on a rule.
 
-    `width` is the half-width over the number, NaN if there is none. `need` is the number of
-    boulders from each source that the rule needs: NaN if too few cross the line, inf if no
-    number is enough.
+    `width` is the half-width over the number, NaN if there is none. `need` is the required number
+    of boulders from each source: NaN if too few cross the line, inf if no number suffices.
     """
 
     rule: Rule
@@ -93,7 +92,7 @@ class Verdict(NamedTuple):
 def run_until(
     case: Case, rules: str, cap: int | None = None, *, progress: bool = False, **arrays: Any
 ) -> xr.Dataset:
-    """Run a case with the boulders from each source that `rules` need, `cap` at most.
+    """Run a case with the number of boulders per source that `rules` need, at most `cap`.
 
     `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
     result is that of `run` with the final number of boulders, which replaces the case's own; its
@@ -121,7 +120,7 @@ def simulate_until(
 ) -> Contents:
     """Results of the run; see `run_until`. The rasters of a scene that need not be kept are freed.
 
-    With one source the boulders continue the stage before. With several sources each stage starts
+    With one source each stage continues the previous one. With several sources each stage starts
     again, because the source of a boulder follows from its number.
     """
     refuse_by_area(scene.case, scene, "--until")
@@ -155,8 +154,7 @@ def simulate_until(
 
 
 def _next_tally(scene: Scene, last: Tally | None) -> Tally:
-    """Tally for the boulders of the next stage: with one source it continues the tally of the last
-    stage."""
+    """Tally for the next stage; with one source it continues the last stage."""
     if last is None or scene.x.size > 1 or tells_sources(scene.case):
         tally = start(scene, scene.case.case["threads"])
         if last is not None:
@@ -168,7 +166,7 @@ def _next_tally(scene: Scene, last: Tally | None) -> Tally:
 
 
 def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
-    """Boulders from each source in the stage after one of `n`; `n` itself if it is the last.
+    """Boulders from each source in the stage after `n`; `n` itself if that was the last.
 
     A distant target is approached from below, in steps: the width behind it is itself an estimate,
     and boulders cannot be removed.
@@ -221,8 +219,9 @@ def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
 
 
 def _expected_width(sample: Sample, row: Mapping[str, float], statistic: str) -> float:
-    """Relative half-width of an interval, for quantiles without the random part of their width,
-    which made runs a third too long."""
+    """Relative half-width of an interval; for quantiles without the random part of the width, which
+    would make runs a third too long.
+    """
     level, width = LEVELS.get(statistic), half_width(row, statistic)
     if level is None or not 0 < width < np.inf:
         return width

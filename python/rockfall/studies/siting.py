@@ -63,9 +63,9 @@ COLUMNS += ["fits", "fails", "choice", "unconfirmed"]
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of available barriers: height [m], EAD class, the fraction of the boulders that come
-    to the protected line that may pass around its ends, and the distance from the line that it
-    needs to brake [m]. None: no limit."""
+    """Limits of available barriers: height [m], EAD class, the fraction of arriving boulders that
+    may pass around the ends, and the braking distance to the protected line [m]. None: no limit.
+    """
 
     height: float | None = None
     ead_class: int | None = None
@@ -103,7 +103,7 @@ class Siting:
 
     @property
     def scenarios(self) -> list[str]:
-        """Scenarios whose boulders these are, by frequency; none: they are those of &boulder."""
+        """Scenarios whose boulders were used, by frequency; none if &boulder was used."""
         return [name for name in self.results if name]
 
     @property
@@ -292,9 +292,10 @@ def _capacity(ead_class: float) -> float | None:
 
 
 def _cost(row: Mapping[str, Any], end: str, prices: Costs | None) -> float:
-    """Cost of the length of an alignment: with the cheapest barrier of at least the needed class
-    and height; NaN if there is none. Without prices class energy times height times length [kJ
-    m2]."""
+    """Cost of an alignment over its length, with the cheapest barrier of at least the required
+    class and height; NaN if there is none. Without prices: class energy times height times length
+    [kJ m2].
+    """
     ead_class, high = row[f"ead_class{end}"], row[f"height_needed{end}"]
     if math.isnan(ead_class) or math.isnan(high):
         return math.nan
@@ -323,8 +324,9 @@ def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
 
 
 def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
-    """Verdict on an alignment whose loads depend on unconfirmed assumptions, for the table and all
-    texts: within the limits it is not proven, beyond a limit it stays refused."""
+    """Verdict on an alignment whose loads depend on unconfirmed assumptions, for table and texts:
+    within the limits it is unproven, beyond a limit it stays refused.
+    """
     fits, fails = row["fits"], row["fails"]
     if unconfirmed and fits != NO:
         fails = "; ".join(filter(None, [fails, f"unconfirmed: {unconfirmed}"]))
@@ -353,7 +355,7 @@ def choose(rows: list[dict[str, Any]]) -> None:
 def _notes(
     case: Case, line: str, come: int, alignments: list[Alignment], rows: list[dict[str, Any]]
 ) -> Iterator[str]:
-    """Remarks that the table alone does not make."""
+    """Remarks in addition to the table."""
     if not come:
         yield f"no boulder comes to {line}: what goes around an alignment is unknown"
     if case.barrier:

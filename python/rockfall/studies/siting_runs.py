@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders at the candidate alignments of a siting: those of one run, or of a run of each scenario
-of a case, weighted by its frequency."""
+"""Boulders at the candidate alignments of a siting, from one run, or from a run of each scenario
+weighted by frequency.
+"""
 
 from __future__ import annotations
 
@@ -29,15 +30,16 @@ if TYPE_CHECKING:
 
 
 class Population(NamedTuple):
-    """Boulders of a run: its scene, and its frequency [1/year], 1 without scenarios."""
+    """Boulders of a run: its scene, and its frequency [1/year] (1 without scenarios)."""
 
     scene: Scene
     yearly: float
 
 
 class AtAlignment(NamedTuple):
-    """Boulders of a run at an alignment: crossings, and masks (boulders,) of boulders that cross,
-    that come to the protected line, and that come to it without crossing before."""
+    """Boulders of a run at an alignment: crossings, and masks (boulders,) of boulders that cross
+    it, that reach the protected line, and that reach the line without crossing.
+    """
 
     came: Crossings
     crossed: np.ndarray
@@ -48,13 +50,14 @@ class AtAlignment(NamedTuple):
 
 
 def sited_case(case: Case) -> Case:
-    """Case whose scene all runs of a siting share."""
+    """Case whose scene is shared by all runs of a siting."""
     return base_case(case, ROWS_ONLY) if case.scenario else case.replace(output=ROWS_ONLY)
 
 
 def populations(scene: Scene) -> dict[str, Population]:
-    """Runs of a siting by the names of their scenarios, with the lines of the scene; one of the
-    name "" without scenarios."""
+    """Runs of a siting by scenario name, with the lines of the scene; a single run named "" without
+    scenarios.
+    """
     if not scene.case.scenario:
         return {"": Population(scene, 1.0)}
     return {
@@ -83,8 +86,9 @@ def _bytes(scene: Scene) -> int:
 
 
 def pooled(each: Sequence[AtAlignment], yearly: Sequence[float]) -> AtAlignment:
-    """Boulders of several runs with frequencies [1/year]: one of them is as frequent as that over
-    the number released. A single run is returned unchanged."""
+    """Boulders of several runs pooled by frequency [1/year]; each represents its run's frequency
+    over the number released. A single run is unchanged.
+    """
     if len(each) == 1:
         return each[0]
     weights = [often / at.crossed.size for at, often in zip(each, yearly, strict=True)]
@@ -105,8 +109,9 @@ def pooled(each: Sequence[AtAlignment], yearly: Sequence[float]) -> AtAlignment:
 def in_batches(
     scene: Scene, line: str, alignments: Sequence[Alignment], memory: float
 ) -> list[list[Alignment]]:
-    """Alignments in batches whose boulders, at these and the other lines of the case, need at most
-    half of the memory [bytes]; a RockfallError if those at a single one need more."""
+    """Alignments in batches whose boulders, with those at the other lines, need at most half of the
+    memory [bytes]; a RockfallError if a single one needs more.
+    """
     others = len(scene.case.lines) - sum(alignment.name != line for alignment in alignments)
     each = _bytes(scene)
     most = int(ROOM * memory / each) - others

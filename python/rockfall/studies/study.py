@@ -80,7 +80,7 @@ class Study:
     ) -> Iterator[tuple[Name, Numbers]]:
         """Names of the scenes, and the numbers of the result of each.
 
-        Scenes may be made on demand: each is freed before the next is made. `compared` scenes have
+        Scenes may be made on demand: each is freed before the next is made. `compared` scenes use
         the seed of the first, and their warnings are collected; others, such as members of a
         sample, keep their own. A result in place of a scene is taken unchanged. Ctrl-C raises
         `Interrupted`, with the result of the run that it stopped.

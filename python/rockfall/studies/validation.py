@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Validation at a site with observed boulders: a case by every rebound model, over new seeds."""
+"""Validation at a site with observed boulders: a case run by every rebound model over several
+seeds.
+"""
 
 from __future__ import annotations
 
@@ -125,9 +127,10 @@ def validate(
 
 
 def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
-    """Numbers of results of one site that can be compared with the observations of each, by line,
-    quantity and statistic. Several results, for instance of different kinds of blocks, count as one
-    sample, in which each source is weighted by its observed frequency."""
+    """Numbers of results of one site that can be compared with their observations, by line,
+    quantity and statistic. Several results, such as different kinds of blocks, count as one sample,
+    with each source weighted by its observed frequency.
+    """
     by_key: dict[Key, Number] = {}
     stopped = pooled_samples(pairs)
     if stopped is not None:
@@ -200,8 +203,9 @@ def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
 def distribution_numbers(
     seen: np.ndarray, made: np.ndarray, share: np.ndarray
 ) -> dict[str, Number]:
-    """Statistics of an observed sample and of a weighted simulated one, and their distances; errors
-    of observations come from resampled boulders."""
+    """Statistics of an observed and a weighted simulated sample, and their distances; observational
+    errors come from resampled boulders.
+    """
     random, weights = np.random.default_rng(0), np.ones(len(seen))
     drawn = [_numbers(random.choice(seen, len(seen)), weights) for _ in range(RESAMPLES)]
     enough = min(len(seen), len(made)) >= FEWEST
@@ -229,8 +233,9 @@ def _numbers(values: np.ndarray, share: np.ndarray) -> dict[str, float]:
 
 
 def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str, Number]]:
-    """Comparison with a printed mean and deviation; exact if the number of boulders is not
-    given."""
+    """Comparison with a published mean and standard deviation; taken as exact if the number of
+    boulders is not given.
+    """
     n, std = row["n"], row["std"]
     errors = {"mean": std / np.sqrt(n), "std": std / np.sqrt(2 * max(n - 1, 1))}
     made_numbers = _numbers(crossed, np.ones(len(crossed))) if len(crossed) >= FEWEST else {}
@@ -240,8 +245,9 @@ def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str,
 
 
 def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
-    """Rows of a table (COLUMNS without the model): means over runs, which differ by their seed or
-    their terrain, their standard errors, and verdicts."""
+    """Table rows (COLUMNS without the model): means over runs with different seeds or terrain,
+    standard errors, and verdicts.
+    """
     for key, number in runs[0].items():
         values = np.array([run[key].simulated if key in run else np.nan for run in runs])
         mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
@@ -251,7 +257,7 @@ def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
 
 
 def _verdict(statistic: str, seen: Number, simulated: float, error: float) -> str:
-    """Verdict on a bound, if there is one: undecided if the interval of the error contains it."""
+    """Verdict on a bound, if any: undecided if the interval of the error contains it."""
     if statistic not in BOUNDS or not seen.observed > 0 or simulated != simulated:
         return ""
     off = abs(simulated / seen.observed - 1)

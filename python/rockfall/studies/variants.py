@@ -91,16 +91,18 @@ def run_each(
     checkpoints: Mapping[str, Checkpoint] = NO_CHECKPOINTS,
     **given: Any,
 ) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
-    """Results of variants checked by `check_variant_scenes`, and the warnings on their models; each
-    resumes from its checkpoint. `given`: see `read_scene`."""
+    """Results of variants checked by `check_variant_scenes`, and model warnings; each run resumes
+    from its checkpoint. `given`: see `read_scene`.
+    """
     study = Study(progress=progress, threads=threads, checkpoints=checkpoints, keep=False)
     scenes = ((name, read_scene(own, **given)) for name, own in variants(case).items())
     return dict(study.run(scenes, lambda _, result: result)), study.warnings
 
 
 def check_variant_scenes(case: Case, **how: Any) -> list[str]:
-    """Read every variant, one at a time, and return remarks on likely mistakes. Variants whose
-    results could not be compared raise a RockfallError. `how`: see `read_scene`."""
+    """Read every variant, one at a time, and return remarks on likely mistakes. Incomparable
+    variants raise a RockfallError. `how`: see `read_scene`.
+    """
     cases = variants(case)
     if len(cases) < 2:
         raise RockfallError(
@@ -135,7 +137,7 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
 
 
 def _starts(scene: Scene) -> dict[str, Any]:
-    """Inputs that determine the starts and volumes of boulders, by their names in messages."""
+    """Inputs that determine starts and volumes of boulders, by their names in messages."""
     own = None if scene.source_boulders is None else scene.source_boulders.volume
     features = scene.features
     of_case = {key: value for key, value in scene.case.boulder.items() if "volume" in key}
@@ -148,7 +150,7 @@ def _starts(scene: Scene) -> dict[str, Any]:
 
 
 def _volumes(of_layer: tuple[Any, ...]) -> np.ndarray | None:
-    """Mean, deviation and limits of the volumes that a layer gives."""
+    """Mean, deviation and limits of the volumes given by a layer."""
     return of_layer[2][:, :4] if of_layer and of_layer[2] is not None else None
 
 
@@ -207,7 +209,7 @@ def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
 
 
 def check_variants(results: Mapping[str, xr.Dataset]) -> None:
-    """Refuse results that are not variants of one run: another site, other boulders or seed."""
+    """Refuse results that are not variants of one run: different site, boulders or seed."""
     check_same_site(results)
     (name, first), *others = results.items()
     for other_name, other in [(name, first), *others]:
@@ -232,8 +234,7 @@ def check_variants(results: Mapping[str, xr.Dataset]) -> None:
 
 
 def at_line(result: xr.Dataset, line: str) -> dict[str, np.ndarray] | None:
-    """Values of each boulder at a line, NaN for those that do not pass it; None without the
-    line."""
+    """Values of each boulder at a line, NaN if it does not pass; None without the line."""
     names = line_names(result)
     if line not in names:
         return None
@@ -252,7 +253,8 @@ def _rows(
     thresholds: Sequence[float],
 ) -> Iterator[dict[str, object]]:
     """Rows of a variant at a line; `before`: values of the first variant, None if it lacks the line
-    or is this variant."""
+    or is this variant.
+    """
     n = int(np.count_nonzero(~np.isnan(here["speed"])))
 
     def row(quantity: str, statistic: str, value: float, *compared: float) -> dict[str, object]:

@@ -42,7 +42,7 @@ class Yearly(NamedTuple):
 
 
 class YearlyRun(NamedTuple):
-    """Energies [J] of all boulders of a scenario at each place, NaN for those that do not pass."""
+    """Energies [J] of all boulders of a scenario at each place, NaN if they do not pass."""
 
     energies: dict[str, np.ndarray]
     source: Sources
@@ -105,7 +105,7 @@ def yearly_table(
 
 
 def run_name(variant: str, scenario: str) -> str:
-    """Name of the run of a scenario of a variant."""
+    """Run name of a scenario of a variant."""
     return f"{variant}/{scenario}"
 
 
@@ -128,8 +128,9 @@ def yearly_run(
     lines: Sequence[str] | None = None,
     objects: Mapping[str, np.ndarray] = NO_OBJECTS,
 ) -> YearlyRun:
-    """Numbers of a result with its frequency [1/year], at all lines or these, and at objects with
-    the energies [J] of all boulders there."""
+    """Numbers of a result with its frequency [1/year], at all or some lines, and at objects with
+    the energies [J] of all boulders there.
+    """
     energies = {}
     for line in line_names(result) if lines is None else lines:
         at = at_line(result, line)
@@ -181,9 +182,9 @@ def _rows(
 def yearly_sum(
     frequencies: Iterable[float], fractions: Iterable[Sequence[float]], factor: Sequence[float]
 ) -> Three:
-    """Sum over scenarios of their frequencies [1/year] times fractions of their boulders, or
-    differences of these, with their limits. Limits include the lowest and highest `factor` on the
-    frequencies."""
+    """Sum over scenarios of frequency [1/year] times the fraction of boulders, or a difference of
+    these, with limits. The limits include the lowest and highest `factor` on the frequencies.
+    """
     each = [yearly * np.array(three) for yearly, three in zip(frequencies, fractions, strict=True)]
     value, low, high = np.sum(each, axis=0).tolist()
     return value, min(by * low for by in factor), max(by * high for by in factor)

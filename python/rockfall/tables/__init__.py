@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Contents as tables and notes, each made in one place for all formats."""
+"""Contents as tables and notes, each defined once for all formats."""

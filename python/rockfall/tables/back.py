@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A back-analysis as tables, and as text."""
+"""A back-analysis as tables and text."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def back_text(analysis: Back) -> str:
 
 
 def parameter_table(analysis: Back) -> Table:
-    """Table of the parameters sought, before and after: medians, and ranges from 5 to 95 %."""
+    """Table of the estimated parameters, before and after: medians, and 5 to 95 % ranges."""
     rows: list[list[object]] = []
     for row in posterior_table(analysis).to_dict("records"):
         name = with_unit(row["parameter"], row["units"] if row["units"] != "1" else "")
@@ -58,7 +58,7 @@ def evidence_table(analysis: Back) -> Table:
 
 
 def alone(analysis: Back) -> Table:
-    """Median and range of each parameter by each set of data alone."""
+    """Median and range of each parameter from each set of data alone."""
     frame = alone_table(analysis)
     frame = frame[np.isfinite(frame["median"])]
     names = [*dict.fromkeys(frame["parameter"])]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A comparison with observations as tables, and as text; in brackets 95 % intervals."""
+"""A comparison with observations as tables and text, with 95 % intervals in brackets."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _errors(table: pd.DataFrame) -> Iterable[list[Any]]:
 
 
 def _printed_errors(table: pd.DataFrame) -> Iterable[list[Any]]:
-    """Errors of a paper's own method relative to the observations (its table 3)."""
+    """Errors of the published method relative to the observations (paper, table 3)."""
     head = say("compare.printed_error", method=table["against"].iloc[0])
     yield [head, *map(word, STATISTICS)]
     for (line, quantity), rows in table.groupby(["line", "quantity"], sort=False):
@@ -180,7 +180,7 @@ def _at_rest(table: pd.DataFrame) -> Iterable[list[Any]]:
 
 
 def ranks_text(table: pd.DataFrame) -> str:
-    """Results by their distance from the observations."""
+    """Results ranked by their distance from the observations."""
     rows, shown = [], ""
     for row in table.to_dict("records"):
         first, last = row["rank_low"], row["rank_high"]
@@ -193,7 +193,7 @@ def ranks_text(table: pd.DataFrame) -> str:
 
 
 def _contacts(table: pd.DataFrame) -> Iterable[list[Any]]:
-    """Observed impacts by reach; speeds and heights with the maxima of their cells."""
+    """Observed impacts by reach probability; speeds and heights with the maxima of their cells."""
     yield from _stops(table, say("compare.impacts_head"))
     for name, maps in VALUES.items():
         maximum = maps[-1]
@@ -205,7 +205,7 @@ def _contacts(table: pd.DataFrame) -> Iterable[list[Any]]:
 
 
 def _stops(table: pd.DataFrame, title: str = "") -> Iterable[list[Any]]:
-    """Observed places by the fraction of the boulders that reach their cell."""
+    """Observed stopping places by the fraction of boulders that reach their cell."""
     reach = table["reach_probability"].to_numpy(float)
     yield [title or say("compare.stops_head"), say("compare.places")]
     for label, inside in (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A measured convergence as tables, and as text."""
+"""A convergence study as tables and text."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def study_table(study: pd.DataFrame) -> Table:
 
 
 def _study_says(study: pd.DataFrame) -> Iterator[str]:
-    """Number of boulders from which changes are small, and the width of the last intervals."""
+    """Number of boulders beyond which changes are small, and the width of the last intervals."""
     sizes = sorted(study["boulders"].unique())
     table = study[study["statistic"] != "max"]
     settled = sizes[-1]

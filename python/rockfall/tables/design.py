@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The design sheet as tables, and as text."""
+"""The design sheet as tables and text."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _lines(design: Design) -> Iterator[str]:
 
 
 def load_tables(design: Design) -> Iterator[Table]:
-    """Requirements for a barrier at each line that boulders come to."""
+    """Barrier requirements at each line that boulders reach."""
     for asked in design.demand.to_dict("records"):
         if asked["n"]:
             yield load_table(design, asked)
@@ -61,7 +61,8 @@ def load_tables(design: Design) -> Iterator[Table]:
 
 def load_table(design: Design, asked: Mapping[Any, Any]) -> Table:
     """Loads at a line: quantiles, and the level exceeded by one in 1,000; and the requirements of a
-    standard, if known."""
+    standard, if known.
+    """
     line, standard = asked["line"], design.factors.conditions.standard
     rows: list[list[object]] = []
     for row in design.loads[design.loads["line"] == line].to_dict("records"):
@@ -91,7 +92,9 @@ def demand_rows(asked: Mapping[Any, Any]) -> Iterator[list[object]]:
 
 
 def choice_table(design: Design, line: str) -> Table:
-    """Height that leaves the residual at a line for each class, with the cheapest marked."""
+    """Height that leaves the residual fraction at a line, for each class; the cheapest is
+    marked.
+    """
     rows = [
         (say("design.choice", ead_class=row["ead_class"], capacity=row["capacity"] / 1000),
          number(row["height"], up=True), shown(row, "residual", 100.0), row["cost"],
@@ -106,7 +109,7 @@ def choice_table(design: Design, line: str) -> Table:
 
 
 def check_tables(design: Design) -> Iterator[Table]:
-    """Barriers and the requirements for them; no table without barriers."""
+    """Barriers with their requirements; no table without barriers."""
     if len(design.checks):
         rows = [check_row(row) for row in design.checks.to_dict("records")]
         standard = design.factors.conditions.standard
@@ -116,7 +119,7 @@ def check_tables(design: Design) -> Iterator[Table]:
 
 
 def check_row(row: Mapping[Any, Any]) -> list[object]:
-    """A barrier and the requirements for it."""
+    """A barrier with its requirements."""
     if not row["n"]:
         blank = ["-"] * (len(CHECKED) - 2)
         return [row["line"], row["height"], *blank, say("design.none_comes")]
@@ -165,7 +168,7 @@ def needed(row: Mapping[Any, Any], name: str, factor: float = 1.0) -> Estimate:
 
 
 def class_name(row: Mapping[str, Any]) -> str:
-    """Sufficient class, and the classes at the ends of its interval if different."""
+    """Sufficient class, and the classes at the interval limits if different."""
     value, low, high = (row[f"ead_class{end}"] for end in ENDS)
     text = f"{value:.0f}"
     if value == ABOVE:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A design block as tables, and as text."""
+"""A design block as tables and text."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def design_block_text(block: DesignBlock) -> str:
 
 
 def survey_table(block: DesignBlock) -> Table:
-    """The survey, and the distributions that it gives."""
+    """The survey and the fitted distributions."""
     survey, rate, fit, law = block.survey, block.rate, block.fit, block.power_law
     shape = Estimate(fit.shape, *block.shape_limits, digits=3)
     exponent = Estimate(law.exponent, law.low, law.high, digits=3)

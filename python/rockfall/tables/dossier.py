@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sections of a dossier: sentences and tables, which the page, Word and Excel show alike."""
+"""Sections of a dossier: sentences and tables, identical on the page, in Word and in Excel."""
 
 from __future__ import annotations
 
@@ -105,7 +105,9 @@ def sections(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Sec
 
 
 def _protection(designs: dict[str, YearlyDesign]) -> Section:
-    """The barrier, from the design of the first variant, and the barriers of the others."""
+    """Sections on the barrier, from the design of the first variant, and on the barriers of the
+    others.
+    """
     first = next(iter(designs.values()))
     tables = [loads_table(first), *list(choice_tables(first))[:CHOICES]]
     for name, sheet in designs.items():
@@ -125,8 +127,9 @@ def barrier_answers(designs: dict[str, YearlyDesign]) -> list[Text]:
 
 
 def second_tables(dossier: Dossier) -> Iterator[Table]:
-    """Frequency, and energy once in the period, at each place by the case and by the second model,
-    and the governing model; no table without a second model."""
+    """Frequency, and energy once in the period, at each place by the case's model and the second
+    model, with the governing model; no table without a second model.
+    """
     if dossier.second is None:
         return
     own, (model, other) = dossier.first, dossier.second
@@ -145,7 +148,7 @@ def second_tables(dossier: Dossier) -> Iterator[Table]:
 
 
 def _governing(rates: Sequence[Estimate], levels: Sequence[Any], model: str) -> Text:
-    """Models with the higher frequency and with the higher energy."""
+    """Models that give the higher frequency and the higher energy."""
     numbers = [getattr(level, "value", level) for level in levels]
     names = say("dossier.the_case"), model
     if "-" in numbers:
@@ -183,8 +186,9 @@ def costs_of(dossier: Dossier) -> dict[str, float]:
 
 
 def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> Table:
-    """Frequency, return period, energy and height once in a period, and class of hazard, of each
-    place."""
+    """Frequency, return period, energy and height once in the period, and hazard class, of each
+    place.
+    """
     at = hazard["event_period"].values.tolist().index(period)
     rows = []
     for place in places_of(hazard)[:most]:
@@ -206,7 +210,7 @@ def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> 
 
 
 def years_between(value: float, low: float, high: float) -> Estimate:
-    """Return period of a frequency [1/year], with its limits."""
+    """Return period from a frequency [1/year], with limits."""
     with np.errstate(divide="ignore"):
         value, low, high = (float(np.divide(1.0, rate)) for rate in (value, high, low))
     ends = (end if np.isfinite(end) else np.nan for end in (low, high))
@@ -232,7 +236,7 @@ def _level(hazard: xr.Dataset, place: Place, name: str, at: int, factor: float) 
 
 
 def _class(hazard: xr.Dataset, place: Place) -> str:
-    """Class of hazard of a place, with its limits; lines have none."""
+    """Hazard class of a place, with limits; lines have none."""
     if f"{place.kind}_hazard_class" not in hazard:
         return "-"
     names = {
@@ -271,8 +275,9 @@ def period_table(dossier: Dossier) -> Table:
 
 
 def remaining_table(dossier: Dossier) -> Table:
-    """Table of the remaining hazard of each variant: the highest class of an object, damage,
-    expected deaths and the highest individual risk a year, and its cost."""
+    """Remaining hazard of each variant: the highest class of an object, damage, expected deaths and
+    highest individual risk a year, and cost.
+    """
     costs, risky = costs_of(dossier), has_risk(dossier.first)
     heads: list[str | Column] = [say("dossier.variant"), say("dossier.highest_class")]
     heads += [say(f"dossier.{name}") for name in ("damage", "deaths", "individual")] * risky

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An ensemble as tables, and as text: input uncertainty in addition to the Monte Carlo error."""
+"""An ensemble as tables and text: input uncertainty in addition to the Monte Carlo error."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LEAST_EXCESS = 0.005  # minimum visible difference of two indices, in whole per 
 
 
 def ensemble_summary(data: xr.Dataset) -> str:
-    """Tables of each line; and the stored remarks on the model in the run of the unchanged case."""
+    """Tables for each line, and the stored model remarks of the unchanged case."""
     blocks, variants = data.sizes["run"], data.sizes["variant"]
     parts = [
         f"{data.attrs['title'] or 'rockfall'}: {blocks} draws of {variants} runs, "
@@ -75,7 +75,8 @@ def headline_numbers(result: xr.Dataset, line: str) -> Iterator[list[str]]:
 
 def range_tables(result: xr.Dataset, rows: Rows, *, detailed: bool = False) -> list[Table]:
     """Tables of an ensemble for each line: both uncertainties of its numbers, and the inputs behind
-    the epistemic uncertainty. Empty for other results."""
+    the epistemic one. Empty for other results.
+    """
     if not is_ensemble(result):
         return []
     tables = []
@@ -86,8 +87,9 @@ def range_tables(result: xr.Dataset, rows: Rows, *, detailed: bool = False) -> l
 
 
 def _uncertainties(at: xr.Dataset, line: str, numbers: Numbers, detailed: bool) -> Table:
-    """Both uncertainties of the numbers at a line; in detail with the mean of the draws, and the
-    number of runs in which too few boulders pass."""
+    """Both uncertainties of the numbers at a line; in detail with the mean over draws, and the
+    number of runs in which too few boulders pass.
+    """
     keys = ["case_value", "q05", "q95", "monte_carlo_std", "epistemic_std", "mean"]
     rows = []
     for name, (quantity, number_name) in RESULTS.items():
@@ -128,7 +130,7 @@ def _column(name: str) -> Column:
 
 
 def are_undecided(tables: list[Table]) -> bool:
-    """Return True if an index of the tables is undecided."""
+    """Return True if an index in the tables is undecided."""
     cells = (cell for table in tables for row in table.rows for cell in row)
     return any(isinstance(cell, Text) and cell.key == UNDECIDED for cell in cells)
 
@@ -141,8 +143,9 @@ def more_needed(data: xr.Dataset) -> str:
 
 
 def orders_reversed(data: xr.Dataset) -> Iterator[str]:
-    """Warnings of first-order indices above the total, which is impossible in theory: for each line
-    the result with the most significant difference."""
+    """Warnings about first-order indices above the total, impossible in theory: for each line the
+    result with the most significant difference.
+    """
     for index, line in enumerate(line_names(data)):
         within: list[str] = []
         beyond: list[str] = []

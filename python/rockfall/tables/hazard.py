@@ -67,8 +67,9 @@ def class_table(hazard: xr.Dataset) -> Table:
 
 
 def period_tables(hazard: xr.Dataset) -> Iterator[Table]:
-    """Energies and heights by return period at lines, and at the objects and segments that are hit
-    most often; none without such places."""
+    """Energies and heights by return period at lines, and at the objects and segments hit most
+    often; none without such places.
+    """
     places = [
         (kind, int(k))
         for kind in PLACES
@@ -156,8 +157,9 @@ def risk_table(hazard: xr.Dataset) -> Table:
 
 
 def assumptions(hazard: xr.Dataset) -> list[str]:
-    """Assumptions of the risk, a line each; none if the objects have no exposure. Assumptions of
-    older files are in English only."""
+    """Assumptions of the risk, one per line; none if the objects have no exposure. Older files have
+    them in English only.
+    """
     if not has_risk(hazard):
         return []
     texts = str(hazard.attrs["risk_assumptions"]).splitlines()
@@ -166,8 +168,9 @@ def assumptions(hazard: xr.Dataset) -> list[str]:
 
 
 def class_number(row: Mapping[str, Any]) -> str:
-    """Number of a class of individual risk, and the numbers at the ends of its interval if they
-    differ: names of the classes are ranges themselves."""
+    """Number of an individual-risk class, and the numbers at its interval limits if different;
+    class names are ranges themselves.
+    """
     names = class_words().tolist()
     value, low, high = (
         Number(f"{names.index(row[f'risk_class{end}'])}") for end in ("", "_lower", "_upper")
@@ -182,12 +185,12 @@ def class_legend() -> Text:
 
 
 def has_layers(hazard: xr.Dataset) -> bool:
-    """Return True if the objects of a hazard are of several layers."""
+    """Return True if the objects of a hazard come from several layers."""
     return "object_layer" in hazard and len({*hazard["object_layer"].values.tolist()}) > 1
 
 
 def class_within(row: Mapping[str, Any]) -> str:
-    """Class of hazard, and the classes at the ends of its interval if they differ."""
+    """Hazard class, and the classes at its interval limits if different."""
     name, low, high = (word(row[f"hazard{end}"]) for end in ("", "_lower", "_upper"))
     return name if low == high else stacked(name, between(low, high))
 
@@ -207,7 +210,7 @@ def _estimate(row: Mapping[Any, Any], name: str, digits: int = 2) -> Estimate:
 
 
 class Risk(Estimate):
-    """A cell with a risk and the limits of its interval, shown by powers of ten."""
+    """A risk and its limits, shown as powers of ten."""
 
     __slots__ = ()
 

@@ -54,17 +54,17 @@ def rows_in(statistics: pd.DataFrame) -> Rows:
 
 
 def in_unit(value: float, quantity: str) -> Number:
-    """Number in the unit in which the quantity is shown."""
+    """Number in the display unit of the quantity."""
     return number(QUANTITIES[quantity].factor * value)
 
 
 def estimate(row: Mapping[Any, Any], name: str, quantity: str, **how: Any) -> Estimate:
-    """Number of a quantity with its interval, in the unit in which it is shown."""
+    """Number of a quantity with its interval, in the display unit."""
     return Estimate.of(row, name, QUANTITIES[quantity].factor, **how)
 
 
 def rising_estimates(row: Row, names: Sequence[str], quantity: str) -> Iterator[Estimate]:
-    """Estimates of non-decreasing numbers, rounded so that none is below the previous one."""
+    """Estimates of non-decreasing numbers, rounded so that none is below its predecessor."""
     before, decimals = -math.inf, 0
     for name in names:
         cell = estimate(row, name, quantity)
@@ -78,14 +78,14 @@ def rising_estimates(row: Row, names: Sequence[str], quantity: str) -> Iterator[
 
 
 def headline(rows: Rows) -> Table:
-    """Key numbers at the lines for decisions."""
+    """Key numbers at the lines, for decisions."""
     shown = [(line, *key_numbers(numbers)) for line, numbers in rows.items()]
     heads = say("label.line_or_barrier"), *map(say, HEADLINE)
     return Table.of(say("summary.headline_caption"), heads, shown)
 
 
 def key_numbers(numbers: Numbers) -> Iterator[Estimate]:
-    """Numbers of the headline at a line."""
+    """Key numbers at a line."""
     for quantity, name in HEADLINE.values():
         yield estimate(numbers["speed" if quantity == "fraction" else quantity], name, quantity)
 
@@ -111,8 +111,9 @@ def line_tables(rows: Rows, *, short: bool = False) -> Iterator[Table]:
 
 
 def level_table(levels: pd.DataFrame, *, short: bool = False) -> Table:
-    """Return levels of passing boulders, with the maximum of the run; in short without the names of
-    lines and the reasons for refusal."""
+    """Return levels of passing boulders, with the maximum of the run; the short form omits line
+    names and reasons for refusal.
+    """
     names = [n for n in levels.columns if n.startswith("level_") and n.count("_") == 1]
     shown = []
     for row in levels[levels["n"] > 0].to_dict("records"):

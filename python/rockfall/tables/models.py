@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A case by every rebound model, and compared with observations, as tables and as text."""
+"""A case by every rebound model, and compared with observations, as tables and text."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ PLACES = {"stopping_distance": "run-out in plan", AT_REST: "density at blocks at
 
 
 def models_text(models: Models) -> str:
-    """A row per model for each line, and for the run-out; in brackets the intervals, and below the
-    differences from the first, boulder by boulder."""
+    """A row per model for each line and for the run-out, with intervals in brackets; below, the
+    paired differences from the first model.
+    """
     parts = [f"{models.title}: {models.boulders:,} boulders by each model, 95 % intervals"]
     for table in (*model_tables(models, detailed=True), run_out_table(models)):
         parts += [f"  {table.caption}", as_text(table, "    ")]
@@ -57,7 +58,7 @@ def check_models(result: xr.Dataset, models: Models, what: str) -> None:
 
 
 def missing_spread(result: xr.Dataset, models: Models | None) -> list[str]:
-    """Note that the spread over models is missing on the page."""
+    """Note that the page lacks the spread over models."""
     if models is not None or not classical_grounds(result):
         return []
     return [say("spread.missing", case_file=result.attrs["case_file"])]
@@ -188,7 +189,7 @@ def validation_table(rows: pd.DataFrame) -> Table:
 
 
 def _with_error(row: pd.Series, whose: str, factor: float) -> str:
-    """Number and its standard error, to two digits of the latter."""
+    """Number and standard error, to two digits of the latter."""
     value, error = factor * row[whose], factor * row[f"{whose}_error"]
     if value != value:
         return "-"

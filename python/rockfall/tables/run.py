@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run as tables: ends of boulders, rebounds by ground, effects of barriers, dams, stands of
-trees; and facts on the run."""
+"""A run as tables: ends of boulders, rebounds by ground, effects of barriers, dams, forest stands;
+and facts about the run.
+"""
 
 from __future__ import annotations
 
@@ -97,8 +98,9 @@ def _requested(dam: DamShape, k: int) -> Text:
 
 
 def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[Table]:
-    """Stands of trees with their stems, beyond `most` the sum of the others; no table
-    without stands."""
+    """Forest stands with their stems; beyond `most`, the sum of the rest; no table without
+    stands.
+    """
     rows: list[tuple[object, ...]] = [
         (stand.name, Number(f"{stand.area:.3g}"), stand.stems, stand.density, stand.stated)
         for stand in stands[:most]
@@ -115,7 +117,7 @@ def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[T
 
 
 def provenance(result: xr.Dataset) -> dict[str, Any]:
-    """Provenance of a result, and the command that reproduces it, if there is one."""
+    """Provenance of a result, and the command that reproduces it, if any."""
     attrs = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
     clocks = {clock: result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu")}
@@ -175,7 +177,7 @@ def _checksums(attrs: Mapping[str, str]) -> Iterator[tuple[str, str]]:
 
 
 def _impact_set(result: xr.Dataset) -> Iterator[tuple[str, str]]:
-    """File of the case's impact sets, with a note if no rebound followed any."""
+    """File of the case's impact sets, with a note if no rebound used them."""
     name = str(result.attrs["impact_set"])
     text = f"{name}, SHA-256 {result.attrs['impact_set_checksum']}"
     is_used = name in sets_followed(result, name)

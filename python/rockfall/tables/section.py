@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A section along a drawn line as tables, and as text."""
+"""A section along a drawn line as tables and text."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ it; a maximum of the corridor is that of all cells which the station crosses."""
 
 
 def section_data(frame: pd.DataFrame) -> Table:
-    """Table of a section, all its columns, in the units in which numbers are shown."""
+    """Table of a section with all columns, in display units."""
     units = {str(name): _unit(str(name)) for name in frame.columns}
     scaled = (
         frame[name] if units[name][1] == 1 else units[name][1] * frame[name] for name in units
@@ -66,7 +66,7 @@ def _unit(name: str) -> tuple[str, float]:
 
 
 def section_text(section: Section) -> str:
-    """Basis of a section, the lines that it crosses, and some of its stations."""
+    """Basis of a section, the lines it crosses, and some of its stations."""
     length = float(lengths(section.line.vertices)[-1])
     first = f"{number(length, 4)} m, {section.line.within:g} m to either side"
     parts = [ABOUT, *(f"Warning: {note}" for note in section_notes(section)), "", first]
@@ -144,7 +144,7 @@ def crossed_table(lines: pd.DataFrame) -> Table:
 
 
 def station_table(section: Section, counted: str, names: tuple[str, ...]) -> Table:
-    """Stations, evenly selected, with numbers from one source."""
+    """Evenly selected stations, with numbers from one source."""
     records = section.table.to_dict("records")
     rows = [
         (number(row["distance"], 4), number(row["elevation"], 5), row[counted],
@@ -156,7 +156,7 @@ def station_table(section: Section, counted: str, names: tuple[str, ...]) -> Tab
 
 
 def _column(name: str) -> Column:
-    """Column of a number: E95 [kJ], corridor: E_max [kJ]."""
+    """Column of a number, such as E95 [kJ] or corridor: E_max [kJ]."""
     before, quantity, number = _parsed(name)
     corridor = "corridor: " if before == "corridor_" else ""
     return Column(f"{corridor}{SYMBOLS[quantity]}_{number}", QUANTITIES[quantity].unit)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The siting of a barrier as a table, and as text."""
+"""The siting of a barrier as table and text."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def siting_table(siting: Siting) -> Table:
 
 
 def _choice(siting: Siting) -> Iterator[str]:
-    """The best alignment in a sentence, and those that may be as good."""
+    """Sentence on the best alignment and those that may be equally good."""
     chosen = {name: rows for name, rows in siting.table.groupby("choice")}
     if BEST not in chosen:
         yield "Best: none"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A comparison of variants as tables, and as text."""
+"""A comparison of variants as tables and text."""
 
 from __future__ import annotations
 
@@ -63,8 +63,9 @@ def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) ->
 
 
 def variant_table(of_line: pd.DataFrame, frequencies: pd.DataFrame | None = None) -> Table:
-    """Numbers of a line, each with its difference from the first variant: first over the scenarios
-    of the case, from `rockfall.studies.yearly_variants`, then of its boulders."""
+    """Numbers of a line, each with its difference from the first variant: first over the case's
+    scenarios, from `rockfall.studies.yearly_variants`, then for its boulders.
+    """
     rows: list[tuple[object, ...]] = []
     if frequencies is not None:
         rows += _yearly_rows(of_line, frequencies)
@@ -78,7 +79,7 @@ def variant_table(of_line: pd.DataFrame, frequencies: pd.DataFrame | None = None
 
 
 def _yearly_rows(of_line: pd.DataFrame, frequencies: pd.DataFrame) -> Iterator[tuple[object, ...]]:
-    """Frequencies, and energies by return period, at the line and of the variants of a table."""
+    """Frequencies, and energies by return period, at a line, for the variants of a table."""
     here = frequencies[
         (frequencies["line"] == of_line["line"].iloc[0])
         & frequencies["variant"].isin(of_line["variant"].unique())
@@ -124,7 +125,7 @@ def _yearly_label(statistic: str) -> Text:
 
 
 def _cell(row: Mapping[Any, Any], factor: float) -> str:
-    """A number, below it its difference, and below that the interval."""
+    """A number, with its difference and the interval on the lines below."""
     value = value_text(row, factor)
     if not isinstance(row["verdict"], str):
         return stacked(value)
@@ -137,7 +138,8 @@ def _cell(row: Mapping[Any, Any], factor: float) -> str:
 
 def value_text(row: Mapping[Any, Any], factor: float) -> str:
     """A number; if no boulder passes, with the upper limit of the fraction, because a road that
-    none of a few hundred boulders reach may still be reached."""
+    none of a few hundred boulders reached may still be reached.
+    """
     value = number(factor * row["value"])
     is_none = row["value"] == 0 and row["value_high"] > 0
     high = number(factor * row["value_high"], up=True)
@@ -149,7 +151,7 @@ def _signed(value: float) -> Number:
 
 
 def measures_table(cases: Mapping[str, Case], costs: Mapping[str, float]) -> Table:
-    """Measures of each variant, from its case, and its cost."""
+    """Measures of each variant, from its case, with cost."""
     rows = [[say("variants.terrain"), *(_dem(case) for case in cases.values())]]
     rows.append([say("variants.barriers"), *(_barriers(case) for case in cases.values())])
     rows.append([say("variants.dams"), *(_dams(case) for case in cases.values())])
@@ -190,7 +192,7 @@ def _digits(value: object) -> str:
 
 
 def _forest(case: Case) -> str:
-    """Origin of the trees, the fraction of them that remains, and the layer of clearings."""
+    """Origin of the trees, the fraction that remains, and the layer of clearings."""
     if not case.has_forest:
         return "-"
     forest = case.forest

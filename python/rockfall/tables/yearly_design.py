@@ -67,7 +67,7 @@ def choice_tables(sheet: YearlyDesign) -> Iterator[Table]:
 
 
 def check_tables(sheet: YearlyDesign) -> Iterator[Table]:
-    """Barriers of the case; no table without."""
+    """Barriers of the case; no table without barriers."""
     if len(sheet.checks):
         came = sheet.loads.set_index("line")
         rows = [
@@ -102,8 +102,7 @@ def verdicts(sheet: YearlyDesign) -> Iterator[Text]:
 
 
 def advice(sheet: YearlyDesign) -> Iterator[Text]:
-    """For each line without a barrier the advised barrier, and the reason why no weaker one
-    suffices."""
+    """For each line without a barrier, the advised barrier and why no weaker one suffices."""
     held = {*sheet.checks["line"]}
     for load in sheet.loads.to_dict("records"):
         line = load["line"]

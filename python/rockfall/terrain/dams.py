@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Earth dams and walls: an edit of the terrain before a run, and their shape as rasterised."""
+"""Earth dams and walls: an edit of the terrain before a run, and the rasterised shape."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ def with_dam(
     """Return elevations (ny, nx), row 0 the northernmost, with one dam, and its shape as
     rasterised; `name` is for messages.
 
-    The crest lies `height` above the terrain below it, is `crest_width` wide and falls off to both
-    sides at `slope` until it meets the terrain: max(z, crest - tan(slope) (d - crest_width / 2)) at
-    the distance d from its line. Cells without an elevation are unchanged. A dam whose face is
-    narrower than two cells is refused unless it sets `allow_coarse`.
+    The crest is `height` above the terrain and `crest_width` wide, and falls to both sides at
+    `slope` until it meets the terrain: max(z, crest - tan(slope) (d - crest_width / 2)) at the
+    distance d from its line. Cells without an elevation are unchanged. A dam whose face is narrower
+    than two cells is refused unless it sets `allow_coarse`.
     """
     vertices = np.array(dam["x"]) + 1j * np.array(dam["y"])
     line, crest = _crest(z, grid, vertices, name)
@@ -95,14 +95,14 @@ def with_dams(
 
 
 def finer(shape: DamShape) -> float:
-    """Largest cell size with enough cells across the face [m], to two digits."""
+    """Largest cell size [m] with enough cells across the face, to two digits."""
     cell = max(shape.face, 1e-3) / FINE
     unit = 10.0 ** (math.floor(math.log10(cell)) - 1)
     return math.floor(cell / unit) * unit
 
 
 def higher(shape: DamShape) -> int:
-    """Height with just enough cells across the face [m], which is as wide as the dam is high."""
+    """Height [m] with just enough cells across the face, whose width equals the height."""
     return math.ceil(shape.requested[0] * COARSE / max(shape.face_cells, 1e-3))
 
 
@@ -164,8 +164,9 @@ def _within(points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
 def _face(
     before: np.ndarray, off: np.ndarray, crest: np.ndarray, wide: float, fall: float
 ) -> tuple[float, int]:
-    """Median width in plan of the narrower face, by its keys, from the edge of the crest to the
-    terrain [m]; and its side, -1 or 1."""
+    """Median plan width [m] of the narrower face, by its keys, from crest edge to terrain; and its
+    side, -1 or 1.
+    """
     above = crest[:, None] - fall * np.maximum(0.0, abs(off) - wide / 2) - before
     toe = {}
     for side in (-1, 1):

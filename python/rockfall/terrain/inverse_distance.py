@@ -20,8 +20,9 @@ class Weights(NamedTuple):
 
 
 def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray:
-    """Elevations (ny, nx) [m] at cell centres, from points (n, 3) [m]; NaN if no point is near
-    enough. At a point the result is its elevation, and equal elevations are reproduced."""
+    """Elevations (ny, nx) [m] at cell centres from points (n, 3) [m]; NaN if no point is near
+    enough. The interpolation is exact at points, and equal elevations are reproduced.
+    """
     from scipy.spatial import cKDTree
 
     tree, z = cKDTree(points[:, :2]), np.empty(grid.shape)
@@ -36,8 +37,9 @@ def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray
 
 
 def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray:
-    """Leave-one-out error: height (n) [m] of the interpolation from the other points above each
-    point, or above one of `every`; NaN if no other point is near enough."""
+    """Leave-one-out error (n) [m]: interpolation from the other points minus the elevation, at
+    every point or at one of `every`; NaN if no other point is near enough.
+    """
     from scipy.spatial import cKDTree
 
     tree, asked = cKDTree(points[:, :2]), np.arange(0, len(points), every)
@@ -57,7 +59,7 @@ def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray
 
 
 def _beyond(within: float) -> float:
-    """Upper limit for SciPy, which requires distances to be strictly below it."""
+    """Upper limit for SciPy, which requires distances strictly below it."""
     return float(np.nextafter(within, np.inf))
 
 

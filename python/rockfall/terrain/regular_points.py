@@ -20,8 +20,9 @@ SPARSE = 100  # nodes per point: with more it is not a grid with gaps
 
 
 class Nodes(NamedTuple):
-    """Elevations (ny, nx) [m] of nodes, NaN without a point; their grid has a cell around each
-    node. `shared` nodes have several different points, and their mean."""
+    """Elevations (ny, nx) [m] of nodes, NaN without a point; the grid has a cell around each node.
+    `shared` nodes have several different points, and take their mean.
+    """
 
     z: np.ndarray
     grid: Grid
@@ -78,8 +79,9 @@ def regular_nodes(points: np.ndarray) -> Nodes | None:
 
 
 def resampled(nodes: Nodes, cell: float) -> tuple[np.ndarray, Grid]:
-    """Bilinear elevations of other cells, whose centres lie within the nodes; their edges are
-    multiples of the cell."""
+    """Bilinear elevations of other cells with centres within the nodes; cell edges are multiples of
+    the cell size.
+    """
     own = nodes.grid
     west = np.ceil((own.x[0] - cell / 2) / cell - ROUNDING) * cell
     north = np.floor((own.y[0] + cell / 2) / cell + ROUNDING) * cell
@@ -125,7 +127,7 @@ def _axis(values: np.ndarray) -> _Axis | None:
 
 
 def _dense(has_point: np.ndarray) -> float:
-    """Fraction of nodes with a point that have at least two of four neighbours with a point."""
+    """Fraction of nodes with a point for which at least two of the four neighbours have a point."""
     around = np.zeros(has_point.shape, np.int8)
     around[1:] += has_point[:-1]
     around[:-1] += has_point[1:]

@@ -96,8 +96,9 @@ def smoothed(z: np.ndarray, std: float) -> np.ndarray:
 
 
 def lowered(z: np.ndarray, grid: Grid, shape: Any, depth: float, floor: float) -> np.ndarray:
-    """Lower cells whose centres lie in a polygon by a depth [m], and then at least to a floor [m];
-    NaN for values that are not given."""
+    """Lower cells with centres in a polygon by a depth [m], then at least to a floor [m]; NaN for
+    values not given.
+    """
     inside = held_cells([(shape, 1)], grid, np.zeros(z.shape, np.uint8)) > 0
     done = z.copy()
     done[inside] -= 0.0 if np.isnan(depth) else depth

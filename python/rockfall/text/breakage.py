@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 def breakage_lines(
     case: Case, volumes: np.ndarray, density: np.ndarray | float
 ) -> list[tuple[str, str]]:
-    """Description of the impacts that break the median of these boulders [m3], [kg/m3], and of its
-    fragments; empty if boulders do not break."""
+    """Impacts that break boulders of this median volume [m3] and density [kg/m3], and the
+    fragments, in words; empty if boulders do not break.
+    """
     at = case.breakage["at"]
     if at == "none":
         return []

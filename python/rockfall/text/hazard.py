@@ -62,9 +62,10 @@ def _more(hazard: xr.Dataset, name: str) -> list[str]:
 
 
 def hazard_warnings(hazard: xr.Dataset, shown: Collection[str] = ()) -> Iterator[str]:
-    """Model remarks of `run` for each scenario, merged if all are equal; warnings of too few
-    boulders to identify safe cells, and of zones lower than the map; without messages with ids
-    already `shown` in a document."""
+    """Model remarks of `run` for each scenario, merged if equal; warnings about too few boulders to
+    identify safe cells, and about zones lower than the map. Messages with ids already `shown` are
+    left out.
+    """
     for group in warning_groups(hazard):
         for sentence in group.texts:
             if isinstance(sentence, Text) and sentence.key in shown:
@@ -80,8 +81,9 @@ class WarningGroup(NamedTuple):
 
 
 def warning_groups(hazard: xr.Dataset) -> list[WarningGroup]:
-    """Warnings of `hazard_warnings` by the scenarios concerned: warnings on all first, then in the
-    order of the scenarios."""
+    """Warnings of `hazard_warnings` by the scenarios concerned: those on all scenarios first, then
+    in scenario order.
+    """
     groups: dict[str, list[str]] = {"": []}
     for names, text in _of_model(hazard):
         groups.setdefault(names, []).append(text)
@@ -110,7 +112,7 @@ def limits_of_hazard(hazard: xr.Dataset) -> Iterator[Text]:
 
 
 def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
-    """Remarks on the model with the names of their scenarios; "" for remarks on all scenarios."""
+    """Model remarks with the names of their scenarios; "" for remarks on all scenarios."""
     if "scenario_warnings" not in hazard:
         yield "", say("hazard.no_remarks")
         return
@@ -126,7 +128,7 @@ def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
 
 
 def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
-    """Remarks on the model in a scenario; those of older files are in English only."""
+    """Model remarks of a scenario; older files have them in English only."""
     texts = str(hazard["scenario_warnings"].values[k]).splitlines()
     if "scenario_messages" not in hazard:
         return texts

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Preview of a case: its inputs, its needs, and its approximate run time."""
+"""Preview of a case: its inputs, resources, and approximate run time."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ DRAWS = 101  # samples of rock sizes by boulder, for their quantiles
 
 def preview(scene: Scene) -> str:
     """Overview of a scene; some of its boulders are simulated for timing and statistics, without
-    output."""
+    output.
+    """
     case = scene.case
     pilot = pilot_run(scene)
     values = pilot.values()
@@ -118,7 +119,7 @@ def _slopes(ground: Ground) -> str:
 
 
 def _speed(scene: Scene) -> str:
-    """Maximum speed permitted by energy: from the highest release to the lowest cell."""
+    """Maximum speed allowed by energy, from the highest release to the lowest cell."""
     low, head = scene.ground.low.value, scene.survey().head[0]
     speed = np.sqrt(2 * scene.case.flight["gravity"] * max(0.0, head - low))
     return f"at most {speed:.0f} m/s: from the highest release to the lowest cell without a loss"
@@ -144,7 +145,7 @@ def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _band(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Command that runs the softer and firmer neighbours of the ground of all cells."""
+    """Command that runs the next softer and firmer ground everywhere."""
     names = {ground.name for ground in scene.grounds}
     others = band(names.pop()) if len(names) == 1 else ()
     if others:
@@ -174,7 +175,7 @@ def weighing(scene: Scene) -> str:
 
 
 def _released(scene: Scene) -> tuple[int, int]:
-    """Minimum and maximum number of boulders that a source releases."""
+    """Minimum and maximum number of boulders released by a source."""
     numbers = scene.sources_of(np.arange(1, scene.boulders + 1))
     counts = np.bincount(numbers, minlength=scene.x.size)
     return int(counts.min()), int(counts.max())
@@ -251,8 +252,9 @@ def _rebounds(values: dict[str, np.ndarray]) -> str:
 
 def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
     """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks:
-    for the mean volume, and in brackets for the 5 and 95 % quantiles if they use other sets. For
-    smaller rocks boulders count as larger ones."""
+    for the mean volume, and in brackets for the 5 and 95 % quantiles if these use other sets.
+    Boulders are relatively larger on smaller rocks.
+    """
     grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
     if sigma := scene.case.boulder["mean_radius_sigma"]:
         deviates = [NormalDist(sigma=sigma).inv_cdf((k + 0.5) / DRAWS) for k in range(DRAWS)]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of counts of boulders to frequencies with intervals, and of these to hazard
-classes."""
+"""Conversion of boulder counts to frequencies with intervals, and of frequencies to hazard
+classes.
+"""
 
 from __future__ import annotations
 
@@ -101,8 +102,9 @@ def intensity_words(case: Case) -> list[str]:
 
 
 def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1.0)) -> float:
-    """Upper limit of the frequency [1/year] of an event that no boulder had, for scenarios of given
-    numbers of boulders and frequencies."""
+    """Upper limit of the frequency [1/year] of an event that no boulder showed, from the numbers of
+    boulders and the frequencies of the scenarios.
+    """
     none = np.zeros(1, "i4")
     parts_known = ((none, boulders, 1, yearly) for boulders, yearly in parts)
     return float(frequencies(parts_known, factor).high[0])

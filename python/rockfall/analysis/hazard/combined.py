@@ -73,7 +73,7 @@ class HazardInputs:
 
 
 class ScenarioRun:
-    """Retained numbers of the result of a scenario."""
+    """Numbers kept from the result of a scenario."""
 
     def __init__(self, inputs: HazardInputs, scenario: Scenario, result: xr.Dataset) -> None:
         self.boulders, self.yearly = simulated(result), scenario.frequency
@@ -108,8 +108,9 @@ class ScenarioRun:
         self.warnings = model_warnings(without_objects, case_of(result))
 
     def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:
-        """Read boulders at the evaluation lines and at the barriers, without lying logs; returns
-        the indices of these lines."""
+        """Read boulders at the evaluation lines and barriers, without lying logs; return the
+        indices of these lines.
+        """
         names, first = line_names(result), len(inputs.objects.lines) + len(inputs.segments.lines)
         logs = {barrier["name"] for barrier in inputs.case.barrier if "diameter" in barrier}
         has_rows = inputs.case.output["kept"] == "all"
@@ -179,8 +180,9 @@ def combined(inputs: HazardInputs, runs: Runs) -> xr.Dataset:
 
 
 def _grounds(runs: Runs) -> dict[str, np.ndarray]:
-    """Grounds, their models, and the rebounds on each in all scenarios; none where the scene has
-    only its impact sets."""
+    """Grounds, their models, and the rebounds on each over all scenarios; empty if the scene has
+    only its impact sets.
+    """
     counts: dict[tuple[str, str], int] = {}
     for ground in (ground for run in runs for ground in run.grounds):
         key = ground.name, ground.model
@@ -205,8 +207,9 @@ def _places(inputs: HazardInputs, run: ScenarioRun, matrix: Matrix) -> dict[str,
 
 
 def _scenarios(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Properties and counts of each scenario, sufficient to apply other frequencies without another
-    run."""
+    """Properties and counts of each scenario: enough to apply other frequencies without another
+    run.
+    """
     return {
         "frequency": np.array([run.yearly for run in runs]),
         "boulders": np.array([run.boulders for run in runs]),
@@ -236,7 +239,7 @@ def _frequencies(rates: Frequencies, yearly: float) -> dict[str, np.ndarray]:
 def _with_ends(
     name: str, exceeded: str, rates: Frequencies, kind: str = "f8"
 ) -> dict[str, np.ndarray]:
-    """Frequencies of all boulders, and of those above each threshold, with their limits."""
+    """Frequencies of all boulders and of those above each threshold, with limits."""
     values = {}
     for end, rate in zip(ENDS, rates, strict=True):
         values[f"{name}{end}"] = rate[0].astype(kind)
@@ -339,7 +342,7 @@ def _segments(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.
 
 
 def _assumptions(texts: Sequence[Text]) -> dict[str, str]:
-    """Assumptions of the risk, a line each, and as ids of messages with their values."""
+    """Assumptions of the risk: one line each, and as message ids with their values."""
     messages = json.dumps([packed(text) for text in texts])
     return {"risk_assumptions": "\n".join(texts), "risk_messages": messages}
 

@@ -32,8 +32,9 @@ def passing_of(result: xr.Dataset, line: int) -> Passing:
 
 
 def behind(result: xr.Dataset, line: int) -> int:
-    """Number of boulders of a result that come to the line with this index and are stopped by no
-    barrier there."""
+    """Number of boulders that reach the line with this index and are stopped by no barrier
+    there.
+    """
     at = AtLine(result, line)
     if "crossing_outcome" not in result:
         return at.boulders.size
@@ -85,8 +86,8 @@ def exceedance_numbers(
 def levels_by_period(
     values: Sequence[np.ndarray], runs: Sequence[Sample], factor: Sequence[float] = (1.0, 1.0)
 ) -> np.ndarray:
-    """Value that is reached once in each of `PERIODS`, and the limits of its 95 % interval,
-    (3, periods), from the values of the boulders of each run that pass.
+    """Value reached once in each of `PERIODS` with its 95 % limits, (3, periods), from the values
+    of passing boulders in each run.
 
     The value is 0 if boulders pass less often. Limits are the values at which the limits of the
     frequency (`frequencies`) equal one event in the period; the upper limit is infinite if even

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A hazard that is finished already, which `--resume` leaves unchanged."""
+"""Recognition of a finished hazard, which `--resume` leaves unchanged."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ENERGIES = np.geomspace(1.0, 1e9, 64)  # [J] at which curves are compared
 
 
 def layers_checksum(objects: Objects, segments: Segments) -> str:
-    """SHA-256 of objects with their attributes and curves, and of segments, as decoded."""
+    """SHA-256 of the decoded objects with attributes and curves, and of the segments."""
     harms = [
         (quantity, harm and (harm.scale, harm.length, harm.curve.fraction(ENERGIES).tolist()))
         for quantity, all_harms in objects.exposed.harms.items()
@@ -56,6 +56,6 @@ def is_finished(path: Path, case: Case, scene: Scene, objects: Objects, segments
 
 
 def is_same_case(case: Case, other: Case, **without: Any) -> bool:
-    """Return True if two cases differ at most in threads and in the given groups."""
+    """Return True if two cases differ only in threads and in the given groups."""
     changes = {"case": {"threads": 0}} | without
     return case.replace(**changes).text() == other.replace(**changes).text()

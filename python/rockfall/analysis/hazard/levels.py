@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Answers of a hazard for one line, object or segment: frequencies by energy or height, return
-periods, and energies and heights by return period."""
+"""Queries of a hazard at one line, object or segment: frequencies by energy or height, return
+periods, and energies and heights by return period.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ PLACES = "line", "object", "segment"
 
 
 class Period(NamedTuple):
-    """Return period [year] and the limits of its 95 % interval; infinite if no boulder came."""
+    """Return period [year] and its limits; infinite if no boulder arrived."""
 
     value: float
     low: float
@@ -33,8 +34,8 @@ class Period(NamedTuple):
 def exceedance(hazard: xr.Dataset, place: str, quantity: str = "energy") -> pd.DataFrame:
     """Annual frequency of boulders with more than each energy [J], or height of the centre above
     the ground [m], at a line, object or segment of a hazard: columns `energy` or `height`,
-    `frequency` [1/year], and the limits `low`, `high` of its 95 % interval. The first row, 0, is of
-    all boulders. A RockfallError lists the names if there is no such place.
+    `frequency` [1/year], and the limits `low`, `high` of its 95 % interval. The first row, 0, is
+    for all boulders. A RockfallError lists the names if there is no such place.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -53,9 +54,9 @@ def exceedance(hazard: xr.Dataset, place: str, quantity: str = "energy") -> pd.D
 def return_period(
     hazard: xr.Dataset, place: str, *, energy: float | None = None, height: float | None = None
 ) -> Period:
-    """Return period [year] of a boulder with more than an energy [J], or a height [m], at a line,
-    object or segment; of any boulder with neither. Between two counted levels the frequency follows
-    a power law, with the limits of the levels on either side.
+    """Return period [year] of boulders above an energy [J] or a height [m] at a line, object or
+    segment; of all boulders if neither is given. Between two counted levels the frequency follows a
+    power law, with the limits of the levels on either side.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -88,7 +89,8 @@ def return_period(
 def period_table(hazard: xr.Dataset) -> pd.DataFrame:
     """One row for each line, object and segment, and each return period: `place` (line, object or
     segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with their limits. 0:
-    no boulder as often as that; an empty or infinite upper limit: too few boulders for one."""
+    boulders are rarer than that; an empty or infinite upper limit: too few boulders.
+    """
     import pandas as pd
 
     rows = [
@@ -112,7 +114,7 @@ def period_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def yearly(hazard: xr.Dataset, counts: np.ndarray) -> Frequencies:
-    """Frequencies [1/year] of counts of boulders by scenario (scenario, ...)."""
+    """Frequencies [1/year] from boulder counts by scenario (scenario, ...)."""
     samples = (hazard[name].values for name in ("boulders", "boulders_per_cluster", "frequency"))
     parts = (
         (row.astype("i4"), int(n), int(cluster), float(rate))
@@ -127,7 +129,7 @@ def _kinds(hazard: xr.Dataset) -> Iterator[str]:
 
 
 def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, Frequencies]:
-    """Levels from 0, and the frequencies above each."""
+    """Levels from 0, and the exceedance frequency of each."""
     if quantity not in LEVELS:
         raise RockfallError(f"{quantity}: must be one of {', '.join(LEVELS)}")
     kind, k = find_place(hazard, place)
@@ -142,7 +144,7 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
 
 
 def find_place(hazard: xr.Dataset, place: str, among: Sequence[str] = PLACES) -> tuple[str, int]:
-    """Kind (one of those given) and index of a place, by its name."""
+    """Kind (one of the given kinds) and index of a place with this name."""
     if "frequency" not in hazard:
         raise RockfallError(
             f"{place}: a run has no frequencies a year: give the case &scenario groups, and use "

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Origins of the boulders that come to a line or object: annual number from each cell."""
+"""Origins of the boulders that reach a line or object: annual number from each cell."""
 
 from __future__ import annotations
 
@@ -20,28 +20,35 @@ SOURCES = ("line", "object")  # kinds of places with sources
 
 
 class Starts(NamedTuple):
-    """Cells in which boulders start, by ascending number in the grid, and boulders of each."""
+    """Cells where boulders start, by ascending grid number, and the number of boulders from
+    each.
+    """
 
     cells: np.ndarray
     boulders: np.ndarray
 
     def among(self, cells: np.ndarray) -> np.ndarray:
-        """Number of boulders from each of these cells, which ascend and include all cells of
-        `self`."""
+        """Number of boulders from each of these cells, which are ascending and include all cells of
+        `self`.
+        """
         numbers = np.zeros(cells.size, "i8")
         numbers[np.searchsorted(cells, self.cells)] = self.boulders
         return numbers
 
 
 class Origins(NamedTuple):
-    """Starts of all boulders of a run, and of the boulders that reach each place, by its kind."""
+    """Start cells of all boulders of a run, and of the boulders that reach each place, by kind of
+    place.
+    """
 
     released: Starts
     at: Mapping[str, Sequence[Starts]]
 
     @classmethod
     def of(cls, result: xr.Dataset, grid: Grid, at: Mapping[str, Sequence[np.ndarray]]) -> Origins:
-        """Origins of the boulders of a result; `at`: indices of boulders that reach each place."""
+        """Origins of the boulders of a result; `at`: indices of the boulders that reach each
+        place.
+        """
         rows, columns = grid.cells(*(result[f"start_{axis}"].values for axis in "xy"))
         cells = rows * grid.nx + columns
         places = {kind: [_starts(cells[here]) for here in each] for kind, each in at.items()}
@@ -55,9 +62,10 @@ def _starts(cells: np.ndarray) -> Starts:
 def origin_numbers(
     runs: Sequence[Origins], weights: Sequence[float], grid: Grid
 ) -> dict[str, np.ndarray]:
-    """Values of the table of a hazard from the origins of its runs and the frequency [1/year] that
-    a boulder of each represents: centres of the cells with sources, boulders a year that start
-    there, and boulders a year that come to each place from there."""
+    """Variables of a hazard for its origins, from the runs and the frequency [1/year] that a
+    boulder of each represents: cell centres, boulders a year that start in each cell, and boulders
+    a year from there that reach each place.
+    """
     cells = np.unique(np.concatenate([run.released.cells for run in runs]))
     rows, columns = np.divmod(cells, grid.nx)
     numbers = {"source_x": grid.x[columns], "source_y": grid.y[rows]}
@@ -76,9 +84,9 @@ def origin_numbers(
 
 
 def origins(hazard: xr.Dataset, place: str) -> pd.DataFrame:
-    """Origins of the boulders that come to a line or object of a hazard, the most frequent first:
-    centre `x`, `y` [m] of the cell, `frequency` [1/year] of its boulders that come, their `share`
-    of all boulders that come, and the fraction `reach` of the boulders of the cell. A RockfallError
+    """Origins of the boulders that reach a line or object of a hazard, most frequent first: cell
+    centre `x`, `y` [m], `frequency` [1/year] of its boulders that arrive, their `share` of all
+    arriving boulders, and the fraction `reach` of the cell's boulders that arrive. A RockfallError
     lists the names if there is no such place.
 
     >>> import rockfall

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Generalised outlines of hazard zones: smooth, and no part of a zone narrower than a width.
+"""Generalised outlines of hazard zones: smooth, with no part narrower than a given width.
 
 Every step errs on the safe side: an outline encloses all cells of its class and of higher ones, and
 narrow parts are widened, or get the next higher class if it is adjacent.
@@ -22,8 +22,9 @@ PASSES = 2  # passes of raising narrow parts: raising a part may narrow its neig
 
 
 def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Geometry]:
-    """Generalise the areas of classes, from the lowest: none overlap, and together they cover all
-    that they covered before, to the grid of their coordinates. `width` and `cell` are in metres."""
+    """Generalise the areas of classes, from the lowest. They do not overlap, and cover the same
+    area as before, to the resolution of the coordinates. `width` and `cell` are in metres.
+    """
     import shapely
 
     least, grid = NEGLIGIBLE * cell**2, {"grid_size": GRID * cell}
@@ -58,9 +59,10 @@ def polygons_of(area: Geometry, least: float = 0.0) -> Iterator[Geometry]:
 
 
 def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
-    """Smooth outline around an area, which fills gaps narrower than the width. Simplified outlines
-    deviate by up to the tolerance, so they start from an outline at that distance; arcs of segments
-    may still cut a corner."""
+    """Smooth outline around an area, which fills gaps narrower than the width. A simplified outline
+    deviates by up to the tolerance, so simplification starts from an outline offset by that
+    distance; straight segments may still cut a curved corner.
+    """
     out, tolerance = width / 2, TOLERANCE * cell
     smooth = area.buffer(out, ARC).buffer(tolerance - out, ARC).simplify(tolerance)
     return smooth.union(area, grid_size=GRID * cell)
@@ -69,8 +71,9 @@ def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
 def _narrow_parts(
     area: Geometry, width: float, least: float, grid: dict[str, float]
 ) -> list[Geometry]:
-    """Parts of an area in which no disc of the width fits, corners aside, if larger than `least`
-    [m2]."""
+    """Parts of an area where no disc of this width fits, except at corners, if larger than `least`
+    [m2].
+    """
     attrs = {"join_style": "mitre", "mitre_limit": 2.0}
     wide = area.buffer(-width / 2, **attrs).buffer(width / 2 * (1 + 1e-9), **attrs)
     return list(polygons_of(area.difference(wide, **grid), least))

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenarios of a case: classes of boulders, each an ordinary run, and their frequencies."""
+"""Scenarios of a case: classes of boulders, each simulated by its own run, and their
+frequencies.
+"""
 
 from __future__ import annotations
 
@@ -45,8 +47,9 @@ class Scenario(NamedTuple):
 
 
 def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
-    """Case common to all scenarios, with this output; refused without scenarios, or if one is
-    contradictory."""
+    """Case common to all scenarios, with this output; refused if there are no scenarios, or if one
+    is contradictory.
+    """
     if not case.scenario:
         raise RockfallError(
             f"{case.name}: a hazard needs a &scenario: a class of boulders with its frequency"
@@ -67,8 +70,9 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
 
 
 def scenario_remarks(scene: Scene) -> Iterator[str]:
-    """Remarks on properties that both scenarios and the source layer give; refused if the layer
-    gives the property for every source."""
+    """Remarks on properties given both by scenarios and by the source layer; refused if the layer
+    gives the property for every source.
+    """
     case = scene.case
     for what, keys, given in _of_layer(scene):
         for scenario in case.scenario:
@@ -85,8 +89,9 @@ def scenario_remarks(scene: Scene) -> Iterator[str]:
 
 
 def scenario_warnings(scene: Scene, scenarios: Sequence[Scenario]) -> list[InputWarning]:
-    """Likely mistakes in a case and in those of its scenarios, each once; mistakes in the boulders
-    of a scenario are listed under its name."""
+    """Likely mistakes in a case and its scenarios, each once; mistakes in a scenario's boulders are
+    listed under its name.
+    """
     doubts = list(input_warnings(scene))
     for scenario in scenarios:
         own = replace(scene, case=scenario.case, findings=Findings())
@@ -109,8 +114,9 @@ def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]
 
 
 def _case(case: Case, scenario: dict[str, Any]) -> Case:
-    """Case with the boulders of a scenario. A scenario that names a volume distribution defines all
-    its keys; another changes single keys of &boulder."""
+    """Case with the boulders of a scenario. A scenario with a volume distribution defines all its
+    keys; otherwise it changes single keys of &boulder.
+    """
     boulder: dict[str, Any] = dict.fromkeys(VOLUMES) if "volume" in scenario else {}
     boulder |= {"rock_density": None} if "density" in scenario else {}
     boulder |= {key: scenario[key] for key in (*VOLUMES, "density") if key in scenario}
@@ -134,7 +140,8 @@ def _frequency(scenario: dict[str, Any], scene: Scene) -> float:
 
 
 def source_area(scene: Scene) -> float:
-    """Area of the source cells [m2]: the surface area if they release boulders by it, which makes
-    their frequencies differ; the plan area if all release alike."""
+    """Area of the source cells [m2]: the surface area if cells release boulders in proportion to
+    it; the plan area if all cells release equally.
+    """
     cells = scene.x.size if scene.area is None else scene.area.sum()
     return float(cells) * scene.grid.cell**2

@@ -63,7 +63,7 @@ class Variable(NamedTuple):
 
     @property
     def is_map(self) -> bool:
-        """True for a map in plan, or several."""
+        """Return True for one or several maps in plan."""
         return self.dims[-2:] == PLAN and {*self.dims} <= {*PLAN, *BEYOND}
 
     def about(self, case: Case) -> dict[str, Any]:
@@ -101,7 +101,7 @@ def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable
 
 
 def _by_period(prefix: str, dims: tuple[str, ...], where: str) -> Iterator[tuple[str, Variable]]:
-    """Energies and heights by return period, and the counts behind curves of exceedance."""
+    """Energies and heights by return period, and the counts behind exceedance curves."""
     for name, (units, quantity) in LEVELS.items():
         what = f"{quantity} of a boulder {where} that is reached once in the period"
         yield from _with_ends(f"{prefix}{name}_by_period", (*dims, "event_period"), what, units)

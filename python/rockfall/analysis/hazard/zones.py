@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Zones(NamedTuple):
-    """Polygons, each with its number and its count of cells."""
+    """Polygons with their class and number of cells."""
 
     shapes: np.ndarray
     number: np.ndarray
@@ -32,8 +32,9 @@ class Zones(NamedTuple):
 
 
 def zones_by_cell(hazard: xr.Dataset) -> Zones:
-    """Zones of a hazard class along cell edges, each with at least the `minimum_area` of the case:
-    GDAL's sieve gives smaller patches the class of their largest neighbour."""
+    """Zones of a hazard class along cell edges, each of at least the `minimum_area` of the case:
+    GDAL's sieve merges smaller patches into their largest neighbour.
+    """
     numbers, grid = _north_up(hazard["hazard_class"])
     return _by_cell(numbers, grid, case_in(hazard.attrs).hazard["minimum_area"])
 
@@ -47,7 +48,8 @@ def _by_cell(numbers: np.ndarray, grid: Grid, minimum_area: float) -> Zones:
 
 def zones_of(hazard: xr.Dataset) -> Zones:
     """Zones of a hazard class with generalised outlines, no part narrower than the `minimum_width`
-    of the case; by cell if that is zero. Texts, files and figures share them."""
+    of the case; along cell edges if that is zero. Used for texts, files and figures.
+    """
     numbers, grid = _north_up(hazard["hazard_class"])
     keys = case_in(hazard.attrs).hazard
     return _generalised(numbers.tobytes(), grid, keys["minimum_area"], keys["minimum_width"])
@@ -72,8 +74,9 @@ def _generalised(content: bytes, grid: Grid, minimum_area: float, width: float) 
 
 
 def highest_classes(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
-    """Highest class on the map within each zone: of small patches, the class before they were
-    merged."""
+    """Highest class on the map within each zone; for merged small patches, their class before
+    merging.
+    """
     numbers, _ = _north_up(hazard["hazard_class"])
     highest = np.zeros(len(zones.cells) + 1, "u1")
     np.maximum.at(highest, zones.patch, numbers)
@@ -81,15 +84,16 @@ def highest_classes(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def lowered_area(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
-    """Area [m2] of each class that zones show with a lower class, or none."""
+    """Area [m2] of each class that the zones show with a lower class or none."""
     numbers, grid = _north_up(hazard["hazard_class"])
     shown = np.concatenate([[0], zones.number])[zones.patch]
     return np.bincount(numbers[shown < numbers], minlength=len(CLASSES)) * grid.cell**2
 
 
 def uncertain_of(hazard: xr.Dataset) -> Zones:
-    """Patches of cells with an uncertain class: their number is the lowest class, times the number
-    of classes, plus the highest."""
+    """Patches of cells with an uncertain class, numbered lowest class * number of classes + highest
+    class.
+    """
     low, grid = _north_up(hazard["hazard_class_lower"])
     high, _ = _north_up(hazard["hazard_class_upper"])
     return _patches(np.where(low == high, 0, low * len(CLASSES) + high), grid)
@@ -104,15 +108,14 @@ def certain_fractions(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def _north_up(data: xr.DataArray) -> tuple[np.ndarray, Grid]:
-    """Classes, rows from the north, and their grid, without CRS and path, which zones do not
-    need."""
+    """Classes with rows from the north, and their grid without CRS and path."""
     grid, flipped = grid_of(data)
     values = data.values.astype("u1")
     return (values[::-1] if flipped else values), replace(grid, crs=None, path=None)
 
 
 def _patches(numbers: np.ndarray, grid: Grid) -> Zones:
-    """Patches of equal numbers above zero, by rows from the north-west."""
+    """Patches of equal positive numbers, ordered by rows from the north-west."""
     return _outlined(np.asarray(numbers, "u1").tobytes(), grid)
 
 

@@ -27,9 +27,10 @@ COLUMNS = ["name", "kind", "distance", "height", "capacity", "n", *envelope_name
 
 def crossed_lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> pd.DataFrame:
     """One row for each place where a section (vertices x + iy) crosses a line, a barrier or a dam
-    of a result, in order: COLUMNS, with the barrier's height [m] and capacity [J]. The numbers are
-    of all boulders that cross the line within a distance [m] along it to either side; NaN unless
-    the rows of all are kept."""
+    of a result, in order: COLUMNS, with the barrier's height [m] and capacity [J]. The numbers
+    cover all boulders that cross the line within a distance [m] on either side; NaN unless all rows
+    are kept.
+    """
     import pandas as pd
 
     rows = [*_lines(result, vertices, within), *_dams(result, vertices)]
@@ -57,7 +58,7 @@ def _lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> Iterator[
 
 
 def _dams(result: xr.Dataset, vertices: np.ndarray) -> Iterator[dict[str, Any]]:
-    """Rows of dams, at their middle lines."""
+    """Rows of dams, at their centre lines."""
     for k, dam in enumerate(case_of(result).dam, start=1):
         middle = np.array(dam["x"]) + 1j * np.array(dam["y"])
         for distance in intersections(vertices, middle)[0]:

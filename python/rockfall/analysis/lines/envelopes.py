@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Numbers of the boulders at a place of a section: mean, 95 % quantile and maximum."""
+"""Statistics of the boulders at a point of a section: mean, 95 % quantile and maximum."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NUMBERS = ("mean", "q95")
 
 
 def envelope_names(prefix: str = "") -> list[str]:
-    """Names of the numbers of a place."""
+    """Names of the statistics at a point."""
     names = [column for number in NUMBERS for column in with_limits(number)]
     return [f"{prefix}{quantity}_{name}" for quantity in QUANTITIES for name in [*names, "max"]]
 
@@ -24,9 +24,9 @@ def envelope_names(prefix: str = "") -> list[str]:
 def envelopes(
     values: Mapping[str, np.ndarray], source: Sources, prefix: str = ""
 ) -> dict[str, float]:
-    """Numbers of the boulders whose quantities are known (not NaN), by `envelope_names`. Numbers
-    without a complete interval are left out with their limits; the maximum is given for any number
-    of boulders."""
+    """Statistics of the boulders with known (not NaN) quantities, by `envelope_names`. Those
+    without a complete interval are left out; the maximum is given for any number of boulders.
+    """
     columns: dict[str, float] = {}
     for quantity in QUANTITIES:
         is_known = np.isfinite(values[quantity])
@@ -40,7 +40,7 @@ def envelopes(
 
 
 def fewest_for(level: float) -> int:
-    """Smallest number of independent boulders that gives a quantile both limits of its interval."""
+    """Smallest number of independent boulders for which a quantile has both limits."""
     return next(n for n in itertools.count(2) if _has_limits(n, level))
 
 

@@ -42,7 +42,7 @@ def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> lis
 
 
 def check_by(by: str, classes: Sequence[float] | None) -> None:
-    """Refuse unknown groups, and classes of anything but volumes."""
+    """Refuse unknown groups, and classes for anything but volumes."""
     if by not in BY:
         raise RockfallError(f"by = '{by}': must be one of: {', '.join(BY)}")
     if classes is not None and by != "volume":

@@ -36,12 +36,12 @@ def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> p
     """One row for each window of `width` [m] along a line, from its first vertex; the last may be
     shorter. The default is a round width that gives about 40 windows.
 
-    `start` and `end` [m]; `n` and `fraction` of all boulders that first cross the line there;
-    `per_metre` is that fraction over the length of the window [1/m]; mean and 95 % quantile of the
-    total energy [J] and of the passing height (centre, vertical) [m] of crossing boulders.
-    `..._low` and `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`;
-    NaN where too few cross. Raises RockfallError for an unknown line, and for a width that is not
-    above 0 or gives more than 10,000 windows.
+    `start` and `end` [m]; `n` and `fraction` of boulders whose first crossing is there; `per_metre`
+    is that fraction divided by the window length [1/m]; mean and 95 % quantile of the total energy
+    [J] and of the passing height (centre, vertical) [m] of crossing boulders. `..._low` and
+    `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`; NaN where too
+    few cross. Raises RockfallError for an unknown line, and for a width that is not above 0 or
+    gives more than 10,000 windows.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -68,7 +68,7 @@ def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> p
 
 
 def line_number(result: xr.Dataset, line: str) -> int:
-    """The index of a line of this name."""
+    """Index of the line with this name."""
     names = line_names(result)
     check_rows(result, "places along a line")
     if not names or not result.sizes.get("boulder"):

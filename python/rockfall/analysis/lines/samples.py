@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples of the quantities at lines, for all boulders of a result or for groups: from their rows,
-or, if a run keeps no rows, from its counts and sums."""
+"""Samples of the quantities at lines, for all boulders of a result or for groups: from rows of
+boulders or, if a run keeps none, from counts and sums.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ class LineSamples:
     """Samples of the quantities at the lines of a result."""
 
     def __init__(self, result: Held, source: Sources | None = None) -> None:
-        """`source` is that of each boulder, if different from the result's."""
+        """`source` gives the source of each boulder, if different from the result's."""
         self.result, self._counted = result, result.sizes["boulder"] < simulated(result)
         self._has_kept = source is None and not self._counted
         if self._has_kept:
@@ -49,8 +50,9 @@ class LineSamples:
 
     @property
     def sources(self) -> int:
-        """Number of sources; for counted boulders of sources with unequal releases, at most the
-        number of groups."""
+        """Number of sources; for counted boulders with unequal releases, at most the number of
+        groups.
+        """
         if self._source is not None:
             return self._source.count
         case = case_of(self.result)
@@ -59,7 +61,7 @@ class LineSamples:
         return int(np.count_nonzero(self._released(None)))
 
     def given(self) -> LineSamples:
-        """Samples with the sources taken as given rather than sampled."""
+        """Samples that treat the sources as given rather than sampled."""
         source = None if self._source is None else replace(self._source, sampled=False)
         samples = LineSamples(self.result, source)
         samples.sampled = False
@@ -104,7 +106,7 @@ class LineSamples:
         return self._last[1:]
 
     def ends(self, quantity: str) -> Sample:
-        """Sample of a quantity at the ends of boulders: plan_distance, path_length and so on."""
+        """Sample of a quantity at the ends of boulders, such as plan_distance or path_length."""
         if self._counted:
             return self._counts(-1, quantity, None)
         assert self._source is not None
@@ -133,7 +135,7 @@ class LineSamples:
         )
 
     def _released(self, parts: np.ndarray | None) -> np.ndarray:
-        """Number of boulders of each group of sources in these parts: all of them have an end."""
+        """Number of boulders of each source group in these parts; every boulder has an end."""
         part_of_group = self.result["sample_group_part"].values - 1
         chosen = np.full(part_of_group.size, True) if parts is None else parts[part_of_group]
         return self._in_groups(0, 0, np.flatnonzero(chosen)).sum(axis=1)
@@ -160,5 +162,5 @@ class LineSamples:
 
     @staticmethod
     def _first(place: int, column: int, columns: int, quantity: int) -> int:
-        """Index of the first coarse bin of a place, of one of its parts or groups, and quantity."""
+        """Index of the first coarse bin for a line, part or group, and quantity."""
         return ((place * columns + int(column)) * SAMPLE_QUANTITIES + quantity) * SAMPLE_COARSE

@@ -2,8 +2,8 @@
 """Section along a drawn line: the ground below it, and energies, speeds and heights of the boulders
 near it, from recorded trajectories, from maps, and at the lines that it crosses.
 
-A station is a short line across the section. A recorded boulder counts where it first crosses it,
-as at an evaluation line, and by the same rules: between its contacts it flies on a parabola.
+A station is a short line across the section. A recorded boulder counts where it first crosses the
+station, by the rules of an evaluation line: between contacts it flies on a parabola.
 """
 
 from __future__ import annotations
@@ -75,13 +75,12 @@ class Section:
 
     @property
     def unknown_energies(self) -> int:
-        """Number of recorded passages without an energy: the masses of their boulders are
-        unknown."""
+        """Number of recorded passages without an energy, because the boulder's mass is unknown."""
         return int(self.passages["energy_total"].isna().sum())
 
 
 class _Known(NamedTuple):
-    """Masses [kg] and radii [m] of all boulders, and the terrain."""
+    """Masses [kg] and radii [m] of all boulders, and the terrain, where known."""
 
     mass: np.ndarray
     radius: np.ndarray
@@ -154,12 +153,14 @@ def _crossed(lines: pd.DataFrame, distance: np.ndarray) -> list[str]:
 
 
 def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
-    """Return True if terrain has the cells of the run: large ones are read with fewer."""
+    """Return True if the terrain has the cells of the run: large terrain is read with larger
+    cells.
+    """
     return terrain is not None and terrain[1].cell <= 1.001 * corner_of(result["crs"].attrs)[2]
 
 
 def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Paths of some of these boulders near a section, not beyond its ends."""
+    """Trajectories of some of these boulders near a section, clipped to its ends."""
     paths, length = [], lengths(line.vertices)[-1]
     drawn = np.isin(motion.boulder, spread(np.unique(boulders).tolist(), PATHS))
     for curve in curves(motion.take(drawn)):
@@ -173,7 +174,9 @@ def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.
 def _first_crossings(
     motion: Motion, place: complex, direction: complex, within: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pieces in which boulders first cross a station, and the parts done by then (0 to 1)."""
+    """Pieces of trajectory in which boulders first cross a station, and the fraction of the piece
+    before the crossing (0 to 1).
+    """
     start, end = (x + 1j * y for x, y, *_ in (motion.start, motion.end))
     before = ((start - place) * np.conj(direction)).real
     after = ((end - place) * np.conj(direction)).real
@@ -189,7 +192,7 @@ def _first_crossings(
 def _values(
     motion: Motion, part: np.ndarray, spin: np.ndarray, row: np.ndarray, context: _Known
 ) -> dict[str, np.ndarray]:
-    """QUANTITIES of boulders of these rows within pieces, and the elevation of their point."""
+    """QUANTITIES of these boulders within pieces, and the elevation of their point."""
     (x, y, z, _), speed = motion.at(part)
     here = x + 1j * y
     jump = np.maximum(0.0, z - _ground(context.terrain, here, height))
@@ -202,7 +205,7 @@ def _values(
 def _ground(
     terrain: Terrain | None, places: np.ndarray, what: Callable[..., np.ndarray]
 ) -> np.ndarray:
-    """Number of the ground (`height` or `steepness`) at places; NaN where it is unknown."""
+    """Property of the ground (`height` or `steepness`) at places; NaN where unknown."""
     ground = np.full(places.shape, np.nan)
     if terrain is not None:
         z, grid = terrain

@@ -37,8 +37,9 @@ COLUMNS += [f"corridor_{quantity}_max" for quantity in MAPPED]
 
 
 def map_numbers(result: xr.Dataset, stations: Stations) -> dict[str, np.ndarray]:
-    """COLUMNS at each station, NaN where the result has no such map, where the station is outside
-    of the maps, and where too few boulders passed for a number with an interval."""
+    """COLUMNS at each station; NaN where the result has no such map, outside the maps, and where
+    too few boulders passed for a reliable number.
+    """
     columns = {name: np.full(stations.distance.size, np.nan) for name in COLUMNS}
     if (passed := passed_map(result)) is not None:
         count = _at(result, passed, stations, passages_of(result))
@@ -66,8 +67,9 @@ def has_maps(result: xr.Dataset) -> bool:
 
 
 def known(result: xr.Dataset, name: str) -> np.ndarray:
-    """Values of a map (y, x), NaN where too few boulders passed for a reliable one. Without a count
-    of passages a quantile is known where both limits of its interval are."""
+    """Values of a map (y, x), NaN where too few boulders passed for a reliable one. Without a
+    passage count, a quantile is reliable where both its limits exist.
+    """
     values = result[name].values
     if (thin := thin_cells(result, name)) is not None:
         return np.where(thin, np.nan, values)
@@ -83,7 +85,7 @@ def known(result: xr.Dataset, name: str) -> np.ndarray:
 def _at(
     result: xr.Dataset, name: str, stations: Stations, values: np.ndarray | None = None
 ) -> np.ndarray:
-    """Values of a map, or other values on its cells, in the cells of the stations."""
+    """Values of a map, or of another array on its cells, at the stations."""
     grid, values = _northern_first(result, name, values)
     return _in_cells(values, grid, stations.place)
 
@@ -100,7 +102,7 @@ def _max_across(result: xr.Dataset, name: str, stations: Stations) -> np.ndarray
 
 
 def places_in_cells(grid: Grid, start: complex, end: complex) -> np.ndarray:
-    """A place within each cell that a straight line crosses, in their order, as x + iy [m]."""
+    """A point within each cell that a straight line crosses, in order, as x + iy [m]."""
     parts = [0.0, 1.0]
     for low, high, edge in (
         (start.real, end.real, grid.west), (start.imag, end.imag, grid.north)
@@ -116,14 +118,14 @@ def places_in_cells(grid: Grid, start: complex, end: complex) -> np.ndarray:
 def _northern_first(
     result: xr.Dataset, name: str, values: np.ndarray | None
 ) -> tuple[Grid, np.ndarray]:
-    """Grid of a map, and its values, or others on the same cells, from the north."""
+    """Grid of a map, and its values (or another array on its cells) with rows from the north."""
     grid, flipped = grid_of(result[name])
     values = result[name].values if values is None else values
     return grid, values[::-1] if flipped else values
 
 
 def _in_cells(values: np.ndarray, grid: Grid, places: np.ndarray) -> np.ndarray:
-    """Values of the cells that contain places; NaN outside of the grid."""
+    """Values of the cells at these places; NaN outside the grid."""
     row = np.floor((grid.north - places.imag) / grid.cell)
     column = np.floor((places.real - grid.west) / grid.cell)
     among = (row >= 0) & (row < grid.ny) & (column >= 0) & (column < grid.nx)

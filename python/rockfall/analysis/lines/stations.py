@@ -16,8 +16,9 @@ MAX_STATIONS = 10_000
 
 
 class SectionLine(NamedTuple):
-    """A section: vertices as x + iy [m], the distance to either side within which boulders count,
-    and the interval between stations [m]; None: a round one, for about 100."""
+    """A section: vertices as x + iy [m], the half-width of its corridor, and the interval between
+    stations [m]; None: a round value that gives about 100.
+    """
 
     vertices: np.ndarray
     within: float = 10.0

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Attributes of objects at risk, by name: read from the columns of a layer, checked against their
-range, refused in one line that names file, feature and attribute."""
+"""Attributes of objects at risk: read from the columns of a layer and checked against their range.
+Errors name file, feature and attribute in one line.
+"""
 
 from __future__ import annotations
 
@@ -81,7 +82,7 @@ class Layer:
         return values.astype(float)
 
     def unit_remarks(self) -> Iterator[str]:
-        """One line for each attribute that was read and is likely in another unit."""
+        """One line for each attribute that is likely in another unit."""
         for name, (low, high, question) in USUAL.items():
             if name not in self.asked or not self.has(name):
                 continue
@@ -94,7 +95,7 @@ class Layer:
                 )
 
     def idle_remarks(self) -> Iterator[str]:
-        """One line for each attribute that was looked for, and has no effect without another."""
+        """One line for each attribute that has no effect because another one is missing."""
         for name, needed in NEEDED.items():
             if attribute(self.columns, name) is None or name not in self.asked:
                 continue
@@ -146,7 +147,7 @@ class Layer:
 
 
 def _range(name: str) -> tuple[float, float, str]:
-    """Lowest and highest value of an attribute, and their rule in words."""
+    """Lowest and highest value of an attribute, and the rule in words."""
     low, high = RANGES.get(name, (0.0, math.inf))
     if name.startswith(FRACTIONS):
         low, high = 0.0, 1.0

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Exposure of objects: harm to property and persons by a boulder that hits an object, from
-attributes of the layer, with every assumption made."""
+"""Exposure of objects: harm to property and persons from a boulder hit, by the attributes of the
+layer, with all assumptions.
+"""
 
 from __future__ import annotations
 
@@ -35,8 +36,9 @@ class Harm(NamedTuple):
     length: float | None = None  # of a vehicle [m]; None: the object does not move
 
     def by(self, energy: np.ndarray, diameter: np.ndarray) -> np.ndarray:
-        """Harm by boulders of these energies [J] and diameters [m]; 0 for NaN (boulders that
-        miss)."""
+        """Harm from boulders of these energies [J] and diameters [m]; 0 for NaN (boulders that
+        miss).
+        """
         hit = np.isfinite(energy)
         harm = np.zeros(energy.size)
         harm[hit] = self.scale * self.curve.fraction(energy[hit])
@@ -45,14 +47,14 @@ class Harm(NamedTuple):
         return harm
 
     def most(self, diameter: float) -> float:
-        """Upper bound of the harm by boulders up to a diameter [m]."""
+        """Upper bound of the harm from boulders up to a diameter [m]."""
         extent = 1.0 if self.length is None else diameter + self.length
         return self.scale * self.curve.most * extent
 
 
 @dataclass(frozen=True)
 class Exposure:
-    """Harm to each object, by quantity (None: nothing of this kind is exposed), and assumptions."""
+    """Harm to each object by quantity (None: none exposed), and assumptions."""
 
     kinds: list[str] = field(default_factory=list)
     harms: dict[str, list[Harm | None]] = field(default_factory=dict)
@@ -93,7 +95,7 @@ def read_exposure(
 def curve_remarks(
     path: str | Path, curves: Mapping[str, Curve], exposed: Exposure
 ) -> Iterator[Text]:
-    """Remarks on the curves of a table: curves in other units, and curves that no object names."""
+    """Remarks on curves of a table: curves in other units, and curves that no object uses."""
     used = [
         (harm.curve, quantity == "damage")
         for quantity in QUANTITIES
@@ -128,8 +130,9 @@ def joined(parts: Sequence[tuple[Exposure, int]]) -> Exposure:
 def _damage(
     layer: Layer, kinds: list[str], thresholds: np.ndarray, curves: Mapping[str, Curve]
 ) -> tuple[list[Harm | None], list[int]]:
-    """Harm to property, and the objects with a value but no vulnerability: by `curve`, else by the
-    attributes of vulnerability, else that of buildings."""
+    """Harm to property, and the objects with a value but no vulnerability. Vulnerability comes from
+    `curve`, else the vulnerability attributes, else the default for buildings.
+    """
     if not layer.has("value"):
         return [None] * layer.size, []
     worth = layer.numbers("value", 1.0) * layer.numbers("exposure", 1.0)
@@ -200,7 +203,7 @@ class _Deaths:
         return _OfPersons()
 
     def _of_traffic(self, k: int, aadt: float) -> _OfPersons:
-        """Expected vehicles, and one commuter, on the length of road that a boulder occupies."""
+        """Expected vehicles, and one commuter, on the road length that a boulder occupies."""
         for name in ("speed", "persons_per_vehicle"):
             if np.isnan(self.numbers[name][k]):
                 self.layer.refuse(k, "aadt", f"{aadt:g}", f"needs the attribute {name}")
@@ -268,7 +271,7 @@ def _of_curves(key: str, harms: list[Harm | None], names: list[str]) -> Iterator
 
 
 def _named_curves(layer: Layer, name: str, curves: Mapping[str, Curve]) -> list[Curve | None]:
-    """Curve that each object names in an attribute; None where it names none."""
+    """Curve named in an attribute of each object; None where empty."""
     named: list[Curve | None] = []
     for number, text in enumerate(layer.texts(name), start=1):
         if text and text not in curves:

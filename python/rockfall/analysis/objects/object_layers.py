@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of objects at risk: files or frames with the names of their layers, and names of objects
-that give their layer where several have the same."""
+"""Layers of objects at risk: files or frames with layer names, and unique object names across
+layers.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ FRAME = "objects"  # name of the GeoDataFrame of a single layer
 
 
 class Source(NamedTuple):
-    """A layer as given: a path or a GeoDataFrame, and its name in a file with several."""
+    """A layer as given: a path or a GeoDataFrame, and its layer name in a file with several."""
 
     given: Any
     layer: str | None
@@ -73,8 +74,9 @@ def frames_of(sources: Sequence[Source]) -> dict[str, Any]:
 
 
 def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
-    """Layers as files; `frames` are the files of GeoDataFrames, in turn. Duplicate labels are
-    numbered."""
+    """Layers as files; `frames` are the files of GeoDataFrames in order. Duplicate labels are
+    numbered.
+    """
     of_frame = iter(frames.items())
     files = []
     for source in sources:
@@ -85,7 +87,7 @@ def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
 
 
 def only_layer(path: str | Path) -> str:
-    """Name of the layer of a file with one; that of the file otherwise, which is refused later."""
+    """Layer name of a file with a single layer; otherwise the file name, which is refused later."""
     names = layer_names(path)
     return names[0] if len(names) == 1 else Path(path).stem
 

@@ -67,8 +67,9 @@ def read_objects(
     remarks: list[str],
     curves: Mapping[str, Curve] = SHIPPED,
 ) -> Objects:
-    """Read the objects of layers, with their vulnerability for each intensity between the
-    thresholds [J], or by a curve, and the persons and values exposed there."""
+    """Read the objects of layers: vulnerability for each intensity between the thresholds [J], or
+    by a curve, and the exposed persons and values.
+    """
     all_objects = []
     for file, (layer, own) in zip(files, named_layers(files, grid, remarks), strict=True):
         objects = Objects([str(file.path)], [file.label] * len(own), layer.shapes, own)
@@ -89,8 +90,9 @@ def read_objects(
 
 
 def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
-    """Remarks on values without a vulnerability, and on objects that occur twice with the same
-    attributes; objects that differ may be flats of a house."""
+    """Remarks on values without a vulnerability, and on duplicate objects with equal attributes;
+    different objects at one place may be flats in a house.
+    """
     if layer.has("value") and objects.vulnerability is None and not objects.exposed:
         yield remark(layer.path, "input.value_unused")
     columns = [column for name, column in layer.columns.items() if name not in {"name", "fid"}]
@@ -167,7 +169,7 @@ def _joined(parts: Sequence[Objects]) -> Objects:
 
 
 def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
-    """Mark shapes that extend to where missing elevations stop boulders."""
+    """Mark shapes that extend into missing elevations, where boulders stop."""
     import shapely
 
     grid, cells, is_beyond = scene.grid, scene.rasters, []
@@ -208,7 +210,7 @@ def source_remarks(objects: Objects, scene: Scene) -> Iterator[str]:
 
 
 def check_kept(case: Case, lines: int) -> None:
-    """Refuse lines without rows of all boulders, before a run."""
+    """Refuse lines for which a run would not keep all rows, before the run."""
     if lines and (kept := case.output["kept"]) != "all":
         raise RockfallError(
             f"{case.name}: &output kept = {kept!r}: objects with a width, lines, polygons and "
@@ -254,8 +256,9 @@ def _take_values(objects: Objects, layer: Layer, intensities: int) -> None:
 
 
 def object_hits(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:
-    """Energy [J] and height of the centre [m] of each boulder of a run at each object that is a
-    line, (2, boulders), by the object's number; NaN for those that miss it."""
+    """Energy [J] and height of the centre [m] of each boulder of a run at each line object, (2,
+    boulders), by object number; NaN for boulders that miss it.
+    """
     for number in np.unique(objects.owner):
         check_all_rows(result, "an object that is a line")
         hits = np.full((2, result.sizes["boulder"]), np.nan)

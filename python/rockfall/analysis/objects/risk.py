@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Risk from objects: expected damage and deaths a year, of each object and of all together, with
-limits from the boulders that hit."""
+"""Risk at objects: expected damage and deaths a year, for each object and in total, with limits
+from the boulders that hit.
+"""
 
 from __future__ import annotations
 
@@ -50,9 +51,10 @@ def mean_of(values: np.ndarray, top: float, per_cluster: int) -> Frequencies:
 def mean_of_counts(
     harm: Harm, counts: np.ndarray, thresholds: np.ndarray, boulders: int, per_cluster: int
 ) -> Frequencies:
-    """Mean harm where only the boulders that hit, and those above each threshold [J], are known:
-    the harm and its upper limit with the upper ends of the intensities, the lower limit with the
-    lower ends."""
+    """Mean harm where only the numbers of boulders that hit and that exceed each threshold [J] are
+    known: value and upper limit use the upper bounds of the intensities, the lower limit their
+    lower bounds.
+    """
     ends = np.append(thresholds, np.inf)
     above = np.nextafter(np.append(0.0, thresholds), np.inf)
     upper, lower = (harm.scale * harm.curve.fraction(count) for count in (ends, above))
@@ -61,8 +63,9 @@ def mean_of_counts(
 
 
 class RunRisk:
-    """Mean harm of a boulder of a run: arrays (3, objects) of value and limits by quantity, and
-    (3,) of all objects together."""
+    """Mean harm per boulder of a run: value and limits by quantity, (3, objects), and (3,) for all
+    objects together.
+    """
 
     def __init__(
         self,
@@ -72,7 +75,7 @@ class RunRisk:
         points: Points,
         per_cluster: int,
     ) -> None:
-        """`energies` are those at each object that is a line, by its number."""
+        """`energies` are those at each line object, by its number."""
         self.objects = {
             name: np.full((3, len(harms)), np.nan) for name, harms in exposure.harms.items()
         }
@@ -111,7 +114,7 @@ class Points:
 
 
 def diameters(result: xr.Dataset) -> np.ndarray:
-    """Diameter of each boulder [m], that of a sphere of its volume, which hits objects."""
+    """Diameter of each boulder [m]: that of a sphere of equal volume."""
     return np.cbrt(6 * result["volume"].values.astype(float) / np.pi)
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hits of the segments of roads: boulders of each run, and numbers of all scenarios together, with
-boulders weighted by annual frequency."""
+"""Hits on road segments: boulders of each run, and numbers over all scenarios, with boulders
+weighted by annual frequency.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ class Hits(NamedTuple):
 
 
 def segment_hits(segments: Segments, result: xr.Dataset, first: int) -> Iterator[Hits]:
-    """Boulders of a run that hit each segment; the lines of segments begin at number `first`."""
+    """Boulders of a run that hit each segment; segment lines are numbered from `first`."""
     if len(segments):
         check_all_rows(result, "a segment of a road")
     of_boulders = diameters(result)
@@ -57,7 +58,7 @@ def hit_counts(hits: Sequence[Hits], thresholds: np.ndarray) -> np.ndarray:
 
 
 class Weighted(NamedTuple):
-    """Hits of a run, each with its annual number."""
+    """Hits of a run with their annual weights."""
 
     hits: Sequence[Hits]  # of each segment
     weight: float  # of a boulder [1/year]

@@ -156,7 +156,7 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
 def _remarks(
     segments: Segments, pieces: Sequence[_Piece], layer: Layer, scene: Scene
 ) -> Iterator[str]:
-    """Reasons why frequencies of segments are too low."""
+    """Remarks on reasons why frequencies of segments are too low."""
     if np.isnan(layer.numbers("width", np.nan, missing=True)).any():
         yield (
             f"{layer.path}: lines have no width, so only boulders that touch the axis count: give "
@@ -241,8 +241,9 @@ def _pieces(stretch: _Stretch, step: float | None, path: str) -> Iterator[_Piece
 
 
 def strips_along(whole: Any, axes: Sequence[Any], width: float) -> list[Any]:
-    """Strips of ground along pieces of a line, with straight ends, that cover the strip along all
-    of it: the outer gap in a bend between two pieces belongs to the first piece."""
+    """Strips of ground along pieces of a line, with straight ends, that together cover the whole
+    strip: the outer gap in a bend belongs to the first piece.
+    """
     import shapely
 
     strips = [shapely.buffer(axis, width / 2, cap_style="flat") for axis in axes]
@@ -264,8 +265,9 @@ def _sources_on(grounds: Sequence[Any], scene: Scene) -> int:
 
 
 def _outlines(ground: Any) -> Iterator[Any]:
-    """Curves that a boulder touches first: the axis, or the outlines of a strip, with the inner
-    outline of a closed road, since boulders may come from inside."""
+    """Curves that a boulder touches first: the axis, or the outline of a strip; for a closed road
+    also the inner outline, since boulders may come from inside.
+    """
     for part in getattr(ground, "geoms", [ground]):
         yield from (part.exterior, *part.interiors) if part.geom_type == "Polygon" else (part,)
 

@@ -44,7 +44,7 @@ class Survey:
 
 
 class _Blocks(NamedTuple):
-    """Columns of a table: volumes [m3], and decimal years, NaN where unknown."""
+    """Columns of a survey table: volumes [m3] and decimal years, NaN where unknown."""
 
     name: str
     volumes: np.ndarray

@@ -69,7 +69,7 @@ _BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in END
 
 @dataclass(frozen=True)
 class Comparison:
-    """Tables of a comparison in SI units, empty without observations of the kind.
+    """Tables of a comparison in SI units; empty for kinds without observations.
 
     `_low` and `_high` are the limits of 95 % confidence intervals, NaN if there is none.
     `within_interval`: the interval of the simulated number contains the observed one; `consistent`:
@@ -98,7 +98,7 @@ class Comparison:
 def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     """Compare a result with observations: files (docs/observed.md), or one `Observed`.
 
-    Printed numbers are used if observed, or if from the method, A or B, of the result.
+    Published numbers are used if observed, or if simulated by the method (A or B) of the result.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -145,8 +145,9 @@ def observed_files(case: Case) -> list[Path]:
 
 
 def site_observations(site: xr.Dataset | Scene) -> Observed | None:
-    """Observations that the case of a result or a scene names, None if it names none. Raises a
-    RockfallError for files that cannot be read, or are not of this site."""
+    """Observations named by the case of a result or scene; None without any. Raises a RockfallError
+    for unreadable files, and for observations of another site.
+    """
     case = site.case if isinstance(site, Scene) else case_of(site)
     if not (files := observed_files(case)):
         return None
@@ -166,9 +167,9 @@ def _check_lines(seen: Observed, names: list[str]) -> None:
 
 
 def disagreement(comparison: Comparison) -> Text:
-    """Number of tested numbers of a comparison that differ beyond the sampling error of both. If
-    chance does not explain it, the number with the largest error is given, a mean if any
-    differs."""
+    """Number of compared values that differ beyond the sampling error of both. If there are more
+    than chance explains, the value with the largest error is given, preferably a mean.
+    """
     tested, differing = 0, []
     tables = [name for name in TABLES if name != "passing" or not len(comparison.run_out)]
     for name in tables:  # fractions at each stopping distance are of one sample
@@ -195,7 +196,7 @@ def _by_chance(tested: int) -> int:
 
 
 def _named(table: str, row: dict[str, Any]) -> tuple[bool, float, str]:
-    """A number of a comparison in words, after the keys that order it."""
+    """Compared value in words, from its sort key."""
     keys = ("line", "quantity", "statistic") if "line" in row else ("source", "statistic")
     words = [f"{row[key]}" for key in keys if row.get(key)]
     error = row.get("error_percent", math.nan)
@@ -303,7 +304,7 @@ def _verdicts(
 
 
 def _order(names: list[str]) -> Callable[[tuple[str, str]], tuple[int, int]]:
-    """Sort key of a line and a quantity in a table."""
+    """Sort key of a line and quantity in a table."""
     quantities = list(UNITS)
     return lambda key: (names.index(key[0]), quantities.index(key[1]))
 
@@ -317,8 +318,9 @@ def _ks(
     ours: np.ndarray,
     share: np.ndarray,
 ) -> pd.DataFrame:
-    """Two-sample Kolmogorov-Smirnov tests, and tests printed for the method (paper, table 4).
-    `share` are the weights of the simulated boulders, in the test of distances."""
+    """Two-sample Kolmogorov-Smirnov tests, and published tests of the method (paper, table 4).
+    `share` weights the simulated boulders in the test of distances.
+    """
     import pandas as pd
 
     own = seen.tests[seen.tests["method"] == method]
@@ -368,7 +370,7 @@ def _observed_distances(
 def _passing(
     result: xr.Dataset, seen: Observed, distances: np.ndarray | None, source: Sources
 ) -> pd.DataFrame:
-    """Fraction of the boulders that travel at least as far as observed ones (paper, Fig. 9)."""
+    """Fraction of the boulders that travel at least as far as the observed ones (paper, Fig. 9)."""
     import pandas as pd
 
     rows = []
@@ -388,8 +390,9 @@ def _passing(
 
 
 def _at_rest(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """Geometric mean of the density of simulated boulders at blocks at rest, and at the same number
-    of simulated boulders."""
+    """Geometric mean of the simulated density at blocks at rest, and at the same number of
+    simulated boulders.
+    """
     import pandas as pd
 
     rows = [

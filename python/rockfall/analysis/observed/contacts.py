@@ -25,7 +25,7 @@ VALUES = {  # observed -> maps of values in a cell, the maximum last
 
 
 def at_places(result: xr.Dataset, name: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Values of a map in the cells of places [m]; NaN outside of it."""
+    """Values of a map in the cells at places [m]; NaN outside it."""
     grid, flipped = grid_of(result[name])
     column, row = (x - grid.west) / grid.cell, (grid.north - y) / grid.cell
     inside = (column >= 0) & (column < grid.nx) & (row >= 0) & (row < grid.ny)
@@ -36,14 +36,14 @@ def at_places(result: xr.Dataset, name: str, x: np.ndarray, y: np.ndarray) -> np
 
 
 def reach_at(result: xr.Dataset, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Reach probability of the cells of places, from the available map; NaN outside of it."""
+    """Reach probability of the cells at places, from the available map; NaN outside it."""
     name = next(name for name in REACH if name in result)
     reach = at_places(result, name, x, y)
     return reach / simulated(result) if name == "passages" else reach
 
 
 def stops_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """x, y, reach_probability where boulders were found, and other columns of the file."""
+    """Table of stopping places: x, y, reach_probability, and other columns of the file."""
     import pandas as pd
 
     if seen.stops is None or not {*REACH} & set(result):
@@ -60,8 +60,9 @@ def stops_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """x, y, reach_probability of impacts; speed and height [m/s, m] where known, with the
-    corresponding maps of the result; and other columns of the file."""
+    """Table of impacts: x, y, reach_probability; speed and height [m/s, m] where known, with the
+    corresponding maps of the result; and other columns of the file.
+    """
     import pandas as pd
 
     if seen.contacts is None or not {*REACH} & set(result):
@@ -79,8 +80,7 @@ def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def _with_kept(table: pd.DataFrame, seen: Observed, kind: str) -> pd.DataFrame:
-    """Add the other columns of a file to a table; a name that is already used becomes
-    given_NAME."""
+    """Add the other columns of a file to a table; a name already in use becomes given_NAME."""
     if kind not in seen.kept:
         return table
     ours = {*table.columns, "table", *VALUES}

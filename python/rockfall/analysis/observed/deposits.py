@@ -58,9 +58,10 @@ ALL = ""  # name of the unknown source of blocks
 
 
 class Blocks(NamedTuple):
-    """Blocks mapped at rest, with one known source or none: places (n, 2) [m] and volumes
-    [m3], NaN where not known; the area in which all were mapped (shapely), None: everywhere; block
-    shapes, 0 where not known, None: of none."""
+    """Blocks mapped at rest, from one known source or none: places (n, 2) [m]; volumes [m3], NaN if
+    unknown; mapped area (shapely), None for everywhere; block shapes, 0 if unknown, None if no
+    block has one.
+    """
 
     source: str
     place: np.ndarray
@@ -83,9 +84,10 @@ class Rest(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """Rule of the kernels: the number of neighbours that sets the width, for how many boulders at
-    rest; the width in the logarithm of the volume (infinite where volumes do not count); the area
-    of the deposits [m2], and the side of a cell [m]; whether block shapes count."""
+    """Parameters of the kernels: the number of neighbours that sets the width and the number of
+    boulders it applies to; the width in log volume (infinite if volumes do not count); the deposit
+    area [m2]; the cell size [m]; and whether block shapes count.
+    """
 
     neighbours: float
     boulders: int
@@ -96,13 +98,14 @@ class Kernel(NamedTuple):
 
     @property
     def floor(self) -> float:
-        """Density of the boulder that may lie anywhere [m-2]."""
+        """Background density of one boulder anywhere in the area [m-2]."""
         return ANYWHERE / self.area
 
 
 class Sums(NamedTuple):
-    """Sums over boulders, for each block: of the kernels [m-2], of their squares, and of the
-    boulders of such a volume and shape."""
+    """Sums over boulders, for each block: kernels [m-2], their squares, and boulders of similar
+    volume and shape.
+    """
 
     near: np.ndarray
     squares: np.ndarray
@@ -111,7 +114,7 @@ class Sums(NamedTuple):
 
 def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
     """Blocks at rest without a known release, by their source; blocks of unknown source come last.
-    None if the release of all is known, from columns or as the only one.
+    None if the release of every block is known, from columns or because there is only one.
 
     Raises a RockfallError for a source that the result does not have.
     """
@@ -158,8 +161,9 @@ def _some(names: list[str]) -> str:
 
 
 def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -> Rest:
-    """Boulders of a result, from the source of blocks or all, that came to rest on the terrain, in
-    the area in which blocks were mapped."""
+    """Boulders of a result that came to rest on the terrain within the mapped area; of the blocks'
+    source, or of all sources.
+    """
     source = blocks.source
     done = ~ended_moving(result)
     if source != ALL:
@@ -174,8 +178,9 @@ def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -
 
 
 def fitted_kernel(blocks: Blocks, rest: Rest, cell: float) -> Kernel:
-    """Kernels for blocks, from the boulders of a run; `cell` is the side of a cell [m], below which
-    no width goes."""
+    """Fit kernels for blocks to the boulders of a run; `cell` is the cell size [m], the minimum
+    width.
+    """
     both = np.concatenate([blocks.place, rest.place])
     area = float(np.prod(np.maximum(np.ptp(both, axis=0), cell)))
     spread = np.inf
@@ -206,7 +211,7 @@ def silverman(values: np.ndarray) -> float:
 
 
 def _likeliest_neighbours(kernel: Kernel, rest: Rest) -> float:
-    """Number of neighbours for which boulders are most likely, each given the others."""
+    """Number of neighbours that maximises the likelihood of boulders, each given the others."""
     n = len(rest.place)
     every = np.arange(n)
     trials = np.unique(np.geomspace(2, n / 2, 12).round())
@@ -218,13 +223,14 @@ def _likeliest_neighbours(kernel: Kernel, rest: Rest) -> float:
 
 
 def _neighbours(kernel: Kernel, n: int) -> float:
-    """Number of neighbours of the kernels for another number of boulders."""
+    """Number of neighbours of the kernels, scaled to another number of boulders."""
     return max(kernel.neighbours * (max(n, 1) / max(kernel.boulders, 1)) ** (2 / 3), 1.0)
 
 
 def kernel_widths(kernel: Kernel, rest: Rest) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Widths [m] of the kernels of boulders, the widths without the nearest boulder, and the
-    squared distance [m2] of a boulder that makes the difference: (boulders,)."""
+    """Kernel widths [m] of boulders, the widths if a nearer boulder is left out, and the squared
+    distance [m2] up to which a boulder counts as nearer: (boulders,).
+    """
     from scipy.spatial import KDTree
 
     n = len(rest.place)
@@ -248,7 +254,7 @@ def kernel_sums(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> Sums:
 
 
 def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.ndarray:
-    """Log-density of some of the simulated boulders, by number, each given the others."""
+    """Log-density of selected simulated boulders, each given the others."""
     widths, without, far = kernel_widths(kernel, rest)
     densities = np.empty(chosen.size)
     for piece in _pieces(chosen.size, len(rest.place)):
@@ -264,8 +270,9 @@ def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.n
 def log_densities_again(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Sums of log-densities (times,) of boulders of a run, in the number of the blocks, of like
-    volumes, each given the others."""
+    """Sums of log-densities (times,) over random boulders of a run, as many as blocks and of
+    similar volumes, each given the others.
+    """
     if not len(rest.place):
         return np.full(times, np.log(kernel.floor) * len(blocks.place))
     chosen = _like(kernel, blocks, rest, times, random)
@@ -276,7 +283,9 @@ def log_densities_again(
 def _like(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Numbers (times, blocks) of random boulders of like volume and shape, one for each block."""
+    """Numbers (times, blocks) of random boulders of similar volume and shape, one for each
+    block.
+    """
     n, uniform = len(rest.place), random.random((times, len(blocks.place)))
     if np.isinf(kernel.of_volume) and not kernel.by_shape:
         return (uniform * n).astype(int)
@@ -291,7 +300,7 @@ def _pieces(n: int, boulders: int) -> Iterator[slice]:
 
 
 def _squares(place: np.ndarray, rest: Rest) -> np.ndarray:
-    """Squared distances [m2] of places and boulders (places, boulders)."""
+    """Squared distances [m2] between places and boulders (places, boulders)."""
     from scipy.spatial.distance import cdist
 
     return cdist(place, rest.place, "sqeuclidean")
@@ -303,8 +312,9 @@ def _normal(squares: np.ndarray, widths: np.ndarray) -> np.ndarray:
 
 
 def like_weights(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> np.ndarray:
-    """Weights of boulders by their volume and shape, 0 to 1 (blocks, boulders); 1 where these are
-    not known."""
+    """Weights of boulders by similarity of volume and shape, 0 to 1 (blocks, boulders); 1 where
+    unknown.
+    """
     if np.isinf(kernel.of_volume):
         alike = np.ones((len(blocks.place), len(rest.place)))
     else:
@@ -319,8 +329,9 @@ def like_weights(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> np.ndarra
 def kernel_values(
     kernel: Kernel, blocks: Blocks | Rest, rest: Rest, widths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of boulders by volume and shape, and kernels of these widths [m] times these weights
-    [m-2]: (blocks, boulders)."""
+    """Weights of boulders by volume and shape, and kernels of these widths [m], multiplied by the
+    weights [m-2]: (blocks, boulders).
+    """
     alike = like_weights(kernel, blocks, rest)
     return alike, alike * _normal(_squares(blocks.place, rest), widths)
 
@@ -336,8 +347,9 @@ def outside(kernel: Kernel, near: np.ndarray) -> np.ndarray:
 
 
 class Agreement(NamedTuple):
-    """Blocks at rest of a source compared with a result: mean log-density at the blocks and at as
-    many boulders of the result, its 5 % quantile, and the blocks outside of all deposits."""
+    """Comparison of blocks at rest of a source with a result: mean log-density at the blocks and at
+    the same number of simulated boulders, its 5 % quantile, and the blocks outside all deposits.
+    """
 
     source: str
     blocks: int
@@ -350,8 +362,9 @@ class Agreement(NamedTuple):
 
 def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
     """Blocks at rest without a known release, compared with the boulders of a result, by source;
-    empty if too few boulders came to rest. Every second boulder forms the density; the others are
-    deposits to compare with, because like the blocks they did not contribute to it."""
+    empty if too few boulders came to rest. Half of the boulders form the density; the other half
+    are the reference, because like the blocks they did not contribute to it.
+    """
     random, agreements = np.random.default_rng(0), []
     for blocks in witnesses(result, seen):
         rest = at_rest(result, blocks)
@@ -377,8 +390,9 @@ def _densities(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> tuple[np.nd
 
 
 def grid_for(result: xr.Dataset, given: Iterable[str | Path | Observed]) -> Grid | None:
-    """Cells of the terrain of a result, in its CRS, from its north-western corner up to the extent
-    of its boulders, for reading layers; None if no observation is a layer."""
+    """Grid for reading layers: cells of the result's terrain, in its CRS, from the north-western
+    corner to the extent of the boulders; None if no observation is a layer.
+    """
     if not any(is_point_layer(item) for item in given if not isinstance(item, Observed)):
         return None
     from rasterio.crs import CRS

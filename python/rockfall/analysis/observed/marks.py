@@ -51,8 +51,9 @@ PREFIX = "mark"
 @dataclass(frozen=True)
 class Mark:
     """A mark: place [m], height of its middle [m], diameter of the trunk [m], azimuth of the side
-    that was hit (NaN if not known) [degree], of how many it is the highest; and its line in a
-    case."""
+    that was hit [degree] (NaN if unknown), the number of marks that it exceeds or equals, and its
+    line in a case.
+    """
 
     where: str
     x: float
@@ -65,21 +66,21 @@ class Mark:
 
 
 class Passing(NamedTuple):
-    """Boulders that could make a mark: passing heights [m]."""
+    """Passing heights [m] of the boulders that could make a mark."""
 
     heights: np.ndarray
     boulders: int  # of the run
 
 
 class Heights(NamedTuple):
-    """Kernel of a mark: its width, and the greatest height that counts [m]."""
+    """Kernel of a mark: its width and the maximum height [m]."""
 
     width: float
     top: float
 
 
 def read_marks(seen: Observed) -> list[Mark]:
-    """Marks of the observed impacts: those with a height above the ground."""
+    """Marks among the observed impacts: those with a height above the ground."""
     if seen.contacts is None:
         return []
     rows: pd.DataFrame = seen.contacts
@@ -95,7 +96,8 @@ def read_marks(seen: Observed) -> list[Mark]:
 
 def with_lines_at(scene: Scene, marks: list[Mark]) -> tuple[Scene, list[Mark]]:
     """Scene with a line at each mark, and the marks with the names of their lines. The scene is run
-    once, to see how wide the lines must be and where boulders come from."""
+    once to find the widths of the lines and the directions of the boulders.
+    """
     if not marks:
         return scene, marks
     given = list(scene.case.line)
@@ -151,8 +153,9 @@ def _line(
 
 
 def passing_at(result: xr.Dataset, mark: Mark) -> Passing:
-    """Heights of the boulders of a run that cross the line of a mark; for a mark on a known side,
-    those that move towards it."""
+    """Heights of the boulders of a run that cross the line of a mark; if its side is known, only of
+    boulders that move towards that side.
+    """
     k = line_names(result).index(mark.line)
     heights = values_at(result, "passing_height", k)
     able = np.ones(heights.size, bool)
@@ -164,8 +167,9 @@ def passing_at(result: xr.Dataset, mark: Mark) -> Passing:
 
 
 def fitted_heights(mark: Mark, passing: Passing, greatest: float) -> Heights:
-    """Kernel for a mark from the boulders of a run; `greatest` is the greatest height [m] of all
-    marks and of the boulders at them."""
+    """Kernel for a mark, from the boulders of a run; `greatest` is the maximum height [m] of all
+    marks and boulders there.
+    """
     width = silverman(passing.heights)
     if not np.isfinite(width):
         width = mark.height / 4 if passing.heights.size < 2 else 0.0
@@ -173,8 +177,9 @@ def fitted_heights(mark: Mark, passing: Passing, greatest: float) -> Heights:
 
 
 def height_sums(kernel: Heights, height: float, heights: np.ndarray) -> tuple[float, float, float]:
-    """Sums over boulders at the height of a mark: of kernels [1/m], their squares, and their
-    distribution functions."""
+    """Sums over boulders at the height of a mark: kernels [1/m], their squares, and their
+    distribution functions.
+    """
     from scipy.special import ndtr
 
     scores = (height - heights) / kernel.width
@@ -194,8 +199,8 @@ def log_density(
 
 
 def log_reach(crossed: np.ndarray, boulders: int) -> np.ndarray:
-    """Logarithm of the probability that at least one block comes there, of as many as were
-    simulated.
+    """Logarithm of the probability that at least one of this number of simulated blocks arrives
+    there.
 
     >>> np.exp(log_reach(np.array([0.0, 1.0]), 1000)).round(2).tolist()
     [0.39, 0.78]

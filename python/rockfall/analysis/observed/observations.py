@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Field observations, printed results of papers and trajectories of other programs: files as
-docs/observed.md describes them."""
+"""Field observations, published results and trajectories of other programs, from files
+(docs/observed.md).
+"""
 
 from __future__ import annotations
 
@@ -69,9 +70,9 @@ def read_observed(*given: str | Path | Observed, grid: Grid | None = None) -> Ob
     """Read observations from CSV files, each of a kind that its header identifies; `Observed`
     arguments are used directly.
 
-    With the `grid` of the terrain also from layers of points, whose attributes are the columns, and
-    of polygons: the area in which stopping places were mapped. A RockfallError names file, line,
-    column, value and what is allowed.
+    With the terrain `grid`, also read layers of points, with attributes as columns, and polygons
+    that outline the mapped area. A RockfallError names file, line, column, value and what is
+    allowed.
     """
     import pandas as pd
 
@@ -242,7 +243,7 @@ KINDS = (  # kinds with more columns come first: a header may contain the column
 
 
 def _read(path: str, grid: Grid | None, notes: list[str]) -> tuple[_Kind, Iterator[Row]]:
-    """The kind of a file, and its rows."""
+    """Kind and rows of a file."""
     if is_point_layer(path):
         if grid is None:
             raise RockfallError(f"{path}: layers are read by compare, back and validate only")

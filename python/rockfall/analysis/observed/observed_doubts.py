@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observations that are likely in other units, or whose x and y are exchanged."""
+"""Checks of observations for wrong units and for exchanged x and y."""
 
 from __future__ import annotations
 
@@ -39,8 +39,9 @@ USUAL_ERROR = 1.6
 
 
 def check_exchanged(seen: Observed, site: xr.Dataset | Grid) -> None:
-    """Refuse observed places far from the boulders of a result, or from a terrain, where they lie
-    with x and y exchanged."""
+    """Refuse observed places far from the boulders of a result, or from a terrain, that would fit
+    with x and y exchanged.
+    """
     if isinstance(site, Grid):
         low, high = np.array([site.west, site.south]), np.array([site.east, site.north])
     else:
@@ -66,7 +67,7 @@ def check_exchanged(seen: Observed, site: xr.Dataset | Grid) -> None:
 
 
 def unit_notes(seen: Observed) -> Iterator[Text]:
-    """Notes on heights and diameters at trees, and volumes of blocks, that are implausible."""
+    """Notes on implausible heights and diameters of trees, and implausible block volumes."""
     if seen.contacts is not None:
         height, dbh = (seen.contacts[name].to_numpy(float) for name in ("height", "dbh"))
         if np.nanmax(height, initial=0.0) > SCAR:
@@ -111,7 +112,7 @@ def distance_notes(
 
 
 def _ratio_note(what: str, kind: str, ratio: float) -> Iterator[Text]:
-    """Note that names the unit whose ratio is nearest, within the error that a model may have."""
+    """Note that names the most likely unit, within a plausible model error."""
     error = ERROR.get(kind, USUAL_ERROR)
     apart = {unit: abs(math.log(ratio / factor)) for unit, factor in OTHER.get(kind, {}).items()}
     if apart and min(apart.values()) < math.log(error):

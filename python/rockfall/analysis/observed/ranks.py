@@ -38,9 +38,9 @@ COLUMNS = ["measure", "result", "distance", "distance_low", "distance_high", "ra
 
 
 def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFrame:
-    """COLUMNS, the results by each measure the nearest first: Wasserstein distances of the stopping
-    distances and of samples at lines, differences of printed means, in SI units; overall the mean
-    of the distances, each over the mean of all results.
+    """COLUMNS: results by each measure, nearest first. Measures are Wasserstein distances of
+    stopping distances and of samples at lines, and differences from published means, in SI units;
+    overall, the mean of the distances, each divided by its mean over all results.
 
     `rank_low` and `rank_high` are the possible ranks of a result: results whose difference has a 95
     % interval that contains 0 are tied. Results must be of one site, in one CRS.
@@ -69,7 +69,7 @@ def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFr
 
 
 def _distances(result: xr.Dataset, seen: Observed) -> Iterator[tuple[str, np.ndarray]]:
-    """Measures, and the distance with its resamples: (1 + RESAMPLES)."""
+    """Measures, and the distance with resamples of each: (1 + RESAMPLES)."""
     pair = samples(result, seen)
     if pair is not None:
         yield "stopping_distance", _resampled(*pair)
@@ -104,7 +104,7 @@ def _resampled(seen: Sample, made: Sample) -> np.ndarray:
 
 
 def _mean_apart(printed: dict, values: np.ndarray, source: np.ndarray) -> np.ndarray:
-    """Distance from a printed mean: with a normal error if its n is known, else exact."""
+    """Distance from a published mean: with a normal error if its n is known, else exact."""
     crossed = ~np.isnan(values)
     if not crossed.any():
         return np.full(1 + RESAMPLES, np.inf)
@@ -120,7 +120,7 @@ def _mean_apart(printed: dict, values: np.ndarray, source: np.ndarray) -> np.nda
 
 
 def _ranked(measure: str, names: list[str], values: np.ndarray) -> Iterator[list]:
-    """The rows of a measure, from distances (results, 1 + RESAMPLES)."""
+    """Rows of a measure, ranked by distances (results, 1 + RESAMPLES)."""
     order = np.argsort(values[:, 0], kind="stable")
     with np.errstate(invalid="ignore"):
         apart = np.nan_to_num(values[:, None] - values[None], nan=0.0)

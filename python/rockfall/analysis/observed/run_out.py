@@ -57,8 +57,7 @@ class Sample(NamedTuple):
 
 
 def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
-    """Number of times each boulder occurs in another sample with the same number from each
-    source."""
+    """Number of times each boulder occurs in a resample with the same number from each source."""
     counts = np.zeros(len(sample.source), int)
     for source in np.unique(sample.source):
         from_source = np.flatnonzero(sample.source == source)
@@ -201,8 +200,9 @@ def _in_frame(ways: Sample, across: np.ndarray) -> Sample:
 
 
 class Starts(NamedTuple):
-    """Starts of boulders, as observers can distinguish them: a polygon or point of the source
-    layer, a cliff (adjacent source cells), or a point."""
+    """Starts of boulders as observers can distinguish them: a feature of the source layer, a cliff
+    (adjacent source cells), or a point.
+    """
 
     group: np.ndarray  # of each boulder, from 0
     names: list[str]  # of the groups
@@ -230,7 +230,9 @@ def starts(result: xr.Dataset) -> Starts:
 
 
 def _touching(places: np.ndarray, cell: float) -> np.ndarray:
-    """Number of the patch of adjacent source cells of each, in the order of the cells."""
+    """Patch number of each source cell, where adjacent cells form a patch; in the order of the
+    cells.
+    """
     import pandas as pd
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -249,7 +251,8 @@ def cell_of(result: xr.Dataset) -> float:
 
 def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
     """Mask of the boulders of a result to compare with observed stopping places or distances: those
-    from the same starts, or all if these are unknown; and a description."""
+    from the same starts, or all if starts are unknown; and its description.
+    """
     total = result.sizes["boulder"]
     if seen.stops is None or seen.starts is None:
         return np.ones(total, bool), ""
@@ -267,8 +270,9 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
 
 
 def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
-    """Observed boulders: stopping distance, and where places are known the lateral offset [m], with
-    the number of the source; None if the distances are unknown."""
+    """Observed boulders: stopping distance, lateral offset [m] where places are known, and source
+    number; None if the distances are unknown.
+    """
     origins = starts(result)
     if seen.stops is None or (seen.starts is None and len(origins.places) > 1):
         if seen.distances is None:
@@ -314,8 +318,9 @@ def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
 
 
 def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndarray:
-    """Distance (column 0) or lateral offset (1) [m] in a frame of each boulder of a result from
-    this group, NaN for others."""
+    """Distance (column 0) and lateral offset (1) [m] of each boulder of a result from this group,
+    NaN for others.
+    """
     ways = np.column_stack(
         [result[f"stop_{axis}"].values - result[f"start_{axis}"].values for axis in "xy"]
     )
@@ -372,7 +377,7 @@ def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
 
 
 def _limits(values: np.ndarray, enough: bool) -> list[float]:
-    """First value, and the limits of the others: NaN if too few boulders were resampled."""
+    """First value, and the limits from the others; NaN if too few boulders were resampled."""
     limits = np.quantile(values[1:], LIMITS).tolist() if enough else [np.nan, np.nan]
     return [float(values[0]), *limits]
 
@@ -393,8 +398,9 @@ def moments(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
 
 
 def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.Generator) -> float:
-    """95 % quantile of the Wasserstein distance for the same number of boulders of the result, from
-    the same sources."""
+    """95 % quantile of the Wasserstein distance between the result and samples of the same number
+    from the same sources.
+    """
     values, distances = made.values[:, 0], []
     places = {s: np.flatnonzero(made.source == s) for s in np.unique(seen.source)}
     distance = Distance(values, values)
@@ -408,14 +414,14 @@ def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.G
 
 
 def mean_slopes(values: Held | Mapping[str, ArrayLike]) -> np.ndarray:
-    """Slopes (boulders,) of the straight lines from releases to ends [degree]."""
+    """Slopes (boulders,) of the straight lines from release to end [degree]."""
     return np.degrees(np.arctan2(*falls_and_distances(values)))
 
 
 def falls_and_distances(
     values: Held | Mapping[str, ArrayLike],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Heights (boulders,) from releases down to ends, and their distances in plan [m]."""
+    """Fall heights (boulders,) from release to end, and plan distances [m]."""
     start, stop, distance = (
         np.asarray(values[name]) for name in ("start_z", "stop_z", "plan_distance")
     )
@@ -425,8 +431,9 @@ def falls_and_distances(
 def passing(
     result: xr.Dataset, distance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distances [m], the fraction of boulders that travel at least this far, and its 95 % limits,
-    given the `distance` of each boulder."""
+    """Distances [m], and the fraction of boulders that travel at least this far with its 95 %
+    limits, from the `distance` of each boulder.
+    """
     source = sources(result)
     shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)
     fraction = [fraction_interval(distance >= limit, source) for limit in shown]

@@ -35,7 +35,7 @@ class Rocks:
     tangents: np.ndarray
 
     def steeper(self, slope: float) -> float:
-        """Fraction of its cells steeper than a slope [degree]; NaN if none is known."""
+        """Fraction of the cells steeper than a slope [degree]; NaN if none is known."""
         if not self.tangents.size:
             return np.nan
         return float((self.tangents > np.tan(np.radians(slope))).mean())
@@ -43,9 +43,9 @@ class Rocks:
 
 def rocks_of(scene: Scene) -> Iterator[Rocks]:
     """Zones that occur in some cell, in the order of their table. For raster sizes: the fifths of
-    the cells with the smallest, largest and middle rocks, by R_m or Rg70, each with the medians of
-    its sizes, without absorbing cells. Ground with rebounds other than the case's impact sets is
-    left out."""
+    the cells with the smallest, middle and largest rocks by R_m or Rg70, each with its median
+    sizes. Absorbing cells, and ground that does not use the case's impact sets, are left out.
+    """
     surface, ground = scene.case.surface, scene.ground
     scale = radius_over_rg(scene.case) if surface["method"] == "A" else 1.0
     usual = _follows_sets(scene)
@@ -93,7 +93,9 @@ def _by_size(radii: np.ndarray, tangents: np.ndarray) -> Iterator[Rocks]:
 
 @lru_cache
 def _neutral_slope(means: bytes, covariances: bytes, weights: tuple[float, ...]) -> float:
-    """Neutral slope of sets (5, 9) and (5, 9, 9) as bytes: variants of a case often share them."""
+    """Neutral slope of sets (5, 9) and (5, 9, 9) as bytes, for caching: variants of a case often
+    share them.
+    """
     sets = np.frombuffer(means).reshape(-1, 9), np.frombuffer(covariances).reshape(-1, 9, 9)
     rebounds = [set_rebound(mean, c) for mean, c in zip(*sets, strict=True)]
     return neutral_slope(mixed_rebound(rebounds, np.array(weights)), BOULDERS)
@@ -116,7 +118,7 @@ class NeutralSlopes:
         return np.sum(sets, axis=0) / np.sum(sets)
 
     def classes(self, radius: float, radii: np.ndarray) -> list[int]:
-        """The ratio of the set nearest to each of these rocks."""
+        """Ratio class of the set nearest to each of these rocks."""
         return [int(np.argmax(set_weights(radius / r, False))) + 1 for r in radii]
 
     def of(self, radius: float, radii: np.ndarray) -> float:

@@ -29,7 +29,7 @@ Rebound = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 
 @dataclass(frozen=True)
 class Growth:
-    """Logarithm of the speed after a bounce over that after the bounce before."""
+    """Logarithm of the ratio of speeds after successive bounces."""
 
     mean: float
     std: float
@@ -56,7 +56,7 @@ def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
 
 
 def mixed_rebound(rebounds: Sequence[Rebound], weights: np.ndarray) -> Rebound:
-    """Rebounds by one of several rules, selected each time with these probabilities."""
+    """Rebounds by one of several rules, drawn each time with these probabilities."""
 
     def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         v_out = np.empty_like(v_in)
@@ -72,8 +72,8 @@ def resampled_rebound(v_in: np.ndarray, v_out: np.ndarray) -> Rebound:
     """Rebounds drawn from impacts: one of those nearest in angle and spin, scaled to the speed.
 
     The least-squares map of all impacts transforms it from its own incidence to that of the
-    boulder: an unchanged neighbour would smear angles and spins, and slow boulders by about 0.02 a
-    bounce.
+    boulder: without this, angles and spins would smear, and boulders would lose about 0.02 more of
+    their speed per bounce.
     """
     from scipy.spatial import cKDTree
 
@@ -101,7 +101,7 @@ def _place(v: np.ndarray) -> np.ndarray:
 
 
 def _fly(v: np.ndarray, slope: float) -> np.ndarray:
-    """Velocity at the next bounce; a boulder thrown uphill comes down again."""
+    """Velocity at the next bounce; a boulder thrown uphill falls back."""
     v_in = np.stack([v[:, 0] + 2 * np.tan(np.radians(slope)) * v[:, 1], -v[:, 1], v[:, 2]], axis=1)
     back = v_in[:, 0] < 0
     v_in[back] *= [-1, 1, -1]  # the frame turns round with it
@@ -109,7 +109,7 @@ def _fly(v: np.ndarray, slope: float) -> np.ndarray:
 
 
 def growth(rebound: Rebound, slope: float, boulders: int = 1000, seed: int = 1) -> Growth:
-    """Growth of bounces on a plane of this slope [degrees], after a start-up phase."""
+    """Speed growth of bounces on a plane of this slope [degree], after a start-up phase."""
     generator = np.random.default_rng(seed)
     v = np.tile([10.0, 2.0, 8.0], (boulders, 1))
     logs = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Numbers at a line after the first boulders of a run, from few to all."""
+"""Statistics at a line as a function of the number of boulders run."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ STEPS = 24  # number of sizes
 
 
 def sizes(source: Sources) -> list[int]:
-    """Numbers of boulders, evenly spaced in their logarithm, up to all; complete turns of the
-    sources where there are enough."""
+    """Numbers of boulders, evenly spaced in their logarithm, up to all; multiples of a full cycle
+    of sources if there are enough.
+    """
     source_count, boulders = source.count, source.number.size
     n = np.geomspace(min(FIRST, boulders), boulders, STEPS).round().astype(int)
     n = np.where(n > source_count, n // source_count * source_count, n)
@@ -46,8 +47,9 @@ def mixed(source: Sources) -> np.ndarray:
 
 
 def known_of(number: np.ndarray, source: Sources) -> Sources:
-    """Sources of the first boulders of `mixed`: strata only if all sources have the same number of
-    boulders; before that, the selection of sources is random."""
+    """Sources of the first boulders of `mixed`: strata only if all sources have the same number;
+    otherwise the selection of sources is random.
+    """
     whole = number.size == source.number.size
     if source.sampled or whole or not np.ptp(np.bincount(number, minlength=source.count)):
         return Sources.of(number, source.sampled)
@@ -55,7 +57,7 @@ def known_of(number: np.ndarray, source: Sources) -> Sources:
 
 
 def history(result: xr.Dataset, line: int, n: list[int]) -> History:
-    """Numbers at the line of this index after each of `n` boulders."""
+    """Statistics at the line with this index after each of `n` boulders."""
     source = sources(result)
     order = mixed(source)
     number = source.number[order]

@@ -43,8 +43,9 @@ WITHHELD = math.nan, math.nan  # limits from too few boulders
 
 @dataclass(frozen=True)
 class Sources:
-    """Sources of boulders. A selection (`sources[which]`) keeps the released numbers: the number of
-    selected boulders is random too."""
+    """Sources of boulders. A selection (`sources[which]`) keeps the released numbers, because the
+    number of selected boulders is random too.
+    """
 
     number: np.ndarray  # source of each boulder, from 0
     stratum: np.ndarray  # source, with sources of a single boulder merged with another
@@ -74,7 +75,7 @@ class Sources:
         return int(self.number.max(initial=-1)) + 1
 
     def sums(self, residual: np.ndarray) -> Sums:
-        """Sums of a variable of the boulders, less its mean."""
+        """Sums of a variable over boulders, less its mean."""
         size = self.released.size
         if size == 1:
             total, squares = (np.array([v.sum()]) for v in (residual, residual**2))
@@ -95,8 +96,9 @@ class Sources:
         return Sums(n, held - n * fraction, squares, self.released, self.sampled)
 
     def effective_number(self, holds: np.ndarray) -> float:
-        """Effective number of independent boulders for the fraction of chosen
-        holds, (boulders,) of bool."""
+        """Effective number of independent boulders for the fraction where `holds`, (boulders,) of
+        bool, is True.
+        """
         return self.indicator(holds).effective_number(float(holds.mean()))
 
     @property
@@ -143,8 +145,10 @@ class Sums:
         fewest: int = MIN_FOR_MEAN,
         skewed: float = SKEWED,
     ) -> tuple[float, float]:
-        """Limits of the interval of the mean, less the mean, of values of this shape; NaN for fewer
-        than `fewest` values, or sources if these are sampled. See `hall` for the others."""
+        """Limits of the interval of the mean, less the mean, for values of this shape; NaN for
+        fewer than `fewest` values (or sources, if these are sampled). See `hall` for the other
+        arguments.
+        """
         n = self.size
         if shape.apart < fewest:
             return WITHHELD
@@ -216,7 +220,7 @@ class Shape:
 
     @classmethod
     def of(cls, values: np.ndarray, counts: np.ndarray | None = None) -> Shape:
-        """Shape of values with the given counts; each once by default."""
+        """Shape of values with given counts; by default each value counts once."""
         if counts is None:
             n, middle = float(values.size), (values.size - 1) // 2
             median = np.partition(values, middle)[middle] if values.size else 0.0
@@ -259,8 +263,9 @@ def hall(
 
 
 def limits_of_printed(mean: float, std: float, n: float, signed: bool) -> tuple[float, float]:
-    """Limits of the interval of a mean of n values from their mean and standard deviation alone;
-    unless `signed`, no value is below 0. NaN for too few."""
+    """Limits of the interval of a mean of n values, from mean and standard deviation alone; values
+    are not negative unless `signed`. NaN for too few.
+    """
     if not n >= MIN_FOR_MEAN:
         return WITHHELD
     below = mean / std if std > 0 and mean > 0 and not signed else math.inf
@@ -283,7 +288,7 @@ def sources(result: Held) -> Sources:
 
 
 def sources_of(values: Held | Mapping[str, ArrayLike], sampled: bool) -> Sources:
-    """Sources of boulders, as `sources`, from variables of a result or of boulders by name."""
+    """Sources of boulders, as in `sources`, from variables of a result or of boulders, by name."""
     places = np.asarray(values["source"])
     if sampled:
         places = np.asarray(values["start_x"]) + 1j * np.asarray(values["start_y"])
@@ -291,14 +296,16 @@ def sources_of(values: Held | Mapping[str, ArrayLike], sampled: bool) -> Sources
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:
-    """Rank of each value, from 0, among those that differ; of small integers without sorting."""
+    """Rank of each value, from 0, among the distinct values; small integers are ranked without
+    sorting.
+    """
     if values.dtype.kind == "i" and values.size and 0 <= values.min() <= values.max() < DENSE:
         return (np.cumsum(np.bincount(values) > 0) - 1)[values]
     return np.unique(values, return_inverse=True)[1]
 
 
 def are_sampled(result: Held) -> bool:
-    """Return True if the sources of a result are a sample of others."""
+    """Return True if the sources of a result are a sample."""
     text = str(result.attrs.get("case", ""))
     return "sample" in text and case_of(result).release["sources"] == "sample"  # cheap test first
 
@@ -339,9 +346,10 @@ def student(freedom: float) -> float:
 
 
 def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[float, float]:
-    """Order statistics that enclose a quantile, interpolated between ranks, without which intervals
-    of small samples would be too wide; NaN where the sample ends before them. (SciPy's
-    quantile_test does not interpolate, and has no strata.)"""
+    """Order statistics that enclose a quantile, interpolated between ranks, because intervals of
+    small samples would otherwise be too wide; NaN beyond the sample. (SciPy's quantile_test does
+    not interpolate, and has no strata.)
+    """
     n = ordered.size
     low, high = np.interp(
         ranks_around(n, level, effective), np.arange(1, n + 1), ordered, np.nan, np.nan
@@ -352,8 +360,9 @@ def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[
 def quantile(
     values: np.ndarray, level: float, source: Sources | Weighted
 ) -> tuple[float, float, float]:
-    """Quantile and the limits of its 95 % interval, as in line statistics, or of weighted boulders;
-    NaN without values, or for a level that is not known."""
+    """Quantile and its 95 % interval as in line statistics, or for weighted boulders; NaN without
+    values, or for an unknown level.
+    """
     if not values.size or np.isnan(level):
         return np.nan, np.nan, np.nan
     if isinstance(source, Weighted):
@@ -371,8 +380,9 @@ def ranks_around(n: int, level: float, effective: float) -> np.ndarray:
 
 
 def half_width(row: Mapping[str, float], name: str) -> float:
-    """Half-width of a confidence interval, relative to its number: 0 for equal values, inf for the
-    number 0, NaN without an interval."""
+    """Half-width of a confidence interval relative to its number: 0 for equal values, inf if the
+    number is 0, NaN without an interval.
+    """
     value = row.get(name, np.nan)
     if name != "fraction" and row.get("std") == 0 and row["n"] >= CROSSED:
         return 0.0
@@ -383,13 +393,14 @@ def half_width(row: Mapping[str, float], name: str) -> float:
 
 
 def boulders_needed(boulders: float, width: float, limit: float, crossed: float = np.inf) -> float:
-    """Number of boulders for an interval as narrow as `limit`, from one of `width` with `boulders`:
-    the width falls as 1/sqrt(n). If `crossed`, the boulders past the line, is given, the interval
-    is used from `CROSSED` on."""
+    """Number of boulders for an interval of `limit`, given an interval of `width` from `boulders`:
+    the width falls as 1/sqrt(n). If `crossed`, the number past the line, is given, the interval
+    counts from `CROSSED` on.
+    """
     return boulders * max((width / limit) ** 2, CROSSED / crossed if crossed else np.inf)
 
 
 def rounded_up(boulders: float) -> int:
-    """Round up to two digits: a number of boulders is a forecast."""
+    """Round up to two digits, because the required number of boulders is a forecast."""
     step = 10 ** max(0, math.floor(math.log10(max(boulders, 1.0))) - 1)
     return math.ceil(boulders / step - 1e-9) * step

@@ -40,7 +40,7 @@ class Estimate(NamedTuple):
 
 
 def mean_of(values: np.ndarray, fewest: int = MIN_FOR_MEAN) -> Estimate:
-    """Mean of the values that are not NaN."""
+    """Mean of the known values (not NaN)."""
     has = ~np.isnan(values)
     if has.sum() < fewest:
         return Estimate(float(np.mean(values[has])) if has.any() else math.nan)
@@ -49,8 +49,9 @@ def mean_of(values: np.ndarray, fewest: int = MIN_FOR_MEAN) -> Estimate:
 
 
 def quantile_of(values: np.ndarray, level: float = LEVEL) -> Estimate:
-    """Quantile of the values that are not NaN. The density at it, which its influence needs, is
-    that between the order statistics that enclose it (Woodruff 1952)."""
+    """Quantile of the known values (not NaN). Its influence uses the density between the order
+    statistics that enclose it (Woodruff 1952).
+    """
     has = ~np.isnan(values)
     if not has.any():
         return Estimate(math.nan)
@@ -74,7 +75,7 @@ def difference(here: Estimate, before: Estimate, source: Sources) -> Difference:
 
 
 def mean_difference(apart: np.ndarray, source: Sources) -> Difference:
-    """Mean of the differences of boulders that all have a value in both runs."""
+    """Mean difference of boulders that all have a value in both runs."""
     if not apart.any():
         return NONE
     mean, (low, high) = float(apart.mean()), _limits(apart, source)
@@ -82,8 +83,9 @@ def mean_difference(apart: np.ndarray, source: Sources) -> Difference:
 
 
 def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
-    """Difference of the means over the boulders that have a value in either run. Each mean is a
-    ratio of means over all boulders, and the interval linearised (Cochran 1977)."""
+    """Difference of the means over the boulders that have a value in each run. Each mean is a ratio
+    of means over all boulders; the interval is linearised (Cochran 1977).
+    """
     ours, theirs = mean_of(here, fewest=2), mean_of(before, fewest=2)
     value = ours.value - theirs.value
     if ours.influence is None or theirs.influence is None:
@@ -95,9 +97,9 @@ def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -
 
 
 def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
-    """Difference of the fractions of chosen boulders. If boulders change sides in
-    one direction only, it is that fraction: unlike normal intervals, this one is bounded by 0 and
-    1."""
+    """Difference of the fractions of chosen boulders. If boulders change sides in one direction
+    only, it is the fraction that changed, with an interval that stays between 0 and 1.
+    """
     gained, lost = here & ~before, before & ~here
     if gained.any() and lost.any():
         return mean_difference(here * 1.0 - before, source)
@@ -122,8 +124,9 @@ def difference_of_fractions(here: np.ndarray, before: np.ndarray, source: Source
 def relative_changes(
     whole: np.ndarray, before: np.ndarray, parts: np.ndarray, parts_before: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Relative changes of numbers (...) of all boulders, and their standard errors from those of
-    the same parts (..., parts) of the boulders. NaN for changes from 0."""
+    """Relative changes of numbers (...) over all boulders, and standard errors from the numbers of
+    parts (..., parts). NaN for changes from 0.
+    """
     before = np.where(before == 0, np.nan, before)
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Degrees of freedom")  # no boulder crossed

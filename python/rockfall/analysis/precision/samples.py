@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples for statistics, from any source: values of each boulder, or the bins, sums and largest
-values that a run keeps in their place (rockfall.result.samples)."""
+"""Samples for statistics: values of each boulder, or the bins, sums and largest values that a run
+keeps instead (rockfall.result.samples).
+"""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)  # of bins, in units; 1: a
 
 
 class Sample(ABC):
-    """Values of n boulders, among those that were released."""
+    """Values of n boulders out of those released."""
 
     n: int
     released: int
@@ -57,9 +58,10 @@ class Sample(ABC):
         """Order statistics that enclose a quantile, as in `between_ranks`."""
 
     def fitted_between(self, level: float, effective: float) -> tuple[float, float]:
-        """Values expected at the ranks that enclose a quantile, from many more values around them,
-        whose logarithms are fitted by normal scores. In a tail two order statistics are a few
-        values apart, and their distance has twice the error of the fitted one."""
+        """Estimates of the order statistics that enclose a quantile, from many more values around
+        them, whose logarithms are fitted by normal scores. In a tail the distance of two order
+        statistics has twice the error of the fitted one.
+        """
         ranks = np.clip(ranks_around(self.n, level, effective), 0.5, self.n + 0.5)
         middle = 1 + level * (self.n - 1)
         ends = np.clip(middle + FITTED * (ranks - middle), 1, self.n)
@@ -79,7 +81,7 @@ class Sample(ABC):
 
     @abstractmethod
     def largest(self, n: int) -> np.ndarray:
-        """The n largest values, in increasing order; fewer if fewer are known."""
+        """The n largest known values, in increasing order."""
 
     @abstractmethod
     def effective_passing(self) -> float:
@@ -118,10 +120,10 @@ def quantiles(ordered: np.ndarray, levels: Sequence[float]) -> np.ndarray:
 
 
 class Passing:
-    """Boulders that have values, among all from these sources."""
+    """Boulders that have values, out of all from these sources."""
 
     def __init__(self, everyone: Sources, which: np.ndarray) -> None:
-        """`which`: boulders that have values, as indices or a mask."""
+        """`which`: the boulders that have values, as indices or a mask."""
         self.released, self.source = everyone.number.size, everyone[which]
         self.fraction = everyone.indicator(which)
 
@@ -194,8 +196,9 @@ class Counts(Sample):
         tail: np.ndarray,
         sampled: bool,
     ) -> None:
-        """Counts in bins; words (parts, 5) of sums; counts in coarse bins of each group, with its
-        released number; units in one of the quantity; the largest values, none without a tail."""
+        """Counts in bins; words (parts, 5) of sums; coarse counts of each group with its released
+        number; units per unit of the quantity; the largest values, None without a tail.
+        """
         used = np.flatnonzero(bins)
         self._bins, self._low, self._width = bins[used], LOW[used], WIDTH[used]
         self._coarse = used // (bins.size // SAMPLE_COARSE)
@@ -237,7 +240,7 @@ class Counts(Sample):
         return low + (high - low) * (ranks - below)
 
     def _ranked(self, rank: np.ndarray) -> np.ndarray:
-        """Values of integer ranks: exact for the largest, uniform within bins for the others."""
+        """Values at integer ranks: exact for the largest, uniform within bins for the others."""
         k = np.searchsorted(self._before + self._bins, rank, side="right")
         alone = self._width[k] == 1
         within = np.where(alone, 0.5, (rank - self._before[k] + 0.5) / self._bins[k])
@@ -275,13 +278,13 @@ class Counts(Sample):
         return self._limits_of((values - middle) ** 2, *OF_SQUARES)
 
     def _limits_of(self, numbers: np.ndarray, *rule: Any) -> tuple[float, float]:
-        """Limits for the mean of a variable with a number for each bin."""
+        """Limits of the mean of a variable that has one value per bin."""
         shape = Shape.of(numbers, self._bins)
         numbers = numbers - self._bins @ numbers / self.n
         return self._by_group(numbers, numbers**2).limits_of_mean(shape, *rule)
 
     def _by_group(self, numbers: np.ndarray, squares: np.ndarray) -> Sums:
-        """Sums of a variable and its square in each bin."""
+        """Sums of a variable and its square in each bin, by group."""
         n, *sums = (
             np.bincount(self._coarse, self._bins * v, SAMPLE_COARSE)
             for v in (np.ones(self._bins.size), numbers, squares)

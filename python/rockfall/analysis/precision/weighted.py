@@ -62,7 +62,7 @@ def quantile_interval(
 
 
 def _steps(values: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values in rising order, and the fractions of the weight up to the middle of each."""
+    """Values in increasing order, and the cumulative weight fraction up to the middle of each."""
     order = np.argsort(values, kind="stable")
     ordered = weights[order]
     return values[order], (np.cumsum(ordered) - ordered / 2) / ordered.sum()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on boulders whose ends or passages do not represent the slope."""
+"""Remarks on boulders whose end or passage does not represent the slope."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def _radius(volumes: np.ndarray) -> np.ndarray:
 
 def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on boulders that count as released but do not represent the slope: left the known
-    terrain before a line, reached the limit of contacts, or stayed at their source. Fractions and
-    frequencies err low by them. A remark notes if nothing is known of them because no rows are
-    kept."""
+    terrain before a line, reached the limit of contacts, or stayed at their source. They bias
+    fractions and frequencies low. If no rows are kept, a remark notes that they are unknown.
+    """
     if "status" not in values:
         return
     if not (status := np.asarray(values["status"])).size:
@@ -94,9 +94,10 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iterator[Text]:
-    """Lines that few boulders cross, compared with those that ended while moving and would meet
-    them on a straight path: with these the fraction would be above its 95 % interval. The few
-    boulders that travel far are also those that leave the terrain."""
+    """Lines where few boulders cross, compared with boulders that ended while moving and would have
+    crossed on a straight path: counting these, the fraction would exceed its 95 % interval.
+    Far-travelling boulders are also those that leave the terrain.
+    """
     if not (is_moving.any() and case.lines and "row_size" in values):
         return
     n = is_moving.size
@@ -118,7 +119,7 @@ def _lines_of(values: Variables, case: Case) -> Iterator[tuple[int, dict[str, An
 
 
 def _ends(values: Variables, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and last places (2, chosen boulders) [m]."""
+    """Start and end points (2, chosen boulders) [m]."""
     start, stop = (
         np.array([np.asarray(values[f"{end}_{axis}"])[chosen] for axis in "xy"])
         for end in ("start", "stop")
@@ -141,7 +142,7 @@ def _misses_line(values: Variables, case: Case, chosen: np.ndarray) -> np.ndarra
 
 
 def _meets_line(origin: np.ndarray, direction: np.ndarray, line: dict[str, Any]) -> np.ndarray:
-    """Mask (n,) of the rays from `origin` (2, n) that meet a polyline."""
+    """Mask (n,) of the rays from `origin` (2, n) that intersect a polyline."""
     meets = np.zeros(origin.shape[1], bool)
     for first, last in pairwise(np.column_stack([line["x"], line["y"]])):
         meets |= _meets(origin, direction, first, last)
@@ -151,7 +152,9 @@ def _meets_line(origin: np.ndarray, direction: np.ndarray, line: dict[str, Any])
 def _meets(
     origin: np.ndarray, direction: np.ndarray, first: np.ndarray, last: np.ndarray
 ) -> np.ndarray:
-    """Mask (n,) of the rays from `origin` (2, n) that meet the segment from `first` to `last`."""
+    """Mask (n,) of the rays from `origin` (2, n) that intersect the segment from `first` to
+    `last`.
+    """
     (along_x, along_y), (to_x, to_y) = last - first, first[:, None] - origin
     determinant = direction[0] * along_y - direction[1] * along_x
     ray = to_x * along_y - to_y * along_x  # times the determinant

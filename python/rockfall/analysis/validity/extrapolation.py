@@ -39,7 +39,7 @@ OUTSIDE = {  # messages, by the count of a result
 
 
 class Extrapolation(NamedTuple):
-    """A fraction of the rebounds or boulders, in words, and its status as a warning."""
+    """A fraction of the rebounds or boulders as text, and whether it is a warning."""
 
     fraction: float
     text: Text
@@ -47,14 +47,15 @@ class Extrapolation(NamedTuple):
 
 
 def fractions_outside(values: Variables) -> dict[str, float]:
-    """Fractions of the rebounds by impact sets or tables outside the fitted ranges: by range (of
-    R_b/R_m), speed and angle; `values` as for `extrapolations`."""
+    """Fractions of the rebounds by impact sets or tables outside the fitted ranges of R_b/R_m,
+    speed and angle; `values` as for `extrapolations`.
+    """
     rebounds = max(1.0, _stochastic(values))
     return {what: sum_of(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
 
 
 def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolation]:
-    """Extrapolations in the variables of a result, or of boulders by name, for the sets of a case.
+    """Extrapolations found in a result or in variables of boulders, for the sets of a case.
 
     Counts may be sums, or per boulder.
     """
@@ -81,8 +82,9 @@ def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolat
 
 
 def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, Any]]:
-    """Message on rebounds outside the ratios of the impact sets or tables that made them, and its
-    values: the ratios of a shipped table."""
+    """Message and values for rebounds outside the size ratios of their impact sets or tables; the
+    ratios are those of a shipped table.
+    """
     followed = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
     tables = [ground.name for ground in followed if ground.model == RATIO_TABLE]
     if not tables:
@@ -97,7 +99,7 @@ def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, An
 
 
 def _outside_speeds(values: Variables) -> str:
-    """Message on rebounds outside the speeds of the tables, and impact sets, that made them."""
+    """Message and values for rebounds outside the speeds of their tables and impact sets."""
     by_sets = any(
         ground.rebounds and ground.model == IMPACT_SETS for ground in rebounds_by_ground(values)
     )
@@ -107,8 +109,8 @@ def _outside_speeds(values: Variables) -> str:
 def faster_than_observed(values: Variables) -> np.ndarray:
     """Mask (boulders,) of boulders that exceeded the envelope of observed speeds.
 
-    The mean slope is that of the straight line from the release to the end; a boulder that ended no
-    lower has none, and is not counted.
+    The mean slope is that of the straight line from the release to the end; a boulder that did not
+    end lower is not counted.
     """
     slope = mean_slopes(values)
     return (slope > 0) & (np.asarray(values["speed_max"]) > SPEED_PER_DEGREE * slope)

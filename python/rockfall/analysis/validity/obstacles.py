@@ -79,7 +79,7 @@ def breakage_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def _fragments_at_lines(values: Variables) -> Iterator[Text]:
-    """Mean number of fragments at each line, of the boulders that cross it."""
+    """Mean number of fragments at each line, over the boulders that cross it."""
     if not all(name in values for name in ("crossing_fragments", "line_name", "row_size")):
         return
     for k, name in enumerate(line_names(values)):

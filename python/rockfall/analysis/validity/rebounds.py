@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on the rebounds behind the numbers of a run and on how reliable they are."""
+"""Remarks on the rebound models of a run and their reliability."""
 
 from __future__ import annotations
 
@@ -39,8 +39,9 @@ JUDGED_TABLES = "talus", "meadow"  # grounds by tables of impacts, each with evi
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on the fractions of classical rebounds and the reliability of their coefficients;
-    none for runs with impact sets only."""
+    """Remarks on the fractions of classical rebounds and their coefficients; none for runs with
+    impact sets only.
+    """
     if not (grounds := classical_grounds(values)):
         return
     own = "model.own_coefficients" if has_own_grounds(case) else "model.quoted_coefficients"
@@ -65,8 +66,9 @@ def ground_part(rebounds: GroundRebounds) -> Text:
 
 
 def followed_text(values: Variables, case_set: str) -> str:
-    """Grounds that rebounds followed, with their models and fractions, the most frequent first;
-    without grounds the impact sets of the case."""
+    """Grounds on which boulders rebounded, with models and fractions, most frequent first; without
+    grounds, the impact sets of the case.
+    """
     grounds = sorted(rebounds_by_ground(values), key=lambda ground: -ground.rebounds)
     if not grounds:
         return say("inputs.impact_sets", impact_set=case_set)
@@ -81,8 +83,9 @@ def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
 
 
 def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on the field validation of the shipped impact sets (docs/validation); none without
-    rebounds by them."""
+    """Remarks on the field validation of the shipped impact sets (docs/validation); none if no
+    rebound used them.
+    """
     names = set(sets_followed(values, case.impact["sets"])) & set(shipped_sets())
     total = sum_of(values, "rebounds")
     if not total:
@@ -113,8 +116,9 @@ def _set_errors(name: str, method: str) -> dict[str, int]:
 
 
 def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on the fractions of rebounds by tables of impacts and their field validation, and on
-    boulders much larger than the blocks thrown; none without tables."""
+    """Remarks on the fraction of rebounds by impact tables, on their field validation, and on
+    boulders much larger than the simulated blocks; none without tables.
+    """
     if not (tables := table_grounds(values)):
         return
     names = [table.name for table in tables]
@@ -153,6 +157,6 @@ def _largest_thrown(tables: Iterable[GroundRebounds], case: Case) -> Iterator[fl
 
 
 def has_own_grounds(case: Case) -> bool:
-    """Return True if the grounds come from the user's table in place of the shipped one."""
+    """Return True if the grounds come from the user's table instead of the shipped one."""
     own = case.surface.get("ground_table")
     return bool(own) and own not in other_tables()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A remark on the validity of a run's model, and counts behind it."""
+"""A remark on the validity of a run's model, with the counts behind it."""
 
 from __future__ import annotations
 
@@ -39,5 +39,5 @@ class Remark(NamedTuple):
 
 
 def sum_of(values: Variables, name: str) -> int:
-    """Sum over the boulders of a count."""
+    """Sum of a count over the boulders."""
     return int(np.asarray(values[name]).sum(dtype="i8"))

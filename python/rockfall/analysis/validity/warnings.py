@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Warnings on the models of runs, each once: of one result or several, as Python warnings, and as
-an attribute of results."""
+"""Warnings on the models of one or several runs, each once: as Python warnings and as an attribute
+of results.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +34,9 @@ def joint_warnings(results: Mapping[str, Held]) -> list[Text]:
 
 
 def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
-    """Warnings of several results by name, each once: with the numbers of the first that it
-    concerns, and the names of these results if it does not concern all."""
+    """Warnings of several results by name, each once, with the numbers of the first result
+    concerned; the concerned results are named unless all are.
+    """
     texts: dict[tuple[str, ...], Text] = {}
     names: dict[tuple[str, ...], list[str]] = {}
     for name, own in by_name.items():
@@ -51,14 +53,15 @@ def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
 
 
 def with_model_warnings(result: Result) -> Result:
-    """Result whose attributes have the warnings on its model, one a line."""
+    """Result with the warnings on its model as attributes, one per line."""
     texts = model_warnings(result, case_of(result))
     return result.assign_attrs({MODEL_WARNINGS: "\n".join(texts)})
 
 
 def warned_of_model(result: Result) -> Result:
-    """Result with the warnings on its model, which are issued as Python warnings, too, attributed
-    to the caller's caller."""
+    """Result with the warnings on its model, which are also issued as Python warnings at the
+    caller's caller.
+    """
     result = with_model_warnings(result)
     warn_each(dict.fromkeys(result.attrs[MODEL_WARNINGS].splitlines()), stacklevel=4)
     return result

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The case that is edited in the live window."""
+"""The case edited in the live window."""

@@ -29,7 +29,7 @@ SIZES = ("uniform_mean_radius", "uniform_rg")
 
 @dataclass(frozen=True)
 class Document:
-    """State under edit: keys of the case by group, without defaults, and features by layer."""
+    """Edited state: keys of the case by group, without defaults, and features by layer."""
 
     settings: Settings = field(default_factory=dict)
     layers: dict[str, list[Feature]] = field(default_factory=lambda: {name: [] for name in LAYERS})
@@ -75,7 +75,7 @@ class Site:
         return self.file.absolute().parent
 
     def given(self, group: str, key: str) -> list[Any]:
-        """Values of a key in the case as opened, and in its variants."""
+        """Values of a key in the opened case and its variants."""
         documents = self.variants.documents.values()
         states = (self.opened, *(document.settings for document in documents))
         return [settings[group][key] for settings in states if key in settings.get(group, {})]
@@ -87,8 +87,9 @@ class Site:
         settings: Mapping[str, Any],
         variant: str = "",
     ) -> Document:
-        """Copy of a document with layers and groups replaced by those that the page sends;
-        `variant` is the variant that it comes from. Refused if a value is not valid."""
+        """Copy of a document with layers and groups replaced by those from the page; `variant` is
+        the variant it is based on. Refuses invalid values.
+        """
         if not isinstance(variant, str) or variant not in ("", *self.variants.documents):
             raise Refused(say("app.server_wrong_type", name="variant"))
         new_layers, new_settings = dict(document.layers), dict(document.settings)
@@ -131,7 +132,7 @@ class Runnable(NamedTuple):
     layers: dict[str, Layer]
 
     def named(self, file: str, inline: Collection[str] = ()) -> Case:
-        """Case that reads its layers from a file of these names, and has others `inline`."""
+        """Case that reads its layers from files with these names, and has others `inline`."""
         groups: dict[str, Any] = {}
         for name, layer in self.layers.items():
             if name in inline:
@@ -149,8 +150,9 @@ class Runnable(NamedTuple):
 
 
 def runnable(site: Site, document: Document) -> Runnable:
-    """Case and layers of a document; Refused without sources or a ground, a RockfallError if the
-    case is not valid."""
+    """Case and layers of a document; raises Refused without sources or ground, RockfallError for an
+    invalid case.
+    """
     groups = {group: dict(values) for group, values in document.settings.items()}
     for group, kept in site.kept.items():
         groups[group] = kept if isinstance(kept, list) else {**kept, **groups.get(group, {})}  # type: ignore[assignment]
@@ -171,7 +173,7 @@ def runnable(site: Site, document: Document) -> Runnable:
 
 
 def _release_from(sources: list[Feature], release: dict[str, Any]) -> None:
-    """Release boulders from drawn sources, in place of any others."""
+    """Replace all boulder sources by the drawn ones."""
     points = sources[0].type == "Point"
     for key in (*OTHER_SOURCES, *(OF_CELLS if points else ())):
         release.pop(key, None)
@@ -205,7 +207,7 @@ def _numbered(zones: list[Feature]) -> list[Feature]:
 def _rest(
     zones: list[Feature], sizes: dict[str, Any], surface: dict[str, Any], grid: Grid
 ) -> list[Feature]:
-    """Polygons of the terrain outside zones, which the reader refuses if they are not valid."""
+    """Polygons of the terrain outside zones; the reader refuses invalid ones."""
     import shapely
 
     radii = sizes.get("uniform_mean_radius"), sizes.get("uniform_rg")
@@ -228,8 +230,7 @@ def _rest(
 
 
 def with_output(case: Case, maps: Iterable[str], trajectories: int) -> Case:
-    """Case of a live run, with the outputs that are shown and no others: all other bits are the
-    same."""
+    """Case of a live run with only the displayed outputs; all other bits are unchanged."""
     output = {
         "maps": [*dict.fromkeys(maps)] or None, "trajectories": trajectories or None,
         "rebounds": None, "energy_balance": None,

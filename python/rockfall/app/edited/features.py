@@ -175,7 +175,7 @@ class Layer:
         return shapely.polygons(shapely.linearrings(vertices, indices=ring), indices=polygon)
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Attributes that any feature has: reals, integers (reals if one is missing) and texts."""
+        """Attributes of the features: reals, integers (reals if one is missing) and texts."""
         given = {
             name for feature in self.features
             for name, value in feature.properties.items() if value is not None
@@ -197,7 +197,7 @@ class Layer:
 
 
 def _joined(parts: Sequence[Sequence[Any]]) -> tuple[Any, np.ndarray]:
-    """Items of all parts, one after the other, and the index of the part of each."""
+    """Items of all parts in sequence, and the part index of each."""
     owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     return [*chain.from_iterable(parts)], owner
 

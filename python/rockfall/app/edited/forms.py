@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Fields of the forms in which a document is edited: keys of the case by group, and attributes of
-features by layer, with their units and ranges from the kernel's table; and checks of values."""
+"""Forms for editing a document: fields for keys of the case by group and for attributes of features
+by layer, with units and ranges from the kernel's table; and checks of values.
+"""
 
 from __future__ import annotations
 
@@ -55,8 +56,9 @@ Form = dict[str, Field]
 
 
 def settings_forms(grounds: tuple[str, ...] | None) -> dict[str, Form]:
-    """Fields of the groups of a case that are edited as settings; `grounds` are the names that its
-    keys may have, None: any."""
+    """Fields of the case groups that are edited as settings; `grounds` are the allowed names, None:
+    any.
+    """
     forms: dict[str, Form] = {}
     for key in key_table():
         if key.group not in REPEATABLE and key.name not in DRAWN.get(key.group, ()):
@@ -68,8 +70,9 @@ def settings_forms(grounds: tuple[str, ...] | None) -> dict[str, Form]:
 
 
 def layer_forms(case: Case, zones: bool, grounds: tuple[str, ...] | None) -> dict[str, Form]:
-    """Fields of the features of each layer; `zones`: whether zones are drawn; `grounds` as in
-    `settings_forms`."""
+    """Fields of the features of each layer; `zones`: True if zones are drawn; `grounds` as in
+    `settings_forms`.
+    """
     keys = {(key.group, key.name): key for key in key_table()}
     text = Key("", "name", "text", 1, "absent", "", "", "")
     names = ("density", "drop_height")
@@ -118,7 +121,7 @@ def _zone_form(
 
 
 def _pair_field(name: str) -> Field:
-    """Field of a parameter that a zone gives its ground."""
+    """Field of a ground parameter set by a zone."""
     row = next(parameter for parameter in parameters() if parameter.name == name)
     low, high = row.limits
     return Field(
@@ -136,7 +139,7 @@ def ground_names(*cases: Case) -> tuple[str, ...]:
 
 
 def _attribute(key: Key) -> Field:
-    """Field of an attribute that takes the place of a key: one value, without a default."""
+    """Field of an attribute that replaces a key: one value, without a default."""
     return _field(key)._replace(list=False, most=1, default=None)
 
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Opening of a case or a DEM: the part that becomes a document, and the part that stays
-unchanged."""
+"""Opening of a case or DEM: split into an editable document and an unchanged part."""
 
 from __future__ import annotations
 
@@ -52,7 +51,7 @@ FIRST: Settings = {
 
 
 def is_result(path: Path) -> bool:
-    """Return True for a netCDF file that is a result, and no DEM."""
+    """Return True for a netCDF file that is a result rather than a DEM."""
     if not start_of(path).startswith(NETCDF):
         return False
     try:
@@ -63,7 +62,7 @@ def is_result(path: Path) -> bool:
 
 
 def ground_choices() -> list[dict[str, Any]]:
-    """Grounds for a document that has none, with the radius of rocks [m] for those that need it."""
+    """Grounds for a document without one, with the rock radius [m] where needed."""
     return [{"name": name, "radius": RADIUS if needs_rocks(name) else None} for name in GROUNDS]
 
 
@@ -73,7 +72,7 @@ def open_site(path: Path) -> tuple[Site, Document]:
 
 
 def _open_dem(path: Path) -> tuple[Site, Document]:
-    """A document of a bare DEM, which lacks sources and a ground."""
+    """Document of a bare DEM, without sources and ground."""
     grid, _ = dem_header(path)
     name = path.with_name(f"{path.stem}.nml")
     settings = {group: dict(values) for group, values in FIRST.items()}
@@ -113,7 +112,7 @@ def _open_case(path: Path) -> tuple[Site, Document]:
 def _differs(
     site: Site, case: Case, document: Document, kept: dict[str, Any], forms: dict[str, Form]
 ) -> str:
-    """Group in which a variant differs from its site by more than a document can; "" if none."""
+    """Group where a variant differs from its site beyond what a document can edit; "" if none."""
     if case.terrain != site.opened["terrain"]:
         return "terrain"
     if document.layers["zones"] and forms["zones"] != site.layer_forms.get("zones"):
@@ -124,7 +123,7 @@ def _differs(
 def _read(
     case: Case, grid: Grid, grounds: tuple[str, ...]
 ) -> tuple[Document, dict[str, Any], dict[str, Form]]:
-    """Document of a case, the part that is kept unchanged, and the forms of its layers."""
+    """Document of a case, the part kept unchanged, and the forms of its layers."""
     settings, document = given_groups(case), Document()
     kept: dict[str, Any] = {name: getattr(case, name) for name in REPEATABLE}
     inputs = Inputs(case, grid)
@@ -155,7 +154,7 @@ def _read(
 
 
 def _fits(features: list[Feature]) -> bool:
-    """Return True for a layer that a page can edit."""
+    """Return True for a layer that the page can edit."""
     return (
         len(features) <= MAX_FEATURES
         and sum(feature.vertices() for feature in features) <= MAX_VERTICES
@@ -168,7 +167,7 @@ def _has_polygon_zones(case: Case) -> bool:
 
 
 def line_features(layer: str, case: Case, form: Form) -> Iterator[Feature]:
-    """Features of line groups, with the keys that do not have their default."""
+    """Features of line groups, with keys that differ from their default."""
     for k, group in enumerate(given_in_lists(case)[GROUPS[layer]], start=1):
         own = {key: group[key] for key in form if key in group}
         places = [[*at] for at in zip(group["x"], group["y"], strict=True)]
@@ -213,8 +212,9 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
 
 
 def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
-    """Columns of the parts of polygons, `owner` the polygon of each part; the frequency is divided
-    by area."""
+    """Columns of the parts of polygons; `owner` is the polygon of each part. The frequency is
+    divided by area.
+    """
     import shapely
 
     frequency = attribute(columns, "frequency")
@@ -227,7 +227,7 @@ def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> di
 
 
 def _plain_volume(own: dict[str, Any]) -> dict[str, Any]:
-    """Attributes in which a volume is a distribution: a number is the volume of all boulders."""
+    """Attributes with a numeric `volume` as the fixed volume of all boulders."""
     number = decimal(str(own["volume"])) if "volume" in own else np.nan
     return {**own, "volume": "fixed", "volume_mean": number} if np.isfinite(number) else own
 
@@ -238,7 +238,9 @@ def _rings(polygon: Any) -> list[list[list[float]]]:
 
 
 def _properties(columns: dict[str, Any], form: Form, size: int) -> Iterator[dict[str, Any]]:
-    """Attributes of each feature that are in a form, in the types of its fields where possible."""
+    """Attributes of each feature that are in a form, converted to the field types where
+    possible.
+    """
     fields = {name: attribute(columns, name) for name in form}
     for k in range(size):
         values = {name: plain(column[k]) for name, column in fields.items() if column is not None}
@@ -249,7 +251,9 @@ def _properties(columns: dict[str, Any], form: Form, size: int) -> Iterator[dict
 
 
 def _typed(kind: str, value: Any) -> Any:
-    """Attribute in the type of a field; unchanged if of another type, which its reader refuses."""
+    """Attribute converted to the type of its field; unchanged if not convertible, so that the
+    reader refuses it.
+    """
     if kind == "text":
         return str(value).strip()
     number = decimal(value) if isinstance(value, str) else float(value)
@@ -259,8 +263,9 @@ def _typed(kind: str, value: Any) -> Any:
 
 
 def _zones(inputs: Inputs, form: Form, surface: dict[str, Any]) -> Iterator[Feature]:
-    """Features of the polygons of zones. Those that fill the rest of the terrain, which this window
-    wrote, become the uniform ground of the case again."""
+    """Features of the zone polygons. Zones written by this window to fill the rest of the terrain
+    become the uniform ground of the case again.
+    """
     import shapely
 
     own = inputs.case.surface

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Place of an error or a warning in the document."""
+"""Location of an error or warning in the document."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ _LAYERS = {group: layer for layer, group in GROUPS.items()}
 
 
 def entry_of(text: str, site: Site, document: Document) -> dict[str, str]:
-    """Entry for the page of an error: its text without names of files, and its layer and feature,
-    or its group and key."""
+    """Entry for the page from an error: its text without file names, and its layer and feature, or
+    group and key.
+    """
     text = without_files(text, site)
     place: dict[str, str] = {}
     rest = text
@@ -49,13 +50,13 @@ def entry_of(text: str, site: Site, document: Document) -> dict[str, str]:
 
 
 def _key(text: str, form: Form) -> dict[str, str]:
-    """First key or attribute of a form that a text names."""
+    """First key or form attribute that occurs in a text."""
     match = _KEY.match(text)
     return {"key": match[1]} if match and match[1] in form else {}
 
 
 def _named(text: str, document: Document, layer: str) -> dict[str, str]:
-    """Feature of the name that a text begins with, or the only one."""
+    """Feature whose name begins a text, or the only feature."""
     match, features = re.match(r" name = '([^']*)'", text), document.layers.get(layer, [])
     for feature in features:
         if len(features) == 1 or (match and feature.properties.get("name") == match[1]):
@@ -64,7 +65,7 @@ def _named(text: str, document: Document, layer: str) -> dict[str, str]:
 
 
 def _source(text: str, document: Document) -> dict[str, str]:
-    """Point of the source that a text names by its number."""
+    """Point source whose number occurs in a text."""
     match, points = re.match(r": source (\d+) \(", text), document.layers["sources"]
     if match and points and points[0].type == "Point" and int(match[1]) <= len(points):
         return {"layer": "sources", "id": points[int(match[1]) - 1].id}
@@ -72,8 +73,7 @@ def _source(text: str, document: Document) -> dict[str, str]:
 
 
 def without_files(text: str, site: Site) -> str:
-    """Text without the name of the case, and without the folder of files; drawn layers have their
-    names only."""
+    """Text without the case name and the folder of files; drawn layers appear by name only."""
     text = text.removeprefix(f"{site.case_name}: ").replace(" = (GeoDataFrame)", "")
     for folder in (site.folder, site.file.parent):
         text = text.replace(f"{folder}{os.sep}", "")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Saving of a document as a case with a GeoPackage, next to the opened file."""
+"""Saving a document as a case with a GeoPackage, next to the opened file."""
 
 from __future__ import annotations
 
@@ -37,15 +37,16 @@ class Exists(Refused):
 
 
 def check_name(name: object) -> str:
-    """Bare name of files without an extension; Refused for anything that could be a path."""
+    """Bare file name without an extension; anything that could be a path is refused."""
     if not isinstance(name, str) or len(name) > MAX_NAME or not _NAME.fullmatch(name):
         raise Refused(say("app.server_name", length=MAX_NAME))
     return name
 
 
 def check_free(folder: Path, names: list[str], overwrite: bool) -> None:
-    """Refuse names of existing files or folders, unless they are to be replaced; and links to
-    folders, through which files elsewhere would be replaced."""
+    """Refuse names of existing files or folders unless they are to be replaced. Links to folders
+    are refused, because files elsewhere would be replaced.
+    """
     taken = [name for name in names if os.path.lexists(folder / name)]
     for name in taken:
         if (folder / name).is_symlink() and (folder / name).is_dir():
@@ -86,9 +87,9 @@ def save(site: Site, document: Document, name: str, overwrite: bool) -> Saved:
 def _with_variants(
     site: Site, document: Document, made: Runnable, file: str
 ) -> tuple[Case, set[str], str]:
-    """Case with the &variant groups of the site, and the layers that it has inline, so that these
-    groups can name their features; without the groups, but with a remark, if their meaning would
-    change."""
+    """Case with the &variant groups of the site, and its inline layers, so that these groups can
+    name features; without the groups, and with a remark, if their meaning would change.
+    """
     groups = site.variants.groups
     if not groups:
         return made.named(file), set(), ""
@@ -106,7 +107,7 @@ def _with_variants(
 
 
 def _check_layers(site: Site, saved: dict[str, Case]) -> None:
-    """Refuse a variant whose file would be replaced by a layer that is written."""
+    """Refuse a variant whose file would be overwritten by a layer."""
     for name, key, _ in _files_of_variants(site):
         layer = f"{key.name}_layer"
         before, after = (getattr(cases[name], key.group) for cases in (site.variants.cases, saved))
@@ -115,7 +116,7 @@ def _check_layers(site: Site, saved: dict[str, Case]) -> None:
 
 
 def _files_of_variants(site: Site) -> Iterator[tuple[str, Key, str]]:
-    """Files that variants name themselves: name of the variant, key and file."""
+    """Files named by variants: name of the variant, key and file."""
     for given in site.variants.groups:
         for key in file_keys():
             named = given.get(f"{key.group}_{key.name}", [])
@@ -124,5 +125,5 @@ def _files_of_variants(site: Site) -> Iterator[tuple[str, Key, str]]:
 
 
 def case_text(case: Case) -> str:
-    """Text of a case, with the values that differ from the defaults."""
+    """Text of a case, with values that differ from the defaults."""
     return namelist_text({**given_groups(case), **given_in_lists(case)})

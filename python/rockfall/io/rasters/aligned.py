@@ -27,10 +27,9 @@ def aligned_blocks(
     smooth: bool = True,
     remarks: list[str] | None = None,
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """Read a raster of `what` (a plural, for messages), aligned with the cells of `grid`, in blocks
-    of rows: (rows, values valid until the next block). With a box, its rows count from 0. `smooth`:
-    values may be interpolated between cells, unless they are integers. `remarks` gets a
-    `packing_note`.
+    """Read a raster of `what` (a plural, for messages) aligned with `grid`, in blocks of rows:
+    (rows, values valid until the next block). Rows of a box count from 0. `smooth`: values may be
+    interpolated between cells, unless they are integers. `remarks` gets a `packing_note`.
 
     Cells without data are NaN, or `NO_ID` when `dtype` is an integer (of 32 bits or more).
     """
@@ -64,8 +63,9 @@ def aligned_blocks(
 
 
 def _refuse_mark(raster: RasterFile, what: str, value: float, largest: int) -> None:
-    """Refuse a number outside the range of integers: undeclared nodata; suggest the command that
-    declares it."""
+    """Refuse a number outside the integer range as undeclared nodata, and suggest the command that
+    declares it.
+    """
     if abs(value) <= largest:
         return
     cure = "declare it as nodata"

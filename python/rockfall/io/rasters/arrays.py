@@ -74,7 +74,9 @@ def check_elevations(name: str, z: np.ndarray) -> None:
 
 
 def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
-    """Return True if any cell has an elevation; refuse absurd ones. The array starts at `row`."""
+    """Return True if any cell has an elevation; implausible elevations are refused. The array
+    starts at `row`.
+    """
     is_known = False
     for rows in row_blocks(z.shape):
         absurd = np.argwhere(np.abs(z[rows]) > MAX_ELEVATION)
@@ -146,7 +148,7 @@ def _check_steps(axis: str, centres: np.ndarray, step: float) -> None:
 
 
 def _grid_mapping(data: xr.DataArray) -> Mapping[str, Any]:
-    """Attributes of the variable that has the CRS; empty if there is none."""
+    """Attributes of the variable with the CRS; empty if there is none."""
     named = data.attrs.get("grid_mapping") or data.encoding.get("grid_mapping")
     for name in (named, "spatial_ref", "crs"):
         if name in data.coords:
@@ -169,7 +171,7 @@ def _crs(attrs: Mapping[str, Any]) -> CRS | None:
 
 
 def _exact(grid: Grid, attrs: Mapping[str, Any]) -> Grid:
-    """Grid from the GeoTransform, if there is one that agrees."""
+    """Grid from the GeoTransform, if it agrees with the coordinates."""
     try:
         west, cell, _, north, _, step = map(float, str(attrs["GeoTransform"]).split())
     except (KeyError, ValueError):

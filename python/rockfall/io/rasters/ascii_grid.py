@@ -37,7 +37,7 @@ _MAX_TOKEN = 4096  # bytes; no number is longer
 
 @dataclass(frozen=True)
 class AsciiCells:
-    """The cells of a file, after its header."""
+    """Cells of a file, read after its header."""
 
     path: str
     shape: tuple[int, int]
@@ -85,8 +85,7 @@ class AsciiCells:
 
 
 def _is_nodata(block: np.ndarray, nodata: float) -> np.ndarray:
-    """Mark nodata values, also where header and numbers are rounded to single precision in other
-    ways."""
+    """Mark nodata values, even if header and data are rounded differently to single precision."""
     if abs(nodata) > _HUGE:
         return block > _HUGE if nodata > 0 else block < -_HUGE
     with np.errstate(over="ignore"):
@@ -170,7 +169,7 @@ def _check_keys(path: str, values: dict[str, float]) -> None:
 
 
 def _place(values: dict[str, float]) -> Transform:
-    """Transform from columns and rows to coordinates, by GDAL's expressions, bit for bit."""
+    """Transform from columns and rows to coordinates, bit for bit as in GDAL."""
     width, height = (values.get("cellsize", values.get(key, 0.0)) for key in ("dx", "dy"))
     if "xllcorner" in values:
         west, south = values["xllcorner"], values["yllcorner"]

@@ -86,7 +86,7 @@ class Grid:
         return replace(self, west=west, north=north, nx=box.shape[1], ny=box.shape[0])
 
     def moved(self, east: float, north: float) -> Grid:
-        """Grid with its cells elsewhere, by these distances [m]."""
+        """Grid shifted by these distances [m]."""
         return replace(self, west=self.west + east, north=self.north + north)
 
     @property
@@ -97,8 +97,9 @@ class Grid:
         return Affine(self.cell, 0.0, self.west, 0.0, -self.cell, self.north)
 
     def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column of the cells that contain places [m]; places on the far edge are in the
-        last cell."""
+        """Row and column of the cells at places [m]; places on the far edge belong to the last
+        cell.
+        """
         row = np.floor((self.north - y) / self.cell).astype(int).clip(0, self.ny - 1)
         return row, np.floor((x - self.west) / self.cell).astype(int).clip(0, self.nx - 1)
 
@@ -120,7 +121,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle of raster cells, which ends before `stop_row` and `stop_column`."""
+    """Rectangle of raster cells; `stop_row` and `stop_column` are exclusive."""
 
     row: int
     column: int
@@ -149,7 +150,7 @@ class Box:
 
 
 def flaw_of(transform: Affine | Transform, far: int) -> str:
-    """Reason why cells cannot form a grid with sides of up to `far` cells; empty if they can."""
+    """Reason why cells cannot form a grid with up to `far` cells per side; empty if they can."""
     t = transform
     if not 0 < abs(t.a) < np.inf:
         return f"cells have the size {t.a:g}: must be > 0"

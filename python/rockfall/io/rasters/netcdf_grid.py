@@ -71,7 +71,7 @@ class NetcdfCells:
 
 @contextmanager
 def open_grid_file(file: str) -> Iterator[netCDF4.Dataset]:
-    """Open a file whose dimensions are not excessive: GDAL reads coordinates before it checks."""
+    """Open a file after checking its dimensions, because GDAL reads coordinates first."""
     with open_netcdf(file) as data:
         data.set_auto_maskandscale(False)
         for group in (data, *data.groups.values()):
@@ -122,7 +122,7 @@ class _Validity:
     packed: bool
 
     def missing(self, default: float | str | None) -> tuple[float, ...]:
-        """Markers of missing data: a fill value (the library's or the file's), and others."""
+        """Missing-value markers: a fill value (the file's or the library's), and others."""
         fill = self.values("_FillValue", 1)
         if fill.size == 0 and default is not None:
             fill = np.array([default]).astype(self.dtype)
@@ -142,7 +142,7 @@ class _Validity:
         return low, high
 
     def values(self, key: str, many: int | None) -> np.ndarray:
-        """Numbers of an attribute, `many` of them unless None, in the type of the variable."""
+        """Numeric attribute in the type of the variable; it must have `many` values unless None."""
         if key not in self.attributes:
             return np.empty(0, self.dtype)
         given = np.atleast_1d(np.asarray(self.attributes[key]))
@@ -169,7 +169,7 @@ def _unit(path: str, name: str, attributes: dict[str, Any]) -> str | None:
 
 
 def _found(variable: netCDF4.Variable, name: str) -> netCDF4.Variable | None:
-    """Variable of a name in the group of another, or in its parents."""
+    """Variable with this name in the group of another variable, or in a parent group."""
     group = variable.group()
     while group is not None and name not in group.variables:
         group = group.parent
@@ -200,7 +200,9 @@ def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray
 
 
 def _place(x: np.ndarray, y: np.ndarray, transform: Affine) -> Affine | Transform:
-    """GDAL's transform where it agrees with the coordinates, else theirs."""
+    """GDAL's transform where it agrees with the coordinates, else the transform from the
+    coordinates.
+    """
     t, far = transform, max(x.size, y.size)
     west, east = t.c + 0.5 * t.a, t.c + (x.size - 0.5) * t.a
     north, south = t.f + 0.5 * t.e, t.f + (y.size - 0.5) * t.e
@@ -235,7 +237,7 @@ def _single(path: str, name: str, key: str, value: Any) -> float:
 
 
 def _default_fill(variable: netCDF4.Variable) -> float | str | None:
-    """Default fill value of a file that gives none; bytes have no default."""
+    """Default fill value for a file without one; bytes have no default."""
     import netCDF4
 
     stored = variable.dtype

@@ -48,7 +48,7 @@ _BLOCK = 2**24  # cells of a tile, or the size of a smaller raster
 
 
 class Cells(Protocol):
-    """Stored cells of a file, and how they are read."""
+    """Stored cells of a file, with their reader."""
 
     @property
     def dtype(self) -> np.dtype: ...
@@ -93,8 +93,9 @@ class GdalCells:
 
 
 class AsciiSource:
-    """Stand-in for GDAL's dataset of an ESRI ASCII grid without companion files. Importing GDAL
-    would take longer than reading a small grid."""
+    """Replacement for GDAL's dataset, for ESRI ASCII grids without companion files: importing GDAL
+    takes longer than reading a small grid.
+    """
 
     crs, units, dtypes = None, (None,), ("float64",)
 
@@ -127,8 +128,9 @@ class RasterFile:
         return self.transform.e > 0
 
     def blocks(self, box: Box | None = None) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Blocks (rows in memory, values, valid mask), north-up, valid until the next one. With a
-        box, its rows count from 0."""
+        """Blocks (rows in memory, values, valid mask), north-up, each valid until the next. Rows of
+        a box count from 0.
+        """
         box = box or self.grid.box
         scale, offset = self.cells.packing
         for rows, block, valid in self.cells.rows(self._in_file(box)):
@@ -142,8 +144,9 @@ class RasterFile:
             yield slice(rows.start - box.row, rows.stop - box.row), block, valid
 
     def warp(self, suffix: str, options: str, factor: float = 1.0) -> str:
-        """Command that resamples this file into dem_suffix.tif; holes become nodata, not 0. Values
-        are multiplied by a factor, and unpacked, which `rio warp` does not."""
+        """Command that resamples this file into dem_suffix.tif, with holes as nodata instead of 0.
+        Values are multiplied by a factor and unpacked, which `rio warp` does not do.
+        """
         if self.source.nodata is None:
             dtype = np.dtype(self.source.dtypes[0])
             mark = np.iinfo(dtype).max if dtype.kind == "u" else -9999
@@ -156,9 +159,10 @@ class RasterFile:
         )
 
     def in_metres(self, plan: str | None, factor: float) -> str:
-        """Command that makes dem_utm.tif in another plan system, or dem_m.tif in its own, with
-        elevations multiplied by a factor; without the system of heights, by which readers would
-        convert."""
+        """Command that writes dem_utm.tif in another plan CRS, or dem_m.tif in the same one, with
+        elevations multiplied by a factor. The vertical CRS is dropped, because readers would
+        convert again.
+        """
         if plan is not None:
             return self.warp("utm", f"--dst-crs {plan} --resampling bilinear", factor)
         out, values = self._beside("m"), self._expression(factor)
@@ -169,7 +173,7 @@ class RasterFile:
         return f"{command} && rio edit-info {out} --crs {quote(crs_argument(crs))}"
 
     def _beside(self, suffix: str) -> str:
-        """Quoted name of a file next to this one."""
+        """Quoted name of a file in the same folder."""
         path = Path(self.path.replace(".nc:", "_"))
         return quote(str(path.with_name(f"{path.stem}_{suffix}.tif")))
 
@@ -242,7 +246,7 @@ def raster_files(path: str | Path) -> set[str]:
 
 
 def _faults() -> tuple[type[Exception], ...]:
-    """Exceptions that GDAL and netCDF raise for unreadable files, collected when needed."""
+    """Exceptions of GDAL and netCDF for unreadable files, collected when needed."""
     from rasterio.errors import RasterioError
 
     return RasterioError, OSError, RuntimeError, UnicodeDecodeError
@@ -254,7 +258,7 @@ def raster_file(path: str) -> str:
 
 
 def _opened(path: str, stack: ExitStack) -> RasterFile:
-    """Open the file by its format; resources are closed with the stack."""
+    """Open the file by its format; the stack closes its resources."""
     file = raster_file(path)
     variable = path[len(file) + 1 :]
     name = plain_file(file)
@@ -294,7 +298,7 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
 
 
 def _dataset(path: str, name: str, drivers: tuple[str, ...], stack: ExitStack) -> DatasetReader:
-    """Open a georeferenced file of one band with one of some GDAL drivers."""
+    """Open a georeferenced single-band file with one of these GDAL drivers."""
     import rasterio
     from rasterio.io import DatasetReader
 
@@ -319,7 +323,7 @@ def _raster(
 
 
 def _rio_name(path: str) -> str:
-    """Name by which rio opens a file, or a variable of a netCDF file."""
+    """Name under which rio opens a file or netCDF variable."""
     file = raster_file(path)
     return f'NETCDF:"{file}":{path[len(file) + 1 :]}' if file != path else file
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """DXF drawings: the lines, closed lines, hatches and points of the layers of their model space.
 
-Blocks are taken apart, arcs, circles, ellipses and splines drawn as chords within `TOLERANCE`.
-Everything is in plan. The reader is ezdxf: GDAL garbles names with umlauts, stops at some drawings,
-and ignores the style of hatches. Areas of hatches are built here from their boundaries, because
-ezdxf loses islands in holes.
+Blocks are exploded; arcs, circles, ellipses and splines become chords within `TOLERANCE`. All
+coordinates are in plan. The reader is ezdxf: GDAL garbles names with umlauts, stops at some
+drawings, and ignores the style of hatches. Areas of hatches are built here from their boundaries,
+because ezdxf loses islands in holes.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ UNITS_OF_METRES = (0, 6)  # $INSUNITS: none, metres
 
 
 class Part(NamedTuple):
-    """An entity: its layer, its kind in the drawing, and its places in plan."""
+    """An entity: its layer, its kind in the drawing, and its plan coordinates."""
 
     layer: str
     kind: str
@@ -74,8 +74,9 @@ class Part(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """Entities of the model space, the unit it names ("" for metres or none), and the number of
-    entities of each layer in paper space, by case-insensitive names."""
+    """Entities of the model space, the unit ("" for metres or none), and the number of paper-space
+    entities of each layer, by case-insensitive name.
+    """
 
     parts: list[Part]
     unit: str
@@ -87,7 +88,7 @@ class Drawing(NamedTuple):
         return self.layers_with(lambda _: True)
 
     def layers_with(self, wanted: Callable[[Part], bool]) -> list[str]:
-        """Names of the layers with lines, hatches or points of the given kinds."""
+        """Names of the layers with entities of the given kinds (lines, hatches or points)."""
         parts = (part for part in self.parts if len(part.xy) and wanted(part))
         return list(dict.fromkeys(part.layer for part in parts))
 
@@ -146,8 +147,9 @@ def _read(path: str, file: str, *_: int) -> Drawing:
 def _taken_apart(
     entities: Any, layer: str, depth: int, of_blocks: Iterator[int]
 ) -> Iterator[tuple[str, DXFEntity]]:
-    """Layers and entities, with the entities of inserted blocks; in a block, layer 0 is the layer
-    of the insertion. `of_blocks` counts entities of blocks."""
+    """Layers and entities, with inserted blocks exploded; layer 0 in a block becomes the layer of
+    the insertion. `of_blocks` counts entities from blocks.
+    """
     if depth > MAX_DEPTH:
         raise RockfallError(f"blocks within blocks, more than {MAX_DEPTH} deep")
     for entity in entities:
@@ -183,7 +185,7 @@ def _part(path: str, layer: str, entity: Any) -> Part:
 
 
 def _hatch(path: str, layer: str, entity: Any) -> Part:
-    """Boundaries of a hatch, without gaps for texts; gaps are closed by straight lines."""
+    """Boundaries of a hatch, without gaps for text; other gaps are closed by straight lines."""
     from ezdxf.math import Vec3
     from ezdxf.path import from_hatch_boundary_path
 
@@ -205,7 +207,7 @@ def _hatch(path: str, layer: str, entity: Any) -> Part:
 
 
 def _chords(curve: Any, where: str) -> np.ndarray:
-    """Places (n, 2) of a curve in plan; none if it has no length."""
+    """Points (n, 2) of a curve in plan; none if it has no length."""
     corners = np.array([tuple(vertex)[:2] for vertex in curve.control_vertices()], float)
     if not np.isfinite(corners).all():
         raise RockfallError(f"{where} has coordinates that are not finite")
@@ -220,8 +222,9 @@ def _chords(curve: Any, where: str) -> np.ndarray:
 
 
 def without_outlines(parts: list[Part]) -> list[Part]:
-    """Parts without closed lines around hatches, or around holes in them: areas would count twice,
-    and holes as areas."""
+    """Parts without the closed lines around hatches or around holes in them: these areas would
+    count twice, and holes as areas.
+    """
     hatched = [_measures(ring) for part in parts for ring in part.rings]
     if not hatched:
         return parts

@@ -79,9 +79,10 @@ def burn_polygons(
     key: str = "",
     numbers: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Integer `field` of the polygon that contains the centre of each cell (int32, `NO_ID`
-    outside), or its value of `numbers`; the last one where they overlap. Everything else is as in
-    `_on_terrain`."""
+    """Integer `field` of the polygon that contains each cell centre (int32, `NO_ID` outside), or
+    its value in `numbers`; the last polygon where they overlap. Other arguments as in
+    `_on_terrain`.
+    """
     remarks, read = [] if remarks is None else remarks, [field] if numbers is None else []
     need("polygons need", "vector", "pyogrio", "shapely")
     import shapely
@@ -129,9 +130,10 @@ def layer_names(path: str | Path) -> list[str]:
 def numbered_polygons(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Number, from 1, of the part of a polygon that contains the centre of each cell (0: none), the
-    last one where they overlap; the feature, from 1, of each part, after a 0; and the attributes of
-    all features. Everything else is as in `_on_terrain`."""
+    """Part of a polygon, from 1, that contains each cell centre (0: none; the last where they
+    overlap); the feature, from 1, of each part, after a leading 0; and the attributes of all
+    features. Other arguments as in `_on_terrain`.
+    """
     polygons = _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)
     note_outside(str(path), polygons.shapes, grid, SLIVER, remarks)
     cells, owner, parts = _numbered(polygons, grid)
@@ -145,8 +147,9 @@ def numbered_polygons(
 def _numbered(
     polygons: _Features, grid: Grid, order: int = 1
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Number of the last part of a polygon (the first, for order -1) that contains each cell, the
-    feature of each part, and the parts."""
+    """Part of a polygon that contains each cell: the last one, or the first for order -1; the
+    feature of each part; and the parts.
+    """
     import shapely
 
     parts, owner = shapely.get_parts(polygons.shapes, return_index=True)
@@ -224,7 +227,7 @@ def read_points(
 
 
 def attribute(columns: dict[str, np.ndarray], name: str) -> np.ndarray | None:
-    """Column of a name, ignoring case, and truncated names in shapefiles."""
+    """Column with this name, ignoring case and allowing names truncated by shapefiles."""
     lower = {own.lower(): column for own, column in columns.items()}
     return columns.get(name, lower.get(name.lower(), lower.get(name[:SHORT].lower())))
 
@@ -298,8 +301,9 @@ def _drawn(
     key: str,
 ) -> np.ndarray:
     """Shapes of a layer of a drawing, which has no attributes and no CRS. Closed lines and hatches
-    are polygons where these are allowed; entities that cannot be shapes of the given kinds, such as
-    texts, are left out with a remark; a line in place of a polygon is not."""
+    become polygons if polygons are allowed. Entities such as texts are left out with a remark; a
+    line where a polygon is required is refused.
+    """
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import shapely
 
@@ -392,7 +396,7 @@ def extent(west: float, south: float, east: float, north: float) -> str:
 def _read(
     path: str, columns: list[str] | None, what: str, layer: str | None, key: str
 ) -> tuple[dict[str, Any], np.ndarray, dict[str, np.ndarray]]:
-    """Metadata of the layer, its shapes, and the given attributes or all."""
+    """Metadata of the layer, its shapes, and the given attributes, or all."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely
@@ -492,7 +496,7 @@ def _integers(path: str, field: str, values: np.ndarray) -> np.ndarray:
 
 
 def _plain_layer(path: str) -> str | bytes:
-    """Input for GDAL from a polygon file: its path, or a text made from it."""
+    """Input for GDAL from a polygon file: its path, or text rewritten from it."""
     name, start = plain_file(path), start_of(path)
     if start.startswith(_SHAPES):
         return name
@@ -558,7 +562,7 @@ def _no_number(token: str) -> None:
 
 
 def _collection(data: Any) -> dict[str, Any]:
-    """FeatureCollection reduced to the supported members; a ValueError names anything else."""
+    """FeatureCollection reduced to the supported members; raises a ValueError for anything else."""
     kind = data.get("type") if isinstance(data, dict) else type(data).__name__
     if kind == "FeatureCollection":
         features = data.get("features")

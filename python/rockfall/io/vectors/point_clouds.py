@@ -86,7 +86,7 @@ def _is_laser(path: str | Path) -> bool:
 
 
 def _checked(path: str | Path, chunks: Chunks) -> Chunks:
-    """Chunks whose numbers are places on Earth; at least one point."""
+    """Chunks with plausible coordinates; at least one point is required."""
     total = 0
     for chunk in chunks:
         limits = np.array([MAX_REAL, MAX_REAL, MAX_ELEVATION])
@@ -100,7 +100,7 @@ def _checked(path: str | Path, chunks: Chunks) -> Chunks:
 
 
 def _joined(chunks: Iterable[np.ndarray]) -> np.ndarray:
-    """All points, if they are not too many."""
+    """All points, unless there are too many."""
     kept, total = [], 0
     for chunk in chunks:
         total += len(chunk)
@@ -114,8 +114,9 @@ def _joined(chunks: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def _averaged(chunks: Iterable[np.ndarray], side: float) -> np.ndarray:
-    """Mean of the points in each square that has any: equal for chunks of any size, except for
-    rounding. A plane stays a plane."""
+    """Mean of the points in each square that has any: independent of the chunk size except for
+    rounding. A plane stays a plane.
+    """
     squares, sums = _sums(np.empty(0, np.int64), np.empty((0, 4)))
     waiting: list[tuple[np.ndarray, np.ndarray]] = []
     for chunk in chunks:
@@ -166,8 +167,9 @@ def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
 
 
 def _laser_crs(path: str | Path) -> CRS | None:
-    """CRS of a LAS file, None if it has none. A file whose records contradict each other is
-    refused: laspy takes the last, other readers the first, or join them."""
+    """CRS of a LAS file, None if it has none. Contradictory records are refused: laspy uses the
+    last, other readers use the first or join them.
+    """
     from rasterio.crs import CRS
 
     with _Laser(path) as reader:
@@ -198,8 +200,9 @@ def _laser_crs(path: str | Path) -> CRS | None:
 
 
 def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any]) -> None:
-    """Refuse heights in a unit other than the metre by the GeoKeys, which laspy does not read, or
-    by a description in words."""
+    """Refuse heights in units other than the metre, by the GeoKeys, which laspy does not read, or
+    by a description.
+    """
     data = {record.record_id: record.record_data_bytes() for record in own}
     directory = data.get(DIRECTORY, b"")
     keys = keys_of(struct.unpack(f"<{len(directory) // 2}H", directory[: len(directory) // 2 * 2]))
@@ -216,8 +219,9 @@ def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any])
 
 
 def _in_metres(path: Path, factor: str) -> str:
-    """Command that makes a cloud with heights multiplied by a factor, without its coordinate
-    systems, by which readers would convert again: --crs gives the system in plan."""
+    """Command that writes a cloud with heights multiplied by a factor, without its CRS, because
+    readers would convert again: --crs gives the plan CRS.
+    """
     made = str(path.with_name(f"{path.stem}_m{path.suffix}"))
     code = f"import laspy; p = laspy.read({str(path)!r}); p.z = p.z * {factor}; p.vlrs = []; "
     code += f"p.evlrs = []; p.write({made!r})"
@@ -248,7 +252,7 @@ class _Laser:
             raise self._refusal(error) from error
 
     def _refusal(self, error: Exception) -> RockfallError:
-        """Refusal of a damaged file: laspy and lazrs raise errors of any kind for it."""
+        """Refusal of a damaged file, for which laspy and lazrs raise arbitrary errors."""
         return RockfallError(f"{self.path}: not a LAS file that can be read ({error})")
 
 
@@ -276,8 +280,9 @@ def _check_header(path: str | Path) -> None:
 
 
 def _chunk_points(path: str | Path, offset: int, size: int) -> int:
-    """Number of uncompressed points in a LAZ file, the first of each of its chunks; -1 if nothing
-    is valid."""
+    """Number of uncompressed points in a LAZ file, then the first point of each chunk; -1 if
+    invalid.
+    """
     with open(path, "rb") as file:
         file.seek(offset)
         (table,) = _PLACE.unpack(file.read(_PLACE.size).ljust(_PLACE.size, b"\0"))
@@ -292,7 +297,7 @@ def _chunk_points(path: str | Path, offset: int, size: int) -> int:
 
 
 def _laser_chunks(path: str | Path, classes: Sequence[int]) -> Chunks:
-    """Points of the classes that are not withheld."""
+    """Points of the given classes, without withheld points."""
     seen: Counter[int] = Counter()
     read = kept = 0
     with _Laser(path) as reader:

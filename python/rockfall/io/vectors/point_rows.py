@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points of a vector layer as rows of a table, with their attributes as cells; and polygons as one
-area."""
+"""Points of a vector layer as table rows, with attributes as cells; and polygons merged to one
+area.
+"""
 
 from __future__ import annotations
 
@@ -64,8 +65,7 @@ def read_area(path: str | Path, grid: Grid, remarks: list[str]) -> Any:
 
 
 def _text(value: Any) -> str:
-    """Attribute as the text of a cell; "" if empty. Integer columns with empty values arrive as
-    reals."""
+    """Attribute as cell text; "" if empty. Integer columns with empty values are read as reals."""
     if (value := plain(value)) is None:
         return ""
     if isinstance(value, float) and value.is_integer() and np.abs(value) < 2.0**53:

@@ -115,7 +115,7 @@ def _longer(path: str | Path, line: int, layout: _Layout) -> str:
 
 
 def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: bool) -> None:
-    """Refuse rows that are longer than the first line, and columns that are not x, y and z."""
+    """Refuse rows longer than the first line, and columns that are not x, y and z."""
     surplus = table.iloc[:, layout.total :].notna().any(axis=1)  # separators may end a line
     if surplus.any():
         line = int(table.index[surplus][0]) + 1 + layout.head
@@ -138,7 +138,7 @@ def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: b
 
 
 def _cells(line: str) -> tuple[list[str], str]:
-    """Cells of a line, and their separator in the notation of pandas."""
+    """Cells of a line, and its separator in pandas notation."""
     for mark in ";", ",":
         decimal = mark == "," and len(line.split()) > 2
         decimal = decimal and all(map(_COMMA_NUMBER.fullmatch, line.split()[:3]))
@@ -148,8 +148,9 @@ def _cells(line: str) -> tuple[list[str], str]:
 
 
 def _in_metres(path: Path, factor: str, cells: list[str], separator: str, head: int) -> str:
-    """Command that makes points with z multiplied by a factor, from a text with these first cells
-    after some lines."""
+    """Command that writes points with z multiplied by a factor, from a text with these first cells
+    after some header lines.
+    """
     is_head = not all(map(_NUMBER.fullmatch, filter(None, cells)))
     names = [cell.lower().lstrip("#/")[:1] for cell in cells] if is_head else ["x", "y", "z"]
     names = names[1:] if names[0] == "" else names

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Polygons as areas: parts on the terrain, overlaps, points inside, cells contained or touched.
+"""Polygons as areas: parts on the terrain, overlaps, points inside, and cells contained or touched.
 
 A point on the border of two polygons belongs to the western one, or to the southern one on an
 east-west border. Polygons with common borders thus share no cell, and omit none.
@@ -62,7 +62,7 @@ def any_overlap(shapes: np.ndarray) -> bool:
 
 
 def on_terrain(shapes: np.ndarray, grid: Grid) -> np.ndarray:
-    """Parts of polygons on the terrain; empty outside it."""
+    """Parts of polygons within the terrain; empty if entirely outside."""
     import shapely
 
     return shapely.intersection(shapes, shapely.box(grid.west, grid.south, grid.east, grid.north))
@@ -71,7 +71,7 @@ def on_terrain(shapes: np.ndarray, grid: Grid) -> np.ndarray:
 def note_outside(
     path: str, shapes: np.ndarray, grid: Grid, least: float, remarks: list[str]
 ) -> None:
-    """Remark on polygons with more than a fraction `least` of their area outside the terrain."""
+    """Remark on polygons with more than the fraction `least` of their area outside the terrain."""
     import shapely
 
     area = shapely.area(shapes)
@@ -82,8 +82,9 @@ def note_outside(
 
 
 def empty_polygons(cells: np.ndarray, shapes: np.ndarray, grid: Grid) -> np.ndarray:
-    """Mark polygons that contain no cell centre, given their number (from 1) in each. Most are
-    found in a few cells, the others within their bounds."""
+    """Mark polygons that contain no cell centre, given the polygon number (from 1) of each cell.
+    Most polygons are found in a few cells, the others are searched within their bounds.
+    """
     import shapely
 
     held = np.zeros(len(shapes) + 1, bool)
@@ -114,8 +115,9 @@ def points_inside(
 
 
 def held_cells(shapes: Iterable[tuple[Any, int]], grid: Grid, cells: np.ndarray) -> np.ndarray:
-    """Set `cells` (ny, nx) whose centres lie in polygons to the number of the last of these, and
-    return them."""
+    """Set `cells` (ny, nx) to the number of the last polygon that contains their centre, and return
+    them.
+    """
     from rasterio.features import rasterize
 
     moved = grid.moved(-ASIDE[0], -ASIDE[1])

@@ -32,8 +32,9 @@ def note_unused(
     used: Iterable[str],
     plain: Callable[[str], str] = str.lower,
 ) -> None:
-    """Add a remark on the columns that are none of the `used` names, which shapefiles truncate;
-    with the used name that a column resembles, if the file does not have that."""
+    """Add a remark on columns that are not among the `used` names, which shapefiles truncate. It
+    includes a used name that the column resembles, unless the file has that column.
+    """
     names = [plain(name) for name in used]
     expected = {*names, *(name[:SHORT] for name in names)}
     own = {plain(name): name for name in columns}
@@ -59,8 +60,9 @@ def note_marks(
     used: Iterable[str],
     plain: Callable[[str], str] = str.lower,
 ) -> None:
-    """Add a remark on each used column whose largest number marks missing values, far above all
-    others."""
+    """Add a remark on each used column whose largest number looks like a missing-value marker, far
+    above all others.
+    """
     names = {plain(name) for name in used} - _NO_NUMBERS
     names |= {name[:SHORT] for name in names}
     for name, column in columns.items():

@@ -71,7 +71,7 @@ class Labels:
 
 
 def beside(x: np.ndarray, y: np.ndarray) -> Iterator[Place]:
-    """Candidate places for the name of a polyline, from its start."""
+    """Candidate places for the name of a polyline, beginning at its start."""
     for at in np.linspace(0, x.size - 1, TRIED) if x.size else ():
         for offset in BESIDE:
             place = (float(np.interp(at, np.arange(x.size), c)) for c in (x, y))
@@ -79,7 +79,7 @@ def beside(x: np.ndarray, y: np.ndarray) -> Iterator[Place]:
 
 
 def along(curve: np.ndarray) -> Iterator[Place]:
-    """Candidate places for a number on a contour, from its middle to its ends."""
+    """Candidate places for a number on a contour, from the middle outwards."""
     inner = np.linspace(0.08, 0.92, TRIED)
     for part in sorted(inner, key=lambda place: abs(place - 0.5)):
         k = int(part * (len(curve) - 1))

@@ -71,7 +71,7 @@ def draw_line(sheet: Sheet, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) 
 
 
 def draw_sources(sheet: Sheet, places: np.ndarray) -> None:
-    """Draw few sources individually, many as the outline of their cells."""
+    """Draw sources individually if few, otherwise as the outline of their cells."""
     from matplotlib.collections import LineCollection
 
     if len(places) < FEW_SOURCES:
@@ -83,7 +83,7 @@ def draw_sources(sheet: Sheet, places: np.ndarray) -> None:
 
 
 def outlined(places: np.ndarray, finest: float) -> tuple[Any, Any]:
-    """Cells that contain sources, no smaller than their spacing or `finest` [m]."""
+    """Cells that contain sources, not smaller than the source spacing or `finest` [m]."""
     apart = [np.diff(np.unique(c.round(3))) for c in places.T]
     spacing = float(np.median(np.concatenate(apart))) if any(map(len, apart)) else finest
     return occupied(places, max(spacing, finest))

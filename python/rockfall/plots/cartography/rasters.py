@@ -20,8 +20,9 @@ DOTS = 1500  # minimum cells along the longer side of a map; its image has fewer
 def cropped(
     values: np.ndarray, grid: Grid, flipped: bool, extent: Extent, merge: np.ufunc, dots: int = 0
 ) -> tuple[np.ndarray, Grid]:
-    """Part of a raster within an extent, with at most `dots` cells per side: if several cells are
-    merged, `merge` is the function (np.add: their mean)."""
+    """Part of a raster within an extent, with at most `dots` cells per side; several cells are
+    merged by the function `merge` (np.add: their mean).
+    """
     values = values[::-1] if flipped else values
     west, east, south, north = extent
     columns = _span(west - grid.west, east - grid.west, grid.cell, grid.nx)
@@ -42,7 +43,7 @@ def merged(values: np.ndarray, step: int, merge: np.ufunc) -> np.ndarray:
 
 
 def _span(first: float, last: float, cell: float, size: int) -> slice:
-    """Cells between two distances [m] from the edge of a raster, at least two of them."""
+    """Cells between two distances [m] from the raster edge, at least two."""
     start = int(np.clip(first // cell, 0, size - 2))
     return slice(start, int(np.clip(np.ceil(last / cell), start + 2, size)))
 
@@ -65,7 +66,7 @@ def edges(inside: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 def occupied(points: np.ndarray, cell: float) -> tuple[np.ndarray, Grid]:
-    """Mask of the cells of this side that contain a point (n, 2), and their grid."""
+    """Mask of cells with this size that contain a point (n, 2), and their grid."""
     west, south = np.floor(points.min(axis=0) / cell) * cell
     column, row = np.floor((points - (west, south)) / cell).astype(int).T
     inside = np.zeros((row.max() + 1, column.max() + 1), bool)

@@ -76,8 +76,9 @@ class Sheet:
 
     @property
     def bar(self) -> tuple[float, float, float]:
-        """Position of the colour bar: left, bottom, width [inch]; wider than a narrow map, to fit
-        its numbers."""
+        """Position of the colour bar: left, bottom, width [inch]; wider than a narrow map to fit
+        its labels.
+        """
         inner = self.figure.get_figwidth() - LEFT - RIGHT
         wide = max(self.wide, min(NARROWEST_BAR, inner))
         left = min(self.left + (self.wide - wide) / 2, LEFT + inner - wide)
@@ -89,7 +90,7 @@ class Sheet:
         return self.scale / 72
 
     def box(self, left: float, bottom: float, wide: float, high: float) -> Any:
-        """A position in inches in Matplotlib's form."""
+        """Position in inches, in Matplotlib's form."""
         w, h = self.figure.get_size_inches()
         return left / w, bottom / h, wide / w, high / h
 
@@ -102,8 +103,9 @@ def new_sheet(
     basemap: Basemap | None = None,
     room: Room = PAGE,
 ) -> Sheet:
-    """Sheet as wide as its space, with a map at a round scale, a legend of these handles and the
-    given space above it [inch]; the background of the map is drawn."""
+    """New sheet as wide as its space, with a map at a round scale, this legend, and the given space
+    above it [inch]; the map background is drawn.
+    """
     from matplotlib.figure import Figure
 
     west, east, south, north = extent
@@ -130,8 +132,9 @@ def new_sheet(
 
 
 def inner_size(room: Room, key: Sequence[Any] = (), below: float = 0.0) -> tuple[float, float]:
-    """Width and height of the frame of a map [inch] in a space, with a legend of these handles and
-    the given space above it [inch]."""
+    """Width and height of the map frame [inch] in a space, with this legend and the given space
+    above it [inch].
+    """
     bottom = TICKS + STRIP + below + ROW * -(-len(key) // _columns(room))
     return room.wide - LEFT - RIGHT, room.high - bottom - TOP
 
@@ -148,7 +151,7 @@ def round_scale(rough: float) -> float:
 
 
 def scale_text(denominator: float, paper: str = "A4") -> str:
-    """Scale as text, valid at the size in which a map is drawn."""
+    """Scale as text, valid at the size in which the map is drawn."""
     return say("map.scale", denominator=denominator, paper=paper)
 
 
@@ -209,15 +212,16 @@ def _draw_frame(sheet: Sheet) -> None:
 
 
 def _inner(low: float, high: float, step: float) -> list[float]:
-    """Round numbers between two ends, with space for their texts."""
+    """Round numbers between two ends, with space for their labels."""
     margin = 0.3 * step
     first = int(np.ceil((low + margin) / step))
     return [step * k for k in range(first, int(np.floor((high - margin) / step)) + 1)]
 
 
 def _draw_strip(sheet: Sheet, crs: str) -> None:
-    """Draw scale bar and number, contour interval, and arrow to grid north; below them the
-    coordinate system."""
+    """Draw scale bar, contour interval, and arrow to grid north, and the coordinate system
+    below.
+    """
     from matplotlib.patches import Polygon, Rectangle
 
     figure, inches = sheet.figure, sheet.figure.dpi_scale_trans

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones of a hazard at a scale at which houses are legible, on all of the space of a page."""
+"""Hazard zones on a full page, at a scale where houses are legible."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ FINEST, COARSEST = 1000.0, 5000.0  # denominators of its scale
 
 @styled
 def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure:
-    """Map of the zones, lines, barriers and objects of a hazard, at 1:1,000 to 1:5,000: of the part
-    around objects and lines if the scale of the complete map would be smaller."""
+    """Map of the zones, lines, barriers and objects of a hazard, at 1:1,000 to 1:5,000. If the
+    complete map needs a smaller scale, only the part around objects and lines is shown.
+    """
     key = zone_key(hazard)
     wide, high = inner_size(room, key)
     extent = extent_of(hazard, terrain)
@@ -42,7 +43,7 @@ def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure
 
 
 def _middle(hazard: xr.Dataset, middle: np.ndarray) -> np.ndarray:
-    """Middle of the objects, or of the cells of the highest class."""
+    """Centre of the objects, or of the cells of the highest class."""
     import shapely
 
     if "object" in hazard.dims:
@@ -56,7 +57,7 @@ def _middle(hazard: xr.Dataset, middle: np.ndarray) -> np.ndarray:
 
 
 def _around(middle: np.ndarray, sides: np.ndarray, terrain: Terrain | None) -> Extent:
-    """Extent of these sides [m] about a point, moved into the terrain, and no larger."""
+    """Extent of this size around a point, moved into the terrain and clipped to it."""
     low, high = middle - sides / 2, middle + sides / 2
     if terrain is not None:
         grid = terrain[1]

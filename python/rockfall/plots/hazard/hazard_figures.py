@@ -43,8 +43,9 @@ LOOKS = {False: LINE, True: NET}  # of lines; of barriers
 
 
 def hazard_figures(hazard: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
-    """Figures of the zones of a hazard, of the intensity at each return period, of the risk of
-    objects, if they have exposure, and of each road that was cut into segments."""
+    """Figures of the zones of a hazard, of the intensity for each return period, of the risk of
+    exposed objects, and of each segmented road.
+    """
     minimum_area = case_in(hazard.attrs).hazard["minimum_area"]
     key = "hazard.classes_of_area" if minimum_area else "hazard.classes"
     shown = [
@@ -143,12 +144,12 @@ def _risk_figure(hazard: xr.Dataset, terrain: Terrain | None) -> figure.Figure:
 
 
 def begun(hazard: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Room = PAGE) -> Sheet:
-    """New map of everything that boulders reached, and of the objects."""
+    """New map that covers everything boulders reached, and the objects."""
     return new_sheet(extent_of(hazard, terrain), terrain, key, room=room)
 
 
 def extent_of(hazard: xr.Dataset, terrain: Terrain | None) -> Extent:
-    """Extent of everything that boulders reached, and of the objects."""
+    """Extent that covers everything boulders reached, and the objects."""
     import shapely
 
     passed = hazard["hit_frequency"].values > 0
@@ -167,7 +168,7 @@ def _listed(colours: list[str]) -> Any:
 
 
 def _draw_classes(axes: Axes, numbers: np.ndarray, grid: Any, data: xr.DataArray) -> None:
-    """Draw classes in their colours, nothing where there is none."""
+    """Draw classes in their colours; cells without a class are blank."""
     colours = colours_of(data)
     first, last = min(colours), max(colours)
     shown = np.where(np.isin(numbers, list(colours)), numbers, np.nan)
@@ -186,8 +187,9 @@ def _key(data: xr.DataArray) -> list[Any]:
 
 
 def _lines(hazard: xr.Dataset) -> Iterator[tuple[bool, str, np.ndarray, np.ndarray]]:
-    """Mark of barriers, name and vertices of each line and barrier of the case of a hazard, without
-    lying logs."""
+    """Barrier flag, name and vertices of each line and barrier of a hazard's case, without lying
+    logs.
+    """
     case = case_in(hazard.attrs)
     for is_barrier, groups in ((False, case.line), (True, case.barrier)):
         for group in groups:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard map on a sheet of A3, as authorities publish them: zones, with a title block that explains
-them and lists their inputs; and pages with all warnings.
+"""Hazard map on a sheet of A3, as authorities publish them: zones with a title block that explains
+them and lists the inputs, and pages with all warnings.
 
 All positions are in inches, from the lower left corner of the paper.
 """
@@ -88,8 +88,9 @@ def hazard_sheet(
 
 
 def _place_on_paper(sheet: Sheet) -> None:
-    """Put the map, which fills a figure, at the lower left of the paper. Elements placed in inches
-    keep their position; the others keep their size."""
+    """Move the map, which fills a figure, to the lower left of the paper. Elements placed in inches
+    keep their position; the others keep their size.
+    """
     figure = sheet.figure
     wide, high = figure.get_size_inches()
     places = {axes: axes.get_position() for axes in figure.axes}
@@ -106,7 +107,7 @@ def _place_on_paper(sheet: Sheet) -> None:
 
 
 def wrapped(text: str, wide: float, size: float, most: int = 0) -> list[str]:
-    """Lines of a paragraph of this width, up to a maximum."""
+    """Lines of a paragraph wrapped to this width, up to a maximum."""
     letters = int(wide * 72 / (LETTER * size))
     how: dict[str, Any] = {"max_lines": most or None, "placeholder": " ..."}
     return textwrap.wrap(text, letters, break_on_hyphens=False, **how) or [""]
@@ -137,12 +138,12 @@ class _Block:
             self.skip(1.35 * size / 72)
 
     def put(self, x: float, text: str, size: float = NORMAL, **options: Any) -> None:
-        """Write a line whose top is here."""
+        """Write a line with its top at the current position."""
         usual: dict[str, Any] = {"fontsize": size, "va": "top", "color": INK}
         self.figure.text(x, self.y, plain(text), **usual | options | self.inches)
 
     def fill(self, x: float, wide: float, high: float, **options: Any) -> None:
-        """Draw a rectangle whose top is here."""
+        """Draw a rectangle with its top at the current position."""
         from matplotlib.patches import Rectangle
 
         usual: dict[str, Any] = {"edgecolor": INK, "linewidth": 0.5}
@@ -240,8 +241,9 @@ def _write_sources(block: _Block, hazard: xr.Dataset, sheet: Sheet) -> None:
 
 
 def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
-    """Write the number of warnings, the place of the full list, and the first warnings that fit
-    completely: a cut warning may lose the part that numbers err low."""
+    """Write the number of warnings, where the full list is, and as many complete warnings as fit: a
+    cut warning might lose the words "errs low".
+    """
     if not warnings:
         return
     block.write(say("sheet.warnings", n=len(warnings)), NORMAL, "bold")
@@ -267,7 +269,9 @@ def warning_pages(hazard: xr.Dataset, groups: Iterable[tuple[str, Sequence[str]]
 
 
 class _Line(NamedTuple):
-    """A line of a page: text, height with the gap below, and whether it is of a heading."""
+    """A line of a page: text, height including the gap below, and whether it belongs to a
+    heading.
+    """
 
     text: str
     height: float
@@ -307,7 +311,7 @@ class _Page:
         return self._fits(line) or self.column + 1 < COLUMNS
 
     def _fits(self, line: _Line) -> bool:
-        """Return True if a line fits here, a heading with lines below it."""
+        """Return True if a line fits here; a heading must fit together with lines below it."""
         return self.y - (4 * LINE if line.is_head else LINE) >= MARGIN
 
     def write(self, line: _Line) -> None:

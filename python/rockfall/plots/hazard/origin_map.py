@@ -28,7 +28,7 @@ COLOURS = ("#7f0000", "#d7301f", "#fdbb84", "#f7f7f7")
 
 
 def origin_place(hazard: xr.Dataset) -> Place | None:
-    """First place to which boulders come and whose sources are known; None if there is none."""
+    """First place that boulders reach and whose sources are known; None if there is none."""
     for place in places_of(hazard):
         name = f"{place.kind}_source_frequency"
         if place.kind in SOURCES and name in hazard and hazard[name].values[place.k].any():
@@ -49,7 +49,7 @@ def parts_of_total(rates: np.ndarray) -> np.ndarray:
 
 @styled
 def origin_map(hazard: xr.Dataset, terrain: Terrain | None, place: Place, room: Room) -> Figure:
-    """Map of the sources of the boulders that come to a place."""
+    """Map of the sources of the boulders that reach a place."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 

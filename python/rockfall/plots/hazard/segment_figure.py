@@ -35,9 +35,10 @@ def roads_of_segments(hazard: xr.Dataset) -> list[str]:
 
 @styled
 def segment_figure(hazard: xr.Dataset, road: str) -> Figure:
-    """Figure of the segments of a road: class of hazard, annual frequencies with 95 % bands, 95 %
-    quantiles of the energy and of the height of the upper edge of the boulders that touch them,
-    hatched where there are too few boulders for an upper limit."""
+    """Figure of the segments of a road: hazard class, annual frequencies with 95 % bands, and 95 %
+    quantiles of the energy and upper-edge height of boulders that touch them. Hatched where too few
+    boulders give no upper limit.
+    """
     rows = segment_table(hazard)
     rows = rows[rows["road"] == road].sort_values("chainage_from")
     thresholds = hazard["threshold"].values.tolist()
@@ -57,7 +58,7 @@ def segment_figure(hazard: xr.Dataset, road: str) -> Figure:
 
 
 def _draw_classes(axes: Axes, rows: pd.DataFrame) -> None:
-    """Draw the class of each segment as a band, hatched where it is not certain."""
+    """Draw the class of each segment as a band, hatched where uncertain."""
     from matplotlib.patches import Patch
 
     colours = dict(zip(CLASSES, HAZARD_COLOURS, strict=True))
@@ -78,7 +79,9 @@ def _draw_classes(axes: Axes, rows: pd.DataFrame) -> None:
 
 
 def _draw_frequencies(axes: Axes, rows: pd.DataFrame, thresholds: list[float]) -> None:
-    """Draw the frequencies of all boulders, and of those above each threshold, by powers of ten."""
+    """Draw the frequencies of all boulders, and of those above each threshold, on a logarithmic
+    axis.
+    """
     names = ["frequency"]
     names += [f"frequency_above_{shown('threshold', threshold)}" for threshold in thresholds]
     energies = (Number(shown("threshold", threshold, " ")) for threshold in thresholds)
@@ -98,8 +101,9 @@ def _draw_frequencies(axes: Axes, rows: pd.DataFrame, thresholds: list[float]) -
 def _draw_steps(
     axes: Axes, rows: pd.DataFrame, name: str, colour: str, label: str | None = None
 ) -> None:
-    """Draw a number of each segment as a step with its band, hatched upwards where there are too
-    few boulders for an upper limit."""
+    """Draw a number of each segment as a step with its band, hatched upwards where too few boulders
+    give no upper limit.
+    """
     top = rows[[name, f"{name}_high"]].max().max()
     for k, (_, row) in enumerate(rows.iterrows()):
         ends = [row["chainage_from"], row["chainage_to"]]

@@ -99,8 +99,9 @@ def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> N
 
 
 def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
-    """Draw the changes by each variant of the terrain, with the Monte Carlo error of the given
-    one."""
+    """Draw the changes by each variant of the terrain, compared with the Monte Carlo error of the
+    given terrain.
+    """
     variants = list(dict.fromkeys(table["variant"]))
     labels = []
     for k, variant in enumerate(variants):

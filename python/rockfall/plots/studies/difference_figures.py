@@ -28,8 +28,9 @@ LESS, MORE, UNDECIDED = "#0072B2", "#D55E00", "#BBBBBB"  # Okabe and Ito (2008)
 def difference_figure(
     maps: Mapping[str, xr.DataArray], variant: str, terrain: Terrain | None = None
 ) -> Figure:
-    """Map of where fewer or more boulders pass in a variant, from `difference_maps`: where the
-    verdict is decided, and in grey elsewhere."""
+    """Map of cells where fewer or more boulders pass in a variant, from `difference_maps`; grey
+    where the verdict is undecided.
+    """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps with a further dimension, such as a threshold, as maps in plan, for files and figures."""
+"""Maps with further dimensions, such as a threshold, as single maps for files and figures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def flat_maps(data: xr.Dataset) -> xr.Dataset:
 
 
 def layers(variable: xr.DataArray) -> dict[str, xr.DataArray]:
-    """Maps in plan from one with further dimensions, by name; any other variable unchanged."""
+    """Single maps from a variable with further dimensions, by name; other variables unchanged."""
     name, beyond = str(variable.name), [dim for dim in variable.dims if dim not in PLAN]
     if variable.dims[-2:] != PLAN or not beyond or not {*beyond} <= {*BEYOND}:
         return {name: variable}

@@ -39,7 +39,7 @@ def map_label(name: str, long_name: str) -> str:
 
 
 def map_comment(name: str, attrs: Mapping[str, Any]) -> list[str]:
-    """Remark on the values of a map, if its attributes have one."""
+    """Remark on the values of a map, if its attributes contain one."""
     if "comment" not in attrs:
         return []
     keys = (key for pattern, key in COMMENTS.items() if re.fullmatch(pattern, name))

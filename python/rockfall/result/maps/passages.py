@@ -17,7 +17,7 @@ PASSED = ("reach_probability", "passages")  # maps with the pass frequency, eith
 
 
 def passed_map(result: xr.Dataset) -> str | None:
-    """Map with the pass frequency, if the result has one."""
+    """Map of the pass frequency, if the result has one."""
     return next((name for name in PASSED if name in result), None)
 
 

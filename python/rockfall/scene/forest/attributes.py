@@ -64,13 +64,13 @@ def matching(key: str, columns: Iterable[str]) -> list[str]:
 
 
 class Attributes(NamedTuple):
-    """Attributes of the features of a layer of polygons, by the names of NAMES."""
+    """Attributes of the polygons of a layer, by the names in NAMES."""
 
     where: str
     columns: dict[str, np.ndarray]
 
     def own_name(self, key: str) -> str | None:
-        """Name of the attribute in the layer; None if it has none. Several names are allowed."""
+        """Layer name of an attribute; None if it is missing. Several names are allowed."""
         matches = matching(key, self.columns)
         if len(matches) > 1 and key != "name":
             raise RockfallError(
@@ -79,8 +79,9 @@ class Attributes(NamedTuple):
         return matches[0] if matches else None
 
     def note_unused(self, remarks: list[str], keys: Iterable[str]) -> None:
-        """Add remarks on attributes that give none of the values `keys`, and on marks of missing
-        values in others."""
+        """Add remarks on attributes that give none of the values `keys`, and on missing-value
+        markers in the others.
+        """
         names = [name for key in keys for name in NAMES[key]]
         note_unused(remarks, self.where, self.columns, names, plain_name)
         note_marks(remarks, self.where, self.columns, names, plain_name)

@@ -30,7 +30,7 @@ SPECIES_NUMBER = 3  # index of the random number of a stem that selects its spec
 
 
 class Listed(NamedTuple):
-    """The trees of a list, inside or outside the terrain."""
+    """Listed trees, inside or outside the terrain."""
 
     x: np.ndarray  # map coordinates [m]
     y: np.ndarray
@@ -39,7 +39,7 @@ class Listed(NamedTuple):
 
 
 def listed_trees(inputs: Inputs) -> Planted:
-    """Trees of the case's list that lie on the terrain."""
+    """Trees of the case's list that are on the terrain."""
     path, grid = inputs.case.path(inputs.case.forest["trees"]), inputs.grid
     if path.suffix.lower() in EXTENSIONS:
         listed = _from_layer(path, inputs)
@@ -134,8 +134,9 @@ def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
 
 
 def _drawn_factors(inputs: Inputs, path: Path, listed: Listed, inside: np.ndarray) -> np.ndarray:
-    """Toughness factors drawn from the percentage of conifers, by the number of each tree in the
-    list."""
+    """Toughness factors drawn from the percentage of conifers, by each tree's number in the
+    list.
+    """
     forest, grid, table = inputs.case.forest, inputs.grid, read_species(inputs)
     if "conifers" not in forest and "uniform_conifers" not in forest:
         raise RockfallError(

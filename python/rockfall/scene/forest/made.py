@@ -135,7 +135,9 @@ def _diameters(
 
 
 def _note_spread(inputs: Inputs, mean: np.ndarray, std: np.ndarray) -> None:
-    """Add a remark on standard deviations in another unit, or in percent of the mean."""
+    """Add a remark on standard deviations that are likely in another unit, or in percent of the
+    mean.
+    """
     ratio = std / mean
     for key, odd in (
         ("input.dbh_narrow", (std > 0) & (ratio < NARROW)),
@@ -152,7 +154,8 @@ def _factors(
     table: Species,
 ) -> np.ndarray:  # fmt: skip
     """Toughness factor of each stem, drawn by its uniform number `u`: a species of its stand, or
-    conifer with the fraction of its cell or stand."""
+    conifer by the fraction in its cell or stand.
+    """
     unmixed, factors = np.arange(u.size), np.empty(u.size)
     if stands is not None and stand is not None:
         unmixed = np.flatnonzero(~stands.draw_species(stand, u, factors))
@@ -174,7 +177,7 @@ def conifer_shares(inputs: Inputs, cells: Cells) -> np.ndarray:
 
 
 def _shares(inputs: Inputs, percent: np.ndarray) -> np.ndarray:
-    """Fractions of percentages of conifers; fractions given for percentages are doubted."""
+    """Fractions from percentages of conifers; fractions given as percentages are questioned."""
     _check(inputs, "conifers", percent)
     if 0 < percent.max() <= 1:
         largest = float(percent.max())

@@ -17,7 +17,9 @@ from rockfall.scene.stages import FRESH, Stages
 def read_forest(
     inputs: Inputs, x: np.ndarray, y: np.ndarray, stages: Stages = FRESH
 ) -> tuple[Trees | None, tuple[Stand, ...]]:
-    """Trees of a case with sources at `x`, `y`, and its stands; None and empty without them."""
+    """Trees of a case with sources at `x`, `y`, and its stands; None and empty if there are no
+    trees.
+    """
     if not inputs.case.has_forest:
         return None, ()
     planted, stands = take_inputs(stages, "planted", inputs, (), _planted)
@@ -31,7 +33,7 @@ def read_forest(
 
 
 def _planted(inputs: Inputs) -> tuple[Planted, Stands | None]:
-    """Trees before thinnings, and their stands, if any."""
+    """Trees before thinning, and their stands, if any."""
     if "trees" in inputs.case.forest:
         return listed_trees(inputs), None
     return made_trees(inputs)

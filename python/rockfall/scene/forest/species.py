@@ -18,7 +18,8 @@ _SHIPPED = Path(str(importlib.resources.files("rockfall") / "data" / "species.cs
 
 class Species:
     """Toughness factors by the name of a species or its genus: `spruce`, `Picea abies`, `Fichte`;
-    capitals and accents do not matter."""
+    case and accents are ignored.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path

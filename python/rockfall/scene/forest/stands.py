@@ -67,13 +67,14 @@ class Stands(NamedTuple):
     def thinned(
         self, stand: np.ndarray, row: np.ndarray, column: np.ndarray, u: np.ndarray
     ) -> np.ndarray:
-        """Mark stems that are kept, by the stand and the cell of each, and a uniform number."""
+        """Mark the stems to keep, from the stand, cell and uniform number of each."""
         densest = self.by_rank[self.ranks[row, column]]
         return (stand >= 0) & (u * densest < self.density[stand])
 
     def draw_species(self, stand: np.ndarray, u: np.ndarray, factors: np.ndarray) -> np.ndarray:
-        """Set the toughness factors of stems in stands of given species, by a uniform number for
-        each; returns a mask of these stems."""
+        """Set the toughness factors of stems in stands with given species, by a uniform number for
+        each; return a mask of these stems.
+        """
         drawn = np.zeros(u.size, bool)
         for k, mixture in enumerate(self.mixtures):
             if mixture is not None:
@@ -83,7 +84,7 @@ class Stands(NamedTuple):
         return drawn
 
     def records(self, stand: np.ndarray) -> tuple[Stand, ...]:
-        """The stands with their numbers of stems, from the stand of each stem."""
+        """Stands with their numbers of stems, from the stand of each stem."""
         import shapely
 
         area = shapely.area(self.shapes) / HECTARE
@@ -134,8 +135,9 @@ def _note_units(
     with_trees: np.ndarray,
     names: Sequence[str],
 ) -> None:
-    """Add a remark on each value that is likely in another unit in some stands; a unit wrong in all
-    stands is found with the trees."""
+    """Add a remark on each value that is likely in another unit in some stands; units wrong in all
+    stands are detected with the trees.
+    """
     for key, smallest in SMALLEST.items():
         own = np.where(with_trees, values.get(key, 0.0), 0.0)
         odd = np.flatnonzero((own > 0) & (own <= smallest))

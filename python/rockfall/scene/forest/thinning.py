@@ -27,7 +27,7 @@ def is_thinned(case: Case) -> bool:
 
 
 def numbers_of_list(case: Case, n: int) -> np.ndarray | None:
-    """Numbers that decide whether each of `n` listed trees remains; None if all do."""
+    """Random numbers that decide whether each of `n` listed trees remains; None if all remain."""
     if not is_thinned(case):
         return None
     return _core.stand_numbers(case.forest["seed"], n, 1, np.ones(n, "i4"), 2, n)[1]
@@ -64,8 +64,9 @@ def _clear_of(
 
 
 def _cleared(inputs: Inputs, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Fraction of the stems that remains at each place after the clearings; the smallest where
-    these overlap."""
+    """Fraction of the stems that remain at each place after the clearings; the smallest where they
+    overlap.
+    """
     forest, factors = inputs.case.forest, np.ones(x.size)
     if "clearings" not in forest:
         return factors

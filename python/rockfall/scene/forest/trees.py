@@ -43,7 +43,7 @@ class Trees(NamedTuple):
 
 
 class Stand(NamedTuple):
-    """Stand of a layer of polygons with its stems, as stored in a result."""
+    """Stand of a polygon layer with its stems, as stored in a result."""
 
     name: str
     area: float  # on the terrain [ha]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Breakage of blocks by the kernel's rule: their fragments, and the impact from which one
-breaks."""
+"""Breakage of blocks by the kernel's rule: fragments, and the impact speed at which a block
+breaks.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +17,10 @@ SPEEDS = 1001  # tried at a time
 
 
 class Splits(NamedTuple):
-    """Fragments of blocks: area ratios (n,); volumes [m3] of their fragments (n, max_fragments),
-    0 beyond them, and of fines (n,); whether `&breakage max_fragments` limited them (n,). A block
-    that does not break is its only fragment."""
+    """Fragments of blocks: area ratios (n,); volumes [m3] of their fragments (n, max_fragments), 0
+    beyond them, and of fines (n,); whether `&breakage max_fragments` limited them (n,). An unbroken
+    block is its only fragment.
+    """
 
     area_ratio: np.ndarray
     volumes: np.ndarray
@@ -35,8 +37,9 @@ def split_blocks(case: Case, volume: np.ndarray, energy: np.ndarray) -> Splits:
 
 
 def breaking_speed(case: Case, volume: float, density: float) -> float:
-    """Speed [m/s] normal to the ground above which a block breaks at an impact, within 1e-6; inf if
-    it is too small to break."""
+    """Impact speed [m/s] normal to the ground above which a block breaks, within 1e-6; inf if the
+    block is too small to break.
+    """
     low, high = 0.0, MAX_SPEED
     while high - low > 1e-6:
         speeds = np.linspace(low, high, SPEEDS)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets: the text of a file, as passed to the kernel, the numbers in it, and the roots of
-their covariances."""
+"""Impact sets: file text as passed to the kernel, the numbers in it, and covariance roots."""
 
 from __future__ import annotations
 
@@ -59,7 +58,7 @@ def open_sets(path: Path) -> SetFile:
 
 
 def draws_in(path: Path, turning: str) -> list[SetFile]:
-    """Each draw of a file that may contain several, with all numbers that a turning rule needs."""
+    """Draws of a file that may contain several, with all numbers for a rotation rule."""
     first = open_sets(path)._replace(draw=1)
     _, number = first.read(turning)
     draws = [first._replace(draw=draw) for draw in range(1, number + 1)]
@@ -70,7 +69,8 @@ def draws_in(path: Path, turning: str) -> list[SetFile]:
 
 def covariance_root(covariance: np.ndarray, name: str = "covariance") -> np.ndarray:
     """Root L (n, n) of a covariance C (n, n) in the unit of C: C = L L^T, by the kernel's rule
-    (theory, chapter 5). Raises a RockfallError that starts with `name` if C is no covariance."""
+    (theory, chapter 5). Raises a RockfallError that starts with `name` if C is not a covariance.
+    """
     root, code, message = _core.covariance_root(name, covariance)
     check_kernel(code, message)
     return root

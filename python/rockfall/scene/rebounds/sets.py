@@ -21,8 +21,9 @@ DRAWS = 4000  # of A, for the means of R_t and R_n
 
 @dataclass(frozen=True)
 class Lateral:
-    """Quantiles (k, 13) of the amount of the lateral deviation [degrees] in k classes of incidence,
-    the angles between them (k - 1,) [degrees], and the impacts in each (k,)."""
+    """Quantiles (k, 13) of the absolute lateral deviation [degrees] in k incidence classes, the
+    class limits (k - 1,) [degrees], and the number of impacts in each (k,).
+    """
 
     incidence: np.ndarray
     quantiles: np.ndarray

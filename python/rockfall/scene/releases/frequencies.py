@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Frequency that a scenario of a hazard states."""
+"""Frequency stated by a hazard scenario."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Any
 
 
 def stated_frequency(scenario: Mapping[str, Any], boulder: Mapping[str, Any]) -> float:
-    """Boulders a year for each unit that `frequency_per` names. An activity is the number larger
-    than 1 m3, of a power distribution between the ends of the volumes of the scenario, or of
-    &boulder (Hungr et al. 1999)."""
+    """Boulders a year for each unit of `frequency_per`. An activity is the number larger than 1 m3,
+    for a power-law distribution between the volume limits of the scenario, or of &boulder (Hungr et
+    al. 1999).
+    """
     if "frequency" in scenario:
         return float(scenario["frequency"])
     if "return_period" in scenario:

@@ -15,7 +15,7 @@ class Survey:
     """Terrain data needed before a run, gathered from all its rows."""
 
     def __init__(self, case: Case, grid: Grid, minima: np.ndarray | None = None) -> None:
-        """`minima` are those of all rows, if already known."""
+        """`minima` are the minima of all rows, if already known."""
         self._output, self._grid = case.output, grid
         self.head = np.full(1, -np.inf)  # energy head [m]
         nodes = grid.nx, grid.ny

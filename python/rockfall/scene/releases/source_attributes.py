@@ -122,7 +122,7 @@ def values_of(case: Case, features: Features | None) -> np.ndarray | None:
 
 @cache
 def _key(name: str) -> tuple[str, str]:
-    """Group and name of the case key for such numbers."""
+    """Group and name of the case key for these numbers."""
     name = "velocity" if name in VELOCITY else "volume_mean" if name == "volume" else name
     groups = ("boulder", "release", "scenario")
     return next((group, name) for group in groups if name in keys_of(group))
@@ -130,7 +130,8 @@ def _key(name: str) -> tuple[str, str]:
 
 def _laws(case: Case, table: Table) -> tuple[np.ndarray, np.ndarray]:
     """Volume distribution of each feature (0: the case's), and its mean, std, min, max (4,
-    features), NaN where missing."""
+    features), NaN where missing.
+    """
     boulder, law = case.boulder, np.zeros(table.size, int)
     given = np.array([table.numbers(name) for name in VOLUMES])
     usual = boulder["volume"] if boulder["volume"] in LAWS else "fixed"

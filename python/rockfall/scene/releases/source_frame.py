@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources of a scene as a GeoDataFrame that a run takes as sources."""
+"""Sources of a scene as a GeoDataFrame, usable as sources of a run."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
 
 def source_frame(scene: Scene) -> GeoDataFrame:
-    """Points of the sources with their release attributes, by the names of docs/releases.md: name,
-    volume and its numbers, density, drop height, velocity, block shape and frequency, as far as the
-    layer gives them to any source."""
+    """Source points with their release attributes, named as in docs/releases.md: name, volume and
+    its parameters, density, drop height, velocity, block shape and frequency, where the layer gives
+    them.
+    """
     need("GeoDataFrames need", "vector", "geopandas", "shapely")
     import shapely
     from geopandas import GeoDataFrame

@@ -40,12 +40,12 @@ MAX_NAMED = 5  # maximum number of features in a message
 
 
 def threshold(case: Case, grid: Grid) -> float:
-    """Slope from which cells are steep [degree]: the case's, or the default for its cell size."""
+    """Slope above which cells are steep [degree]: the case's, or the default for its cell size."""
     return case.release.get("slope_threshold", _core.slope_threshold(grid.cell))
 
 
 def has_idle_shapes(sources: Sources, grounds: Iterable[GroundRule]) -> bool:
-    """Return True if a layer gives block shapes, and no ground has a table of impacts."""
+    """Return True if a layer gives block shapes but no ground uses an impact table."""
     features = sources.features
     has_shapes = features is not None and features.shape is not None
     return has_shapes and all(ground.model not in TABLES for ground in grounds)
@@ -66,7 +66,7 @@ def read_sources(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Source
     """Release points, or the centres of source cells in raster order, with their boulder
     properties.
 
-    `bands` are rows of the terrain in order, each in rasters that contain it and its neighbours.
+    `bands` are bands of terrain rows in order, each with rasters that include neighbouring rows.
     """
     release = inputs.case.release
     if "x" in release:
@@ -119,16 +119,18 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
 
 @dataclass
 class Unknown:
-    """Cells that are sources by a raster or polygons, and the number of these in which no boulder
-    can start: without an elevation, or with too few around them."""
+    """Cells declared as sources by a raster or polygons, and the number of these where no boulder
+    can start: no elevation there, or too few around.
+    """
 
     part: int = 0
     n: int = 0
 
 
 class Polygons(NamedTuple):
-    """Parts of polygons of sources: the number of the part in each cell (0: none), the feature of
-    each (both from 1), and the attributes of features."""
+    """Parts of source polygons: the part in each cell (0: none), the feature of each part (both
+    from 1), and the attributes of features.
+    """
 
     cells: np.ndarray
     owner: np.ndarray
@@ -178,8 +180,9 @@ def _with_attributes(
     owner: np.ndarray | None = None,
     part: np.ndarray | None = None,
 ) -> Sources:
-    """Sources with the release attributes of features; the features of each source are given, for
-    cells also the part of a polygon, and the feature of each part."""
+    """Sources with the release attributes of features, given the feature of each source; for cells
+    also the polygon part, and the feature of each part.
+    """
     features, frequency = read_attributes(inputs.case, table, feature)
     note_unused(inputs.remarks, table.path, table.columns, table.asked)
     note_marks(inputs.remarks, table.path, table.columns, table.asked)
@@ -203,7 +206,9 @@ def _with_attributes(
 
 
 def _note_unequal(inputs: Inputs, table: Table, frequency: np.ndarray) -> None:
-    """Note one frequency far above all others: another unit, or a return period."""
+    """Remark on one frequency far above all others: it may be in another unit, or a return
+    period.
+    """
     ordered = np.unique(frequency[frequency > 0])
     if ordered.size > 1 and (ratio := ordered[-1] / ordered[-2]) >= APART:
         k = int(np.nanargmax(frequency))
@@ -212,7 +217,7 @@ def _note_unequal(inputs: Inputs, table: Table, frequency: np.ndarray) -> None:
 
 
 def _note_axes(inputs: Inputs, table: Table) -> None:
-    """Note axes of a block that are far apart: in several units."""
+    """Remark on block axes that differ widely: they may be in several units."""
     if (axes := axes_of(table)) is not None:
         ratio = np.nan_to_num(axes[0] / axes[2])
         if ratio.max() > MAX_AXIS_RATIO:
@@ -229,8 +234,9 @@ def _note_lost(
     owner: np.ndarray,
     part: np.ndarray,
 ) -> None:
-    """Note parts of polygons without a source: parts that are narrower than a cell, lie outside the
-    known terrain or under later parts, or are not steep. They release no boulders."""
+    """Remark on polygon parts without a source: parts narrower than a cell, outside the known
+    terrain, covered by later parts, or not steep. They release no boulders.
+    """
     is_lost = np.bincount(part, minlength=owner.size) == 0
     is_lost[0] = False
     if not is_lost.any():
@@ -251,8 +257,9 @@ def _note_lost(
 
 
 def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
-    """Sources with the volume, inertia and density of their boulders; sources of shape 0 have none
-    and are left out."""
+    """Sources with the volume, inertia and density of their boulders; sources of shape 0 are left
+    out.
+    """
     boulder = inputs.case.boulder
     if "shape" in boulder:
         shape = _at_sources(inputs, sources, "shape", "shapes", np.int32)
@@ -286,8 +293,9 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
 
 
 def _block_shapes(inputs: Inputs, axes: np.ndarray) -> np.ndarray | None:
-    """Number of the block shape nearest to the axes (3, n) of the boulders of each source; None,
-    with a remark if these differ, if the case has shapes of its own."""
+    """Number of the block shape nearest to the axes (3, n) of each source's boulders. None if the
+    case gives shapes, with a remark if these differ.
+    """
     case, given = inputs.case, inputs.case.boulder["block_shape"]
     shape = _core.shapes_of_axes(axes)
     if BY_SOURCE in given:
@@ -332,8 +340,9 @@ def _cells(
     lowest: ExtremeCount,
     unknown: Unknown,
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """Blocks of rows of a box, positive in source cells; records the values of these, and counts
-    those where no boulder can start."""
+    """Blocks of rows of a box, positive in source cells; their values are recorded, and those where
+    no boulder can start are counted.
+    """
     release, parts = inputs.case.release, list(row_blocks(box.shape))
     if polygons is not None:
         blocks = ((rows, polygons[rows]) for rows in parts)
@@ -357,7 +366,7 @@ def _cells(
 def _on_known(
     inputs: Inputs, band: Rasters, rows: slice, block: np.ndarray, unknown: Unknown
 ) -> np.ndarray:
-    """Source cells of a block in which boulders can start; counts the others."""
+    """Source cells of a block where boulders can start; the others are counted."""
     row, column = np.nonzero(block > 0)
     places = inputs.grid.x[column], inputs.grid.y[rows][row]
     is_start = can_start(band, *places) if row.size else np.ones(0, bool)
@@ -370,7 +379,7 @@ def _on_known(
 def _noted(
     blocks: Iterable[tuple[slice, np.ndarray]], lowest: ExtremeCount
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """Pass on blocks of source cells and record their values."""
+    """Yield blocks of source cells and record their values."""
     for rows, block in blocks:
         lowest.take(-block[block > 0].astype(float))
         yield rows, block

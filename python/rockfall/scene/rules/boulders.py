@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources, releases, boulders, rocks on the slope and trees in units other than those of the
-keys."""
+"""Checks for wrong units of sources, releases, boulders, rocks on the slope and trees."""
 
 from __future__ import annotations
 
@@ -52,7 +51,7 @@ RG_FULL = 100.0  # [m] an Rg of Rockyfor3D that means water
 
 
 def boulder_rules(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings about boulder starts, boulder properties, and the ground that boulders meet."""
+    """Warnings about boulder starts, boulder properties, and the ground on the way."""
     for rule in (
         _release, _source_cells, _source_points, _densities, _volumes, _exponents, _spreads, _stops,
         _gravity, _rocks,
@@ -73,8 +72,7 @@ def _source_cells(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _source_points(scene: Scene) -> Iterator[InputWarning]:
-    """Points given several times with the same boulders; different boulders may start at one
-    place."""
+    """Duplicate points with the same boulders; different boulders may start at one place."""
     release = scene.case.release
     if not {"x", "points"} & release.keys():
         return
@@ -135,8 +133,7 @@ class _Volumes(NamedTuple):
 
 
 def _distributions(scene: Scene) -> Iterator[_Volumes]:
-    """Volume distributions of the case, of each scenario, and of each feature with a distribution
-    of its own."""
+    """Volume distributions of the case, of each scenario, and of each feature that has its own."""
     boulder = scene.case.boulder
     yield _Volumes("", "&boulder", boulder)
     for scenario in scene.case.scenario:
@@ -155,8 +152,9 @@ def _distributions(scene: Scene) -> Iterator[_Volumes]:
 
 
 def largest_volumes(scene: Scene) -> Iterator[float]:
-    """Largest volume [m3] of each distribution that a run or a hazard of a scene draws from; inf if
-    unlimited."""
+    """Largest volume [m3] of each distribution used by a run or hazard of a scene; inf if
+    unlimited.
+    """
     if scene.source_boulders is not None:
         yield float(scene.source_boulders.volume.max())
     for group, _, keys in _distributions(scene):
@@ -186,8 +184,9 @@ def _volumes(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _exponents(scene: Scene) -> Iterator[InputWarning]:
-    """Exponents that are likely those of the density instead of the number of larger boulders,
-    which are smaller by 1."""
+    """Exponents that likely belong to the density instead of the number of larger boulders, which
+    is smaller by 1.
+    """
     for _, where, keys in _distributions(scene):
         exponent = keys.get("volume_exponent", 0.0)
         if keys.get("volume") == "pareto" and exponent > EXPONENT:
@@ -196,7 +195,7 @@ def _exponents(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _stops(scene: Scene) -> Iterator[InputWarning]:
-    """Speed and angle of rest in other units."""
+    """Speed and angle of rest likely in other units."""
     impact = scene.case.impact
     if (speed := impact["stop_speed"]) > STOP:
         yield InputWarning(f"&impact stop_speed = {speed:g} m/s", say("input.stop_speed"))
@@ -206,9 +205,9 @@ def _stops(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
-    """Normal distributions whose mean changes when they are truncated at zero, and lognormal
-    distributions wider than allowed for normal ones; for features, the one with the largest
-    relative spread."""
+    """Normal distributions whose mean changes when truncated at zero, and lognormal distributions
+    wider than allowed for normal ones; of features, the one with the largest relative spread.
+    """
     widest_of: dict[str, tuple[float, str, float, float]] = {}
     for group, where, keys in _distributions(scene):
         mean, std = keys.get("volume_mean"), keys.get("volume_std")
@@ -257,8 +256,9 @@ def _rocks(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _order(scene: Scene) -> Iterator[InputWarning]:
-    """Rg in the wrong order nearly everywhere: larger values for more frequent obstacles. Published
-    tables do this in some zones (Bourrier et al. 2009, table 1)."""
+    """Rg values in the wrong order nearly everywhere: larger values for more frequent obstacles.
+    Published tables have this in some zones (Bourrier et al. 2009, table 1).
+    """
     ground = scene.ground
     if scene.case.surface["method"] == "B":
         return
@@ -270,8 +270,7 @@ def _order(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _operator(scene: Scene) -> Iterator[InputWarning]:
-    """A table of impacts, or impact sets, given by a case in addition to a ground for all
-    places."""
+    """An impact table or impact sets given in addition to a ground for all places."""
     key = usual_key(scene.case)
     name, ground = scene.case.impact[key], scene.case.surface.get("ground", "")
     if ground not in ("", name) and is_given(scene.case, "impact", key):
@@ -279,8 +278,9 @@ def _operator(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _shapes(scene: Scene) -> Iterator[InputWarning]:
-    """Block shapes given by the case although all tables of impacts are for all shapes; shapes
-    without a share; axes in several units."""
+    """Block shapes without effect because no impact table depends on shape; shapes with zero share;
+    axes in several units.
+    """
     given = given_groups(scene.case).get("boulder", {})
     shares = given.get("block_shape_share", [])
     if none := [given["block_shape"][k] for k, share in enumerate(shares) if not share]:
@@ -297,8 +297,9 @@ def _shapes(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _rests(scene: Scene) -> Iterator[InputWarning]:
-    """Ground without rocks on which boulders rest as on talus, because the case gives one angle for
-    all grounds, or the user's row gives none."""
+    """Ground without rocks where boulders rest as on talus, because the case gives one angle for
+    all grounds or the user's row gives none.
+    """
     given = scene.case.impact.get("rest_angle")
     angle = repose() if given is None else given
     smooth = [
@@ -319,7 +320,7 @@ def _rests(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _forest(scene: Scene) -> Iterator[InputWarning]:
-    """Stem diameters and densities in other units."""
+    """Stem diameters and densities likely in other units."""
     if scene.trees is None:
         return
     diameters = scene.trees.dbh

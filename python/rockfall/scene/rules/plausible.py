@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Valid but implausible inputs of a scene, with a line for each that gives its literal meaning.
+"""Valid but implausible inputs of a scene, each with one line that gives its literal meaning.
 
 Impossible inputs are refused where they are read. Limits are far from usual values, because a false
 warning also does harm. Each limit is defined once, with its reason, in `rockfall.scene.rules`.
@@ -37,7 +37,7 @@ def input_warnings(scene: Scene) -> list[InputWarning]:
 
 
 def _found(scene: Scene, rules: Rules, uses: tuple[str, ...]) -> list[InputWarning]:
-    """Warnings of some rules, from the case and these parts of a scene."""
+    """Warnings of some rules for the case and these parts of a scene."""
 
     def apply(case: Case) -> list[InputWarning]:
         return [*rules(scene if case is scene.case else replace(scene, case=case))]
@@ -58,7 +58,7 @@ def warn_of(scene: Scene) -> None:
 
 
 def _lines(scene: Scene) -> Iterator[InputWarning]:
-    """Lines off the terrain, or with a vertex off it; the kernel refuses lines farther away."""
+    """Lines with at least one vertex outside the terrain; the kernel refuses lines farther away."""
     barriers, outside = {barrier["name"] for barrier in scene.case.barrier}, scene.lines_outside()
     grid = scene.grid
     far = FAR_SIDES * grid.cell * max(grid.shape)
@@ -76,7 +76,7 @@ def _lines(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _read(scene: Scene) -> Iterator[InputWarning]:
-    """Remarks of the readers: place and remark."""
+    """Remarks of the readers, each with its place."""
     for remark in scene.remarks:
         assert isinstance(remark, Text)
         yield InputWarning(remark.values["where"], remark.values["text"])

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nets, walls and dams, hazard classes and uncertain inputs in units other than those of the
-keys."""
+"""Checks for wrong units of nets, walls and dams, hazard classes and uncertain inputs."""
 
 from __future__ import annotations
 
@@ -58,7 +57,7 @@ def _barriers(scene: Scene) -> Iterator[InputWarning]:
 def _twins(
     members: Sequence[Mapping[str, Any]], key: Callable[[Mapping[str, Any]], Hashable]
 ) -> Iterator[tuple[str, str]]:
-    """Names of members with equal keys: of the first one, and of each that repeats it."""
+    """Names of members with equal keys: the first one, and each repetition."""
     first: dict[Hashable, str] = {}
     for member in members:
         name = first.setdefault(key(member), member["name"])
@@ -127,8 +126,9 @@ def _scenarios(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _unequal(scene: Scene) -> Iterator[InputWarning]:
-    """One frequency far above all others of the same reference: another unit, or a return
-    period."""
+    """One frequency far above all others with the same reference: in another unit, or a return
+    period.
+    """
     by_reference: dict[str, list[tuple[float, str]]] = {}
     for scenario in scene.case.scenario:
         stated = stated_frequency(scenario, scene.case.boulder), scenario["name"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevations that are invalid or in other units; a projection that distorts lengths."""
+"""Checks for invalid elevations or units, and for projections that distort lengths."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def dem_rules(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _nodata(scene: Scene) -> Iterator[Text]:
-    """Nodata values that the file does not declare."""
+    """Undeclared nodata values."""
     ground = scene.ground
     ends = (
         (ground.low, 1, LOW, "input.elevation_below"),
@@ -63,14 +63,14 @@ def _nodata(scene: Scene) -> Iterator[Text]:
 
 
 def _low(scene: Scene) -> Iterator[Text]:
-    """Elevations between those of land and a nodata value, as created by resampling at voids."""
+    """Elevations between land and a nodata value, as produced by resampling near voids."""
     low, deep = scene.ground.low, scene.ground.deep
     if LOW < low.value < LOWEST_LAND and not (low.count == deep and low.next - low.value > GAP):
         yield say("input.too_low", n=deep, land=LOWEST_LAND, lowest=low.value)
 
 
 def _spikes(scene: Scene) -> Iterator[Text]:
-    """Single cells that differ from all their neighbours, and are not reported above."""
+    """Single cells that differ from all neighbours and are not reported above."""
     ground = scene.ground
     if not ground.spikes or ground.low.value < LOWEST_LAND or -ground.high.value >= HIGH:
         return
@@ -79,7 +79,7 @@ def _spikes(scene: Scene) -> Iterator[Text]:
 
 
 def _units(scene: Scene) -> Iterator[Text]:
-    """Degrees or feet that the file does not declare."""
+    """Undeclared degrees or feet."""
     grid, (_, half, steep) = scene.grid, scene.ground.quantiles()
     west, east, south, north = FULL_CIRCLE
     inside = grid.west >= west and grid.east <= east and grid.south >= south and grid.north <= north
@@ -114,7 +114,7 @@ def _steps(scene: Scene) -> Iterator[Text]:
 
 
 def _rough(scene: Scene) -> Iterator[Text]:
-    """Fine cells that contain noise, or rocks that R_m and tables represent already."""
+    """Fine cells that contain noise, or rocks that R_m and tables already represent."""
     cell = scene.grid.cell
     if FINE[0] <= cell <= FINE[1] and (angle := scene.ground.roughness()) > ROUGH:
         yield say("input.rough", angle=angle, metres=2 * cell)

@@ -65,8 +65,9 @@ class Checkpoint:
             check_space(self.output, tally.row_bytes)
 
     def restore(self, tally: Tally) -> None:
-        """Resume from the file, if it exists. Damaged files, and files of another case, input,
-        version or range of boulders, are refused."""
+        """Resume from the file, if it exists. Damaged files are refused, and files with another
+        case, input, version or range of boulders.
+        """
         if not self.found():
             return
         part = read_part(self.path)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Outputs that are finished already: `--resume`, and `merge` again, leave them unchanged."""
+"""Recognition of finished outputs, which `--resume` and a repeated `merge` leave unchanged."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ FINISHED = "is finished already, from the same case; nothing was changed"
 
 
 def is_finished(path: Path, origin: Origin, boulders: range) -> bool:
-    """Return True if a file has exactly these boulders (from 1) of a run: its result, if they are
-    all, or a part. False for any other or damaged file."""
+    """Return True if a file has exactly these boulders (from 1) of a run: the result if these are
+    all, or a part. False for any other or damaged file.
+    """
     try:
         with open_netcdf(path) as file:
             attrs = {name: file.getncattr(name) for name in file.ncattrs()}
@@ -45,7 +46,7 @@ def _is_same(origin: Origin, other: Origin, boulders: range, theirs: range) -> b
 
 
 def _origin(attrs: Mapping[str, Any], origin: Origin) -> Origin:
-    """Origin of a result; its grid follows from its case and inputs."""
+    """Origin of a result, whose grid is derived from its case and inputs."""
     return replace(
         origin,
         case=case_in(attrs),

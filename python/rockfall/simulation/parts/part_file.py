@@ -103,7 +103,7 @@ class Part:
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
 
     def empty_run(self, before: int, boulders: int) -> Run:
-        """Run of the kernel with room for boulders of the run of this part."""
+        """Kernel run with space for the boulders of this part's run."""
         origin = self.origin
         layout = (self.arrays.get(name, np.zeros(1, "i4")) for name in LAYOUT_OF.values())
         return Run.joined(
@@ -112,15 +112,15 @@ class Part:
         )  # fmt: skip
 
     def loaded_run(self) -> Run:
-        """Run of the kernel with the results of this part."""
+        """Kernel run with the results of this part."""
         run = self.empty_run(self.first - 1, self.last - self.first + 1)
         self.load(run)
         return run
 
     def load(self, run: Run) -> None:
-        """Store the part in an empty run that begins with its boulders; a RockfallError names
-        values that are impossible in a run. Cells of sources that the part splits must then be
-        joined or restored."""
+        """Store the part in an empty run that begins with its boulders; a RockfallError reports
+        values that are impossible in a run. Cells of split sources must then be joined or restored.
+        """
         arrays, boulders = self.arrays, self.last - self.first + 1
         lengths = [arrays[name].size if name in arrays else -1 for name in LENGTHS]
         run.begin_part(boulders, lengths, self.name)
@@ -134,7 +134,7 @@ class Part:
         run.unpack_part(self.name, self.origin.grid)
 
     def shared(self) -> dict[str, np.ndarray]:
-        """Cells reached from sources that the part splits; {} if no map needs them."""
+        """Cells reached from sources split by the part; {} if no map needs them."""
         if f"{BEFORE}shared_cell" not in self.arrays:
             return {}
         return {name: self.arrays[BEFORE + name] for name in SHARED}
@@ -303,8 +303,9 @@ def _features(names: Any) -> Features | None:
 
 
 def when(date: str) -> datetime:
-    """Time of an attribute `date_created` (ISO 8601); the earliest possible if empty, a ValueError
-    if invalid."""
+    """Time from an attribute `date_created` (ISO 8601); the earliest possible if empty, a
+    ValueError if invalid.
+    """
     if not date:
         return datetime.min.replace(tzinfo=UTC)
     moment = datetime.fromisoformat(date)
@@ -332,8 +333,9 @@ def _case(text: str, file: str) -> Case:
 def _table(
     case: Case, boulders: int, grounds: int, features: bool, shapes: bool
 ) -> tuple[dict[str, tuple[Any, tuple[str, ...]]], dict[str, int]]:
-    """Type and dimensions of every variable that a part of a case has, and the lengths that do not
-    depend on the part, from the arrays of an empty run."""
+    """Type and dimensions of every variable in a part of a case, and lengths that do not depend on
+    the part, from the arrays of an empty run.
+    """
     run = Run.joined(
         case, (boulders, 0, 0), Box(0, 0, 0, 0), grounds, features, shapes, *np.zeros((2, 1), "i4")
     )
@@ -353,8 +355,9 @@ def _check_shapes(
     shapes: dict[str, tuple[np.dtype, tuple[str, ...], tuple[int, ...]]],
     size: int | None,
 ) -> None:
-    """Check that all variables of its case are present, with their types and lengths, in a file (of
-    `size` bytes) that can hold them; others are dropped."""
+    """Check that all variables of the case are present with their types and lengths, in a file of
+    sufficient `size` [bytes]; other variables are dropped.
+    """
     origin = part.origin
     has = origin.features is not None, bool(origin.shapes)
     table, known_lengths = _table(origin.case, origin.boulders, len(origin.grounds), *has)
@@ -378,7 +381,7 @@ def _check_shapes(
 
 
 def _check_trajectories(part: Part) -> None:
-    """Check that vertices are numbers, for boulders of the part, in order."""
+    """Check that vertices are numbers, in order, and belong to boulders of the part."""
     vertices = {name: part.arrays[name] for name in part.arrays if name.startswith("trajectory_")}
     for name, values in vertices.items():
         if not np.isfinite(values).all():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources that parts of a run split between them: counted once in the maps of sources."""
+"""Sources split between parts of a run, which count once in the maps of sources."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ SHARED = ("shared_cell", "shared_source", "shared_boulders")  # sources cut by a
 
 
 def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
-    """Count each source that parts split once per cell, with all its boulders: the counts of the
-    parts are removed from the stack, and one joint count is added."""
+    """Count each split source once per cell, with all its boulders: the counts of the parts are
+    removed from the stack, and a joint count is added.
+    """
     plan = plan_of(case).counts
     cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in SHARED)
     layers = counts.reshape(len(counts), -1)

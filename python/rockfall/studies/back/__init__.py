@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Back-analysis: the uncertain inputs that make the observations likely."""
+"""Back-analysis: uncertain inputs inferred from observations."""

@@ -5,9 +5,9 @@ For set k with the log-likelihood l_k, the posterior by this set alone weights t
 its likelihood. Its loss with the others is E_alone(l_k) - E(l_k). If the likelihoods are normal and
 the sets agree, its expectation is 0 and twice the loss, plus d, is at most chi-square distributed
 with d degrees of freedom, the number of parameters: beyond its 95 % quantile the set is in conflict
-with the others. Each member has boulders of its own, so that the standard error of the loss, from
-the members by their weights, covers the variation between seeds; if its 95 % interval contains the
-limit the verdict is undecided.
+with the others. Each member has its own boulders, so the standard error of the loss, from the
+weighted members, covers the variation between seeds. If its 95 % interval contains the limit, the
+verdict is undecided.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ AGREES, CONFLICT, UNDECIDED = "agrees", "conflict", "undecided"
 
 
 class Contribution(NamedTuple):
-    """Weights of the members by a set of data alone, its loss with the others and standard
-    error, and the verdict, "" for a single set."""
+    """Weights of the members by one set of data, its loss with the others and standard error, and
+    the verdict ("" for a single set).
+    """
 
     alone: np.ndarray
     loss: float
@@ -48,9 +49,10 @@ def contributions(
     weight: np.ndarray,
     log_likelihood: np.ndarray,
 ) -> list[Contribution]:
-    """Contribution of each set, from log-likelihoods (sets, members), dependent data counted less.
-    `points` (members, parameters) and `levels` are those of a `Sampler`, `log_prior_weights` the
-    logarithms of the weights without a likelihood, `weight` those by all sets."""
+    """Contribution of each set of data, from log-likelihoods (sets, members), with dependent data
+    down-weighted. `points` (members, parameters) and `levels` belong to a `Sampler`;
+    `log_prior_weights` are log weights without a likelihood; `weight` are the weights by all sets.
+    """
     parameters, contributions = points.shape[1], []
     for data_name in log_likelihood:
         alone = normalised(log_prior_weights + smoothed(points, levels, data_name))

@@ -102,15 +102,16 @@ class Deposited(Witnesses):
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-density of the blocks below that of an equal number of boulders of the same run (a
-        discrepancy that depends on the parameters, Gelman, Meng and Stern 1996)."""
+        """Log-density of an equal number of boulders of the same run minus that of the blocks (a
+        parameter-dependent discrepancy, Gelman, Meng and Stern 1996).
+        """
         near, _, boulders = self._sums(runs[picked])
         densities = np.log((near + self._floor) / (boulders + ANYWHERE)).sum(axis=1)
         which = random.integers(self.AGAIN, size=picked.size)
         return -densities, -runs[picked, runs.shape[1] - self.AGAIN + which]
 
     def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
-        """Blocks outside of all deposits of the weighted runs, and the widths of the kernels."""
+        """Remarks on blocks outside all deposits of the weighted runs, and on kernel widths."""
         near = weight @ self._sums(runs)[0]
         first, notes = 0, []
         for kernel, blocks, widths in zip(self.kernels, self.sets, self.widths, strict=True):
@@ -135,7 +136,7 @@ def _starts(result: xr.Dataset, sets: list[Blocks]) -> Starts | None:
 
 
 def _widths_at(kernel: Kernel, blocks: Blocks, rest: Rest) -> np.ndarray:
-    """Width of the kernel of the boulder nearest to each block [m]."""
+    """Kernel width [m] of the boulder nearest to each block."""
     from scipy.spatial import KDTree
 
     return kernel_widths(kernel, rest)[0][KDTree(rest.place).query(blocks.place)[1]]

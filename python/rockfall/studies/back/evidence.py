@@ -179,8 +179,9 @@ class Printed:
         return 2 * self.n / (self.worth * boulders + self.n)
 
     def _standing(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Expected mean and logarithm of the standard deviation (runs, 1 or 2), and the joint
-        sampling errors of observed and simulated values (Bonett 2006, to first order)."""
+        """Expected mean and log standard deviation (runs, 1 or 2), and the joint sampling errors of
+        observed and simulated values (Bonett 2006, to first order).
+        """
         size, mean, std, kurtosis = runs.T
         fewer = 1 / self.n + 1 / (self.worth * np.maximum(size, 1))
         expected = np.stack([mean, np.log(std)], axis=1)
@@ -217,8 +218,9 @@ Evidence = Counted | Printed | Deposited | Marked
 def evidence(
     result: xr.Dataset, seen: Observed, marks: list[Mark]
 ) -> tuple[list[Evidence], list[str]]:
-    """Sets of data that a back-analysis can use, and notes on data that it cannot use; `result` is
-    a run of the case, which has a line at each of the marks."""
+    """Sets of data for a back-analysis, and notes on data that cannot be used; `result` is a run of
+    the case with a line at each mark.
+    """
     notes: list[str] = []
     data = [
         *_of_stops(result, seen, notes),
@@ -260,7 +262,7 @@ def _of_stops(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[
 
 
 def _of_witnesses(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[Evidence]:
-    """Blocks at rest without a known release."""
+    """Data from blocks at rest without a known release."""
     sets = witnesses(result, seen)
     for blocks in sets:
         if (n := len(at_rest(result, blocks).place)) < MIN_FITTED:
@@ -330,8 +332,9 @@ def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
 def predictive_p(
     data: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
 ) -> float:
-    """Posterior predictive probability that an equal number of boulders from the posterior deviate
-    from its prediction as much as the observed ones (Gelman, Meng and Stern 1996)."""
+    """Posterior predictive probability that the same number of simulated boulders deviates from the
+    prediction at least as much as the observed ones (Gelman, Meng and Stern 1996).
+    """
     picked = random.choice(weight.size, REPLICATES, p=weight)
     observed, again = data.discrepancy(runs, picked, weight, random)
     if np.array_equal(observed, again):  # nothing to compare
@@ -340,5 +343,5 @@ def predictive_p(
 
 
 def as_record(data: Evidence, share: float, p: float) -> dict[str, Any]:
-    """Row of a datum in the table of evidence."""
+    """Row of a set of data in the evidence table."""
     return {"data": data.name, "n": data.n, "counts": share, "predictive_p": p}

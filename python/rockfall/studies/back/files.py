@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of a back-analysis: tables, all members, draws of the posterior, and a case whose ensemble
-uses these in place of the prior."""
+"""Files of a back-analysis: tables, all members, posterior draws, and a case whose ensemble uses
+these instead of the prior.
+"""
 
 from __future__ import annotations
 
@@ -90,7 +91,7 @@ def _case_text(analysis: Back, folder: Path) -> str:
 
 
 def _seen_from(folder: Path, case: Case) -> Case:
-    """Case with the names of existing files relative to a folder."""
+    """Case with existing file names made relative to a folder."""
 
     def moved(name: str) -> str:
         path = case.path(name)

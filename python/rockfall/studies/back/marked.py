@@ -93,14 +93,15 @@ class Marked(Witnesses):
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-density of the marks below that of an equal number of hits by the same run, where at
-        least two of its boulders pass."""
+        """Log-density of an equal number of simulated hits minus that of the marks, where at least
+        two boulders of the run pass.
+        """
         which = random.integers(Marked.AGAIN, size=picked.size)
         both = runs[:, -2 * Marked.AGAIN :].reshape(len(runs), 2, Marked.AGAIN)[picked, :, which]
         return -both[:, 0], -both[:, 1]
 
     def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
-        """Marks where few boulders of the weighted runs pass."""
+        """Remarks on marks where few boulders of the weighted runs pass."""
         crossed = weight @ self._sums(runs)[3]
         notes = [f"{count(self.n, 'mark')}, {crossed.min():,.0f} to {crossed.max():,.0f} boulders "
                  "of a run pass there."]  # fmt: skip
@@ -122,8 +123,9 @@ def _again(
     below: float,
     random: np.random.Generator,
 ) -> np.ndarray:
-    """Log-density of a mark, and of hits by boulders of the run (2, AGAIN), each given the others;
-    0 if fewer than two pass."""
+    """Log-density of a mark and of simulated hits (2, AGAIN), each given the others; 0 if fewer
+    than two boulders pass.
+    """
     n = heights.size
     uniform = random.random((Marked.AGAIN, mark.hits))
     if n < 2:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Check that observed places lie where boulders can come."""
+"""Check that observed places can be reached by boulders."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from rockfall.scene.scene import Scene
 
 
 def check_on_terrain(scene: Scene, where: Sequence[str], x: np.ndarray, y: np.ndarray) -> None:
-    """Refuse the first place [m] that lies outside the terrain, or where it has no elevation;
-    `where` names the row of each."""
+    """Refuse the first place [m] outside the terrain or without elevation; `where` gives the row of
+    each place.
+    """
     if not len(x):
         return
     grid = scene.grid

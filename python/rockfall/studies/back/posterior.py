@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Posterior of a back-analysis for each parameter: tables, draws, and reasons not to trust it."""
+"""Posterior of each parameter of a back-analysis: tables, draws, and reasons not to trust it."""
 
 from __future__ import annotations
 
@@ -145,12 +145,12 @@ def _row(analysis: Back, parameter: Parameter) -> dict[str, Any]:
 
 
 def _informed(analysis: Back, moved: bool) -> str:
-    """Interpretation of a posterior by its distance from the prior."""
+    """Interpretation of a posterior, from its distance to the prior."""
     return "informed" if moved else "not informed" if analysis.is_enough else "undecided"
 
 
 def _spread(analysis: Back, parameter: Parameter) -> float:
-    """Prior standard deviation of a shift, or of the logarithm of a factor."""
+    """Prior standard deviation of a shift, or of the log of a factor."""
     given = analysis.inputs.given
     if parameter.column.startswith("source"):
         return given["source_shift"]

@@ -53,7 +53,7 @@ class Sampler:
         return normalised(self.log_weights())
 
     def propose(self, n: int, random: np.random.Generator) -> np.ndarray:
-        """Propose more points, concentrated at likely ones."""
+        """Propose more points, concentrated where the likelihood is high."""
         weight = self._tempered()
         mixture = _Mixture(self.points, weight)
         new = mixture.draw(n, random)
@@ -64,7 +64,7 @@ class Sampler:
         return new
 
     def more_of_prior(self, points: np.ndarray) -> None:
-        """Add points of the prior, if no point is likely yet."""
+        """Add points from the prior, if no point is likely yet."""
         self.points = np.concatenate([self.points, points])
         self.sizes[0] += len(points)
         self.densities = [density(self.points) for density in self._all()]

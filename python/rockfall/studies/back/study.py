@@ -161,7 +161,7 @@ class _Read:
 def _read(
     case: Case, observed: tuple[str | Path | Observed, ...], arrays: Mapping[str, Any]
 ) -> _Read:
-    """Read a case and the observations, with a run of the unchanged case."""
+    """Read a case and its observations, with a run of the unchanged case."""
     read = read_scene(case, **arrays)
     warn_of(read)
     scene = lean(read, "a back-analysis", ["passages"])
@@ -222,7 +222,7 @@ class _Rounds:
         self.weight, self.ahead = self.sampler.weights(), self.sampler.log_prior_weights()
 
     def _scenes(self) -> Iterator[tuple[int, Scene]]:
-        """Scenes of the members of a round, by their numbers; adds the draws of each to `rows`."""
+        """Scenes of the members of a round, by number; the draws of each are appended to `rows`."""
         scene, inputs = self.read.scene, self.read.inputs
         for number in range(len(self.rows), len(self.cube)):
             draws = [inputs.at(name, self.cube[number], number) for name in inputs.names]
@@ -230,7 +230,7 @@ class _Rounds:
             yield number, drawn_scene(scene, draws, inputs.boulders_seed(number))
 
     def propose(self) -> None:
-        """Add the members of another round: near members of high likelihood, or from the prior."""
+        """Add the members of the next round: near members of high likelihood, or from the prior."""
         seed, sought = self.read.case.case["seed"], self.read.sought
         shape = ROUND, self.cube.shape[1]
         points = np.random.default_rng((seed, STREAM, len(self.cube))).random(shape)
@@ -241,7 +241,7 @@ class _Rounds:
         self.cube = np.concatenate([self.cube, points])
 
     def posterior(self, enough: int) -> Back:
-        """Result of the complete rounds; KeyboardInterrupt if none is complete."""
+        """Result of the complete rounds; raises KeyboardInterrupt if none is complete."""
         import pandas as pd
 
         read, sampler, weight = self.read, self.sampler, self.weight
@@ -276,7 +276,9 @@ def _places(marks: list[Mark]) -> tuple[list[str], np.ndarray, np.ndarray]:
 
 
 def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
-    """Measure the variation between runs that differ only in inputs that are not parameters."""
+    """Measure the variation between runs that share all parameters but differ in other uncertain
+    inputs.
+    """
     scenes = (
         (k, drawn_scene(scene, [inputs.at("dem", inputs.design[0, 0], k)], inputs.boulders_seed(k)))
         for k in range(NOT_MEMBERS, NOT_MEMBERS + REPLICATES)
@@ -319,8 +321,9 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
 
 
 def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
-    """Numbers of strength and relief, one after the other for each ground, that are uncertain and
-    belong to grounds on which boulders rebound."""
+    """Column numbers of strength and relief, in pairs per ground, that are uncertain and on grounds
+    where boulders rebounded.
+    """
     reached = {ground.name for ground in rebounds_by_ground(base) if ground.rebounds}
     is_given = [inputs.given[key] > 1 for key in PAIR_FACTORS]
     return [
@@ -333,7 +336,7 @@ def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
 
 
 def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
-    """Rows of the rock sizes that boulders reach; a factor on other rows has no effect."""
+    """Rows of rock sizes that boulders reach; factors on other rows have no effect."""
     if scene.rasters.values is not None:
         return {0}
     rows = {0}

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Base of blocks at rest and of marks: witnesses of boulders that cannot be compared one by one."""
+"""Base class for blocks at rest and marks: evidence of boulders that cannot be compared
+individually.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,10 @@ def worth_of(times: float) -> float:
 
 @dataclass(kw_only=True)
 class Witnesses:
-    """Base of the data of witnesses; see `evidence.Counted` for the methods. The data kept of a run
-    are sums over boulders for each witness, and log-densities of its own boulders for the noise."""
+    """Base class for data of witnesses; see `evidence.Counted` for the methods. Data kept of a run
+    are sums over boulders for each witness, and log-densities of the run's own boulders, for the
+    noise.
+    """
 
     SUMS: ClassVar[int]  # over boulders, of each witness
     AGAIN: ClassVar[int]  # samples of equal size from each run, for predictive probabilities
@@ -31,7 +35,7 @@ class Witnesses:
         raise NotImplementedError
 
     def _sums(self, runs: np.ndarray) -> np.ndarray:
-        """Sums over boulders (SUMS) of runs and witnesses."""
+        """Sums over boulders (SUMS) by run and witness."""
         kept = runs[:, : self.SUMS * self.n].reshape(len(runs), self.SUMS, self.n)
         return np.moveaxis(kept, 1, 0)
 

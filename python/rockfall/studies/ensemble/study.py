@@ -149,7 +149,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
 
 
 def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
-    """Scene without the outputs that studies do not use, except these maps."""
+    """Scene without outputs that studies do not use, except these maps."""
     case = scene.case
     refuse_by_area(scene.case, scene, what)
     output = ROWS_ONLY | {"maps": maps, "energy_balance": False}
@@ -158,7 +158,7 @@ def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
 
 
 def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
-    """A, B, and A with each of its inputs in turn taken from B."""
+    """Draws A and B, and A with one input at a time taken from B."""
     yield a
     yield b
     for i in range(len(a)):
@@ -239,7 +239,7 @@ def _units(quantity: str, number: str) -> str:
 
 
 def _drawn(draws: list[list[Draw]], seeds: list[int]) -> dict[str, Any]:
-    """The numbers drawn for A and B of each run; dimensions run, side (and zone)."""
+    """Drawn numbers for A and B of each run; dimensions run, side (and zone)."""
     kept = [{key: value for draw in drawn for key, value in draw.kept.items()} for drawn in draws]
     data: dict[str, Any] = {
         "side": ("side", np.array(["A", "B"], dtype=object)),

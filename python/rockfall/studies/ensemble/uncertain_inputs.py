@@ -51,7 +51,7 @@ class Operator(NamedTuple):
 
 @dataclass
 class Draw:
-    """A drawn input: its changes to a scene, and its numbers, to be kept."""
+    """A drawn input: its changes to a scene, and its numbers, which are kept."""
 
     arrays: dict[str, Any] = field(default_factory=dict)  # by names of Scene
     groups: dict[str, dict[str, Any]] = field(default_factory=dict)  # arguments of Case.replace
@@ -65,7 +65,7 @@ class Draw:
 
 
 def drawn_scene(scene: Scene, draws: Iterable[Draw], seed: int) -> Scene:
-    """Scene with all drawn inputs, for boulders of this seed."""
+    """Scene with all drawn inputs, for boulders with this seed."""
     arrays: dict[str, Any] = {}
     groups: dict[str, Any] = {"case": {"seed": seed}}
     factors: dict[str, float] = {}
@@ -114,9 +114,10 @@ class Uncertain:
             )
 
     def _operators(self) -> list[Operator]:
-        """Random operators of the names in `sets`, one per draw: impact sets instead of the set of
-        the case, together with tables in place of its grounds: for `talus` each draw of
-        `talus-ensemble`, for the default ground any other table."""
+        """Random operators of the names in `sets`, one per draw. Impact sets replace the case's
+        set; tables replace its grounds: for `talus` each draw of `talus-ensemble`, for the default
+        ground any other table.
+        """
         case, files = self.scene.case, list[SetFile]()
         stand_ins: dict[str, list[GroundRule]] = {}
         for name in self.given.get("sets", []):
@@ -159,8 +160,9 @@ class Uncertain:
         return path if is_table else None
 
     def _check_factors(self) -> None:
-        """Refuse factors on values that a source layer does not give (the kernel does so for a case
-        without a layer), and on rocks that no zone has."""
+        """Refuse factors on values that a source layer does not give (the kernel does so for cases
+        without a layer), and on rocks absent from all zones.
+        """
         scene = self.scene
         of_case, features = {**scene.case.boulder, **scene.case.release}, scene.features
         for name in ("volume_std", "drop_height") if features is not None else ():
@@ -180,8 +182,9 @@ class Uncertain:
                 )
 
     def _check_pairs(self) -> None:
-        """Refuse factors on strength and relief that no ground has, or that tables in `sets`
-        replace."""
+        """Refuse factors on strength and relief for grounds without them, or replaced by tables in
+        `sets`.
+        """
         given = [key for key in PAIR_FACTORS if self.given[key] > 1]
         given += ["draws"] * ("strength_1" in dict(*self.rows[:1]))
         for key in given[:1]:
@@ -224,13 +227,15 @@ class Uncertain:
         return points[:runs].reshape(runs, 2, numbers) + 0.5 ** (BITS + 1)  # never 0
 
     def draw(self, name: str, run: int, side: int) -> Draw:
-        """An input of a run, as in A (side 0) or B (side 1). It depends on the seed of the case, on
-        the input, run and side; not on the number of runs or on other uncertain inputs."""
+        """An input of a run, as in A (side 0) or B (side 1). It depends on the case's seed, the
+        input, run and side, not on the number of runs or other uncertain inputs.
+        """
         return self.at(name, self.design[run, side], 2 * run + side)
 
     def at(self, name: str, point: np.ndarray, number: int) -> Draw:
-        """An input at a point of the unit cube: uniform numbers of all inputs. `number` is the seed
-        of everything else: errors of the terrain, repeated shifts."""
+        """An input at a point of the unit cube (uniform numbers of all inputs). `number` seeds the
+        rest: terrain errors, repeated shifts.
+        """
         k = INPUTS.index(name)
         numbers = point[self.ends[k] : self.ends[k + 1]]
         if name in STREAMS:
@@ -246,12 +251,13 @@ class Uncertain:
         return np.random.SeedSequence((self.scene.case.case["seed"], STREAMS.index(name), number))
 
     def _factor(self, numbers: np.ndarray, key: str) -> np.ndarray:
-        """Log-normal factors of median 1, with the geometric standard deviation of a key."""
+        """Log-normal factors with median 1 and the geometric standard deviation of a key."""
         return self.given[key] ** normal_scores(numbers)
 
     def _radius(self, numbers: np.ndarray) -> Draw:
-        """One factor for each row of the zone table, on R_m or on its three Rg; a single factor if
-        rasters or one value give the sizes."""
+        """One factor per row of the zone table, on R_m or on its three Rg; a single factor if
+        rasters or one value give the sizes.
+        """
         return self._radii_by(self._factor(numbers, "radius_factor"))
 
     def _radii_by(self, factor: np.ndarray) -> Draw:
@@ -345,7 +351,7 @@ class Uncertain:
         )
 
     def _shifted(self, east: float, north: float) -> Draw | None:
-        """Shifted sources, None if a source would leave the known terrain."""
+        """Shifted sources; None if a source would leave the known terrain."""
         x, y = self.scene.x + east, self.scene.y + north
         if not self.scene.known_at(x, y).all():
             return None
@@ -364,7 +370,7 @@ class Uncertain:
 
 
 def has_rocks(sizes: np.ndarray) -> bool:
-    """Return True if a row of rock sizes, R_m or three Rg [m], is known and above zero."""
+    """Return True if a row of rock sizes, R_m or three Rg [m], is known and positive."""
     return bool(np.isfinite(sizes).all() and (sizes > 0).any())
 
 
