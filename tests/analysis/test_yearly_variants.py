@@ -28,7 +28,7 @@ def case(tmp_path_factory):
     }
     made = scenes.make_case(tmp_path_factory.mktemp("case"), *scenes.sets(2.0), **groups)
     return made.replace(
-        hazard={"thresholds": [30.0, 300.0], "frequency_factor": [0.8, 1.5]},
+        hazard={"thresholds": [40.0, 300.0], "object_width": 12.0, "frequency_factor": [0.8, 1.5]},
         line=LINES,
         barrier=[NET],
         scenario=SCENARIOS,

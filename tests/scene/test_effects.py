@@ -10,7 +10,7 @@ import shapely.affinity
 import programs
 import rockfall
 import scenes
-from made import PLACE
+from made import PLACE, refused
 from programs import make_full_case, refused_in_one_line, run_program
 from rockfall.analysis.hazard.scenarios import base_case
 from rockfall.scene.read import read_scene
@@ -98,6 +98,30 @@ def test_a_key_without_effect_is_refused(group, key, value, others, needs, valid
     if valid is not None:
         case = case_of(others, {group: {key: value}}, valid)
         assert getattr(case, group)[key] == value
+
+
+def test_maps_and_scenarios_that_go_take_their_keys_along():
+    """So that studies, which run without maps, take any case; a key that is still used stays."""
+    hazard = {"thresholds": [5.0, 50.0], "object_width": 7.0}
+    maps = {"output": {"maps": ["hits", "energy_exceeded"], "min_passages": 3}, "hazard": hazard}
+    case = case_of(maps)
+    bare = case.replace(output={"maps": None})
+    assert "maps" not in bare.output and bare.output["min_passages"] == 1
+    default = case_of()
+    for key, value in hazard.items():
+        assert bare.hazard[key] == default.hazard[key]
+        assert case.replace(output={"maps": ["passages"]}).hazard[key] == default.hazard[key]
+        assert case.replace(output={"trajectories": 1}).hazard[key] == value
+    one = case.replace(output={"maps": ["hits"]})
+    assert (one.hazard["object_width"], one.hazard["thresholds"]) == (7.0, [30.0, 300.0])
+    often = case_of(maps, SCENARIO, {"hazard": {"minimum_area": 9.0}})
+    assert often.replace(output={"maps": None}).hazard["thresholds"] == [5.0, 50.0]
+    rare = often.replace(scenario=[])
+    assert (rare.hazard["thresholds"], rare.hazard["minimum_area"]) == ([5.0, 50.0], 0.0)
+    assert often.replace(scenario=[], output={"maps": None}).hazard["thresholds"] == [30.0, 300.0]
+    rule = "is only valid with &scenario, or maps ..._exceeded"
+    with refused(f"case: &hazard thresholds = 5.0, 50.0: {rule}"):
+        bare.replace(hazard={"thresholds": [5.0, 50.0]}, scenario=[])
 
 
 def test_a_default_that_is_written_out_is_no_mistake():

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case.keys import REPEATABLE, Key, file_keys, gone_with
+from rockfall.case.keys import REPEATABLE, Key, file_keys, gone_with, idle_of_hazard
 from rockfall.case.rules import first_fault
 from rockfall.case.text import (
     KernelValues,
@@ -178,7 +178,7 @@ class Case:
         """Return a copy with other values: `case.replace(surface={"method": "A"})`; None removes a
         key, with all keys that are only valid with it: `zones` with their table, field and layer. A
         list replaces all groups of its name: `case.replace(line=[])`. `sets` or `table` of
-        `impact` bring their form with them.
+        `impact` bring their form with them; `maps` and `scenario` take keys of `hazard` along.
 
         >>> import rockfall
         >>> case = rockfall.read_case("case.nml")
@@ -197,6 +197,10 @@ class Case:
                 changes[group] = values
         if "impact" in groups:
             changes["impact"] |= _new_form(groups["impact"])
+        if "scenario" in groups or "maps" in groups.get("output", {}):
+            maps = changes.get("output", {}).get("maps", self.output.get("maps"))
+            idle = idle_of_hazard(changes.get("scenario", self.scenario), maps or ())
+            changes["hazard"] = {**changes.get("hazard", {}), **idle, **groups.get("hazard", {})}
         return _made(self._changed(changes), self.folder, self.name)
 
     def _changed(self, changes: dict[str, Any]) -> KernelValues:

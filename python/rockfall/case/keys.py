@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from math import isnan
 from typing import Any, NamedTuple
@@ -32,6 +32,7 @@ ONLY_WITH: dict[str, list[tuple[tuple[str, ...], tuple[str, ...] | None]]] = {
     ],
     "output": [(("maps",), ("map_extent", "min_passages"))],
 }
+OF_MAPS = {"thresholds": "exceeded", "object_width": "hits"}  # keys of &hazard, and parts of maps
 
 
 class Key(NamedTuple):
@@ -86,6 +87,12 @@ def gone_with(group: str, before: Mapping[str, Any], changes: Mapping[str, Any])
             idle = keys_of(group).keys() - {*owners} if keys is None else keys
             gone |= dict.fromkeys(key for key in idle if key not in changes)
     return gone
+
+
+def idle_of_hazard(scenarios: Sequence[Any], maps: Sequence[str]) -> dict[str, None]:
+    """Keys of &hazard that neither scenarios nor maps use."""
+    used = [key for key, part in OF_MAPS.items() if any(part in name for name in maps)]
+    return {} if scenarios else dict.fromkeys(keys_of("hazard").keys() - {*used})
 
 
 @cache

@@ -32,9 +32,6 @@ OUTPUT: dict[str, Any] = {  # output needed for a hazard
     ],
     "map_extent": "terrain", "rebounds": False, "trajectories": 0,
 }  # fmt: skip
-OF_CLASSES = (  # keys of &hazard that are only valid with a &scenario
-    "return_periods", "matrix", "frequency_factor", "minimum_area", "minimum_width",
-)  # fmt: skip
 KM2 = 1e6  # [m2]
 
 
@@ -121,7 +118,7 @@ def _case(case: Case, scenario: dict[str, Any]) -> Case:
     boulder |= {"rock_density": None} if "density" in scenario else {}
     boulder |= {key: scenario[key] for key in (*VOLUMES, "density") if key in scenario}
     try:
-        return case.replace(boulder=boulder, scenario=[], hazard=dict.fromkeys(OF_CLASSES))
+        return case.replace(boulder=boulder, scenario=[])
     except RockfallError as error:
         text = f"{case.name}: &scenario name = '{scenario['name']}': "
         raise RockfallError(str(error).replace(f"{case.name}: ", text, 1)) from error
