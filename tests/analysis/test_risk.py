@@ -11,6 +11,8 @@ import scenes
 from made import make_layer, refused
 from rockfall.analysis.objects.risk import layered, mean_of, risk_classes
 from rockfall.analysis.objects.vulnerability import BUILDING, read_curves
+from rockfall.analysis.precision.clusters import Clusters
+from rockfall.analysis.precision.intervals import Sources
 from rockfall.files.risk_files import class_words
 from rockfall.kernel_rules import fraction_limits
 from rockfall.language import LANGUAGES, speaking, translated
@@ -111,7 +113,7 @@ def test_limits_hold_the_mean_of_other_boulders():
     mean, held = 0.1 * 0.5, 0
     for _ in range(400):
         values = np.where(rng.random(300) < 0.1, rng.random(300), 0.0)
-        _, low, high = mean_of(values, 1.0, 1)
+        _, low, high = mean_of(values, 1.0, Clusters(Sources.alone(values.size), 1))
         held += low <= mean <= high
     assert held >= 0.95 * 400
     found = layered(np.array([1.0]), np.array([7]), 50, 1)

@@ -115,7 +115,7 @@ def _choices(
 ) -> Iterator[dict[str, Any]]:
     """Rows of a line: at most `allowed` [1/year] may pass."""
     tall = EXCEEDED["height"] <= HIGHEST
-    rates = yearly(hazard, hazard["line_class_behind"].values[:, k])
+    rates = yearly(hazard, "line", k, hazard["line_class_behind"].values[:, k])
     heights, high = EXCEEDED["height"][tall].tolist(), rates[2]
     classes = range(len(high))
     by_class = least_heights(classes, heights, lambda own, j: bool(high[own, j] <= allowed), prices)
@@ -133,9 +133,8 @@ def _choices(
 
 def _check(hazard: xr.Dataset, k: int, allowed: float) -> dict[str, Any]:
     """Check of the barrier at a line by the boulders that pass it."""
-    value, low, high = (
-        float(limit) for limit in yearly(hazard, hazard["line_behind"].values[:, k])
-    )
+    behind = hazard["line_behind"].values[:, k]
+    value, low, high = (float(limit) for limit in yearly(hazard, "line", k, behind))
     names = ("height", "capacity")
     given = {name: float(hazard[f"line_barrier_{name}"].values[k]) for name in names}
     verdict = {"holds": value <= allowed, "certain": (low <= allowed) == (high <= allowed)}

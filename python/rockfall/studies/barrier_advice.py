@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
+from rockfall.analysis.hazard.classes import frequencies
+from rockfall.analysis.precision.clusters import Clusters
+from rockfall.analysis.precision.intervals import fraction_interval
 from rockfall.analysis.precision.paired import difference_of_fractions
 from rockfall.case import Case
 from rockfall.errors import RockfallError
@@ -23,8 +25,7 @@ from rockfall.result.variables import OUTCOME
 from rockfall.scene.read import read_scene
 from rockfall.studies.siting_runs import populations
 from rockfall.studies.study import Study
-from rockfall.studies.variants import at_line
-from rockfall.studies.yearly_variants import Three, yearly_sum
+from rockfall.studies.yearly_variants import Three, hits_at, yearly_sum
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -93,7 +94,8 @@ class _Came(NamedTuple):
     outcome: np.ndarray
     height: np.ndarray
     energy: np.ndarray
-    source: Sources
+    clusters: Clusters
+    per_cluster: float  # boulders that count as one at the line
     yearly: float
 
 
@@ -217,9 +219,8 @@ def _came(
     is_line = barrier is not None and barrier.alignment.name == line
 
     def numbers(name: str, result: xr.Dataset) -> _Came:
-        at = at_line(result, NAME if is_line else line)
-        assert at is not None
-        comes = ~np.isnan(at["speed"])
+        hits = hits_at(result, NAME if is_line else line)
+        comes = ~np.isnan(hits[0])
         outcome = np.zeros(comes.size, "i1")
         height = energy = np.full(comes.size, np.nan)
         if barrier is not None:
@@ -229,7 +230,9 @@ def _came(
             height, energy = (line_values(result, name, here) for name in HITS)
             outcome = outcomes_at(result, here)
             outcome = np.where(is_line | (met <= there), outcome, 0)
-        return _Came(comes, outcome, height, energy, sources(result), yearly[name])
+        came, clusters = np.flatnonzero(comes), Clusters.of(result)
+        per_cluster = clusters.at(came, *hits[:, came])
+        return _Came(comes, outcome, height, energy, clusters, per_cluster, yearly[name])
 
     return [came for _, came in Study(progress=progress).run(scenes, numbers)]
 
@@ -245,14 +248,20 @@ def _with_barrier(
 
 def _sum(case: Case, runs: Sequence[_Came]) -> Three:
     """Boulders that arrive a year, or their fraction."""
-    fractions = (fraction_interval(run.comes, run.source) for run in runs)
-    return yearly_sum([run.yearly for run in runs], fractions, _factor(case))
+    if not case.scenario:
+        return fraction_interval(runs[0].comes, runs[0].clusters.source)
+    parts = (
+        (np.array([np.count_nonzero(run.comes)]), run.comes.size, run.per_cluster, run.yearly)
+        for run in runs
+    )
+    value, low, high = np.ravel(frequencies(parts, case.hazard["frequency_factor"])).tolist()
+    return value, low, high
 
 
 def _change(case: Case, today: Sequence[_Came], after: Sequence[_Came]) -> Three:
     """Difference made by a barrier to the boulders that arrive."""
     apart = (
-        difference_of_fractions(here.comes, before.comes, here.source)
+        difference_of_fractions(here.comes, before.comes, here.clusters.source)
         for here, before in zip(after, today, strict=True)
     )
     return yearly_sum([run.yearly for run in after], apart, _factor(case))

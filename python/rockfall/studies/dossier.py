@@ -170,12 +170,11 @@ def _scenes(study: HazardInputs, by_name: Mapping[str, Any]) -> Iterator[tuple[s
 
 
 def _at_objects(study: HazardInputs, result: xr.Dataset, lines: list[str]) -> dict[str, np.ndarray]:
-    """Energies of all boulders at objects with a width, by name; the layer is added if a line has
-    the same name, and the number if another object has it.
-    """
-    energies: dict[str, np.ndarray] = {}
-    for number, (energy, _) in object_hits(study.objects, result):
+    """Energies and heights of all boulders at objects with a width, by name: with the layer if a
+    line has the same name, and with its number if another object has it."""
+    at_objects: dict[str, np.ndarray] = {}
+    for number, hits in object_hits(study.objects, result):
         name = study.objects.names[number]
         named = f"{name} ({study.objects.layers[number]})" if name in lines else name
-        energies[f"{named} #{number + 1}" if named in energies else named] = energy
-    return energies
+        at_objects[f"{named} #{number + 1}" if named in at_objects else named] = hits
+    return at_objects

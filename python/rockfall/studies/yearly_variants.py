@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.hazard.classes import frequencies
 from rockfall.analysis.hazard.exceedance import levels_by_period
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
 from rockfall.analysis.hazard.variables import PERIODS
-from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
+from rockfall.analysis.precision.clusters import Clusters
+from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.paired import difference_of_fractions
-from rockfall.case import Case, case_of
+from rockfall.case import Case
 from rockfall.case.variants import variants
-from rockfall.result.crossings import line_names
-from rockfall.result.maps.clusters import boulders_per_cluster
+from rockfall.result.crossings import line_names, line_values
 from rockfall.scene.read import read_scene
 from rockfall.studies.study import NO_CHECKPOINTS, ROWS_ONLY, Study
 from rockfall.studies.variants import COLUMNS, at_line, verdict_on
@@ -46,7 +47,7 @@ class YearlyRun(NamedTuple):
 
     energies: dict[str, np.ndarray]
     source: Sources
-    per_cluster: int
+    per_cluster: dict[str, float]  # boulders that count as one at each place
     yearly: float  # frequency of the scenario [1/year]
 
 
@@ -128,18 +129,26 @@ def yearly_run(
     lines: Sequence[str] | None = None,
     objects: Mapping[str, np.ndarray] = NO_OBJECTS,
 ) -> YearlyRun:
-    """Numbers of a result with its frequency [1/year], at all or some lines, and at objects with
-    the energies [J] of all boulders there.
-    """
-    energies = {}
-    for line in line_names(result) if lines is None else lines:
-        at = at_line(result, line)
-        assert at is not None
-        energies[line] = at["energy_total"]
-    energies |= objects
-    starts = (result[f"start_{axis}"].values for axis in "xy")
-    per_cluster = boulders_per_cluster(case_of(result), *starts)
-    return YearlyRun(energies, sources(result), per_cluster, yearly)
+    """Numbers of a result with its frequency [1/year], at all lines or these, and at objects with
+    the energies [J] and heights [m] of all boulders there, (2, boulders)."""
+    names, clusters = line_names(result), Clusters.of(result)
+    at_places = {line: hits_at(result, line) for line in (names if lines is None else lines)}
+    at_places |= objects
+    per_cluster = {}
+    for place, (energy, height) in at_places.items():
+        came = np.flatnonzero(~np.isnan(energy))
+        per_cluster[place] = clusters.at(came, energy[came], height[came])
+    energies = {place: energy for place, (energy, _) in at_places.items()}
+    return YearlyRun(energies, clusters.source, per_cluster, yearly)
+
+
+def hits_at(result: xr.Dataset, line: str) -> np.ndarray:
+    """Energies [J] and heights of the centre [m] of all boulders at a line, (2, boulders), NaN for
+    those that do not pass it."""
+    at = at_line(result, line)
+    assert at is not None
+    height = line_values(result, "passing_height", line_names(result).index(line))
+    return np.array([at["energy_total"], np.where(np.isnan(at["energy_total"]), np.nan, height)])
 
 
 def _rows(
@@ -154,12 +163,17 @@ def _rows(
     energies = [run.energies[line] for run in runs]
     before = [run.energies[line] for run in first or () if line in run.energies]
     n = sum(int(np.count_nonzero(~np.isnan(each))) for each in energies)
+    samples = [
+        (each.size, run.per_cluster[line], run.yearly)
+        for each, run in zip(energies, runs, strict=True)
+    ]
     for threshold in dict.fromkeys((0.0, *hazard["thresholds"])):
         passing = [each >= 1000.0 * threshold for each in energies]
-        parts = (
-            fraction_interval(mask, run.source) for mask, run in zip(passing, runs, strict=True)
+        counts = ([np.count_nonzero(mask)] for mask in passing)
+        rates = frequencies(
+            ((np.array(count), *each) for count, each in zip(counts, samples, strict=True)), factor
         )
-        three = yearly_sum(yearly, parts, factor)
+        three = (float(rate[0]) for rate in rates)
         row = {"quantity": "frequency", "n": n, **dict(zip(VALUES, three, strict=True))}
         row["statistic"] = f"above_{threshold:.10g}" if threshold else "all"
         if before:
@@ -170,9 +184,6 @@ def _rows(
             )
             row |= verdict_on(*yearly_sum(yearly, apart, factor))
         yield row
-    samples = [
-        (each.size, run.per_cluster, run.yearly) for each, run in zip(energies, runs, strict=True)
-    ]
     levels = levels_by_period([each[~np.isnan(each)] for each in energies], samples, factor)
     for period, three in zip(PERIODS, levels.T.tolist(), strict=True):
         values = dict(zip(VALUES, three, strict=True))

@@ -41,10 +41,12 @@ class Matrix(NamedTuple):
 
 
 def frequencies(
-    parts: Iterable[tuple[np.ndarray, int, int, float]], factor: Sequence[float] = (1.0, 1.0)
+    parts: Iterable[tuple[np.ndarray, int, float | np.ndarray, float]],
+    factor: Sequence[float] = (1.0, 1.0),
 ) -> Frequencies:
     """Combine scenarios, each given as counts, number of boulders, number of boulders that count as
-    one (`boulders_per_cluster`), and annual frequency.
+    one (`boulders_per_cluster`; of each place, the last dimension, if an array), and annual
+    frequency.
 
     The limits are sums of the limits of the scenarios (Wilson's). Scenarios share random numbers,
     so their errors may have the same sign, for which other rules would be too narrow. They include

@@ -13,6 +13,7 @@ import numpy as np
 from rockfall.analysis.hazard.classes import Frequencies, Matrix, classify, frequencies, intensities
 from rockfall.analysis.hazard.exceedance import (
     Passing,
+    Sample,
     behind,
     class_behind,
     exceedance_numbers,
@@ -40,6 +41,7 @@ from rockfall.analysis.objects.segment_hits import (
     segment_numbers,
 )
 from rockfall.analysis.objects.segments import Segments
+from rockfall.analysis.precision.clusters import Clusters
 from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import Case, case_of
 from rockfall.io.input_warnings import InputWarning, stored_warnings
@@ -47,7 +49,6 @@ from rockfall.language import Text, packed
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import boulders_at, line_names
 from rockfall.result.grounds import rebounds_by_ground, source_text
-from rockfall.result.maps.clusters import boulders_per_cluster
 from rockfall.result.samples import simulated
 from rockfall.result.variables import ENDS
 from rockfall.scene.scene import Scene
@@ -77,28 +78,40 @@ class ScenarioRun:
 
     def __init__(self, inputs: HazardInputs, scenario: Scenario, result: xr.Dataset) -> None:
         self.boulders, self.yearly = simulated(result), scenario.frequency
-        starts = (result[f"start_{axis}"].values for axis in "xy")
-        self.per_cluster = boulders_per_cluster(inputs.case, *starts)
+        clusters = Clusters.of(result)
+        self.per_cluster = clusters.most  # in cells
         self.sample = self.boulders, self.per_cluster, self.yearly
         # counts by cell (intensities, y, x)
         self.passages = _counts(result, "passages", "energy_exceeded")
         self.hits = _counts(result, "hits", "hits_energy_exceeded")
         self.extremes = {name: result[name].values for name in EXTREMES}
-        self.segments = [*segment_hits(inputs.segments, result, len(inputs.objects.lines))]
+        first = len(inputs.objects.lines)
+        self.segments = [*segment_hits(inputs.segments, result, first, clusters)]
         self.segment_counts = hit_counts(self.segments, result["threshold"].values)
         self.at_objects: list[Passing | None] = [None] * len(inputs.objects)
         came_to_objects = [np.zeros(0, "i8")] * len(inputs.objects)
+        at_objects = np.full(len(inputs.objects), float(clusters.most))
         for number, hits in object_hits(inputs.objects, result):
-            came_to_objects[number] = np.flatnonzero(np.isfinite(hits[0]))
-            self.at_objects[number] = Passing(*hits[:, came_to_objects[number]])
+            came_to_objects[number] = boulders = np.flatnonzero(np.isfinite(hits[0]))
+            self.at_objects[number] = at = Passing(*hits[:, boulders])
+            at_objects[number] = clusters.at(boulders, at.energy, at.height)
         energies = {k: at.energy for k, at in enumerate(self.at_objects) if at}
         thresholds = result["threshold"].values
         self.objects = object_counts(
             inputs.objects, energies, thresholds, inputs.scene.grid, self.hits
         )
-        self.risk = self._risk(inputs.objects, result) if inputs.objects.exposed else None
+        self.risk = self._risk(inputs.objects, result, clusters) if inputs.objects.exposed else None
         lines = self._read_lines(inputs, result)
         came = {"line": [boulders_at(result, k) for k in lines], "object": came_to_objects}
+        at_lines = zip(came["line"], self.at_lines, strict=True)
+        #: Boulders that count as one at each place.
+        self.per_place = {
+            "line": np.array(
+                [clusters.at(boulders, at.energy, at.height) for boulders, at in at_lines]
+            ),
+            "object": at_objects,
+            "segment": np.array([segment.per_cluster for segment in self.segments]),
+        }
         self.origins = Origins.of(result, inputs.scene.grid, came)
         self.variable_attrs = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
@@ -125,10 +138,14 @@ class ScenarioRun:
         }
         return lines
 
-    def _risk(self, objects: Objects, result: xr.Dataset) -> RunRisk:
+    def samples(self, kind: str) -> list[Sample]:
+        """Sample at each line, object or segment (`kind`)."""
+        return [(self.boulders, each, self.yearly) for each in self.per_place[kind].tolist()]
+
+    def _risk(self, objects: Objects, result: xr.Dataset, clusters: Clusters) -> RunRisk:
         points = Points(objects.point, self.objects, result["threshold"].values)
         energies = ((number, energy) for number, (energy, _) in object_hits(objects, result))
-        return RunRisk(objects.exposed, energies, diameters(result), points, self.per_cluster)
+        return RunRisk(objects.exposed, energies, diameters(result), points, clusters)
 
 
 Runs = list[ScenarioRun]
@@ -259,7 +276,7 @@ def _classes(prefix: str, rates: Frequencies, matrix: Matrix) -> dict[str, np.nd
 
 def _objects(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.ndarray]:
     factor = inputs.case.hazard["frequency_factor"]
-    rates = frequencies(((run.objects, *run.sample) for run in runs), factor)
+    rates = _rates("object", runs, [run.objects for run in runs], factor)
     values = {
         "object_layer": np.array(inputs.objects.layers, dtype=object),
         "object_geometry": np.array([shape.wkt for shape in inputs.objects.shapes], dtype=object),
@@ -273,15 +290,14 @@ def _objects(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.n
     if exposed := inputs.objects.exposed:
         values["object_kind"] = np.array(exposed.kinds, dtype=object)
         values |= annual(((run.risk, run.yearly) for run in runs if run.risk), factor)
-    return values | _by_period("object_", inputs, runs, [run.at_objects for run in runs])
+    return values | _by_period("object", inputs, runs, [run.at_objects for run in runs])
 
 
 def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
     """Frequencies at lines and barriers, energies and heights by return period, and boulders that
     barriers let pass."""
     counts = [np.array([[at.energy.size for at in run.at_lines]]) for run in runs]
-    samples = ((count, *run.sample) for count, run in zip(counts, runs, strict=True))
-    rates = frequencies(samples, inputs.case.hazard["frequency_factor"])
+    rates = _rates("line", runs, counts, inputs.case.hazard["frequency_factor"])
     values = {f"line_frequency{end}": rate[0] for end, rate in zip(ENDS, rates, strict=True)}
     values["line_passages"] = np.concatenate(counts)
     values["line_behind"] = np.array([run.behind for run in runs], "i4")
@@ -289,19 +305,31 @@ def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
         [np.stack([class_behind(at) for at in run.at_lines]) for run in runs]
     )
     values |= {f"line_barrier_{name}": each for name, each in runs[0].barriers.items()}
-    return values | _by_period("line_", inputs, runs, [run.at_lines for run in runs])
+    return values | _by_period("line", inputs, runs, [run.at_lines for run in runs])
+
+
+def _rates(
+    kind: str, runs: Runs, counts: Sequence[np.ndarray], factor: Sequence[float]
+) -> Frequencies:
+    """Frequencies of counts (..., places) of each run at lines, objects or segments (`kind`)."""
+    parts = (
+        (count, run.boulders, run.per_place[kind], run.yearly)
+        for count, run in zip(counts, runs, strict=True)
+    )
+    return frequencies(parts, factor)
 
 
 def _by_period(
-    prefix: str,
+    kind: str,
     inputs: HazardInputs,
     runs: Runs,
     places: Sequence[Sequence[Passing | None]],
 ) -> dict[str, np.ndarray]:
     """Energies and heights by return period at places, and counts above levels of both."""
-    samples = [run.sample for run in runs]
+    samples = [run.samples(kind) for run in runs]
     numbers = exceedance_numbers(places, samples, inputs.case.hazard["frequency_factor"])
-    return {f"{prefix}{name}": values for name, values in numbers.items()}
+    numbers["boulders_per_cluster"] = np.stack([run.per_place[kind] for run in runs])
+    return {f"{kind}_{name}": values for name, values in numbers.items()}
 
 
 def _levels() -> dict[str, tuple]:
@@ -320,7 +348,7 @@ def _levels() -> dict[str, tuple]:
 def _segments(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.ndarray]:
     """Frequencies, classes and numbers of the segments of roads."""
     segments, factor = inputs.segments, inputs.case.hazard["frequency_factor"]
-    rates = frequencies(((run.segment_counts, *run.sample) for run in runs), factor)
+    rates = _rates("segment", runs, [run.segment_counts for run in runs], factor)
     values = {
         "segment_geometry": np.array([axis.wkt for axis in segments.axes], dtype=object),
         "segment_road": np.array(segments.roads, dtype=object),
@@ -333,11 +361,11 @@ def _segments(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.
         "segment_energy_exceeded": np.stack([run.segment_counts[1:] for run in runs]),
     }
     values |= _with_ends("segment_frequency", "segment_exceedance_frequency", rates)
-    weighted = [Weighted(run.segments, run.yearly / run.boulders, run.per_cluster) for run in runs]
+    weighted = [Weighted(run.segments, run.yearly / run.boulders) for run in runs]
     numbers = segment_numbers(weighted)
     values |= {f"segment_{name}": number for name, number in numbers.items()}
     at = [[Passing(hit.energy, hit.passing_height) for hit in run.segments] for run in runs]
-    values |= _by_period("segment_", inputs, runs, at)
+    values |= _by_period("segment", inputs, runs, at)
     return values | _classes("segment_", rates, matrix)
 
 

@@ -52,19 +52,21 @@ def class_behind(at: Passing) -> np.ndarray:
 
 
 #: Boulders of a run, boulders that count as one, and frequency of its scenario [1/year].
-Sample = tuple[int, int, float]
+Sample = tuple[int, float, float]
 
 
 def exceedance_numbers(
     passing: Sequence[Sequence[Passing | None]],
-    runs: Sequence[Sample],
+    runs: Sequence[Sequence[Sample]],
     factor: Sequence[float] = (1.0, 1.0),
 ) -> dict[str, np.ndarray]:
     """Values of the table of a hazard at places, by their names without the prefix: energies and
     heights by return period with their limits, and counts above each of `EXCEEDED`, from the
-    boulders of each run that pass each place; None where only counts are known. `factor`: as in
+    boulders of each run that pass each place; None where only counts are known. `runs` has a sample
+    for each place of each run. `factor`: as in
     `rockfall.analysis.hazard.classes.frequencies`."""
     places = [*zip(*passing, strict=True)]
+    by_place = [*zip(*runs, strict=True)]
     values: dict[str, np.ndarray] = {}
     for name in LEVELS:
         levels = np.full((3, len(places), len(PERIODS)), np.nan)
@@ -73,7 +75,7 @@ def exceedance_numbers(
             samples = [getattr(each, name) for each in at if each is not None]
             if len(samples) < len(runs):
                 continue
-            levels[:, place] = levels_by_period(samples, runs, factor)
+            levels[:, place] = levels_by_period(samples, by_place[place], factor)
             counts[:, place] = [
                 sample.size - np.searchsorted(np.sort(sample), EXCEEDED[name], side="right")
                 for sample in samples

@@ -113,11 +113,15 @@ def period_table(hazard: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["place", "name", "return_period", *names])
 
 
-def yearly(hazard: xr.Dataset, counts: np.ndarray) -> Frequencies:
-    """Frequencies [1/year] from boulder counts by scenario (scenario, ...)."""
-    samples = (hazard[name].values for name in ("boulders", "boulders_per_cluster", "frequency"))
+def yearly(hazard: xr.Dataset, kind: str, k: int, counts: np.ndarray) -> Frequencies:
+    """Frequencies [1/year] from boulder counts by scenario (scenario, ...), at the line, object
+    or segment (`kind`) of index k."""
+    per_cluster = hazard["boulders_per_cluster"].values
+    if (name := f"{kind}_boulders_per_cluster") in hazard:
+        per_cluster = hazard[name].values[:, k]
+    samples = hazard["boulders"].values, per_cluster, hazard["frequency"].values
     parts = (
-        (row.astype("i4"), int(n), int(cluster), float(rate))
+        (row.astype("i4"), int(n), float(cluster), float(rate))
         for row, n, cluster, rate in zip(counts, *samples, strict=True)
     )
     return frequencies(parts, case_in(hazard.attrs).hazard["frequency_factor"])
@@ -140,7 +144,7 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
         )
     above = hazard[f"{kind}_{quantity}_counts"].values[:, k]
     counts = np.column_stack([hazard[f"{kind}_passages"].values[:, k], above])
-    return np.append(0.0, hazard[f"exceeded_{quantity}"].values), yearly(hazard, counts)
+    return np.append(0.0, hazard[f"exceeded_{quantity}"].values), yearly(hazard, kind, k, counts)
 
 
 def find_place(hazard: xr.Dataset, place: str, among: Sequence[str] = PLACES) -> tuple[str, int]:

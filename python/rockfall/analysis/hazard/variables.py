@@ -101,7 +101,10 @@ def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable
 
 
 def _by_period(prefix: str, dims: tuple[str, ...], where: str) -> Iterator[tuple[str, Variable]]:
-    """Energies and heights by return period, and the counts behind exceedance curves."""
+    """Energies and heights by return period, the counts behind exceedance curves, and the
+    boulders that count as one in their limits."""
+    what = f"boulders {where} that count as one in the intervals"
+    yield f"{prefix}boulders_per_cluster", Variable(("scenario", *dims), PART, what)
     for name, (units, quantity) in LEVELS.items():
         what = f"{quantity} of a boulder {where} that is reached once in the period"
         yield from _with_ends(f"{prefix}{name}_by_period", (*dims, "event_period"), what, units)

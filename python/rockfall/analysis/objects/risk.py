@@ -12,6 +12,7 @@ import numpy as np
 
 from rockfall.analysis.hazard.classes import Frequencies
 from rockfall.analysis.objects.exposure import QUANTITIES, Exposure, Harm
+from rockfall.analysis.precision.clusters import Clusters
 from rockfall.kernel_rules import count_limits
 from rockfall.result.variables import ENDS
 
@@ -25,7 +26,7 @@ SUMMED = ("damage", "collective_risk")  # individual risk is not summed over obj
 
 
 def layered(
-    heights: np.ndarray, counts: np.ndarray, boulders: int, per_cluster: int
+    heights: np.ndarray, counts: np.ndarray, boulders: int, per_cluster: float
 ) -> Frequencies:
     """Mean of a bounded quantity of the boulders, and the limits of its 95 % interval. `counts`
     boulders reach the top of each layer between two ascending heights, from 0. The mean is the sum
@@ -40,10 +41,12 @@ def layered(
     return Frequencies(thickness @ counts / boulders, thickness @ low, thickness @ high)
 
 
-def mean_of(values: np.ndarray, top: float, per_cluster: int) -> Frequencies:
+def mean_of(values: np.ndarray, top: float, clusters: Clusters) -> Frequencies:
     """Mean of values of all boulders that are 0 to `top`, with its limits; the upper limit allows
     for values that no boulder reached."""
-    rising = np.sort(values[values > 0])
+    boulders = np.flatnonzero(values > 0)
+    per_cluster = clusters.at(boulders, values[boulders])
+    rising = np.sort(values[boulders])
     heights = np.append(rising, max(top, rising[-1] if rising.size else 0.0))
     return layered(heights, np.arange(rising.size, -1, -1), values.size, per_cluster)
 
@@ -73,7 +76,7 @@ class RunRisk:
         energies: Iterable[tuple[int, np.ndarray]],
         diameter: np.ndarray,
         points: Points,
-        per_cluster: int,
+        clusters: Clusters,
     ) -> None:
         """`energies` are those at each line object, by its number."""
         self.objects = {
@@ -86,17 +89,15 @@ class RunRisk:
             for name in QUANTITIES:
                 if harm := exposure.harms[name][number]:
                     values, top = harm.by(energy, diameter), harm.most(largest)
-                    self.objects[name][:, number] = mean_of(values, top, per_cluster)
+                    self.objects[name][:, number] = mean_of(values, top, clusters)
                     if name in SUMMED:
                         joint[name] += values
                         tops[name] += top
-        self.total = {
-            name: np.array(mean_of(joint[name], tops[name], per_cluster)) for name in SUMMED
-        }
+        self.total = {name: np.array(mean_of(joint[name], tops[name], clusters)) for name in SUMMED}
         for number, counts in points:
             for name in QUANTITIES:
                 if harm := exposure.harms[name][number]:
-                    sizes = points.thresholds, diameter.size, per_cluster
+                    sizes = points.thresholds, diameter.size, clusters.most
                     mean = np.array(mean_of_counts(harm, counts, *sizes))
                     self.objects[name][:, number] = mean
                     if name in SUMMED:

@@ -12,6 +12,7 @@ import numpy as np
 
 from rockfall.analysis.objects.risk import diameters
 from rockfall.analysis.objects.segments import Segments
+from rockfall.analysis.precision.clusters import Clusters
 from rockfall.analysis.precision.weighted import quantile_interval
 from rockfall.result.crossings import line_values
 from rockfall.result.samples import check_all_rows
@@ -21,18 +22,22 @@ if TYPE_CHECKING:
     import xarray as xr
 
 LEVEL = 0.95
+QUANTITIES = "energy", "passing_height", "upper_edge", "diameter"  # of `Hits`
 
 
 class Hits(NamedTuple):
-    """Boulders that hit a segment, where they first touch it."""
+    """Boulders that hit a segment, where they first touch it, and how many count as one."""
 
     energy: np.ndarray  # kinetic [J]
     passing_height: np.ndarray  # of the centre above the ground, vertical [m]
     upper_edge: np.ndarray  # of the highest point, vertical [m]
     diameter: np.ndarray  # of a sphere of their volume [m]
+    per_cluster: float
 
 
-def segment_hits(segments: Segments, result: xr.Dataset, first: int) -> Iterator[Hits]:
+def segment_hits(
+    segments: Segments, result: xr.Dataset, first: int, clusters: Clusters
+) -> Iterator[Hits]:
     """Boulders of a run that hit each segment; segment lines are numbered from `first`."""
     if len(segments):
         check_all_rows(result, "a segment of a road")
@@ -42,9 +47,10 @@ def segment_hits(segments: Segments, result: xr.Dataset, first: int) -> Iterator
         for line in first + np.flatnonzero(segments.owner == number):
             for k, quantity in enumerate(("energy_total", "passing_height", "upper_edge")):
                 values[k] = np.fmax(values[k], line_values(result, quantity, int(line)))
-        hit = np.isfinite(values[0])
+        hit = np.flatnonzero(np.isfinite(values[0]))
         energy, passing_height, upper_edge = values[:, hit]
-        yield Hits(energy, passing_height, upper_edge, of_boulders[hit])
+        per_cluster = clusters.at(hit, energy, passing_height)
+        yield Hits(energy, passing_height, upper_edge, of_boulders[hit], per_cluster)
 
 
 def hit_counts(hits: Sequence[Hits], thresholds: np.ndarray) -> np.ndarray:
@@ -62,7 +68,6 @@ class Weighted(NamedTuple):
 
     hits: Sequence[Hits]  # of each segment
     weight: float  # of a boulder [1/year]
-    per_cluster: int  # boulders that count as one
 
 
 def segment_numbers(runs: Sequence[Weighted]) -> dict[str, np.ndarray]:
@@ -76,9 +81,9 @@ def _numbers(runs: Sequence[Weighted], segment: int) -> dict[str, float]:
     weights = np.repeat(
         [run.weight for run in runs], [run.hits[segment].energy.size for run in runs]
     )
-    per_cluster = max(run.per_cluster for run in runs)
+    per_cluster = max(run.hits[segment].per_cluster for run in runs)
     numbers: dict[str, float] = {"boulders": weights.size}
-    for name in Hits._fields:
+    for name in QUANTITIES:
         values = np.concatenate([getattr(run.hits[segment], name) for run in runs])
         numbers[f"{name}_mean"] = float(weights @ values / weights.sum()) if values.size else np.nan
         limits = quantile_interval(values, weights, LEVEL, per_cluster)

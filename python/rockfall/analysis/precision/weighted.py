@@ -39,7 +39,7 @@ def value_at(values: np.ndarray, weights: np.ndarray, level: float) -> float:
 
 
 def quantile_interval(
-    values: np.ndarray, weights: np.ndarray, level: float, per_cluster: int = 1
+    values: np.ndarray, weights: np.ndarray, level: float, per_cluster: float = 1
 ) -> tuple[float, float, float]:
     """Quantile and the limits of its 95 % interval: order statistics that enclose it, as
     `between_ranks` has them for equal weights. NaN without values; a limit is NaN where the values

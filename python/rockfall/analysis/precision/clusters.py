@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Boulders that count as one in the limits of frequencies at a place, where sources are a sample:
+by how alike the boulders of a source behave there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rockfall.analysis.precision.intervals import Sources, sources, student
+from rockfall.case import case_of
+from rockfall.kernel_rules import Z
+from rockfall.limits import MIN_FOR_MEAN
+from rockfall.result.maps.clusters import boulders_per_cluster
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Boulders of a run by their sources."""
+
+    source: Sources
+    most: int  # boulders that count as one if all of a source behave alike, as cells assume
+
+    @classmethod
+    def of(cls, result: xr.Dataset) -> Clusters:
+        """Clusters of the boulders of a result."""
+        starts = (result[f"start_{axis}"].values for axis in "xy")
+        return cls(sources(result), boulders_per_cluster(case_of(result), *starts))
+
+    def at(self, boulders: np.ndarray, *values: np.ndarray) -> float:
+        """Boulders that count as one at a place, where these boulders (indices) come with these
+        values (each of the shape of `boulders`): the largest design effect of a fraction of
+        boulders above any of the values, so that one number is valid for all levels. It is 1 for
+        given sources, and `most` where too few come to show more."""
+        counts = np.bincount(self.source.number).astype(float)
+        if self.most == 1 or boulders.size < MIN_FOR_MEAN or counts.size == 1:
+            return float(self.most)
+        largest = max(self._effect(boulders[np.argsort(-each)], counts) for each in values)
+        return min(max(1.0, largest), float(self.most))
+
+    def _effect(self, boulders: np.ndarray, counts: np.ndarray) -> float:
+        """Largest design effect of the fraction of the first boulders, however many; `counts` are
+        boulders by source. The variance is that of `Sums.effective_number`."""
+        number, n, m = self.source.number[boulders], counts.sum(), counts.size
+        by_source = np.argsort(number, kind="stable")
+        grouped = number[by_source]
+        before = np.empty(number.size)  # boulders of the same source that came before
+        before[by_source] = np.arange(number.size) - np.searchsorted(grouped, grouped)
+        fraction = np.arange(1, number.size + 1) / n
+        squares = np.cumsum(2 * before + 1) - 2 * fraction * np.cumsum(counts[number])
+        squares += fraction**2 * (counts @ counts)
+        levels = slice(MIN_FOR_MEAN - 1, int(n) - 1)
+        variance = squares[levels] * m / (m - 1) / n**2
+        independent = fraction[levels] * (1 - fraction[levels]) / n
+        scale = (student(m - 1) / Z) ** 2
+        return scale * float((variance / independent).max(initial=0.0))
