@@ -82,10 +82,12 @@ def test_a_terrain_alone_has_steep_sources(capsys):
     assert float(threshold) == pytest.approx(55 * 5**-0.075, abs=0.005)
     # what is off and stands beside what is on may be turned on
     text = Path("case.nml").read_text()
-    for key in ("slope_threshold", "uniform_mean_radius"):
-        text = text.replace(f"    ! {key}", f"    {key}")
+    for key in ("slope_threshold", "uniform_mean_radius", "question"):
+        text = re.sub(f"^    ! {key} =", f"    {key} =", text, flags=re.MULTILINE)
+    text = re.sub(r"^! (&scenario .* /)$", r"\1", text, flags=re.MULTILINE)
     Path("all.nml").write_text(text)
     assert main(["check", "all.nml"]) == 0
+    assert [one["return_period"] for one in read_case("all.nml").scenario] == [10.0]
     capsys.readouterr()
     make_raster("dem.tif", np.full((20, 20), 5.0))
     assert new("-o", "flat.nml") == 2

@@ -94,6 +94,8 @@ def _foot(new: New) -> Iterator[str]:
     if new.observed is None or not (new.observed.files or new.observed.angle):
         yield "No observations were given. Runs are compared with those of the site, such as:"
         yield f"&observed files = 'blocks.csv', energy_line_angle = {ANGLE} /"
+    yield "Hazard and dossier need frequencies (docs/howto/hazard.md), such as:"
+    yield "&scenario name = 'blocks', return_period = 10.0 /"
     if LINES in new.used:
         return
     west, east, y = (f"{end:.10g}" for end in (new.grid.west, new.grid.east, new.grid.y.mean()))
@@ -110,6 +112,7 @@ def _case(new: New) -> Group:
             _entry("case", "title", new.out.stem),
             _entry("case", "boulders_total", new.boulders, total),
             _entry("case", "seed", 1),
+            _entry("case", "question", "Is the road safe?", on=False),
         ],
     )
 
