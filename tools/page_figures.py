@@ -134,7 +134,7 @@ def table_bins(boulders: int):
 
 @styled
 def strength(boulders: int):
-    """Strengths of the ground under boulders on talus, and how far these boulders come."""
+    """Strengths of the ground under boulders on talus, and the run-out of these boulders."""
     by_table = {"sets": None, "ratio": None, "table": "talus"}
     case = slope(min(boulders, 4000), impact=by_table, ensemble={"sets": None})
     result = rockfall.run(case)

@@ -168,7 +168,7 @@ def long_message(place: str, text: str) -> Iterator[str]:
 
 
 def messages_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and text of each string of one line in a module that is no docstring; N for values."""
+    """Line and text of each one-line string in a module, except docstrings; N for values."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     parts = {
         id(part)
@@ -254,7 +254,8 @@ def empty_names(path: Path) -> Iterator[str]:
 
 
 def wrapped(text: str) -> str:
-    """Fill paragraphs and items with too long a line again; all else stays unchanged."""
+    """Rewrap paragraphs and items that have a line that is too long; everything else remains
+    unchanged."""
     out: list[str] = []
     block: list[str] = []
 

@@ -159,8 +159,8 @@ def press_ctrl_c(env: dict[str, str]) -> str | None:
 
 def run_files(words: list[str], env: dict[str, str]) -> str | None:
     """Run files of Python tests, each in a process since Wine ends some, and show a table; returns
-    the fault, if any. Each core has a Windows of its own, all of which ends with a file that takes
-    too long."""
+    the fault, if any. Each core has its own Windows, which is ended completely if a file takes too
+    long."""
     table = BUILD / "python-tests.json"
     done = json.loads(table.read_text("utf-8")) if table.exists() else {}
     idle: SimpleQueue[dict[str, str]] = SimpleQueue()

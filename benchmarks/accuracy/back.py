@@ -38,8 +38,8 @@ SEED = 20_000  # of the truths; their boulders, and those of the analyses, have 
 
 
 def terrain(name: str) -> np.ndarray:
-    """Terrain that falls southwards: a slope of 0.8 with bumps over one of 0.2, or a cliff, a talus
-    and a flat with a channel."""
+    """Terrain that slopes down to the south: a slope of 0.8 with bumps over one of 0.2, or a cliff,
+    a talus and a flat with a channel."""
     random = np.random.default_rng(1)
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
     rough = random.normal(0, 0.2, x.shape)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders by the shipped sets and tables on planes: how many pass 200 m, speed, jump height.
+"""Boulders by the shipped sets and tables on planes: the fraction that passes 200 m, speed, jump
+height.
 
     python -m benchmarks.accuracy.planes [--boulders 10000] [-o docs]
 
@@ -62,7 +63,7 @@ class Number(NamedTuple):
 
 
 def plane(slope: float) -> tuple[np.ndarray, Grid]:
-    """Elevations that fall to the south by this slope [degree]. Its tangent is rounded to a
+    """Elevations of a plane that slopes down to the south [degree]. Its tangent is rounded to a
     multiple of 2^-40, so that each patch is a plane to the last bit."""
     tangent = round(np.tan(np.radians(slope)) * 2**40) / 2**40
     nx, ny = int(WIDE / CELL), int((ABOVE + DISTANCE + BELOW) / CELL)

@@ -39,7 +39,7 @@ BLOCKS, SCARS = 40, 20
 
 
 def terrain() -> np.ndarray:
-    """Terrain that falls southwards: a slope of 0.8 with bumps over one that runs out."""
+    """Terrain that slopes down to the south: a slope of 0.8 with bumps over one that runs out."""
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
     bumps = 2 * np.sin(x / 25) + 2 * np.sin(y / 20)
     rough = np.random.default_rng(1).normal(0, 0.2, x.shape)

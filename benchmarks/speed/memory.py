@@ -50,7 +50,7 @@ def sources(side: int) -> np.ndarray:
 
 
 def make_tiff(path: Path, row: np.ndarray) -> None:
-    """A raster whose rows are all alike: GeoTIFF, tiled and compressed."""
+    """A raster with identical rows: GeoTIFF, tiled and compressed."""
     import rasterio
     from rasterio.windows import Window
 

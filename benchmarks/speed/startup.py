@@ -69,7 +69,7 @@ def start(tree: Path, folder: Path, words: list[str]) -> tuple[float, float, str
 
 
 def words_of(command: str) -> list[str]:
-    """The arguments of Python for a command; "" has none of ours."""
+    """The arguments of Python for a command; "" adds none of our own."""
     return [*ROCKFALL, *command.format(vaujany=VAUJANY).split()] if command else ["-c", "pass"]
 
 

@@ -115,7 +115,7 @@ def across(shape: tuple[int, int] = SHAPE) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plane(gradient: float, cell: float = 2.0) -> np.ndarray:
-    """A slope that falls southward."""
+    """A slope that descends to the south."""
     return gradient * cell * across()[0]
 
 

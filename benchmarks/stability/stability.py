@@ -230,8 +230,8 @@ def contacts_on_plane(
 def plane_steps(
     gradient: Decimal, r_t: Decimal, r_n: Decimal, drop: Decimal, speed: Decimal, g: Decimal
 ) -> Iterator[tuple[Decimal, Decimal, Decimal]]:
-    """Contact by contact on a plane that falls along y: path to it in plan [m], and V_t, V_n after
-    it [m/s], for a release with a speed along y."""
+    """Contact by contact on a plane that descends along y: path to it in plan [m], and V_t, V_n
+    after it [m/s], for a release with a speed along y."""
     cosine = 1 / (1 + gradient * gradient).sqrt()
     sine = gradient * cosine
     time = (speed * gradient + (speed * speed * gradient * gradient + 2 * g * drop).sqrt()) / g

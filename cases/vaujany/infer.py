@@ -9,30 +9,28 @@
 'nearest'`, Rg read as a radius), `vaujany-observed` to the 100 boulders that they observed (method
 B, `ratio = 'between'`). Neither has the authors' coefficients, which are unpublished. Writes
 NAME.nml and NAME-ensemble.nml, with score, tolerances and judgement in the header. `--judge` fits
-nothing: it prints the numbers of NAME by shipped sets, as point 3 judges, and how many are met.
+nothing: it prints the numbers of NAME by shipped sets, judged by point 3, and the number of targets
+met.
 
-The protocol, chosen before any run:
-1. Form: 26 numbers (`Form`). Means are linear in R_b/R_m, the scatter is geometric in it.
-2. Data: `items`, each with a tolerance: of Table 2, 10 % of a mean, 20 % of a deviation, 25 % of a
-   simulated maximum (15 % of the observed one, a mean maximum of hundreds of boulders). A residual
-   is the error over its tolerance; the score is the sum of squares of the residuals. Simulated
-   maxima are too noisy to be fitted: they are judged only.
-   `vaujany-observed` also has to meet how neutral slopes fall with the size of a boulder on screes
-   (Statham 1976, quoted by Dorren 2003): tan(slope) = c + k R_m/R_b with k = 0.17 to 0.26, taken
-   between R_b/R_m = 2 and 5. The rebounds at Vaujany hardly tell the smaller ratios: by a first fit
-   without this, neutral slopes rose by 2 degrees from 1 to 5, and large boulders went less far.
-3. Slopes: reliefs of 0.15 to 0.5 m and mean slopes of 37 to 39 degrees, 12 at a time in a Latin
-   square. The fit uses seeds below 1000, others in each iteration; the judgement 24 slopes from
-   seed 1000, with 4,000 boulders each.
-4. Search: 96 sets around the present one, a linear model of the residuals by ridge regression,
-   steps by Levenberg-Marquardt with four damping factors; of these and the present set the best on
-   fresh slopes. The neighbourhood shrinks by 0.8 an iteration. Two starting points.
-5. Ensemble: draws from the normal approximation of the linear model within the prior of `PRIOR`,
-   kept by importance on fresh slopes; a quarter of them from the second optimum, if its score is
-   within 4 of the first. Then every member's a1 is shifted by a normal number with deviation 0.01:
-   one degree of the unpublished terrain.
-6. `speed_range` and `angle_range` are the 0.5 and 99.5 % quantiles of the rebounds by method B over
-   the judged slopes, 200 boulders each.
+The protocol, chosen before any run: 1. Form: 26 numbers (`Form`). Means are linear in R_b/R_m, the
+scatter is geometric in it. 2. Data: `items`, each with a tolerance: of Table 2, 10 % of a mean, 20
+% of a deviation, 25 % of a simulated maximum (15 % of the observed one, a mean maximum of hundreds
+of boulders). A residual is the error over its tolerance; the score is the sum of squares of the
+residuals. Simulated maxima are too noisy to be fitted: they are judged only. `vaujany-observed`
+must also reproduce the decrease of neutral slopes with boulder size on screes (Statham 1976, quoted
+by Dorren 2003): tan(slope) = c + k R_m/R_b with k = 0.17 to 0.26, taken between R_b/R_m = 2 and 5.
+The rebounds at Vaujany hardly tell the smaller ratios: by a first fit without this, neutral slopes
+rose by 2 degrees from 1 to 5, and large boulders went less far. 3. Slopes: reliefs of 0.15 to 0.5 m
+and mean slopes of 37 to 39 degrees, 12 at a time in a Latin square. The fit uses seeds below 1000,
+others in each iteration; the judgement 24 slopes from seed 1000, with 4,000 boulders each. 4.
+Search: 96 sets around the present one, a linear model of the residuals by ridge regression, steps
+by Levenberg-Marquardt with four damping factors; of these and the present set the best on fresh
+slopes. The neighbourhood shrinks by 0.8 an iteration. Two starting points. 5. Ensemble: draws from
+the normal approximation of the linear model within the prior of `PRIOR`, kept by importance on
+fresh slopes; a quarter of them from the second optimum, if its score is within 4 of the first. Then
+every member's a1 is shifted by a normal number with deviation 0.01: one degree of the unpublished
+terrain. 6. `speed_range` and `angle_range` are the 0.5 and 99.5 % quantiles of the rebounds by
+method B over the judged slopes, 200 boulders each.
 """
 
 from __future__ import annotations
@@ -425,7 +423,8 @@ def as_file(point: np.ndarray, found: Inference) -> dict[int, ImpactSet]:
 
 
 def judgement(name: str, means: dict[str, pd.Series]) -> str:
-    """Markdown table of the numbers of `name` by sets, those beyond their tolerance in bold."""
+    """Markdown table of the numbers of `name` by sets, with values beyond their tolerance in
+    bold."""
     wanted, sign = items(name), {0: "", 1: ">= ", -1: "<= "}
     off = {
         item.name: [abs(item.residual(mean[item.name])) > 1 for mean in means.values()]

@@ -4,8 +4,8 @@
     python -m lab.benchmarks.blocks [--impacts 6000] [--throws 300] [--field CSV] [--only WORD]
 
 `gain`: the maximum energy after an impact on flat ground, relative to that before, of N impacts at
-2 to 30 m/s, shared among the grounds. `step`: how far means change with half the time step, and
-with half the longest edge of the facets, in units of |V_in|. `cost`: CPU time of a contact, and how
+2 to 30 m/s, shared among the grounds. `step`: the change of means with half the time step, and with
+half the longest edge of the facets, in units of |V_in|. `cost`: CPU time of a contact, and how
 contacts end, for each ground and shape. `planes`: blocks on planes of meadow with more and less
 relief. `field`: translational energy after / before of six impacts of a block of 780 kg on an
 alpine meadow (Caviezel et al. 2019, Earth Surface Dynamics 7, 199; a table with columns mass_kg,

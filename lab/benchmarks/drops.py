@@ -4,8 +4,8 @@
     python -m lab.benchmarks.drops [--table talus rocky-slope] [--slopes 33 35] [--radius 0.6]
         [--ratio 5.6] [--boulders 500]
 
-They have no other speed, so all land alike, and boulders from low heights draw from the few slow
-records of one bin of the table.
+They have no other speed, so all land in the same way, and boulders from low heights draw from the
+few slow records of one bin of the table.
 """
 
 import argparse

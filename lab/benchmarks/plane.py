@@ -9,7 +9,8 @@ from rockfall.io.rasters.grid import Grid
 
 
 def plane(slope: float, rows: int, columns: int, cell: float) -> dict[str, Any]:
-    """The terrain of a run: a plane that falls southwards [degree], at 500 m in its lowest row."""
+    """The terrain of a run: a plane that descends to the south [degree], at 500 m in its lowest
+    row."""
     y = np.mgrid[rows - 1 : -1 : -1, 0:columns][0] * cell
     place = Grid(0.0, rows * cell, cell, columns, rows)
     return {"dem": 500 + np.tan(np.radians(slope)) * y, "transform": place}

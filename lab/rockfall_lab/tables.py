@@ -233,7 +233,7 @@ def _has_facets(data: xr.Dataset) -> bool:
 def _end_on_mean_ground(record: np.ndarray, inertia: float) -> None:
     """Let rolling contacts end where the next one begins: on another facet, at the height of the
     mean ground. The energy of the height climbed is converted back to motion, and that of the depth
-    sunk is subtracted; blocks too slow to climb out come to rest (theory, eq. 5.28)."""
+    sunk is subtracted; blocks that are too slow to climb out come to rest (theory, eq. 5.28)."""
     column = {name: record[:, FIELDS.index(name)] for name in FIELDS}
     on = column["exit"] == ROLLS_ON
     motion = column["along_out"] ** 2 + column["across_out"] ** 2 + inertia * column["w_out"] ** 2

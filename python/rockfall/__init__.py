@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulation of rockfall: where boulders go, how fast, how high and how often."""
+"""Simulation of rockfall: paths, speeds, heights and frequencies of boulders."""
 
 from importlib import import_module
 

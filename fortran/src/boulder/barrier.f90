@@ -56,7 +56,7 @@ contains
       end if
    end function barrier_outcome
 
-   !> Energy [J] that a lying log absorbs. Unconfirmed: that of a standing stem of its diameter
+   !> Energy [J] that a lying log absorbs. Unconfirmed: the energy of a standing stem of its diameter
    !> (Dorren and Berger 2006).
    pure real(wp) function log_capacity(diameter, decay_class)
       real(wp), intent(in) :: diameter    !! > 0 [cm]

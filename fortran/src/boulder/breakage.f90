@@ -37,7 +37,7 @@ module rockfall_breakage
 
 contains
 
-   !> Area ratio [-] of an impact: the new surface over itself and that of a cube of the boulder's volume.
+   !> Area ratio [-] of an impact: new surface divided by its sum with the surface of a cube of the boulder's volume.
    elemental real(wp) function area_ratio(energy, volume)
       real(wp), intent(in) :: energy  !! of the motion normal to the ground [J]
       real(wp), intent(in) :: volume  !! [m3]

@@ -1314,7 +1314,7 @@ contains
       allocate (found(0))
       select case (name)
       case ("block_axes"); found = [block_axes]  ! (3, shapes), over the longest [-]
-      case ("size_weights"); found = size_weights  ! of the obstacle sizes of method A
+      case ("size_weights"); found = size_weights  ! probabilities of the obstacle sizes of method A
       case ("ead_energy"); found = ead_energy    ! maximum of the classes of EAD 340059, from class 0 [J]
       case ("sample_units"); found = [units_of]  ! (quantities, 2), at lines and at ends, over their SI unit
       case ("sample_edges")  ! in units; too many for the stack

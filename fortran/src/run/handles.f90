@@ -181,7 +181,7 @@ contains
                     .and. allocated(arrays%source_y) .and. allocated(arrays%sets_text)
    end function is_complete
 
-   !> Terrain of a scene that has its elevations and is not built.
+   !> Terrain of a scene that has elevations but is not built yet.
    type(terrain_t) function terrain_given(this) result(dem)
       class(scene_handle_t), intent(in) :: this
 

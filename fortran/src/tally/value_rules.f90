@@ -32,7 +32,7 @@ contains
 
       range = range_of(name, grid)
       do k = 1, size(values)
-         if (ieee_is_nan(values(k))) exit  ! first: to compare it would trap
+         if (ieee_is_nan(values(k))) exit  ! first, because comparisons with NaN trap
          if (values(k) < range%lowest .or. values(k) > range%highest) exit
          if (range%excludes_lowest .and. values(k) <= range%lowest) exit
       end do

@@ -33,9 +33,9 @@ CHECKSUM_MARK = "! SHA-256 of the contacts: "
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contacts of a file, as rebounds: `ratio` (n,) is the class of R_b/R_m of each, None if the
-    file has none; `beyond` is the number of contacts with R_b/R_m below 0.5 or above 5.5, which no
-    set covers."""
+    """Contacts of a file, as rebounds: `ratio` (n,) is the class of R_b/R_m of each contact, None
+    if the file has no ratios; `beyond` is the number of contacts with R_b/R_m below 0.5 or above
+    5.5, which no set covers."""
 
     name: str
     checksum: str

@@ -312,7 +312,7 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
     lowest = best_of(fit.shape / fit.scale, value - fit.threshold)
     allowed = Z**2 / 2 * (1 + BARTLETT * n / (k * independent))
 
-    @cache  # the ends of brackets are asked for twice
+    @cache  # the ends of brackets are needed twice
     def excess_cost(level: float) -> float:
         above = level - fit.threshold  # the tail may not end before the level
         end = max(-1.0, math.log1p(-top / max(above, (1 + 1e-9) * top)) / reach)

@@ -57,7 +57,7 @@ class Scar(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasuredGround:
-    """A ground from evidence; NaN where there is none.
+    """A ground derived from measurements; NaN where there are none.
 
     `strength` [Pa] is the median of a lognormal distribution between boulders with `strength_sigma`
     in its logarithm; `relief` [degree] is the slope of the relief for blocks of `radius` (R_b, m).

@@ -120,7 +120,8 @@ class Session:
     @property
     def sources(self) -> GeoDataFrame:
         """Sources as points with their release attributes, a GeoDataFrame: `rockfall.run(case,
-        sources=...)` and `change(sources=...)` take it, with other values, too. Needs geopandas.
+        sources=...)` and `change(sources=...)` accept it, also with changed values. Needs
+        geopandas.
 
         >>> import rockfall
         >>> session = rockfall.open(rockfall.read_case("case.nml"))

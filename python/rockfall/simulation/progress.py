@@ -25,8 +25,8 @@ def progress_bar(
 ) -> Iterator[Callable[..., None]]:
     """Yield a function that advances a progress bar by a count, and may change the total.
 
-    The bar appears after some seconds of `patience`. If stderr is no terminal there is a line every
-    ten seconds; ROCKFALL_PROGRESS=lines requests a line for each call, =none no output.
+    The bar appears after some seconds of `patience`. If stderr is not a terminal, it prints a line
+    every ten seconds; ROCKFALL_PROGRESS=lines requests a line for each call, =none no output.
     """
     wanted = os.environ.get("ROCKFALL_PROGRESS")
     if not shown or wanted == "none":

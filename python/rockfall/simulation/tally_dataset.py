@@ -93,7 +93,7 @@ def _flags(meanings: dict[str, int], kind: Any) -> dict[str, Any]:
 
 
 def sample_variables(tally: Tally) -> dict[str, Any]:
-    """Samples with non-empty bins only; none where all rows are kept."""
+    """Samples with non-empty bins only; empty if all rows are kept."""
     if tally.number is None:
         return {}
     tally.run.pack_part(only_samples=True)

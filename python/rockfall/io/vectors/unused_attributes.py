@@ -20,7 +20,7 @@ _BOOKKEEPING = frozenset({
 #: attributes.
 _MARKS = (99.9, 99.99, 127.0, 255.0, 999.0, 999.9, 9999.0, 32767.0, 65535.0, 99999.0)
 _APART = 0.5  # ratio of the largest other number to a mark; closer numbers are ordinary values
-_NO_NUMBERS = frozenset({"name", "zone", "x", "y"})  # of no range
+_NO_NUMBERS = frozenset({"name", "zone", "x", "y"})  # not checked for ranges
 _CLOSE = 0.7  # similarity of misspelt names, such as valeur and value
 _MAX_NAMED = 5
 

@@ -48,7 +48,8 @@ class Checkpoint:
         self.next = time.monotonic() + every
 
     def found(self) -> int:
-        """Number of boulders in the file, 0 without one; another file with this name is refused."""
+        """Number of boulders in the file, 0 without a file; another file with this name is
+        refused."""
         if not os.path.lexists(self.path):
             return 0
         boulders = boulders_in(self.path)

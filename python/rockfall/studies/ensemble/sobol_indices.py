@@ -38,7 +38,7 @@ def deviations(values: np.ndarray, name: str, row: dict[str, float], source: Sou
     boulders is the covariance of the errors of the two, the product with itself the variance. NaN
     where too few boulders crossed.
 
-    `values` are those of the boulders at a line, NaN where they did not cross, `row` are their
+    `values` are the values of the boulders at a line (NaN if they did not cross), `row` their
     `line_numbers`, `name` is fraction, mean or a quantile such as q95.
 
     To first order, a result deviates by the mean influence of its boulders (Hampel 1974). The
