@@ -8,7 +8,7 @@ import { PlotLayer, type Plan } from './plot_layer';
 
 const [COLOUR, HALO] = ['#7a5a36', 'rgb(255 255 255 / 0.85)'];
 const LINES = 40; // about as many are drawn at most
-const INDEX = 5; // every so many a thicker one
+const INDEX = 5; // every fifth is thicker
 const TOUCH = 1e-6; // cells
 const ROOM = 160; // pixels of a contour that has its elevation on it
 
