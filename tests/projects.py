@@ -37,11 +37,11 @@ def collection(*features):
 
 ROCKS = (
     {"number": 300, "rocks_min_vol": 0.5, "rocks_max_vol": 2.0, "density": 2700, "z": 3},
-    {"nb_rocks": 100, "rocks_min_vol": 1.0, "rocks_max_vol": 1.0},
+    {"number": 100, "rocks_min_vol": 1.0, "rocks_max_vol": 1.0},
 )
 SOILS = (
     {"R_n": 0.4, "R_t": 0.8, "roughness": 0.3, "bounce_mod": 0, "mu_r": 0.2},
-    {"R_t": 0.7, "v_half": 5, "phi": 30, "bounce_model_number": 2},
+    {"R_t": 0.7, "v_half": 5, "phi": 30, "bounce_mod": 2},
 )
 
 

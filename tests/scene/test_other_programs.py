@@ -19,6 +19,10 @@ from rockfall.scene.releases.source_attributes import values_of
 pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
+SOIL = SOILS[0]
+WHERE = box(*BOX["west"])
+ONE = "must have one"
+
 
 @pytest.fixture
 def simulation(tmp_path):
@@ -54,7 +58,7 @@ def test_soils_of_platrock(simulation, tmp_path):
     rows = grounds(tmp_path / "out")
     radius = (3 * (0.75 * 1.25 + 0.25 * 1.0) / (4 * math.pi)) ** (1 / 3)  # of the mean volume
     expected = {
-        "outside": ("constant", {"r_n": 0.6, "r_t": 0.6}, 0.1),
+        "outside": ("constant", {"r_n": 0.15, "r_t": 0.05}, 0.1),
         "soil_1": ("constant", {"r_n": 0.4, "r_t": 0.8}, 0.3),
         "soil_2": ("bourrier_hungr", {"r_t": 0.7, "half_speed": 5, "friction_angle": 30}, 0.1),
     }
@@ -75,6 +79,15 @@ def test_soils_of_platrock(simulation, tmp_path):
     defaults = [line for line in lists[CHANGED] if "default" in line]
     assert "soil.geojson: polygon 2: no roughness: 0.1, PlatRock's default" in defaults
     assert not any("R_n:" in line for line in defaults)  # of no use to its model
+
+
+def test_all_names_of_an_attribute_are_read(tmp_path):
+    names = {"rocks_nb": 7, "rocks_z": 6, "rocks_density": 3000, "rocks_vz": -2}
+    folder = platrock(tmp_path / "simulation", **{"rocks.geojson": collection((names, WHERE))})
+    rockfall.import_platrock(folder, tmp_path / "out")
+    case = rockfall.read_case(tmp_path / "out/case.nml")
+    assert case.case["boulders_total"] == 7
+    assert values_of(case, read_scene(case).features).tolist() == [[3000, 6, 0, 0, -2]]
 
 
 def test_each_input_of_platrock_is_listed(simulation):
@@ -130,17 +143,14 @@ def test_unknown_and_misspelt_attributes_are_listed(tmp_path):
     assert grounds(tmp_path / "out")["soil_1"]["r_n"] == "0.15"
 
 
-SOIL = SOILS[0]
-WHERE = box(*BOX["west"])
-ONE = "must have one"
-
-
 @pytest.mark.parametrize(
     ("name", "text", "file", "message"),
     [
         ("rocks.geojson", "{", "/rocks.geojson", "is no GeoJSON"),
         ("rocks.geojson", None, "", "no rocks: needs a GeoJSON of polygons with number, z, "
          "rocks_min_vol, rocks_max_vol"),
+        ("rocks.geojson", collection(({"number": 5}, WHERE), ({"nb_rocks": 5}, WHERE)),
+         "/rocks.geojson", "has number and nb_rocks, which are one attribute: keep one of them"),
         ("rocks.geojson", collection(({"number": 0}, WHERE)), "/rocks.geojson",
          "polygon 1: number = 0: must be a number >= 1"),
         ("rocks.geojson", collection(({"rocks_min_vol": 0}, WHERE)), "/rocks.geojson",

@@ -62,10 +62,8 @@ KEYS = {
     },
 }  # fmt: skip
 WITHOUT_EFFECT = {"mu_r": "has no effect in three dimensions"}
-#: Ground of terrain without a soil.
-OUTSIDE = {
-    "bounce_model_number": 0, "roughness": 0.1, "R_n": 0.6, "R_t": 0.6, "v_half": 2.5, "phi": 30,
-}  # fmt: skip
+#: Ground of terrain without a soil: `Terrain` there discards the defaults of its own.
+OUTSIDE = {name: key.default for name, key in KEYS[SOILS].items()}
 MODELS = ("constant", "pfeiffer_bowen", "bourrier_hungr")  # by their numbers there
 NEEDED = (("R_n", "R_t"), ("R_n", "R_t"), ("v_half", "R_t", "phi"))  # of each
 OURS = {"R_n": "r_n", "R_t": "r_t", "v_half": "half_speed", "phi": "friction_angle"}
@@ -127,9 +125,12 @@ class Layer:
 
     def _given(self, key: Key) -> list[Any]:
         """Values of an attribute, None where missing."""
-        columns = [map(plain, self.columns[name]) for name in key.names if name in self.columns]
-        rows = zip(*columns, strict=True) if columns else [()] * len(self.shapes)
-        return [next((value for value in row if value is not None), None) for row in rows]
+        names = [name for name in key.names if name in self.columns]
+        if len(names) > 1:
+            raise RockfallError(
+                f"{self.path}: has {' and '.join(names)}, which are one attribute: keep one of them"
+            )
+        return [*map(plain, self.columns[names[0]])] if names else [None] * len(self.shapes)
 
     def _numbers(self, name: str, key: Key) -> list[float]:
         return [
@@ -310,7 +311,8 @@ def _surface(made: Import, layer: Layer | None, radius: float) -> Group:
         )
         entries.append(Entry("ground_map", ZONES, "ids of grounds.csv"))
     made.changed.append(
-        "terrain without a soil has PlatRock's default: R_n 0.6, R_t 0.6, roughness 0.1 m"
+        f"terrain without a soil has PlatRock's default: R_n {OUTSIDE['R_n']:g}, R_t "
+        f"{OUTSIDE['R_t']:g}, roughness {OUTSIDE['roughness']:g} m"
     )
     rows = [
         {"id": k, **_ground(made, layer, name, soil, radius)}
