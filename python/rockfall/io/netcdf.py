@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Mode = Literal["r", "w", "x", "a"]
 _LOCKING = "HDF5_USE_FILE_LOCKING"
 
-CACHE = 2**20  # bytes cached of a variable of crossings; by default all of it
+CACHE = 2**20  # bytes cached of a variable; by default 16 MB, or all of its chunks
 
 # HDF5 locks the files that it reads or writes, and fails on file systems without locks. Nothing
 # here needs these locks: files are written under temporary names. HDF5 reads the variable when it

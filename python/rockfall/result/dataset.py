@@ -195,7 +195,7 @@ def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
     for size in variable.shape[::-1]:
         pieces.append(max(1, min(size, room)))
         room //= pieces[-1]
-    return {"chunksizes": pieces[::-1], "fletcher32": True} | how
+    return {"chunksizes": pieces[::-1], "fletcher32": True, "chunk_cache": CACHE} | how
 
 
 def _write_variable(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rockfall.kernel_rules import SAMPLE_BINS, SAMPLE_COARSE, SAMPLE_TAILS
+from rockfall.kernel_rules import SAMPLE_BINS, SAMPLE_COARSE
 from rockfall.limits import CORES
 from rockfall.scene.releases.source_attributes import values_of
 from rockfall.scene.scene import Scene
@@ -177,7 +177,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     block = min(BLOCK, crossings)
     held["crossings"] = block * BYTES_AT_LINE + max(block * sorting, in_call)
     if pilot.blocks:
-        held["samples"] = _sample_bytes(tally, pilot, more)
+        held["samples"] = _sample_bytes(tally, pilot)
     made = len(names - {*plan.counts, *MAXIMA, HITS}) * 4 * math.prod(tally.box.shape)
     if scene.windows:
         rasters = scene.windows.bytes + READING
@@ -196,15 +196,11 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     }
 
 
-def _sample_bytes(tally: Tally, pilot: Pilot, more: float) -> float:
-    """Bytes of counts in bins, their positions, and the largest values at lines, for this multiple
-    of the pilot's boulders.
+def _sample_bytes(tally: Tally, pilot: Pilot) -> float:
+    """Bytes of counts in bins, their positions, and the largest values at lines. Those are in huge
+    pages of memory, so a line that few boulders cross takes as much as another.
     """
-    passed = np.zeros(0)
-    if tally.scene.case.lines:
-        passed = np.bincount(pilot.tally.array("crossing_line")) * more
-    largest = tally.run.array("sample_largest").shape[-1]
-    tails = SAMPLE_TAILS * 4 * np.minimum(passed, largest).sum()
+    tails = 4 * math.prod(tally.run.array("sample_largest").shape)
     places = math.prod(tally.run.array("sample_sums").shape[:3]) * SAMPLE_COARSE
     each = 4 * SAMPLE_BINS / SAMPLE_COARSE
     return float(tails + 4 * places + each * pilot.blocks)
