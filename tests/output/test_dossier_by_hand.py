@@ -227,6 +227,12 @@ def test_levels_by_return_period(sheets, boulders, project):
                 above = [rates(reached(boulders, place, index, end))[0] for end in ends]
                 assert (above[0] >= 1 / period * (1 - 1e-9)) or level == 0
                 assert above[1] <= 1 / period * (1 + 1e-9)
+    sentences = {row[1] for row in sheets[0] if not row[0]}
+    rows = [row for words in ("Energy [kJ]", "Height [m]") for row in table(sheets, words).values()]
+    limits = [row[k + 1 : k + 3] for row in rows for k in range(0, 15, 3)]
+    is_open = any(low is not None and high is None for low, high in limits)
+    assert ("A single limit: too few boulders pass for the other." in sentences) == is_open
+    assert is_open
     first = table(sheets, "at each place")
     for words, columns in {"Energy [kJ]": slice(6, 9), "Height [m]": slice(9, 12)}.items():
         for place, row in table(sheets, words).items():

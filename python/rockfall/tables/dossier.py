@@ -18,7 +18,7 @@ from rockfall.language import Text, say, word
 from rockfall.protection.yearly import YearlyDesign
 from rockfall.result.variables import ENDS
 from rockfall.studies.dossier import Dossier
-from rockfall.table import Column, Estimate, Table
+from rockfall.table import TOO_FEW, Column, Estimate, Table
 from rockfall.tables.hazard import (
     Risk,
     assumptions,
@@ -98,10 +98,20 @@ def sections(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Sec
     tables += [segment_table(hazard)] if has_segments(hazard) else []
     tables += [risk_table(hazard)] if has_risk(hazard) else []
     notes = [say("dossier.of_variant", name=name) for name in list(dossier.hazards)[: 1 * several]]
-    yield Section("places", say("dossier.places"), notes, tables)
+    yield Section("places", say("dossier.places"), [*notes, *_open_limits(tables)], tables)
     tables = [scenario_table(hazard), class_table(hazard), hazard_inputs(hazard)]
     notes = [say("hazard.population"), *assumptions(hazard)]
     yield Section("inputs", say("section.inputs"), notes, tables)
+
+
+def _open_limits(tables: Sequence[Table]) -> Iterator[Text]:
+    """Meaning of limits that few boulders leave open, if the tables have some."""
+    rows = [row for table in tables for row in table.rows]
+    estimates = [cell for row in rows for cell in row if isinstance(cell, Estimate)]
+    if any(np.isfinite(cell.low) != np.isfinite(cell.high) for cell in estimates):
+        yield say("summary.where_only_one_limit_is_given")
+    if any(cell.interval == TOO_FEW for cell in estimates):
+        yield say("summary.a_dash_in_brackets_too_few")
 
 
 def _protection(designs: dict[str, YearlyDesign]) -> Section:
