@@ -143,7 +143,7 @@ def on_post_build(config: MkDocsConfig) -> None:
             if url.scheme or url.netloc or path.name == "404.html":
                 continue
             aim = (path.parent / unquote(url.path)).resolve() if url.path else path
-            fragment = "" if "fortran" in path.parts else unquote(url.fragment)  # FORD's are wrong
+            fragment = "" if "fortran" in path.parts else unquote(url.fragment)  # FORD: invalid
             if not aim.exists() or (aim in anchors and fragment not in {"", *anchors[aim]}):
                 wrong.append(f"{path.relative_to(site)}: leads nowhere: {target}")
     if wrong:

@@ -3,7 +3,7 @@
 the field's words; messages of at most 25 words in each language; no empty names of variables and
 no headless docstrings. Quoted code is left alone.
 
-python tools/prose.py           lists what to mend (exit status 0 or 1); spelling is codespell's
+python tools/prose.py           lists faults (exit status 0 or 1); spelling is codespell's
 python tools/prose.py --wrap    wraps lines that are too long
 """
 
@@ -67,6 +67,13 @@ PLAIN = {
     r"as it is": "unchanged",
     r"are due": "expected",
     r"the same of": "repeat the noun",
+    r"(?:bytes|crossings?|rebounds?) an? (?:cell|boulder|rebound|stem|point|crossing)": "per",
+    r"(?:holds?|held) back": "stop, slow down",
+    r"without end": "without limit",
+    r"(?:is|are) not decided": "not known",
+    r"in force": "current",
+    r"made up": "invented",
+    r"as far as there are|as it wants|lest|whence|thereof|hitherto": "plain English",
 }
 #: Pages on people, who may say, tell and ask.
 PEOPLE = {"CODE_OF_CONDUCT.md", "SECURITY.md"}

@@ -10,7 +10,7 @@
     houses.gpkg  houses (polygons) with their values and residents
     traffic.gpkg the road (line): vehicles a day
 
-It needs the packages that rockfall needs, but not rockfall itself. The valley is made up; it has
+It needs the packages that rockfall needs, but not rockfall itself. The valley is invented; it has
 coordinates of EPSG:25832 so that a GIS can show it, and lies at no real place.
 """
 

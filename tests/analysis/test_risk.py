@@ -128,7 +128,7 @@ def test_no_hit_is_no_proof(case):
 
 
 def test_a_point_without_a_width_has_the_upper_end_of_its_intensity(case):
-    """Only counts above thresholds are known there: damage and upper limit err high."""
+    """Only counts above thresholds are known there: damage and upper limit are too high."""
     at, about = shapely.Point(122.5, 342.5), {"kind": ["building"], "value": [1.0]}
     usual, disc = hazard(case, [at], **about), hazard(case, [at], width=[10.0], **about)
     assert float(usual.object_damage[0]) >= float(disc.object_damage[0]) > 0

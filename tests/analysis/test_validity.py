@@ -424,7 +424,7 @@ def test_tables_are_judged_by_the_worst_of_those_with_evidence(tmp_path, name, l
 
 @pytest.mark.parametrize("name", [*shipped_sets()])
 def test_of_every_shipped_set_is_warned_what_it_is_not_good_for(tmp_path, name):
-    """None of them is good everywhere, and each errs low somewhere."""
+    """None of them is good everywhere, and each is too low somewhere."""
     case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": name})
     assert [one.is_warning for one in set_remarks(values(), case)] == [True]
 

@@ -4,8 +4,8 @@
 !> its own velocity by the least-squares map of the bin.
 !>
 !> Velocities are scaled by U = sqrt(g R_b), times by sqrt(R_b/g), lengths by R_b. On ground that yields, contacts are
-!> similar that agree in the scaled quantities, in the strength of the ground over rho_b g R_b, and in its relief: size,
-!> density and strength of the ground are one axis.
+!> similar if they agree in the scaled quantities, in the ground strength over rho_b g R_b, and in the relief: size,
+!> density and strength therefore form one axis.
 module rockfall_impact_table
    use rockfall_memory, only: prefetch
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan

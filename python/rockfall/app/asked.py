@@ -43,7 +43,7 @@ MAX_CELLS = 1001  # along a side of the map of classes
 
 
 def table_entry(table: Table) -> dict[str, Any]:
-    """A table as texts, in the language in force."""
+    """A table as texts, in the current language."""
     return {"caption": str(table.caption), "head": table.head, "rows": [*table.texts()]}
 
 

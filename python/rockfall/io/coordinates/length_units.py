@@ -107,8 +107,8 @@ def unit_of_code(code: int) -> Unit | None:
 
 
 def stated_in_attributes(attributes: Mapping[str, Any]) -> list[Stated]:
-    """Units of elevations in the attributes or tags of a raster: as the value of one that is not
-    about its cells, or in words of a description."""
+    """Units of elevations in the attributes or tags of a raster: the value of a unit attribute that
+    does not describe its cells, or words of a description."""
     stated = []
     for key, value in attributes.items():
         name = key.lower()
