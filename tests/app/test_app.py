@@ -1223,8 +1223,7 @@ def test_a_page_that_comes_later_gets_what_is_known(serve, visit):
     first.until("trajectories", append=False)
     second = visit(server)
     kinds = [one["type"] for one in second.all_until("trajectories")]
-    known = ["terrain", "objects", "state", "batch", "trajectories"]
-    assert kinds == ["welcome", "unfinished", *known]
+    assert kinds == ["welcome", "unfinished", "terrain", "state", "batch", "trajectories"]
 
 
 def test_the_server_ends_when_the_last_page_has_closed(place, visit):

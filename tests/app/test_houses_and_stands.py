@@ -55,8 +55,7 @@ def shapes(entries):
 
 def test_layers_of_the_folder_are_offered_and_one_is_shown_by_the_names_of_a_hazard(enter):
     page = enter("case.nml")
-    assert {"houses.gpkg", "wood.gpkg"} <= {*page.until("welcome")["offers"]}
-    assert page.until("objects")["objects"] == []
+    assert {"houses.gpkg", "wood.gpkg"} <= {*page.until("welcome")["offers"]["objects"]}
     page.until("batch", complete=True)
     page.ask(objects="houses.gpkg")
     shown = page.until("objects")
@@ -85,14 +84,14 @@ def test_stands_of_forest_are_shown_with_their_names_and_go_with_the_forest(ente
 def test_layers_that_are_given_are_shown_from_the_start(enter):
     page = enter("case.nml", given=Given([Path("away/barns.gpkg")]))
     welcome = page.until("welcome")
-    assert welcome["offers"][0] == welcome["view"]["objects"] == "barns.gpkg"
+    assert welcome["offers"]["objects"][0] == welcome["view"]["objects"] == "barns.gpkg"
     assert len(page.until("objects")["objects"]) == 1
 
 
 def test_what_cannot_be_shown_is_refused(enter):
     Path("broken.gpkg").write_bytes(b"no layer")
     page = enter("case.nml")
-    assert "broken.gpkg" not in page.until("welcome")["offers"]
+    assert "broken.gpkg" not in page.until("welcome")["offers"]["objects"]
     for wrong in ("../away/barns.gpkg", "away/barns.gpkg", "/etc/passwd", 1, ["houses.gpkg"]):
         page.ask(objects=wrong)
         assert page.until("refused")["text"]

@@ -21,6 +21,7 @@ import { StatisticsPanel } from './panels/statistics';
 import { Tabs, type Tab } from './panels/tabs';
 import { VariantPanel } from './panels/variants';
 import {
+  isOf,
   variantOf,
   type BatchMessage,
   type Binary,
@@ -146,6 +147,7 @@ export class CaseWindow {
         opacity: (value) => this.view.setOverlayOpacity(value),
         trajectories: (number) => this.want({ ...this.wanted, trajectories: number }),
         bySpeed: (on) => this.results.colourBySpeed(on),
+        basemap: (basemap) => this.want({ ...this.wanted, basemap }),
         objects: (objects) => this.want({ ...this.wanted, objects }),
       },
       welcome.view,
@@ -170,6 +172,7 @@ export class CaseWindow {
     );
     this.display.offer('drawn_zones', forms.layers.zones !== undefined);
     this.display.setObjects(welcome.view.objects);
+    this.display.setBasemap(welcome.view.basemap);
     this.output = new Output(connection, welcome.file.replace(/\.[^.]*$/, '') || 'case', welcome.folder);
     this.grounds = new GroundDialog(welcome.grounds, ({ name, radius }) => this.store.setGround(name, radius));
     this.topBar = new TopBar(this.shell.top, welcome, this.runBar.root, !connection.standalone, {
@@ -306,6 +309,12 @@ export class CaseWindow {
 
   receiveBinary(message: Binary): void {
     if (this.hazard.receiveBinary(message)) return;
+    if (isOf(message, 'basemap')) {
+      this.view.showBasemap(message);
+      this.display.setBasemap(message.header.chosen);
+      this.wanted = { ...this.wanted, basemap: message.header.chosen };
+      return;
+    }
     if (!variantOf(message)) return this.results.receive(message);
     this.variants = withResults(this.variants, message);
     this.refresh();

@@ -84,6 +84,7 @@ export interface Wanted {
   lines: readonly string[];
   section: readonly Position[]; // its vertices
   objects: string; // which of `Welcome.offers`; '': none
+  basemap: string;
   net: string; // line or barrier whose design is checked
   hazard: boolean; // of the scenarios
   origin: string; // place whose sources are shown
@@ -113,7 +114,7 @@ export interface Welcome {
   grounds: GroundChoice[];
   maps: MapName[];
   scenarios: number; // that can be run for a hazard
-  offers: string[]; // layers of objects
+  offers: { objects: string[]; basemaps: string[] };
   view: Wanted;
   limits: Record<string, number>;
 }
@@ -281,6 +282,11 @@ export interface HazardMessage {
   nets: Record<string, TableEntry[]>;
   places: string[];
 }
+export interface BasemapMessage {
+  type: 'basemap';
+  chosen: string;
+  extent: [west: number, east: number, south: number, north: number];
+}
 export interface OriginsMessage {
   type: 'origins';
   revision: number;
@@ -290,7 +296,7 @@ export interface OriginsMessage {
   total: number; // boulders a year that come
   parts: [text: string, colour: string, cells: number][];
 }
-export type BinaryHeader = TerrainMessage | BackgroundMessage | BatchMessage | LinesMessage | TrajectoriesMessage | SectionMessage | HazardMessage | OriginsMessage;
+export type BinaryHeader = TerrainMessage | BackgroundMessage | BatchMessage | LinesMessage | TrajectoriesMessage | SectionMessage | HazardMessage | OriginsMessage | BasemapMessage;
 
 const KINDS = { f4: Float32Array, f8: Float64Array, u1: Uint8Array, u4: Uint32Array, i4: Int32Array };
 type Kind = keyof typeof KINDS;

@@ -18,8 +18,8 @@ REPLACED = {
     "section": ("section",), "net": ("net",), "hazard": ("hazard", "origins"),
     "origins": ("origins",),
     "trajectories": ("trajectories",), "terrain": ("terrain",), "progress": ("progress",),
-    "background": ("background",), "objects": ("objects",), "document": ("document",),
-    "variant batch": ("variant batch",), "unfinished": ("unfinished",),
+    "background": ("background",), "objects": ("objects",), "basemap": ("basemap",),
+    "document": ("document",), "variant batch": ("variant batch",), "unfinished": ("unfinished",),
 }  # fmt: skip
 
 

@@ -50,6 +50,7 @@ class View(NamedTuple):
     lines: tuple[str, ...] = ()
     section: tuple[tuple[float, ...], ...] = ()  # vertices [m]
     objects: str = ""  # label of an `Offer`
+    basemap: str = ""  # label of a picture
     net: str = ""  # line or barrier whose design is checked
     hazard: bool = False  # of the scenarios
     origin: str = ""  # place whose sources are shown

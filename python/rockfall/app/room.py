@@ -9,7 +9,7 @@ from threading import RLock
 from typing import Any, TypeAlias
 
 from rockfall.app.edited.document import Document
-from rockfall.app.edited.features import MAX_FEATURES, MAX_VERTICES, positions
+from rockfall.app.edited.features import MAX_FEATURES, MAX_VERTICES
 from rockfall.app.edited.forms import Form
 from rockfall.app.edited.opening import ground_choices, is_result, open_site
 from rockfall.app.edited.places import without_files
@@ -27,18 +27,19 @@ from rockfall.app.messages import (
 from rockfall.app.outbox import Client
 from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
 from rockfall.app.recent import note_recent, recent_files
-from rockfall.app.surroundings import Given, Offer, objects_message, offered_objects
+from rockfall.app.surroundings import Given, Offers
 from rockfall.app.tasks import EXPORT, REPORT, SIMULATE, Task, outputs, unfinished
+from rockfall.app.wishes import view_of
 from rockfall.errors import RockfallError
 from rockfall.language import LANGUAGES, say, speaking, texts_of
 from rockfall.result.dataset import read_result
 from rockfall.version import __version__
 
-MAX_VISIBLE = 200  # lines in view
 MAX_REVISION = 2**53  # largest integers that JSON keeps exactly in a browser
 KEPT = (
     "terrain",
     "objects",
+    "basemap",
     "background",
     "state",
     "batch",
@@ -73,7 +74,7 @@ class Room:
         self._last: dict[str, list[Message]] = {}  # messages of the kinds KEPT
         self._shown: Shown | None = None
         self._task: Task | None = None
-        self._given, self._offers = given, dict[str, Offer]()
+        self._given, self._offers = given, Offers({}, {})
         if path is not None:
             self._open(path)
 
@@ -168,12 +169,12 @@ class Room:
             shown = Exhibit(read_result(path), path, self._send)
         else:
             shown = Live(*open_site(path), self._send, language)
-        offers = {
-            offer.label: offer for offer in offered_objects(path.absolute().parent, self._given)
-        }
-        first = next(iter(offers), "") if self._given.objects else ""
-        shown.view, shown.offer = shown.view._replace(objects=first), offers.get(first)
-        objects = objects_message(offers.get(first), shown.site.grid)
+        offers, given = Offers.of(path.absolute().parent, self._given), self._given
+        first = next(iter(offers.objects), "") if given.objects else ""
+        basemap = "" if given.basemap is None else given.basemap.name
+        shown.offer = offers.objects.get(first)
+        shown.view = shown.view._replace(objects=first, basemap=basemap)
+        around = [*offers.messages(shown.view, View(), shown.site.grid)]
         note_recent(path)
         before = self._shown
         if before is not None:
@@ -183,7 +184,8 @@ class Room:
             self._shown, self._offers = shown, offers
             for client in self._clients:
                 self._welcome(client)
-        self._send("objects", objects)
+        for kind, content in around:
+            self._send(kind, content)
         shown.start()
 
     def _send(self, kind: str, message: Message) -> None:
@@ -207,7 +209,7 @@ class Room:
             "trajectories": MAX_TRAJECTORIES,
         }  # fmt: skip
         fields = {
-            "offers": [*self._offers], "writer": client is self._writer,
+            "offers": self._offers.labels, "writer": client is self._writer,
             "version": __version__, "recent": recent,
             "language": client.language, "languages": LANGUAGES, "limits": limits,
             "texts": texts_of(client.language, "app"),
@@ -241,35 +243,14 @@ class Room:
             live.run(True)  # each change runs at once, even after a pause
 
     def _view(self, _: Client, message: dict[str, Any]) -> None:
-        name, number = message.get("map", ""), message.get("trajectories", 0)
-        lines = message.get("lines", [])
         if self._shown is None:
             raise Refused(say("app.server_nothing_open"))
-        if not isinstance(name, str) or name not in ("", *self._shown.maps):
-            raise Refused(say("app.server_wrong_type", name="map"))
-        if type(number) is not int or not 0 <= number <= MAX_TRAJECTORIES:
-            raise Refused(say("app.server_wrong_type", name="trajectories"))
-        if (
-            not isinstance(lines, list)
-            or len(lines) > MAX_VISIBLE
-            or any(type(line) is not str for line in lines)
-        ):
-            raise Refused(say("app.server_wrong_type", name="lines"))
-        cut = message.get("section") or []
-        section = tuple(tuple(at) for at in positions(cut, 2, {})) if cut else ()
-        chosen = message.get("objects", "")
-        if not isinstance(chosen, str) or chosen not in ("", *self._offers):
-            raise Refused(say("app.server_wrong_type", name="objects"))
-        net, origin = message.get("net", ""), message.get("origin", "")
-        wants_hazard = message.get("hazard", False)
-        if type(net) is not str or type(origin) is not str or type(wants_hazard) is not bool:
-            raise Refused(say("app.server_wrong_type", name="view"))
-        if chosen != self._shown.view.objects:
-            self._shown.offer = self._offers.get(chosen)
-            self._send("objects", objects_message(self._shown.offer, self._shown.site.grid))
-        self._shown.look(
-            View(name, number, tuple(lines), section, chosen, net, wants_hazard, origin)
-        )
+        shown, offers = self._shown, self._offers
+        view = view_of(message, shown.maps, offers)
+        for kind, content in offers.messages(view, shown.view, shown.site.grid):
+            self._send(kind, content)
+        shown.offer = offers.objects.get(view.objects)
+        shown.look(view)
 
     def _compare(self, _: Client, message: dict[str, Any]) -> None:
         live, variant = self._live(), message.get("variant")

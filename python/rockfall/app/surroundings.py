@@ -1,35 +1,44 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Surroundings of the edited document: objects of a layer, such as houses, and stands of forest."""
+"""Surroundings of the edited document: objects of a layer, such as houses, a picture below the
+results, and stands of forest."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from rockfall.analysis.objects.object_layers import files_of, given_layers
 from rockfall.analysis.objects.objects import named_layers
 from rockfall.app.edited.features import MAX_FEATURES, MAX_VERTICES
-from rockfall.app.messages import Message, text_message
+from rockfall.app.messages import Message, binary_message, text_message
+from rockfall.app.pictures import View
 from rockfall.case import FROM_ARRAY, Case
 from rockfall.errors import RockfallError
+from rockfall.io.coordinates.crs import plan_wkt
 from rockfall.io.vectors.layers import EXTENSIONS, layer_names, read_polygons
 from rockfall.io.zone_table import NAMES
 from rockfall.language import say
+from rockfall.plots.cartography.basemap import read_picture
 
 if TYPE_CHECKING:
     from rockfall.io.rasters.grid import Grid
 
-MAX_OFFERED = 40  # layers of a folder
+MAX_OFFERED = 40  # layers or pictures of a folder
+MAX_DOTS = 2400  # of a picture, along its longer side
+PICTURES = {".tif", ".tiff", ".png", ".jpg", ".jpeg", ".img"}
 
 
 class Given(NamedTuple):
-    """Layers given by the user in addition to the opened file."""
+    """Layers and a picture given by the user in addition to the opened file."""
 
     objects: Sequence[Path] = ()
     objects_layer: Sequence[str] = ()
+    basemap: Path | None = None
 
 
 class Offer(NamedTuple):
@@ -38,6 +47,48 @@ class Offer(NamedTuple):
     label: str
     files: Sequence[Path]
     layers: Sequence[str] = ()
+
+
+class Offers(NamedTuple):
+    """Choices of the page, by their labels."""
+
+    objects: dict[str, Offer]
+    basemaps: dict[str, Path]
+
+    @classmethod
+    def of(cls, folder: Path, given: Given) -> Offers:
+        """Layers and pictures that were given, then all of a folder."""
+        pictures = [] if given.basemap is None else [given.basemap]
+        pictures += sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
+        basemaps = {path.name: path for path in reversed(pictures[:MAX_OFFERED])}
+        objects = {offer.label: offer for offer in offered_objects(folder, given)}
+        return cls(objects, dict(reversed(basemaps.items())))
+
+    @property
+    def labels(self) -> dict[str, list[str]]:
+        """Labels as the page gets them."""
+        return {"objects": [*self.objects], "basemaps": [*self.basemaps]}
+
+    def messages(self, new: View, before: View, grid: Grid) -> Iterator[tuple[str, Message]]:
+        """Messages of what a view chooses and the one before did not, with their kinds."""
+        if new.objects != before.objects:
+            yield "objects", objects_message(self.objects.get(new.objects), grid)
+        if new.basemap != before.basemap:
+            yield "basemap", basemap_message(self.basemaps.get(new.basemap), new.basemap, grid)
+
+
+def basemap_message(path: Path | None, label: str, grid: Grid) -> Message:
+    """Message `basemap`: a picture within the terrain, transparent where it has nothing. A
+    RockfallError if it cannot be read, or has no CRS, or the terrain has none."""
+    if path is None:
+        return binary_message("basemap", {}, chosen="")
+    if grid.crs is None:
+        raise RockfallError(f"{path.name}: a basemap needs a terrain with a CRS")
+    extent = grid.west, grid.east, grid.south, grid.north
+    picture = read_picture(path, plan_wkt(grid.crs), extent, MAX_DOTS, stretched=True)
+    alpha = np.where(picture.seen, 255, 0).astype("u1")
+    rgba = np.concatenate([picture.colours, alpha[..., None]], axis=2)
+    return binary_message("basemap", {"rgba": rgba}, chosen=label, extent=extent)
 
 
 def offered_objects(folder: Path, given: Given) -> list[Offer]:

@@ -194,6 +194,7 @@ def _add_app(commands: _Commands) -> None:
     _option(app, "--language XX", str, "de, en, fr or it; default: that of the browser", default="")
     _option(app, "--port N", int, "port on this machine; default: any that is free", default=0)
     _add_object_layers(app)
+    _option(app, "--basemap FILE", Path, "a picture below the results, such as an orthophoto")
     _switch(app, "--keep", "keep running when the last page has closed, until Ctrl-C")
     _switch(app, "--no-browser", "print the address only")
 

@@ -9,13 +9,13 @@ import type BaseLayer from 'ol/layer/Base';
 import Projection from 'ol/proj/Projection';
 import { LAYER_COLOURS, type ColourScale } from '../colours';
 import { element } from '../dom';
-import type { BackgroundMessage, Binary, Layers, OverlayHeader } from '../protocol';
+import type { BackgroundMessage, BasemapMessage, Binary, Layers, OverlayHeader } from '../protocol';
 import type { Shade, Terrain, Trajectories } from '../view3d/view3d';
 import { ContourLayer } from './contour_layer';
 import { FeatureLayers } from './features';
 import { HazardLayer, OriginLayer } from './hazard_layer';
 import { type Extent, RasterLayer } from './plot_layer';
-import { hillshade, resultRaster, zoneRaster } from './rasters';
+import { hillshade, picture, resultRaster, zoneRaster } from './rasters';
 import { SectionLayer } from './section_layer';
 import { ShapeLayer } from './surroundings';
 import { DotLayer, TrajectoryLayer } from './trajectory_layer';
@@ -30,6 +30,7 @@ export type Shown =
   | 'background_sources'
   | 'stands'
   | 'contours'
+  | 'basemap'
   | 'objects'
   | 'sources'
   | 'lines'
@@ -61,6 +62,7 @@ export class MapView {
   readonly hazard = new HazardLayer(10);
   readonly origins = new OriginLayer(39);
   readonly objects = new ShapeLayer('objects', 24);
+  private readonly basemap = new RasterLayer(2, true);
   readonly contours = new ContourLayer(21);
   private readonly stands = new ShapeLayer('stands', 13);
   private readonly overlayCanvas = element('canvas');
@@ -77,6 +79,7 @@ export class MapView {
       interactions: defaultInteractions({ altShiftDragRotate: false, pinchRotate: false, doubleClickZoom: false }),
       layers: [
         this.shade,
+        this.basemap,
         this.zones,
         this.overlay,
         this.hazard,
@@ -148,6 +151,14 @@ export class MapView {
     this.trees.display(message?.f8('trees')?.values ?? new Float64Array(), 3);
   }
 
+  /** Show a picture in place of the hillshade; without one, none. */
+  showBasemap(message: Binary<BasemapMessage>): void {
+    const rgba = message.u1('rgba');
+    if (!rgba) return this.basemap.display(null, [0, 0, 1, 1]);
+    const [west, east, south, north] = message.header.extent;
+    this.basemap.display(picture(rgba.values, rgba.shape[1] ?? 0, rgba.shape[0] ?? 0), [west, south, east, north]);
+  }
+
   showDocument(layers: Layers): void {
     this.features.show(layers);
     if (this.terrain) this.features.nameWithin(this.map.getView().calculateExtent());
@@ -214,6 +225,7 @@ export class MapView {
       background_sources: this.sources,
       stands: this.stands,
       contours: this.contours,
+      basemap: this.basemap,
       objects: this.objects,
       sources,
       lines,

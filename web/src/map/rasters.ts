@@ -48,6 +48,14 @@ export function zoneRaster(
   return paint(nx, ny, (k) => colours[values[k] as number] as number);
 }
 
+/** A picture of red, green, blue and opacity. */
+export function picture(rgba: Uint8Array, nx: number, ny: number): HTMLCanvasElement {
+  const canvas = element('canvas');
+  [canvas.width, canvas.height] = [nx, ny];
+  canvas.getContext('2d')?.putImageData(new ImageData(new Uint8ClampedArray(rgba), nx, ny), 0, 0);
+  return canvas;
+}
+
 /** Classes by their colours, as texts; the first is transparent. */
 export function classRaster(values: Uint8Array, nx: number, ny: number, colours: readonly string[]): HTMLCanvasElement {
   const pixels = colours.map((colour) => {

@@ -2,7 +2,7 @@
 // What the map shows: layers on and off, opacity of the result, number and colour of trajectories.
 import { checkbox, element, select, uniqueId } from '../dom';
 import type { Shown } from '../map/map_view';
-import type { Wanted } from '../protocol';
+import type { Wanted, Welcome } from '../protocol';
 import { decimal, say } from '../texts';
 import { swatch } from './features';
 
@@ -19,7 +19,7 @@ const CASE: readonly Shown[] = [
   'stands',
   'objects',
 ];
-const GROUND: readonly Shown[] = ['contours'];
+const GROUND: readonly Shown[] = ['contours', 'basemap'];
 const HIDDEN_AT_FIRST: readonly Shown[] = ['stops', 'contours'];
 const NUMBERS = [0, 20, 50, 100, 200, 500, 1000];
 
@@ -29,6 +29,7 @@ interface Actions {
   trajectories(number: number): void;
   bySpeed(on: boolean): void;
   objects(label: string): void;
+  basemap(label: string): void;
 }
 
 export class DisplayPanel {
@@ -36,8 +37,9 @@ export class DisplayPanel {
   private readonly rows = new Map<Shown, HTMLElement>();
   private readonly number: HTMLSelectElement;
   private readonly objects: HTMLSelectElement;
+  private readonly basemap: HTMLSelectElement;
 
-  constructor(actions: Actions, view: Wanted, offers: readonly string[], opacity: number) {
+  constructor(actions: Actions, view: Wanted, offers: Welcome['offers'], opacity: number) {
     const { trajectories } = view;
     const row = (name: Shown): HTMLElement => {
       const label = element('span', {}, colourOf(name), say(`app.show.${name}`));
@@ -59,12 +61,15 @@ export class DisplayPanel {
       (value) => actions.trajectories(Number(value)),
       { id: uniqueId('number'), attributes: { 'data-action': 'trajectories' } },
     );
-    this.objects = select(
-      [['', say('app.display.none')], ...offers.map((label) => [label, label] as const)],
-      view.objects,
-      actions.objects,
-      { id: uniqueId('objects'), attributes: { 'data-action': 'objects' } },
-    );
+    const choice = (name: 'objects' | 'basemap', labels: readonly string[]): HTMLSelectElement =>
+      select([['', say('app.display.none')], ...labels.map((label) => [label, label] as const)], view[name], actions[name], {
+        id: uniqueId(name),
+        attributes: { 'data-action': name },
+      });
+    this.objects = choice('objects', offers.objects);
+    this.basemap = choice('basemap', offers.basemaps);
+    const named = (key: string, box: HTMLSelectElement): HTMLElement =>
+      element('div', { class: 'field wide' }, element('label', { attributes: { for: box.id } }, say(key)), box);
     this.root.append(
       element('h2', {}, say('app.display.results')),
       ...RESULTS.map(row),
@@ -83,21 +88,18 @@ export class DisplayPanel {
       checkbox(say('app.display.by_speed'), false, actions.bySpeed, { attributes: { 'data-show': 'by_speed' } }),
       element('h2', {}, say('app.display.ground')),
       ...GROUND.map(row),
+      named('app.display.basemap', this.basemap),
+      element('p', { class: 'hint' }, say('app.display.basemap_hint')),
       element('h2', {}, say('app.display.case')),
       ...CASE.map(row),
-      element(
-        'div',
-        { class: 'field wide' },
-        element('label', { attributes: { for: this.objects.id } }, say('app.display.objects')),
-        this.objects,
-      ),
+      named('app.display.objects', this.objects),
       element('p', { class: 'hint' }, say('app.display.objects_hint')),
     );
   }
 
   /** Let the number of trajectories and the layer of objects be chosen. */
   enable(on: boolean): void {
-    this.number.disabled = this.objects.disabled = !on;
+    this.number.disabled = this.objects.disabled = this.basemap.disabled = !on;
   }
 
   /** Whether a layer is switched on. */
@@ -109,6 +111,12 @@ export class DisplayPanel {
   setObjects(label: string): void {
     this.objects.value = label;
     this.offer('objects', label !== '');
+  }
+
+  /** Name the picture that is shown. */
+  setBasemap(label: string): void {
+    this.basemap.value = label;
+    this.offer('basemap', label !== '');
   }
 
   /** Leave out what the case does not have. */
@@ -127,6 +135,7 @@ function colourOf(name: Shown): HTMLElement | null {
     case 'zones':
     case 'overlay':
     case 'contours':
+    case 'basemap':
       return null;
     default:
       return swatch(name);

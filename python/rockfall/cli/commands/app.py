@@ -54,6 +54,6 @@ def _open_room(arguments: argparse.Namespace) -> Room:
     """Open the file; imported only now, while the browser starts and loads the page."""
     need("the window needs", "app", "shapely")
     rooms = import_module("rockfall.app.room")
-    given = rooms.Given(arguments.objects, arguments.objects_layer)
+    given = rooms.Given(arguments.objects, arguments.objects_layer, arguments.basemap)
     room: Room = rooms.Room(arguments.path, arguments.language, given)
     return room

@@ -29,42 +29,59 @@ class Basemap(NamedTuple):
     extent: Extent
 
 
+class Picture(NamedTuple):
+    """Colours (ny, nx, 3), 0 to 255, and whether the image has any there (ny, nx)."""
+
+    colours: np.ndarray
+    seen: np.ndarray
+
+
 def read_basemap(path: str | Path, result: xr.Dataset, extent: Extent) -> Basemap:
     """Read the part of an image within an extent, in the CRS of the result.
 
     GeoTIFF, JPEG or PNG with georeference and CRS, one band (grey, or with a palette) or three of 8
     bits; anything else is a RockfallError.
     """
-    import rasterio
-    from rasterio.io import DatasetReader
-
     crs = result["crs"].attrs.get("crs_wkt") if "crs" in result else None
     if not crs:
         raise RockfallError(f"{path}: a basemap needs a result whose terrain has a CRS")
+    colours, seen = read_picture(path, crs, extent)
+    return Basemap(np.where(seen[..., None], colours, 255).astype("u1"), extent)
+
+
+def read_picture(
+    path: str | Path, crs: str, extent: Extent, dots: int = DOTS, *, stretched: bool = False
+) -> Picture:
+    """Read the part of an image within an extent, in a CRS (WKT), with `dots` along the longer
+    side. `stretched`: bands of more than 8 bits from their 2 % to their 98 % quantile, instead of
+    refusing them."""
+    import rasterio
+    from rasterio.io import DatasetReader
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
         try:
             with DatasetReader(plain_file(path), driver=FORMATS) as source:
-                _check(source, path)
-                return Basemap(_warped(source, crs, extent, path), extent)
+                _check(source, path, stretched)
+                return _warped(source, crs, extent, path, dots)
         except rasterio.errors.RasterioError as error:
             raise RockfallError(f"{path}: cannot be read as a picture: {error}") from error
 
 
-def _check(source: Any, path: str | Path) -> None:
+def _check(source: Any, path: str | Path, stretched: bool) -> None:
     if source.crs is None:
         raise RockfallError(f"{path}: has no CRS; a basemap needs one")
-    if {*source.dtypes} != {BYTE}:
+    if {*source.dtypes} != {BYTE} and not stretched:
         raise RockfallError(f"{path}: a basemap has bands of 8 bits, not of {source.dtypes[0]}")
 
 
-def _warped(source: Any, crs: str, extent: Extent, path: str | Path) -> np.ndarray:
+def _warped(source: Any, crs: str, extent: Extent, path: str | Path, dots: int) -> Picture:
     from rasterio.enums import ColorInterp, Resampling
     from rasterio.transform import from_bounds
     from rasterio.vrt import WarpedVRT
 
     west, east, south, north = extent
-    dot = max(east - west, north - south) / DOTS
+    dot = max(east - west, north - south) / dots
     nx, ny = (max(2, round(side / dot)) for side in (east - west, north - south))
     style = {"crs": crs, "transform": from_bounds(west, south, east, north, nx, ny)}
     palette = source.colorinterp[0] == ColorInterp.palette
@@ -77,4 +94,14 @@ def _warped(source: Any, crs: str, extent: Extent, path: str | Path) -> np.ndarr
     if palette:
         table = source.colormap(1)
         bands = np.array([table[k][:3] for k in range(256)], "u1")[bands[0]].transpose(2, 0, 1)
-    return np.where(seen, bands, 255).astype("u1").transpose(1, 2, 0)
+    elif bands.dtype != BYTE:
+        seen = seen & np.isfinite(bands).all(axis=0)
+        bands = _stretch(bands, seen)
+    return Picture(bands.astype("u1").transpose(1, 2, 0), seen)
+
+
+def _stretch(bands: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Bands (n, ny, nx) as 0 to 255, from the 2 % to the 98 % quantile where they are seen."""
+    low, high = np.percentile(bands[:, seen], [2, 98]) if seen.any() else (0.0, 1.0)
+    scaled = (bands.astype("f8") - low) / ((high - low) or 1.0)
+    return np.where(seen, np.clip(255 * scaled, 0, 255), 255)
