@@ -86,15 +86,16 @@ def main() -> None:
         for folder in folders:
             folder.mkdir()
             write_case(folder, given.lines, given.boulders, given.pieces)
+        walls = {}
         for command in given.commands:
             best = best_turns(pythons, folders, [*COMMANDS[command]], given.repeat)
             for python, folder, (wall, cpu, peak) in zip(pythons, folders, best, strict=True):
                 size = (folder / FILES[command]).stat().st_size if command in FILES else 0
                 print(f"{command:7} {wall:7.1f} s, {cpu:7.1f} s of CPU, {peak / MB:7,.0f} MB, "
                       f"file {size / MB:8,.1f} MB  {python}", flush=True)  # fmt: skip
-            if given.killed and command in ("run", "none"):
-                wall, _, _ = best[-1]
-                killed(folders[-1], command, wall / 2)
+            walls[command] = best[-1][0]
+        for command in {"run", "none"} & walls.keys() if given.killed else ():
+            killed(folders[-1], command, walls[command] / 2)  # last: it reads whole results
 
 
 if __name__ == "__main__":
