@@ -12,6 +12,8 @@ import scenes
 from made import make_layer, refused
 from rockfall.analysis.objects.risk import layered, mean_of, risk_classes
 from rockfall.analysis.objects.vulnerability import BUILDING, read_curves, stepped
+from rockfall.analysis.precision.clusters import Clusters
+from rockfall.analysis.precision.intervals import Sources
 from rockfall.kernel_rules import fraction_limits
 from rockfall.result.crossings import at_lines
 
@@ -185,6 +187,12 @@ def test_a_total_of_points_adds_their_limits(found):
         assert total == pytest.approx(risk[f"object_collective_risk{end}"].values.sum())
 
 
+def clusters(sources, each=1):
+    """Boulders of sources, all of which count as one where sources are a sample."""
+    number = np.repeat(np.arange(sources), each)
+    return Clusters(Sources.of(number, sampled=each > 1), each)
+
+
 @pytest.mark.parametrize("boulders", [50, 400])
 def test_limits_hold_the_mean_as_often_as_they_say(boulders):
     """Of losses that few boulders bring, skewed to total loss."""
@@ -193,14 +201,14 @@ def test_limits_hold_the_mean_as_often_as_they_say(boulders):
     for _ in range(1000):
         hit = random.random(boulders) < 0.08
         values = np.where(hit, random.random(boulders) ** 3, 0.0)
-        _, low, high = mean_of(values, 1.0, 1)
+        _, low, high = mean_of(values, 1.0, clusters(boulders))
         held += low <= 0.08 / 4 <= high
         above += high < 0.08 / 4
     assert held >= 950 and above <= 25
 
 
 def test_what_none_did_may_still_be_done():
-    _, low, high = mean_of(np.zeros(1000), 7.0, 1)
+    _, low, high = mean_of(np.zeros(1000), 7.0, clusters(1000))
     assert low == 0 and high == pytest.approx(7 * fraction_limits(0.0, 1000)[1])
     alone = layered(np.array([7.0]), np.array([0]), 1000, 1)
     assert alone == (0, 0, high)
@@ -208,7 +216,7 @@ def test_what_none_did_may_still_be_done():
 
 def test_boulders_of_a_place_count_as_one():
     values = np.repeat([0.0, 1.0], 50)
-    narrow, wide = mean_of(values, 1.0, 1), mean_of(values, 1.0, 50)
+    narrow, wide = mean_of(values, 1.0, clusters(100)), mean_of(values, 1.0, clusters(2, 50))
     assert wide.low < narrow.low < 0.5 < narrow.high < wide.high
 
 
