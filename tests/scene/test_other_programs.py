@@ -188,6 +188,29 @@ def test_refused_projects_of_platrock(tmp_path, name, text, file, message):
     assert [path.name for path in tmp_path.iterdir()] == ["simulation"]
 
 
+def test_layers_of_no_known_use_are_listed(tmp_path):
+    parcels = collection(({"owner": "A"}, WHERE))
+    points = collection(({"number": 5}, {"type": "Point", "coordinates": [1100, 2200]}))
+    folder = platrock(tmp_path / "simulation", **{"parcels.geojson": parcels, "p.geojson": points})
+    left = rockfall.import_platrock(folder, tmp_path / "out")[LEFT]
+    why = "no polygons with attributes of rocks, soils or forest, and no lines"
+    assert {f"parcels.geojson: {why}", f"p.geojson: {why}"} <= {*left}
+
+
+def test_every_folder_of_avaframe_is_in_a_list(tmp_path):
+    folder = avaframe(tmp_path / "avaHill")
+    inputs = folder / "Inputs"
+    for name in ("SECREL", "RELTH", "DAM", "POINTS", "MINE"):
+        (inputs / name).mkdir()
+        (inputs / name / "file.txt").write_text("")
+    make_layer(inputs / "RES/wood.shp", [shapely.box(*BOX["west"])], name=["a"])
+    lists = rockfall.import_avaframe(inputs, tmp_path / "out", ground="talus", no_forest=True)
+    named = {line.partition(":")[0] for line in (*lists[TAKEN], *lists[LEFT])}
+    assert {"SECREL", "RELTH", "DAM", "POINTS", "MINE", "CFGs", "RES/wood.shp", "RES/fsi.asc",
+            "hill.asc", "REL/area.asc", "INFRA/infra.asc"} == named  # fmt: skip
+    assert "MINE: not a folder that we know" in lists[LEFT]
+
+
 @pytest.mark.parametrize("release", ["raster", "shapefiles"])
 def test_an_avaframe_folder(tmp_path, release, capsys):
     folder = avaframe(tmp_path / "avaHill", release)
