@@ -462,7 +462,7 @@ def test_impacts_stand_beside_what_passes_their_cells(tmp_path):
     assert found.contacts["reach_probability"][1] == 0
     assert found.contacts["tree"].to_list() == ["fir", ""]
     said = " ".join(as_text(found).split())
-    assert "speed above the maximum of all that pass, of 1 known 1" in said
+    assert "speed above the maximum of all passing boulders, of 1 known 1" in said
     assert "Columns kept but not read: tree." in said
 
 

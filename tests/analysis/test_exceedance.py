@@ -258,6 +258,7 @@ def test_page_1_has_the_energy_once_in_a_hundred_years(tmp_path):
     unsure = make_case(tmp_path, {"name": "seldom", "frequency": 0.008})
     unsure = unsure.replace(hazard={"frequency_factor": [0.5, 2.0]})
     assert [*yearly_answers(hazard(unsure))] == [
-        "road: boulders arrive less than once in 100 years, but the interval does not exclude it."
+        "road: boulders arrive less than once in 100 years, but the interval does not exclude a "
+        "higher frequency."
     ]
     assert not [*yearly_answers(None)]

@@ -243,8 +243,8 @@ def test_without_sizes_of_rocks_classical_models_run_by_either_ground(case):
     found = run_models(case)
     assert found.names == ("table talus", *UNSIZED)
     assert found.notes[0] == (
-        "no rock sizes: rockyfor3d left out, other classical models with their grounds for "
-        "rocks below and above 0.1 m"
+        "no rock sizes: rockyfor3d left out, other classical models run with both of their "
+        "grounds, for rocks below and above 0.1 m"
     )
     for ground in ROCKS["pfeiffer_bowen"]:
         alone = rockfall.run(case.replace(surface={"ground": ground}))

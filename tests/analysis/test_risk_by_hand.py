@@ -245,7 +245,7 @@ def test_every_default_is_said(found):
         "default lethality = 1: o0, o1",
         "default vehicle_length = 5: o1",
         "default trips = 2: o1",
-        "no damage for want of a vulnerability: o1",
+        "vulnerability missing, so no damage is counted: o1",
         "NOT included (errs low): vehicles that run into a block",
     ):
         assert line in said
@@ -269,7 +269,7 @@ def test_capitals_make_no_other_kind(found):
         ([HOUSE], {"value": [8e5], "kind": ["Haus"]}, "value has no effect: give vulnerability, a"),
         ([HOUSE], {"value": [8e5], "vulnerability": [0.5]}, None),
         ([HOUSE, HOUSE], {"value": [8e5, 8e5], "vulnerability": [0.5, 0.5]},
-         "o1 repeats o0 (1 repeated in all), so each is hit and their risks add up"),
+         "o1 duplicates o0 (1 in all), so each is hit and their risks add up"),
         ([HOUSE, HOUSE], {"persons": [2.0, 3.0]}, None),  # flats
     ],
 )  # fmt: skip

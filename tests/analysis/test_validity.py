@@ -233,7 +233,7 @@ def test_a_few_who_end_on_their_way_to_a_line_of_few_are_said(
         rows[f"stop_{axis}"] = np.where(cuts, rows[f"stop_{axis}"], below)
     rows |= crossings((np.arange(1000) >= 1000 - passed) | (cuts & ("has_crossed" in how)))
     texts = end_texts(tmp_path, rows)
-    words = f"few boulders cross road ({passed}, and {cut} that might have), others ended before"
+    words = f"few boulders cross road ({passed}, and {cut} that might have), others ended earlier"
     assert [text.startswith(words) for text in texts] == [True] * said
 
 

@@ -138,7 +138,7 @@ def test_page_1_of_classical_rebounds_asks_for_the_spread_and_shows_it(page):
     for theirs in ("spheres on layers of spheres", "paper", "stochastic impact model"):
         assert theirs not in words
     assert "soil_4 (rockyfor3d) 100 %" in text[text.index('id="inputs"') :]
-    assert "followed by no rebound" in text
+    assert "used by no rebound" in text
     assert main(["models", "case.nml", "-o", "models", "--quiet"]) == 0
     text, first = page("--models", "models/models.nc")
     assert "is missing" not in first and "without a fit" in first

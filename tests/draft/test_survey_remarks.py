@@ -57,7 +57,7 @@ MISTAKES = {
     "a multipath": (more((40, 120, 830)), {}, "1 points are isolated .* 2600040, 1200120 by"),
     "birds": (more((40, 40, 880), (90, 20, 870)), {}, "2 points are isolated"),
     "two surveys": (more((40, 40, 828), (40, 40, 836)), {}, "1 places have several points, up to "
-        "8 m apart in height: their mean is used, keep the right one"),
+        "8 m apart in height: their mean is used unless only one is kept"),
     "a survey of another datum": (lambda p: np.concatenate([p, p[:100] + (0, 0, 49.3)]), {},
         "100 places have several points, up to 49.3 m apart in height"),
     "--cell in cm": (scaled(1.0), {"cell": 60.0}, "cells of 60 m from points 4.[89]. m apart los"),

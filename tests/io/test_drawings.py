@@ -21,7 +21,7 @@ shapely = pytest.importorskip("shapely", reason="the vector extra is not install
 
 W, N = 600000.0, 5000000.0
 GRID = scenes.grid(np.empty((80, 60)), 5.0, W, N - 400)
-NO_CRS = "the drawing has no CRS: coordinates taken in the CRS of the DEM"
+NO_CRS = "the drawing has no CRS: its coordinates are read as in the CRS of the DEM"
 
 
 @pytest.fixture

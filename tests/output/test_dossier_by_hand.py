@@ -249,7 +249,7 @@ def test_barriers(sheets, boulders):
     def behind(height, capacity):
         return rates(count(boulders["today"], "road", lambda e, h: (h > height) | (e > capacity)))
 
-    rows = table(sheets, "least barrier")
+    rows = table(sheets, "smallest barrier")
     assert [row[0] for row in rows.values()] == [*CLASSES]
     assert sum(row[8] == "suffices" for row in rows.values()) == 1
     for capacity, height, *numbers in (row[:8] for row in rows.values()):
@@ -263,7 +263,7 @@ def test_barriers(sheets, boulders):
         lower = [h for h in np.arange(0.5, height, 0.5) if behind(h, capacity)[2] <= 0.01]
         assert lower == []
     loads, first = (
-        table(sheets, "Boulders that come to")["road"],
+        table(sheets, "Boulders that reach lines")["road"],
         table(sheets, "at each place")["road"],
     )
     assert [*loads] == [*first[:3], *first[6:12]]
@@ -315,7 +315,7 @@ def test_classes_and_risks_of_houses(sheets):
             assert risks[house][column : column + 3] == pytest.approx(hits, rel=CLOSE)
         deaths, damage = deaths + persons * individual, damage + risks[house][0]
         assert int(risks[house][6]) == int(np.searchsorted([0, 1e-6, 1e-5, 1e-4], individual))
-    remaining = table(sheets, "What remains")["today"]
+    remaining = table(sheets, "Remaining hazard")["today"]
     assert remaining[1] == pytest.approx(damage, rel=CLOSE)
     assert remaining[4] == pytest.approx(deaths, rel=CLOSE)
     assert remaining[7] == max(risks[house][3] for house in HOUSES)

@@ -249,7 +249,7 @@ def test_samples_and_printed_means_stand_beside_ours(full, observed):
     share, edges, _ = upper.findobj(StepPatch)[-1].get_data()
     assert share.sum() == pytest.approx(100) and edges[-1] > 39
     labels = [text.get_text() for text in lower.get_yticklabels()]
-    assert labels == ["this run", "printed, A", "observed (4)"]
+    assert labels == ["this run", "published, A", "observed (4)"]
     spread = [bar.lines[2][0].get_segments()[0][:, 0] for bar in lower.containers]
     assert spread[1].tolist() == [7.0, 11.0]
     assert np.diff(spread[2]) / 2 == pytest.approx(np.std([4, 9, 11, 40], ddof=1))

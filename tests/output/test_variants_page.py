@@ -115,7 +115,7 @@ def test_a_page_with_scenarios_calls_frequencies_of_hazard_another_population(re
         for name, one in results.items()
     }
     page = rockfall.report_variants(others, tmp_path / "a.html").read_text()
-    assert "are of the boulders of &amp;boulder, not of the scenarios" in page
+    assert "refer to the boulders of &amp;boulder, not of the scenarios" in page
 
 
 def test_what_only_a_page_shows_needs_one(results, tmp_path, monkeypatch, capsys):

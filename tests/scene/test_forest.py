@@ -274,7 +274,7 @@ def test_species_of_a_list_by_the_share_of_conifers(tmp_path):
 
 def test_a_share_of_conifers_in_place_of_a_percentage_is_doubted(tmp_path):
     found = scene_of(tmp_path, MADE | {"uniform_conifers": 0.7})
-    assert any("conifers: 0.7 % at most: is it a fraction of 1?" in one for one in found.remarks)
+    assert any("conifers: at most 0.7 %: is it a fraction" in one for one in found.remarks)
     assert not scene_of(tmp_path, MADE).remarks
 
 

@@ -199,5 +199,5 @@ def test_clearings_without_a_stem_are_counted(tmp_path):
 def test_overlaps_of_sources_with_attributes_are_counted(tmp_path, second, cells):
     make_layer(tmp_path / "cliff.gpkg", [CLIFF, second], volume_mean=[1.0, 2.0])
     texts = [text for text in texts_of(scene_of(tmp_path, terrain())) if "overlap" in text]
-    said = f"polygons overlap in {cells} cells: attributes of the later polygon count there"
+    said = f"polygons overlap in {cells} cells: the later polygon's attributes are used there"
     assert texts == [said] * (cells > 0)

@@ -289,7 +289,7 @@ MISTAKES = {
     "3857": (web_mercator, r"EPSG:3857 stretches lengths here 2\.00 times"),
     "feet": (in_feet, "half of the terrain is steeper than 69 degrees: are elevations in metr"),
     "dm on a gentle slope": (lambda site: site.dem(8e3 + 0.1 * site.z + site.z.max()),
-        "the highest elevation is 9,... m, above all land: is it in another unit?"),
+        "the highest elevation is 9,... m, above any mountain: is it in another unit?"),
     "integers": (lambda site: site.dem(np.rint(site.z).astype("i2")), "steps that .* up to 11"),
     "mask of 1 and 255": (mask(1, 255), "cells = 'cells.tif': 255 makes 4,760 cells sources"),
     "all cells": (mask(255, 255), "every cell of the terrain is a source: is 255 an undeclared"),
@@ -347,17 +347,17 @@ MISTAKES = {
     "-99": (undeclared(-99), "elevation -99 m in 42 cells, 1,0.. m below all others: is it an un"),
     "-1 near the sea": (lambda site: (undeclared(-1)(lowered(site, 900.0))),
         "elevation -1 m in 42 cells, .* m below all others: is it an undeclared n"),
-    "void": (void, r"5 cells are below -450 m, the lowest at -7,000 m, under all land: was no"),
+    "void": (void, r"5 cells are below -450 m, the lowest at -7,000 m, lower than any land: was"),
     "spike": (spike, r"1 cells are isolated spikes or pits, the largest at 600102.5, 4999797"),
     "feet on a gentler slope": (half_steep_in_feet, "half of the terrain is steeper than 5. deg"),
-    "aux.xml": (packed, r"dem.tif \(dem.tif.aux.xml\): values are multiplied by 0.5, then 10"),
+    "aux.xml": (packed, r"dem.tif \(dem.tif.aux.xml\): metadata multiply the values by 0.5 and "),
     "volume in litres": (put("boulder", volume_mean=800.0), "800 m3: a boulder 12 m across: is "),
     "volume of a source in litres": (points((100, 50, 0.5), (150, 50, 400.0)),
         "&release source '2' volume_mean = 400 m3: a boulder 9 m across: is it in dm3"),
     "volume of a scenario in litres": (scenario(return_period=10.0, volume_mean=500.0),
         "scenario name = 'blocks' volume_mean = 500 m3: a boulder 10 m across: is it in d"),
     "wide distribution": (normal(volume_mean=0.8, volume_std=1.0),
-        "volume_std = 1 m3: cut at zero, the normal distribution has a mean of 1.17 m3, not 0.8 "),
+        "volume_std = 1 m3: truncated at zero, the normal distribution has a mean of 1.17 m3, "),
     "std in percent": (normal(volume_mean=4.0, volume_std=15.0),
         "has a mean of 13.5 m3, not 4 m3: is it in percent?"),
     "Rg in the wrong order": (obstacles(0.9, 0.5, 0.2), "rg70, rg20, rg10: obstacles Rg70 "
@@ -405,11 +405,11 @@ MISTAKES = {
     "source given thrice": (put("release", x=POINT["x"] * 3, y=POINT["y"] * 3),
         r"the source \(600150, 4999950\) is given 3 times and releases 3 times"),
     "overlapping zones": (lambda site: site.polygons((0, 200), (100, 300)),
-        "zones.gpkg: polygons of different zone overlap in 1,600 cells: the later polygon counts"),
+        "zones.gpkg: polygons of different zone overlap in 1,600 cells: the later polygon is used"),
     "one rest angle for all": (lambda site: site.meadow(rest_angle=38.0),
-        "has no rocks at 27 to 38 degrees, where slow boulders rest"),
+        "is 27 to 38 degrees steep and without rocks, so slow boulders may"),
     "meadow without a rest angle": (lambda site: site.meadow(OWN_MEADOW),
-        "has no rocks at 27 to 38 degrees, where slow boulders rest"),
+        "is 27 to 38 degrees steep and without rocks, so slow boulders may"),
     "zones in another CRS": (lambda site: site.polygons((0, 150), (150, 300), crs="EPSG:25832"),
         "zones.gpkg: reprojected from EPSG:25832 to EPSG:32632.*"),
 }  # fmt: skip
@@ -629,7 +629,7 @@ def test_fine_cells_that_hold_noise_or_rocks_are_named(site, cell, noise, slope,
     said = lines(site)
     assert len(said) == (angle is not None)
     for text in said:
-        assert f"turn {angle} degrees" in text and f"--smooth {2 * cell:g}" in text
+        assert f"change by {angle} degrees" in text and f"--smooth {2 * cell:g}" in text
 
 
 def test_a_saddle_of_integers_has_no_steps(site):

@@ -400,7 +400,7 @@ def test_scenarios_give_what_the_layer_does_not(case):
         assert values_of(scene.case, scene.features)[:, 1].tolist() == [1, 9, 2, 3]
     make_layer("q.gpkg", POINTS, volume=[1.0, None, None, 2.0])
     study = read_study(at(both, "q.gpkg"))
-    assert any("2 of 4 have it from the layer in all scenarios" in line for line in study.remarks)
+    assert any("2 of 4 take it from the layer in all scenarios" in line for line in study.remarks)
     scene = replace(study.scene, case=study.scenarios[1].case)
     assert sorted(set(run_scene(scene)["volume"].values)) == [1, 2, 4]
     make_layer("r.gpkg", POINTS, volume=[1.0, 1.5, 1.5, 2.0])

@@ -310,7 +310,7 @@ def test_models_vary_the_soils_that_cover_all_of_an_import(tmp_path):
     assert found.names[:3] == ("grounds of the case", "impact sets, method A", "rockyfor3d")
     assert found.names[2:] == tuple(ROCKS)
     part = 100 * (NX - 8) * (NY - 3) / (NX * NY)
-    assert f"impact sets cover {part:.1f} % of the terrain, its own grounds the rest" in (
+    assert f"impact sets cover {part:.1f} % of the terrain, the case's own grounds the rest" in (
         found.notes
     )
     table = found.table.set_index(["model", "line", "quantity", "statistic"])["value"]

@@ -194,7 +194,7 @@ def test_remarks_on_stands_are_known_in_every_language(tmp_path, language):
 def test_slivers_belong_to_the_later_stand(tmp_path):
     shapes = [shapely.box(0, 0, 150.1, 400), shapely.box(150, 0, 300, 400)]
     scene = stands_of(tmp_path, shapes, **columns_of(2))
-    assert "stands overlap by 40 m2 in slivers: the later one counts there" in scene.remarks[-1]
+    assert "stands overlap by 40 m2 in slivers: the later one is used there" in scene.remarks[-1]
     assert [one.area for one in scene.stands] == pytest.approx([6.0, 6.0])
     assert np.array_equal(scene.trees, scene_of(tmp_path, MADE).trees)
 

@@ -206,13 +206,13 @@ module rockfall_variables
       variable_t("map", "energy_line_angle_min", "real", "degree", &
                  "flattest line from the release of a boulder that passed", to_middle), &
       variable_t("map", "travel_time_min", "real", "s", &
-                 "shortest time from release until a boulder comes to the cell"), &
+                 "shortest time from release until a boulder reaches the cell"), &
       variable_t("map", "tree_impacts", "integer", "1", "hits of trees by boulders", "each counts"), &
       variable_t("map", "tree_impact_height_max", "real", "m", &
                  "maximum height of a boulder's point above the surface when it hit a tree"), &
       variable_t("map", "tree_impact_height_mean", "real", "m", &
                  "mean height of a boulder's point above the surface when it hit a tree"), &
-      variable_t("map", "tree_energy", "real", "J", "energy that trees took from all boulders"), &
+      variable_t("map", "tree_energy", "real", "J", "energy that trees absorbed from all boulders"), &
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &
