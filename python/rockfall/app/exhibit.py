@@ -84,7 +84,7 @@ class Exhibit:
             self._tell(kind, message)
 
     def close(self) -> None:
-        """End nothing: nothing is running."""
+        """Do nothing, because no run is in progress."""
 
     def look(self, view: View) -> None:
         """Change the selected map, lines or section."""

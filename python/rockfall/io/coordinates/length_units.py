@@ -125,7 +125,7 @@ def stated_in_attributes(attributes: Mapping[str, Any]) -> list[Stated]:
 
 
 def contradiction(stated: Iterable[Stated]) -> tuple[Stated, Stated] | None:
-    """Two statements of units that differ; the feet of two countries do not."""
+    """Two contradictory statements of units; international and US feet count as equal."""
     first, *others = [*stated, None]
     for other in others:
         if first and other and not math.isclose(first.unit.factor, other.unit.factor, rel_tol=1e-5):
