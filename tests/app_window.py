@@ -12,7 +12,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
 import rockfall
-from rockfall.app.room import Room
+from rockfall.app.room import Given, Room
 from rockfall.app.server import Server, bind
 
 W, N = 600000.0, 5000000.0
@@ -28,9 +28,9 @@ PATIENCE = 600.0  # [s] at most, on a machine that does other things
 
 
 @contextmanager
-def served(path):
-    server = Server(bind(0), keep=True)
-    server.admit(Room(Path(path)))
+def served(path, wms=""):
+    server = Server(bind(0), keep=True, wms=wms)
+    server.admit(Room(Path(path), given=Given(wms=wms)))
     thread = threading.Thread(target=server.run)
     thread.start()
     try:

@@ -2,8 +2,11 @@
 """Pictures below the results in the live window, from files of this machine."""
 
 import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from io import BytesIO
 from pathlib import Path
+from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 import pytest
@@ -11,12 +14,14 @@ import pytest
 pytest.importorskip("starlette", reason="the app extra is not installed")
 pytest.importorskip("shapely", reason="the vector extra is not installed")
 rasterio = pytest.importorskip("rasterio", reason="rasterio is not installed")
-imread = pytest.importorskip("matplotlib.image", reason="the report extra is not installed").imread
+images = pytest.importorskip("matplotlib.image", reason="the report extra is not installed")
+imread, imsave = images.imread, images.imsave
 
 from rasterio import warp  # noqa: E402
 
 from rockfall.app.room import Given  # noqa: E402
 from rockfall.app.show import PAGE  # noqa: E402
+from rockfall.app.web_map import origin_of  # noqa: E402
 from rockfall.errors import RockfallError  # noqa: E402
 
 pytestmark = [
@@ -148,3 +153,71 @@ def test_the_picture_is_seen_below_the_results_and_no_request_leaves_the_machine
     asked = [one["params"] for one in log if one["method"] == "Network.requestWillBeSent"]
     own = f"http://127.0.0.1:{server.port}/", "data:", "blob:", "about:"
     assert asked and all(one["request"]["url"].startswith(own) for one in asked)
+
+
+class Maps(BaseHTTPRequestHandler):
+    """A web map service of one colour, which notes what it is asked."""
+
+    def do_GET(self):
+        self.server.asked.append(dict(parse_qsl(urlsplit(self.path).query)))
+        picture = BytesIO()
+        imsave(picture, np.full((8, 8, 3), MAGENTA, "u1"), format="png")
+        self.send_response(200)
+        self.send_header("Content-Type", "image/png")
+        self.send_header("Access-Control-Allow-Origin", "*")
+        self.end_headers()
+        self.wfile.write(picture.getvalue())
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def maps():
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Maps)
+    server.asked = []
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield server
+    server.shutdown()
+    thread.join()
+
+
+@pytest.mark.all
+@pytest.mark.skipif(not (PAGE / "app.js").exists(), reason="the page is made by ./run page")
+def test_a_web_map_is_requested_only_where_the_user_has_added_it(browser, maps):
+    from app_window import open_window, served
+    from browser import resize
+
+    url = f"http://127.0.0.1:{maps.server_port}/wms"
+    for wms in "", f"{url}?LAYERS=ortho":
+        with served("case.nml", wms) as server:
+            resize(browser, 1280, 800)
+            window = open_window(browser, server)
+            browser.execute_async_script(
+                """
+            const image = new Image();
+            image.onload = image.onerror = () => arguments[1]();
+            image.src = arguments[0];""",
+                f"{url}?by=hand",
+            )
+            if wms:
+                end = window.until("an answer", "performance.getEntriesByType('resource').length")
+                assert end
+        if not wms:
+            assert maps.asked == []  # not even by hand: the policy of the page forbids it
+            browser.get_log("browser")
+    browser.get("about:blank")
+    mapped = [one for one in maps.asked if "by" not in one]
+    assert mapped and all(one["LAYERS"] == "ortho" for one in mapped)
+    assert {one["SRS"] for one in mapped} == {"EPSG:32632"}
+    west, south, east, north = map(float, mapped[-1]["BBOX"].split(","))
+    assert west < W + 150 < east and south < N - 200 < north
+
+
+@pytest.mark.parametrize(
+    "url", ["ftp://host/wms?LAYERS=a", "https://host/wms", "https://h;img-src */w?LAYERS=a", "a"]
+)
+def test_an_address_that_is_no_web_map_is_refused(url):
+    with pytest.raises(RockfallError, match="--wms .*LAYERS=NAME"):
+        origin_of(url)

@@ -173,6 +173,8 @@ export class CaseWindow {
     this.display.offer('drawn_zones', forms.layers.zones !== undefined);
     this.display.setObjects(welcome.view.objects);
     this.display.setBasemap(welcome.view.basemap);
+    this.display.offer('wms', welcome.wms !== null);
+    if (welcome.wms) this.view.addWebMap(welcome.wms);
     this.output = new Output(connection, welcome.file.replace(/\.[^.]*$/, '') || 'case', welcome.folder);
     this.grounds = new GroundDialog(welcome.grounds, ({ name, radius }) => this.store.setGround(name, radius));
     this.topBar = new TopBar(this.shell.top, welcome, this.runBar.root, !connection.standalone, {

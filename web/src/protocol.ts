@@ -89,6 +89,12 @@ export interface Wanted {
   hazard: boolean; // of the scenarios
   origin: string; // place whose sources are shown
 }
+/** A web map service that the user added. */
+export interface WebMap {
+  url: string;
+  layers: string;
+  crs: string; // of the terrain
+}
 /** A ground for a document that has none; `radius` of its rocks [m], where it needs one. */
 export interface GroundChoice {
   name: string;
@@ -115,6 +121,7 @@ export interface Welcome {
   maps: MapName[];
   scenarios: number; // that can be run for a hazard
   offers: { objects: string[]; basemaps: string[] };
+  wms: WebMap | null;
   view: Wanted;
   limits: Record<string, number>;
 }

@@ -29,6 +29,7 @@ from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
 from rockfall.app.recent import note_recent, recent_files
 from rockfall.app.surroundings import Given, Offers
 from rockfall.app.tasks import EXPORT, REPORT, SIMULATE, Task, outputs, unfinished
+from rockfall.app.web_map import web_map
 from rockfall.app.wishes import view_of
 from rockfall.errors import RockfallError
 from rockfall.language import LANGUAGES, say, speaking, texts_of
@@ -75,6 +76,7 @@ class Room:
         self._shown: Shown | None = None
         self._task: Task | None = None
         self._given, self._offers = given, Offers({}, {})
+        self._wms: dict[str, str] | None = None
         if path is not None:
             self._open(path)
 
@@ -174,6 +176,7 @@ class Room:
         basemap = "" if given.basemap is None else given.basemap.name
         shown.offer = offers.objects.get(first)
         shown.view = shown.view._replace(objects=first, basemap=basemap)
+        wms = web_map(given.wms, shown.site.grid)
         around = [*offers.messages(shown.view, View(), shown.site.grid)]
         note_recent(path)
         before = self._shown
@@ -181,7 +184,7 @@ class Room:
             before.close()
         with self._lock:
             self._last.clear()
-            self._shown, self._offers = shown, offers
+            self._shown, self._offers, self._wms = shown, offers, wms
             for client in self._clients:
                 self._welcome(client)
         for kind, content in around:
@@ -209,7 +212,7 @@ class Room:
             "trajectories": MAX_TRAJECTORIES,
         }  # fmt: skip
         fields = {
-            "offers": self._offers.labels, "writer": client is self._writer,
+            "offers": self._offers.labels, "wms": self._wms, "writer": client is self._writer,
             "version": __version__, "recent": recent,
             "language": client.language, "languages": LANGUAGES, "limits": limits,
             "texts": texts_of(client.language, "app"),

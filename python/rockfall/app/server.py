@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from rockfall.app.messages import MAX_BYTES, Message, Refused, read_message, text_message
 from rockfall.app.outbox import Client, Outbox
+from rockfall.app.web_map import origin_of
 from rockfall.errors import RockfallError
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class Server:
     """
 
     def __init__(
-        self, bound: socket.socket, *, page: Path | None = None, keep: bool = False,
+        self, bound: socket.socket, *, page: Path | None = None, keep: bool = False, wms: str = "",
         grace: float = GRACE_SECONDS,
     ) -> None:  # fmt: skip
         import uvicorn
@@ -81,7 +82,7 @@ class Server:
         self._opening: Future[Room] = Future()
         self._left: asyncio.TimerHandle | None = None
         bound.listen()  # anybody who knows the address may connect, and is served once this runs
-        app = _Guard(self._app(page), self.port)
+        app = _Guard(self._app(page), self.port, origin_of(wms))
         config = uvicorn.Config(
             app, log_level="error", access_log=False, lifespan="off", server_header=False,
             date_header=False, ws="websockets-sansio", ws_max_size=MAX_BYTES,
@@ -228,12 +229,13 @@ async def _send_all(socket: WebSocket, outbox: Outbox) -> None:
 class _Guard:
     """Accept requests from this page only, and add headers to responses."""
 
-    def __init__(self, app: ASGIApp, port: int) -> None:
+    def __init__(self, app: ASGIApp, port: int, images: str) -> None:
         self._app = app
         self._hosts = {f"{name}:{port}".encode() for name in (HOST, "localhost")}
         sockets = " ".join(f"ws://{host.decode()}" for host in sorted(self._hosts))
         policy = (
-            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+            "default-src 'none'; script-src 'self'; style-src 'self'; "
+            f"img-src 'self' blob: data: {images}; "
             f"connect-src {sockets}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         )
         self._headers = [

@@ -51,7 +51,7 @@ def show(result: xr.Dataset | str | Path, language: str = "en") -> View:
     welcome = {
         "type": "welcome", "writer": False, "version": __version__, "language": language,
         "languages": [language], "texts": texts_of(language, "app"), "recent": [], "limits": {},
-        "offers": {"objects": [], "basemaps": []}, **about_shown(exhibit, language),
+        "offers": {"objects": [], "basemaps": []}, "wms": None, **about_shown(exhibit, language),
     }  # fmt: skip
     return View([json.dumps(welcome), *(message for _, message in exhibit.messages())])
 

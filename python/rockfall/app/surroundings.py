@@ -39,6 +39,7 @@ class Given(NamedTuple):
     objects: Sequence[Path] = ()
     objects_layer: Sequence[str] = ()
     basemap: Path | None = None
+    wms: str = ""  # address of a web map service
 
 
 class Offer(NamedTuple):

@@ -195,6 +195,8 @@ def _add_app(commands: _Commands) -> None:
     _option(app, "--port N", int, "port on this machine; default: any that is free", default=0)
     _add_object_layers(app)
     _option(app, "--basemap FILE", Path, "a picture below the results, such as an orthophoto")
+    text = "a web map service below the results, by its host: https://HOST/PATH?LAYERS=NAME"
+    _option(app, "--wms URL", str, text, default="")
     _switch(app, "--keep", "keep running when the last page has closed, until Ctrl-C")
     _switch(app, "--no-browser", "print the address only")
 

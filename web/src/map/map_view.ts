@@ -9,7 +9,7 @@ import type BaseLayer from 'ol/layer/Base';
 import Projection from 'ol/proj/Projection';
 import { LAYER_COLOURS, type ColourScale } from '../colours';
 import { element } from '../dom';
-import type { BackgroundMessage, BasemapMessage, Binary, Layers, OverlayHeader } from '../protocol';
+import type { BackgroundMessage, BasemapMessage, Binary, Layers, OverlayHeader, WebMap } from '../protocol';
 import type { Shade, Terrain, Trajectories } from '../view3d/view3d';
 import { ContourLayer } from './contour_layer';
 import { FeatureLayers } from './features';
@@ -18,6 +18,7 @@ import { type Extent, RasterLayer } from './plot_layer';
 import { hillshade, picture, resultRaster, zoneRaster } from './rasters';
 import { SectionLayer } from './section_layer';
 import { ShapeLayer } from './surroundings';
+import { webMapLayer } from './web_map';
 import { DotLayer, TrajectoryLayer } from './trajectory_layer';
 
 /** What can be switched on and off. */
@@ -31,6 +32,7 @@ export type Shown =
   | 'stands'
   | 'contours'
   | 'basemap'
+  | 'wms'
   | 'objects'
   | 'sources'
   | 'lines'
@@ -38,6 +40,7 @@ export type Shown =
   | 'dams'
   | 'drawn_zones';
 
+const CODE = 'rockfall:terrain'; // of the CRS of the map
 const FIRST = 40; // cells that are in view at least, at first
 const PADDING = 28; // pixels around what the view is fitted to
 const TAG = 44; // and above it, where preliminary is written
@@ -63,6 +66,7 @@ export class MapView {
   readonly origins = new OriginLayer(39);
   readonly objects = new ShapeLayer('objects', 24);
   private readonly basemap = new RasterLayer(2, true);
+  private webMap: BaseLayer | null = null;
   readonly contours = new ContourLayer(21);
   private readonly stands = new ShapeLayer('stands', 13);
   private readonly overlayCanvas = element('canvas');
@@ -120,7 +124,7 @@ export class MapView {
       ]);
     const [west, south, east, north] = extent;
     const around = Math.max(east - west, north - south) / 2;
-    const projection = new Projection({ code: 'rockfall:terrain', units: 'm', extent });
+    const projection = new Projection({ code: CODE, units: 'm', extent });
     this.map.setView(
       shared ??
         new View({
@@ -149,6 +153,12 @@ export class MapView {
     this.sources.display(message?.f8('sources')?.values ?? new Float64Array(), 2);
     this.stands.show(message?.header.stands ?? []);
     this.trees.display(message?.f8('trees')?.values ?? new Float64Array(), 3);
+  }
+
+  /** Add the web map service that the user gave. */
+  addWebMap(given: WebMap): void {
+    this.webMap = webMapLayer(given, CODE, 1);
+    this.map.addLayer(this.webMap);
   }
 
   /** Show a picture in place of the hillshade; without one, none. */
@@ -216,7 +226,7 @@ export class MapView {
 
   setVisible(name: Shown, visible: boolean): void {
     const { sources, lines, barriers, dams, zones } = this.features.layers;
-    const layers: Record<Shown, BaseLayer> = {
+    const layers: Record<Shown, BaseLayer | null> = {
       zones: this.zones,
       overlay: this.overlay,
       trajectories: this.trajectories,
@@ -226,6 +236,7 @@ export class MapView {
       stands: this.stands,
       contours: this.contours,
       basemap: this.basemap,
+      wms: this.webMap,
       objects: this.objects,
       sources,
       lines,
@@ -233,7 +244,7 @@ export class MapView {
       dams,
       drawn_zones: zones,
     };
-    layers[name].setVisible(visible);
+    layers[name]?.setVisible(visible);
   }
 
   /** Until someone moves the view, it fits where something is: sources, lines, nets, dams, results; without any, the terrain. */

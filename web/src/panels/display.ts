@@ -19,7 +19,7 @@ const CASE: readonly Shown[] = [
   'stands',
   'objects',
 ];
-const GROUND: readonly Shown[] = ['contours', 'basemap'];
+const GROUND: readonly Shown[] = ['contours', 'basemap', 'wms'];
 const HIDDEN_AT_FIRST: readonly Shown[] = ['stops', 'contours'];
 const NUMBERS = [0, 20, 50, 100, 200, 500, 1000];
 
@@ -136,6 +136,7 @@ function colourOf(name: Shown): HTMLElement | null {
     case 'overlay':
     case 'contours':
     case 'basemap':
+    case 'wms':
       return null;
     default:
       return swatch(name);

@@ -25,7 +25,7 @@ def app_command(arguments: argparse.Namespace) -> int:
     need("the window needs", "app", "starlette", "uvicorn", "websockets")
     if arguments.path is not None and not arguments.path.is_file():
         raise RockfallError(f"{arguments.path}: no such file")
-    server = Server(bind(arguments.port), keep=arguments.keep)
+    server = Server(bind(arguments.port), keep=arguments.keep, wms=arguments.wms)
     with interrupts() as interrupted, ExitStack() as ending:  # uvicorn heeds no signals in a thread
         print(server.url, flush=True)
         thread = Thread(target=server.run, name="server")
@@ -54,6 +54,8 @@ def _open_room(arguments: argparse.Namespace) -> Room:
     """Open the file; imported only now, while the browser starts and loads the page."""
     need("the window needs", "app", "shapely")
     rooms = import_module("rockfall.app.room")
-    given = rooms.Given(arguments.objects, arguments.objects_layer, arguments.basemap)
+    given = rooms.Given(
+        arguments.objects, arguments.objects_layer, arguments.basemap, arguments.wms
+    )
     room: Room = rooms.Room(arguments.path, arguments.language, given)
     return room
