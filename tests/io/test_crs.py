@@ -2,6 +2,7 @@
 """CRS: CF parameters mean the same as the WKT, one system in two spellings is one system, scales
 are those on the ground."""
 
+import json
 import math
 import shlex
 
@@ -18,12 +19,15 @@ from rockfall.io.coordinates.crs import (
     grid_mapping,
     length_scale,
     same_crs,
+    transformation,
     vertical_datum,
 )
 from rockfall.io.rasters.aligned import aligned_blocks
 from rockfall.io.rasters.dem import read_dem
 from rockfall.io.rasters.grid import Grid
 from rockfall.io.vectors.layers import read_points
+from rockfall.language import remark, say, speaking
+from rockfall.tables.run import _checksums
 
 WKT = "crs_wkt", "spatial_ref"
 
@@ -193,3 +197,40 @@ def test_a_system_without_a_name_is_called_by_its_projection():
 def test_lengths_of_a_crs_are_those_on_the_ground(code, x, y, scale):
     grid = Grid(x - 10.0, y + 10.0, 1.0, 20, 20, CRS.from_epsg(code))
     assert length_scale(grid) == pytest.approx(scale, abs=2e-5)
+
+
+@pytest.mark.parametrize(("west", "is_rough"), [(9.0, False), (10.86, True)])
+def test_a_shift_of_datum_is_not_left_out_beyond_its_area(west, is_rough):
+    """Swiss coordinates end at 10.49 degrees east. The shift, 100 m and more, is three lengths (X,
+    Y, Z: 674.374, 15.056, 405.346 m), so it can be applied by hand anywhere."""
+    x, y = pyproj.Transformer.from_crs(4258, 25832, always_xy=True).transform(west, 47.2)
+    grid = Grid(x - 50, y + 50, 1.0, 100, 100, CRS.from_epsg(25832))
+    by_hand = pyproj.Transformer.from_pipeline(
+        "+proj=pipeline +step +inv +proj=utm +zone=32 +ellps=GRS80 +step +proj=cart +ellps=GRS80 "
+        "+step +proj=helmert +x=-674.374 +y=-15.056 +z=-405.346 +step +inv +proj=cart "
+        "+ellps=bessel +step +proj=somerc +lat_0=46.9524055555556 +lon_0=7.43958333333333 +k_0=1 "
+        "+x_0=2600000 +y_0=1200000 +ellps=bessel"
+    )
+    way = transformation(CRS.from_epsg(2056), grid)
+    assert way.transform(*by_hand.transform(x, y)) == pytest.approx((x, y), abs=0.01)
+    assert way.is_best is not is_rough
+
+
+def test_a_datum_that_is_not_known_is_said():
+    """A projection of a bare ellipsoid: its coordinates are taken as they are."""
+    bare = CRS.from_string("+proj=utm +zone=32 +ellps=GRS80 +type=crs")
+    grid = Grid(2.6e6, 1.2e6, 1.0, 100, 100, CRS.from_epsg(2056))
+    assert not transformation(bare, grid).is_best
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_inputs_list_from_which_system_and_how_well(language):
+    told = {"crs": "EPSG:2056", "ours": "EPSG:25832"}
+    for key in ("", "_roughly"):
+        text = str(remark("a.gpkg", f"input.reprojected{key}", **told))
+        noted = "12ab" + text.removeprefix("a.gpkg").replace(":", ",", 1)
+        attrs = {"input_checksums": json.dumps({"lines": noted})}
+        with speaking(language):
+            rough = f"; {say('input.no_grid_of_proj')}" if key else ""
+            way = say("tables.reprojected", join="EPSG:2056 → EPSG:25832")
+            assert [value for _, value in _checksums(attrs)] == [f"lines: 12ab; {way}{rough}"]

@@ -55,8 +55,8 @@ def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
     remarks = []
     if not way.is_best:
         remarks = [
-            f"longitudes and latitudes from {crs_name(crs)}: PROJ lacks a grid here for the most "
-            "accurate way; places may be off by a metre or more"
+            f"longitudes and latitudes from {crs_name(crs)}: PROJ lacks the most accurate "
+            "transformation here: check places on a map"
         ]
     attrs = data["crs"].attrs if "crs" in data.variables else {}  # older results have it in the CRS
     heights = attrs.get("vertical_datum") or vertical_datum(CRS.from_wkt(attrs.get("crs_wkt", wkt)))

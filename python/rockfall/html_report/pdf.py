@@ -63,7 +63,7 @@ def write_pdf(page: str, path: Path) -> None:
         document = _laid_out(page)
         if "signature" not in document.pages[0].anchors:
             reason = "the signature is not on page 1; shorten the title and the names of lines"
-            warnings.warn(f"{path}: {reason}", stacklevel=4)
+            warnings.warn(f"{path.name}: {reason}", stacklevel=4)  # its folder may be temporary
         add_steps(len(document.pages))
         for sheet in document.pages:
             sheet.paint = _noted(sheet.paint)

@@ -190,6 +190,6 @@ def _noted(noted: str) -> str:
     checksum, _, remark = noted.partition(f", {REPROJECTED} ")
     if not remark:
         return checksum
-    crs, _, rough = remark.partition("; ")
+    crs, _, rough = remark.partition(", but ")
     parts = [checksum, say("tables.reprojected", join=" → ".join(crs.split(" to ")))]
     return "; ".join([*parts, say("input.no_grid_of_proj")] if rough else parts)

@@ -142,7 +142,7 @@ class Transformation(NamedTuple):
     """A transformation between two systems."""
 
     transform: Callable[..., tuple[Any, Any]]  # x and y to x and y, infinite where undefined
-    is_best: bool  # of the ones known to PROJ; False if one needs a grid that is not installed
+    is_best: bool  # False if it needs a grid that is not installed, or is of another area
 
 
 def transformation(crs: CRS, grid: Grid) -> Transformation:
@@ -187,12 +187,18 @@ def _best_way(
     if np.isfinite(corners).all():
         (west, east), (south, north) = corners
         area = pyproj.transformer.AreaOfInterest(west, south, east, north)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # PROJ's warning about a missing grid
-        ways = pyproj.transformer.TransformerGroup(source, target, True, area)
-    if not ways.transformers:
-        raise RockfallError(f"no way is known from {source.name} to {target.name}")
-    return Transformation(ways.transformers[0].transform, ways.best_available)
+    # Outside of the area of a datum shift PROJ would leave out the shift, 100 m and more. It is
+    # nearer than none; where none is known (a datum without a name) there is no other way.
+    for within, allow_ballpark in ((area, False), (None, False), (area, True)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # PROJ's warning about a missing grid
+            ways = pyproj.transformer.TransformerGroup(
+                source, target, True, within, allow_ballpark=allow_ballpark
+            )
+        if ways.transformers:
+            is_best = ways.best_available and within is area and not allow_ballpark
+            return Transformation(ways.transformers[0].transform, is_best)
+    raise RockfallError(f"no way is known from {source.name} to {target.name}")
 
 
 #: Command that converts a raster to metres: to a plan (None: unchanged), and heights by a factor.
