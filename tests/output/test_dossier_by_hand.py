@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import rockfall
@@ -16,6 +17,9 @@ from made import PLACE, UTM, leave_pictures_blank, make_layer, make_raster
 from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
 from rockfall.html_report import dossier_page
+from rockfall.studies.dossier import Dossier
+from rockfall.tables.dossier import remaining_table
+from rockfall.tables.hazard import risk_table
 
 for package in ("weasyprint", "docx", "matplotlib", "jinja2"):
     pytest.importorskip(package, reason="an extra is not installed")
@@ -320,6 +324,17 @@ def test_classes_and_risks_of_houses(sheets):
     assert remaining[4] == pytest.approx(deaths, rel=CLOSE)
     assert remaining[7] == max(risks[house][3] for house in HOUSES)
     assert remaining[0] == max((class_of(row[0:9:3]) for row in rows.values()), key=OTHER.index)
+
+
+def test_what_no_object_has_is_not_zero(project):
+    """Without values or vulnerabilities the damage is unknown, without persons the deaths are."""
+    hazard = read_hazard(project[0] / "dossier/hazard_today.nc")
+    for what, column in {"damage": 2, "collective_risk": 3}.items():
+        without = hazard.assign({f"object_{what}": hazard[f"object_{what}"] * np.nan})
+        (row,) = remaining_table(Dossier({"": without}, pd.DataFrame())).texts()
+        *_, last = risk_table(without).texts()
+        assert row[column] == "-" != row[5 - column]
+        assert last[1 if column == 2 else 4] == "-"
 
 
 def test_variants_and_their_differences(sheets, project):

@@ -30,6 +30,7 @@ from rockfall.tables.hazard import (
     risk_table,
     scenario_table,
     segment_table,
+    total,
 )
 from rockfall.tables.run import hazard_inputs
 from rockfall.tables.variants import difference_table, measures_table
@@ -298,10 +299,7 @@ def remaining_table(dossier: Dossier) -> Table:
         worst = max((int(hazard[f"{kind}_hazard_class"].max()) for kind in kinds), default=0)
         row: list[object] = [name, word(CLASSES[worst]) if kinds else "-"]
         if risky:
-            damage, deaths = (
-                [float(hazard[f"total_{what}{end}"]) for end in ENDS]
-                for what in ("damage", "collective_risk")
-            )
+            damage, deaths = total(hazard, "damage"), total(hazard, "collective_risk")
             row += [_estimate(damage, 3), _estimate(deaths), _highest(hazard)]
         rows.append([*row, *[costs.get(name, "-")] * bool(costs)])
     return Table.of(say("dossier.remaining_caption"), heads, rows)

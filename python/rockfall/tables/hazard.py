@@ -13,7 +13,7 @@ from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import PLACES
 from rockfall.analysis.objects.risk import CLASS_ENDS
 from rockfall.files.hazard_files import object_table as objects_of
-from rockfall.files.risk_files import class_words, has_risk, risk_columns, total_table
+from rockfall.files.risk_files import class_words, has_risk, risk_columns
 from rockfall.files.segment_files import has_segments
 from rockfall.files.segment_files import segment_table as segments_of
 from rockfall.io.rasters.arrays import grid_of
@@ -145,15 +145,19 @@ def risk_table(hazard: xr.Dataset) -> Table:
          Risk.of(row, "individual_risk"), class_number(row), Risk.of(row, "collective_risk"))
         for of_layer, row in zip(layers, frame.iloc[order].to_dict("records"), strict=True)
     ]  # fmt: skip
-    sums = {
-        f"{row['quantity']}{end}": row[key]
-        for row in total_table(hazard).to_dict("records")
-        for end, key in (("", "value"), ("_low", "low"), ("_high", "high"))
-    }
-    damage, deaths = _estimate(sums, "damage", 3), Risk.of(sums, "collective_risk")
+    damage = Estimate(*total(hazard, "damage"), digits=3)
+    deaths = Risk(*total(hazard, "collective_risk"))
     rows.append((say("hazard.all_objects"), *[""] * len(layer), damage, "", "", deaths))
     heads = (say(f"hazard.{name}") for name in ("damage", "individual", "class", "collective"))
     return Table.of(class_legend(), [say("hazard.risk_within"), *map(word, layer), *heads], rows)
+
+
+def total(hazard: xr.Dataset, what: str) -> tuple[float, float, float]:
+    """Sum of `damage` or `collective_risk` over all objects, with its limits; NaN if no object has
+    one."""
+    is_known = np.isfinite(hazard[f"object_{what}"].values).any()
+    value, low, high = (float(hazard[f"total_{what}{end}"]) if is_known else np.nan for end in ENDS)
+    return value, low, high
 
 
 def assumptions(hazard: xr.Dataset) -> list[str]:
