@@ -12,11 +12,13 @@ pytest.importorskip("matplotlib", reason="the report extra is not installed")
 
 import rockfall  # noqa: E402
 import scenes  # noqa: E402
+from app_messages import decoded  # noqa: E402
 from made import make_layer, make_raster  # noqa: E402
 from rockfall.analysis.hazard.classes import CLASSES  # noqa: E402
-from rockfall.app.asked import table_entry  # noqa: E402
+from rockfall.app.asked import hazard_message, table_entry  # noqa: E402
 from rockfall.app.room import Given  # noqa: E402
 from rockfall.app.show import PAGE  # noqa: E402
+from rockfall.language import speaking  # noqa: E402
 from rockfall.protection.yearly import yearly_design  # noqa: E402
 from rockfall.tables.design import check_tables, choice_table  # noqa: E402
 from rockfall.tables.hazard import object_table  # noqa: E402
@@ -92,6 +94,16 @@ def test_the_hazard_of_the_window_is_that_of_the_command_also_after_an_edit(page
     page.send("save", name="moved")
     page.until("saved")
     is_hazard_of(moved, "moved.nml")
+
+
+def test_tables_are_in_the_language_of_the_page_with_its_decimals():
+    hazard = rockfall.hazard(rockfall.read_case("case.nml"), objects="houses.gpkg")
+    shown = decoded(hazard_message(hazard, "de", revision=0))
+    with speaking("de"):
+        tables = loads_table(yearly_design(hazard)), object_table(hazard)
+        assert shown["tables"][1:] == [*map(table_entry, tables)]
+    cells = [text for table in shown["tables"][1:] for row in table["rows"] for text in row[1:]]
+    assert any("," in text for text in cells) and not any("." in text for text in cells)
 
 
 def test_sources_of_what_comes_to_a_place_are_those_of_origins(page):

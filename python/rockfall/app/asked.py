@@ -85,11 +85,12 @@ def hazard_message(hazard: xr.Dataset, language: str, **fields: Any) -> bytes:
         if "object" in hazard.dims:
             tables.append(object_table(hazard))
         words = [str(word(name)) for name in CLASSES]
+        entries = [*map(table_entry, tables)]
     return binary_message(
         "hazard", {"classes": merged(values, step, np.maximum).astype("u1")}, **fields,
         west=grid.west, north=grid.north, cell=grid.cell * step, error="",
         classes=[*map(list, zip(words, HAZARD_COLOURS, strict=True))],
-        tables=[*map(table_entry, tables)], sentences=sentences, nets=nets,
+        tables=entries, sentences=sentences, nets=nets,
         places=[str(name) for kind in ("line", "object") if kind in hazard.dims
                 for name in hazard[kind].values],
     )  # fmt: skip
