@@ -18,7 +18,7 @@ from rockfall.system import STOPS, signal_channel
 TOGETHER = 0.1
 
 _is_stopped: ContextVar[Callable[[], bool]] = ContextVar("is_stopped", default=lambda: False)
-_number: int = signal.SIGINT  # the last signal received
+_number: int = signal.SIGINT  # last signal received
 _hit: threading.Event | None = None  # within `interrupts`
 
 

@@ -13,6 +13,6 @@ MAX_TEXT = int(_core.constant("max_text"))  # maximum bytes of a text file
 MAX_ELEVATION = _core.constant("max_elevation")  # [m]; more is an undeclared nodata value
 MAX_NAME = int(_core.constant("max_name"))  # maximum characters of names in a case
 MAX_REAL = _core.constant("max_real")  # of a case, and coordinates [m]
-MAX_HELD = _core.constant("max_held_speed")  # over sqrt(g R_b): no hollow holds faster boulders
+MAX_HELD = _core.constant("max_held_speed")  # over sqrt(g R_b): faster boulders leave any hollow
 MIN_FOR_MEAN = int(_core.constant("min_for_mean"))  # boulders needed for a valid interval
 MIN_FOR_STD = int(_core.constant("min_for_std"))

@@ -93,7 +93,7 @@ contains
    elemental subroutine philox(key, c0, c1, c2, c3)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(inout) :: c0, c1, c2, c3
-      ! M*c overflows int64; (M - 2**32)*c does not, has the same low word, and a high word lower by c.
+      ! M*c overflows int64; (M - 2**32)*c does not, has the same low word, and a high word that is lower by c.
       integer(i8), parameter :: m0 = int(z"D2511F53", i8) - low32 - 1, m1 = int(z"CD9E8D57", i8) - low32 - 1
       integer(i8) :: p0, p1
       integer :: k

@@ -22,7 +22,7 @@ module rockfall_breakage
    type :: breakage_t
       logical :: at_release = .false., at_impact = .false.
       real(wp) :: min_ratio = 0.0_wp     !! area ratio above which a boulder breaks [-]
-      real(wp) :: release_fall = 0.0_wp  !! height of the fall that breaks a block at its release [m]
+      real(wp) :: release_fall = 0.0_wp  !! fall height that breaks a block at its release [m]
       real(wp) :: min_volume = 0.0_wp    !! of a fragment; smaller ones are fines [m3]
       integer :: max_fragments = 1       !! of a released boulder
       real(wp) :: half_angle = 0.0_wp    !! between the velocities of a fragment and of the boulder, at most [rad]
@@ -32,7 +32,7 @@ module rockfall_breakage
    type :: split_t
       real(wp), allocatable :: volume(:)  !! of the fragments [m3]; one: it does not break
       real(wp) :: fines = 0.0_wp          !! volume left in smaller pieces [m3]
-      logical :: capped = .false.         !! there was no room for more fragments
+      logical :: capped = .false.         !! the maximum number of fragments was reached
    end type split_t
 
 contains

@@ -8,7 +8,7 @@ module rockfall_line_index
    private
    public :: line_index_t, line_index, buckets_of, is_near_lines, worth_indexing
 
-   integer, parameter :: worth_indexing = 12  !! number of lines from which an index takes less time than all of them
+   integer, parameter :: worth_indexing = 12  !! number of lines from which an index is faster than testing all lines
    integer, parameter :: max_buckets = 256    !! along each axis
    real(wp), parameter :: margin = 1.0e-6_wp  !! by which lines are widened, against rounding [buckets]
 

@@ -46,7 +46,7 @@ module rockfall_case
       character(len=:), allocatable :: file, title, dem, zones, table, zone_field, mean_radius, rg(:), sets, &
                                        cells, polygons, ground, ground_map, ground_table
       integer(i8) :: seed = 1
-      integer(i8) :: boulders = 0, boulders_total = 0  !! from each source, or from all; 0: the other is given
+      integer(i8) :: boulders = 0, boulders_total = 0  !! from each source, or from all; 0: the other number is given
       integer :: threads = 0
 
       integer, allocatable :: default_zone

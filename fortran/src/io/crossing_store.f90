@@ -39,7 +39,7 @@ contains
       if (this%unit == -1) then
          open (newunit=this%unit, file=this%name, access="stream", form="unformatted", status="replace", &
                action="readwrite", iostat=status)
-         if (status == 0) removed = remove_file(this%name)  ! not where open files have names: see close_store
+         if (status == 0) removed = remove_file(this%name)  ! not where open files keep their names: see close_store
          this%size = [integer(i8) ::]
          this%at = [integer(i8) ::]
       end if

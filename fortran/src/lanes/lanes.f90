@@ -73,7 +73,7 @@ module rockfall_lanes
    type :: contacts_t
       integer :: set(lanes)                                      !! impact set; past the last: none, or a classical one
       integer :: ground(lanes)                                   !! index, if the scene has several
-      logical :: obstructed(lanes) = .false.                     !! ended at an obstacle in place of the ground
+      logical :: obstructed(lanes) = .false.                     !! ended at an obstacle instead of the ground
       logical :: outside(lanes)                                  !! outside the calibrated ratios
       integer(i8), dimension(lanes) :: number = 0, impact = 0
       real(wp), dimension(lanes) :: length = 0                   !! of the flight [m]
@@ -337,7 +337,7 @@ contains
       end do
    end subroutine find_paths_to_trees
 
-   !> Hit an obstacle, and fly on from there.
+   !> Hit an obstacle, and continue the flight from there.
    subroutine hit_single(scene, number, obstacle, landing, v, l, k, pool, result, flight, flights, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number

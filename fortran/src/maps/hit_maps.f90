@@ -57,7 +57,7 @@ contains
 
    !> Find the cells whose middle is within a distance of a boulder's paths, each once, with the maximum energy there:
    !> that at one of the two ends of a path there, because the vertical speed changes steadily. The maxima are kept cell
-   !> by cell, in the columns of each row that the paths come near to, which costs less than a search for the cell.
+   !> by cell, in the columns of each row near the paths, which is cheaper than a search for the cell.
    pure subroutine find_hits(hits, dem, paths, distance)
       type(visits_t), intent(inout) :: hits
       type(terrain_t), intent(in) :: dem

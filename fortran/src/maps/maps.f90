@@ -22,7 +22,7 @@ module rockfall_maps
    integer(i8), parameter :: square_base = 2_i8**31  !! base of the two digits of sums of squares
    integer, parameter :: band_rows = 16  !! per band
    integer, parameter :: first_visits = 512  !! initial size of a list of visits
-   integer, parameter :: spare_visits = 64   !! free where a path starts, enough for most
+   integer, parameter :: spare_visits = 64   !! free where a path starts; enough for most paths
    real(wp), parameter :: untimed = huge(1.0_wp)  !! time of a visit of unknown time [s]: 1/time is 0
    !> Factor of the row in the hash of a cell: neighbours get different entries.
    integer, parameter :: row_factor = 33
@@ -79,7 +79,7 @@ module rockfall_maps
       type(visit_t), allocatable :: visit(:)
       real(wp), allocatable :: time(:)        !! at which they begin [s]; only for a map of times
       integer :: timed = 0                    !! number of known times
-      integer :: path = 0                     !! number where the current path starts; only for `take_back_path`
+      integer :: path = 0                     !! number at the start of the current path; only for `take_back_path`
       real(wp) :: max(3) = 0.0_wp             !! as in visit_t, of the last one there
    end type visits_t
 

@@ -36,7 +36,7 @@ module rockfall_classical_rebound
       real(wp) :: first = 0.0_wp, words = 0.0_wp  !! first random word within the limits, and the number of such words
    end type scatter_t
 
-   !> Classical rebound. Components that its model does not use keep their defaults.
+   !> Classical rebound. Components not used by its model keep their defaults.
    type :: classical_t
       integer :: model = by_sets
       type(scatter_t) :: normal = scatter_t()      !! R_n [-]; for bourrier_hungr the speed at which it is 1/2 [m/s]

@@ -76,10 +76,10 @@ module rockfall_impact_table
       real(wp) :: rest_angle = 90.0_wp      !! on steeper ground a boulder that stops rolls on [degrees]
       real(wp) :: strength = 0.0_wp         !! median pressure at which it yields; 0: never [Pa]
       real(wp) :: strength_sigma = 0.0_wp   !! standard deviation of its logarithm from boulder to boulder [-]
-      real(wp) :: strength_radius = 0.0_wp  !! R_b of that strength, which is in proportion to R_b; 0: it is not [m]
+      real(wp) :: strength_radius = 0.0_wp  !! R_b of that strength, if proportional to R_b; else 0 [m]
       real(wp) :: relief = 0.0_wp           !! slope of its relief [degrees],
       real(wp) :: relief_radius = 1.0_wp    !! for boulders of this R_b [m]
-      real(wp) :: hurst = 1.0_wp            !! exponent: the slope goes with R_b**(hurst - 1) [-]
+      real(wp) :: hurst = 1.0_wp            !! exponent: the slope is proportional to R_b**(hurst - 1) [-]
    end type yielding_ground_t
 
    type :: impact_table_t
@@ -96,7 +96,7 @@ module rockfall_impact_table
       ! From `index_records`:
       real(sp), allocatable :: pull_across(:)   !! gravity across the heading, over g, of each record
       real(sp), allocatable :: pull_along(:)    !! likewise along it, each bin filled to whole parts with infinite ones
-      integer, allocatable :: place(:)          !! where those of each bin begin, and end
+      integer, allocatable :: place(:)          !! where the parts of each bin begin, and end
       real(wp), allocatable :: fastest(:)       !! speed key of the fastest record of incidence and spin, of each bin
       real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
       real(wp), allocatable :: step(:)          !! logarithm of the next size over each [-], and 0
@@ -464,7 +464,7 @@ contains
    !> Velocity along the heading, slowed by friction over the boulder's own duration of the contact instead of the
    !> laboratory's: by the force that gravity exerts at the rest angle of the ground. It is not reversed.
    elemental real(wp) function held_longer(along, rolling, hold, pull1, pull2, stretch, duration)
-      real(wp), intent(in) :: along         !! of a boulder that was held as long as the block [-]
+      real(wp), intent(in) :: along         !! of a boulder held for as long as the block [-]
       real(wp), intent(in) :: rolling       !! 1: a boulder that rolls, whose duration is the block's; or 0
       real(wp), intent(in) :: hold          !! as in impact_table_t [-]
       real(wp), intent(in) :: pull1, pull2  !! gravity along and across the heading, over g [-]

@@ -324,7 +324,7 @@ contains
       end function fault_of
    end function array_fault
 
-   !> Check that crossings are of lines of the case, by boulders that have rows, each of a line once; and sort them.
+   !> Check that crossings belong to lines of the case and boulders with rows, each pair once; and sort them.
    function crossing_fault(run) result(fault)
       type(run_t), intent(inout) :: run
       character(len=:), allocatable :: fault

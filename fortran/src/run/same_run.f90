@@ -69,7 +69,7 @@ contains
       if (name == "") name = "input"
    end function differing_checksum
 
-   !> Keys of the text of a case; none if it is not one.
+   !> Keys of the text of a case; none if the text is no case.
    pure type(namelist_t) function keys_of(text) result(keys)
       character(len=*), intent(in) :: text
       type(error_t), allocatable :: error

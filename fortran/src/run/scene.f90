@@ -33,7 +33,7 @@ module rockfall_scene
                                                        "volume_max", "density", "drop_height", "velocity_x", &
                                                        "velocity_y", "velocity_z"]
 
-   !> Lines may reach this far from the middle of the terrain [m], and this many of its half sides.
+   !> Lines may reach this far from the middle of the terrain [m], and this number of half sides.
    real(wp), parameter :: far_away = 1.0e5_wp, far_sizes = 20
 
    !> Ground type as passed to the kernel.

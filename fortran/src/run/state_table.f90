@@ -28,8 +28,8 @@ module rockfall_state_table
 
 contains
 
-   !> Add an array, which must be contiguous and must not be moved. Its kind is taken from the table of variables, or is
-   !> `kind` if it is not there.
+   !> Add an array, which must be contiguous and must not be moved. Its kind is taken from the table of variables,
+   !> or is `kind` if the table lacks it.
    subroutine add(this, group, name, axes, values, kind)
       class(table_t), intent(inout) :: this
       character(len=*), intent(in) :: group, name

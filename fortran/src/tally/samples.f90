@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Samples of numbers that are not stored individually: counts in narrow bins, exact sums, and the largest numbers. All
-!> are integers or a set, so neither the order nor the partition of the numbers changes a bit.
+!> Samples of numbers that are not stored individually: counts in narrow bins, exact sums, and the largest numbers.
+!> All are integers or sets, so neither the order nor the partition of the numbers changes a bit.
 module rockfall_samples
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
    use rockfall_kinds, only: wp, sp, i4, i8, i16
@@ -425,7 +425,7 @@ contains
             next = next + merge(1, 0, heap(next + 1) < heap(next))
             heap(node) = heap(next)
             node = next
-            call prefetch(heap(min(known, 16*node + 1)))  ! where the way is four nodes on, whichever it takes
+            call prefetch(heap(min(known, 16*node + 1)))  ! the node four levels down, on either path
          end do
          if (next == known) then
             heap(node) = heap(next)

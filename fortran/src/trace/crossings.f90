@@ -23,8 +23,8 @@ module rockfall_crossings
       real(wp) :: jump_height = 0      !! lowest point above the surface [m]
       real(wp) :: passing_height = 0   !! centre of the sphere above the surface, vertical [m]
       integer :: line = 0              !! its index
-      integer :: fragments = 0         !! of a boulder that may break: those that crossed, and
-      type(boulder_t) :: fragment = boulder_t()  !! the one that the rest is of
+      integer :: fragments = 0         !! of a boulder that may break: number of fragments that crossed, and
+      type(boulder_t) :: fragment = boulder_t()  !! the fragment that the other values belong to
    end type crossing_t
 
    !> Crossings of a boulder, one for each line: of thousands of lines it crosses few.

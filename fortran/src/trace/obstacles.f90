@@ -57,8 +57,8 @@ contains
                          crossing(scene, gravity, result, flight, obstacle%time, omega_r))
    end subroutine find_obstacle
 
-   !> Record the crossing at which a barrier is hit in place of earlier ones, when the boulder passed over it: the load
-   !> of a barrier is the hit.
+   !> Record the crossing at which a barrier is hit instead of earlier ones, when the boulder passed
+   !> over: the load of a barrier is the hit.
    pure subroutine record_hit(line, crossings, hit)
       integer, intent(in) :: line  !! its index
       type(crossings_t), intent(inout) :: crossings
@@ -166,7 +166,7 @@ contains
          heading = rotated(heading, impact%sine, impact%cosine)
       else
          call find_entry(scratch%crossings, scene%barriers(obstacle%number)%line, k)
-         scratch%crossings%at(k)%v = v  ! exact, where that of a roll is a mean
+         scratch%crossings%at(k)%v = v  ! exact, unlike the mean speed of a roll
          scratch%crossings%at(k)%omega = omega_r/result%boulder%radius
          loss = min(energy, scene%barriers(obstacle%number)%capacity)
          result%energy%barriers = result%energy%barriers + loss

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The scene, i.e. all input of a boulder's simulation, constant during a run; built by rockfall_scene.
+!> The scene: all input of a boulder's simulation, constant during a run; built by rockfall_scene.
 module rockfall_scene_type
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, normal_table_t, boulder_number
@@ -38,7 +38,7 @@ module rockfall_scene_type
       integer :: turning = past_aspect     !! rule, as in turning_t
       type(lateral_t), allocatable :: lateral(:)  !! per ratio; only for by_lab
       type(ground_t), allocatable :: grounds(:)   !! only if `sets` does not apply everywhere; the first n_grounds
-                                               !! are of the cells, others stand in for them by shape
+                                               !! are of the cells, others replace them by shape
       type(shape_mix_t), allocatable :: shapes    !! if boulders have several shapes
       type(volume_distribution_t) :: volumes
       type(source_boulder_t), allocatable :: of_source(:)  !! given by sources; `volumes` are then factors on these

@@ -48,7 +48,7 @@ contains
       result%stop = result%start
    end subroutine start_boulder
 
-   !> Start the first flight of the piece in the work space, and clear it except for the path that led there.
+   !> Start the first flight of the piece in the work space, and clear the work space except for the path so far.
    pure subroutine start_piece(scene, level, result, flight, omega_r, scratch)
       type(scene_t), intent(in) :: scene
       integer, value :: level  !! basic, ..., with_all

@@ -32,11 +32,11 @@ PERIODS = (10.0, 30.0, 100.0, 300.0)  # [year], in each table
 MIN_BLOCKS = 20  # deposited blocks above the threshold
 MIN_DATED = 3  # dated blocks above it
 HEAVIEST = 4.0  # shape of a GPD; volumes of rockfall have up to 1/0.4
-MAX_PLACE = 6.0  # of the search of the fit: shapes are larger than those of `return_levels`
+MAX_PLACE = 6.0  # search range of the fit: shapes are larger than in `return_levels`
 REJECTED = 0.05  # p-value below which a distribution or a comparison is in doubt
-WIDE = 10  # ratio of the upper limit to the block that is worth a warning
+WIDE = 10  # ratio of the upper limit to the block above which there is a warning
 BEYOND = 10  # return periods after which a block larger than volume_max is expected
-FARTHEST = 1e6  # range of the search for an upper limit: excess over that of the block
+FARTHEST = 1e6  # search range for an upper limit: ratio of excesses
 _PLACES = np.arange(-1.0, MAX_PLACE, 0.005)  # of the profile likelihood
 _LEVELS = ["return_period", *with_limits("volume"), "power_law", "extrapolated", "refused"]
 

@@ -274,7 +274,7 @@ def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
     samples, corrects for few values: without it intervals from 50 cover 92 to 94 %."""
     n, k = sample.n, fit.exceedances
     excess = sample.largest(k) - fit.threshold
-    further = np.log(N * k / n)  # for 1 in N beyond the level, this far in logarithm above it
+    further = np.log(N * k / n)  # log distance above the level for 1 in N
     value = fit.threshold + fit.scale * np.expm1(fit.shape * further) / fit.shape
     log_n, top, reach = math.log(N), float(excess[-1]), math.log(k)
     sums: dict[float, float] = {}

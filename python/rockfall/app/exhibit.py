@@ -159,7 +159,7 @@ def _fixed(form: Form) -> Form:
 def _terrain(result: xr.Dataset, file: Path | None) -> tuple[np.ndarray, Grid]:
     """Terrain of a result; without elevations if it cannot be found."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the page shows that relief is missing
+        warnings.simplefilter("ignore")  # the page reports the missing relief
         terrain = terrain_of(result, beside=None if file is None else file.parent)
     if terrain is not None:
         return terrain

@@ -56,7 +56,7 @@ def fault_message(error: Exception) -> str:
 
 def binary_message(type: str, /, arrays: Mapping[str, np.ndarray], **content: Any) -> bytes:
     """Binary message of a type, with arrays by name."""
-    import numpy as np  # which the server can do without until the file is opened
+    import numpy as np  # not needed until the file is opened
 
     entries, parts, offset = [], [], 0
     for name, array in arrays.items():
@@ -97,7 +97,7 @@ def _json(content: Any) -> str:
     # In ASCII: names of files, and texts from a page, may have code points that UTF-8 lacks.
     try:
         return json.dumps(content, allow_nan=False, separators=(",", ":"), default=_plain)
-    except (TypeError, ValueError):  # for NaN, and for keys of NumPy: takes twenty times as long
+    except (TypeError, ValueError):  # for NaN and NumPy keys; takes twenty times as long
         return json.dumps(_plain(content), allow_nan=False, separators=(",", ":"))
 
 

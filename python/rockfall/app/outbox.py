@@ -28,7 +28,7 @@ class Client:
 
     def __init__(self, send: Callable[[str, Message], None]) -> None:
         self.send, self.language = send, LANGUAGES[0]
-        self.recent: list[Path] = []  # as offered to it
+        self.recent: list[Path] = []  # files as offered to this page
 
 
 class Outbox:

@@ -144,7 +144,7 @@ def stands_of(case: Case, grid: Grid) -> list[dict[str, Any]]:
     try:
         layer = case.forest.get("polygons_layer")
         shapes, columns = read_polygons(case.path(given), grid, [], layer, "polygons_layer")
-    except RockfallError:  # of a result that was moved
+    except RockfallError:  # result file was moved
         return []
     named = next((column for column in map(columns.get, NAMES) if column is not None), None)
     names = [""] * len(shapes) if named is None else [str(name) for name in named]

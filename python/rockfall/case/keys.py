@@ -15,7 +15,7 @@ REPEATABLE = tuple(_core.fields("repeatable_group").decode().split())  # groups 
 
 
 FOREST = "trees", "polygons", "stems", "uniform_stems"
-#: Keys of a group, each only valid with one of some others: they go with the last of these. None
+#: Keys of a group, each only valid with one of some others: removed with the last of these. None
 #: stands for all other keys of the group.
 ONLY_WITH: dict[str, list[tuple[tuple[str, ...], tuple[str, ...] | None]]] = {
     "surface": [(("zones",), ("zones_layer", "zone_field", "table", "default_zone"))],

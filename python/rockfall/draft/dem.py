@@ -45,7 +45,7 @@ from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_p
 from rockfall.version import __version__
 
 DEEP = 30.0  # [m] of a cut: ditches above dams are a few metres deep
-PIT = 3.0  # [m] errors of a survey are shallower; hollows, ditches and quarries are not
+PIT = 3.0  # [m] survey errors are shallower; hollows, ditches and quarries are deeper
 BEYOND = 50.0  # [m] of --fill: across larger holes the ground is unknown
 BLURRED = 5.0  # [cells] of --smooth: noise of a survey needs two
 

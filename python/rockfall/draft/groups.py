@@ -27,7 +27,7 @@ STAND = {
     "dbh_mean": 30.0,
     "dbh_std": 10.0,
     "conifers": 100.0,
-}  # [cm], [cm], [%]: conifers stop less
+}  # [cm], [cm], [%]: conifers absorb less
 
 
 @dataclass

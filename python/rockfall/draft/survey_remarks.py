@@ -17,8 +17,8 @@ from rockfall.scene.rules.terrain import GAP, USUAL, USUAL_GAP, is_too_steep
 HIGHER = 1.0  # [m] between points at one place: more than the error of a survey
 AROUND = 16  # number of neighbours that a spike differs from; eight may all lie across a cliff
 SAMPLES = 1000  # rows and columns sampled for slopes
-COARSE, FINE = 5.0, 10.0  # cells per spacing, and the reverse, without more information
-FINEST = 100.0  # cells per spacing beyond which the cell is a mistake
+COARSE, FINE = 5.0, 10.0  # cells per spacing, and spacings per cell, that add no information
+FINEST = 100.0  # cells per spacing above which the cell size is a mistake
 
 
 def check_cell(cell: float, extent: np.ndarray, spacing: float) -> None:

@@ -205,7 +205,7 @@ def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -
     read_error = float(np.mean(errors**2 + attitudes**2))
     spread = float(np.var(logs, ddof=1)) if n > 1 else math.nan
     sigma = math.sqrt(max(0.0, spread - read_error)) if n > 1 else math.nan
-    # by the standard error of a variance, upwards
+    # upwards by the standard error of a variance
     of_square = spread * math.sqrt(2 / (n - 1)) if n > 1 else math.nan
     sigma_error = math.sqrt(sigma**2 + of_square) - sigma
     error = math.sqrt(max(read_error, spread if n > 1 else 0.0) / n)

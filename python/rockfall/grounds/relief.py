@@ -12,7 +12,7 @@ from rockfall.grounds.uniform import Uniform
 
 CELLS = 512  # along a patch's side
 CELLS_OF_WAVE = 16  # along the shortest wave
-WAVES_OF_PATCH, CELLS_OF_MEASURED_WAVE = 4, 4  # requirements of a measured patch
+WAVES_OF_PATCH, CELLS_OF_MEASURED_WAVE = 4, 4  # requirements for a measured patch
 WINDOWED = 35 / 18  # waves of a Hann window per independent one, in each direction
 RINGS = 12  # rings of wave numbers, for the Hurst exponent of the power
 QUANTUM = 2.0**-20  # rounding of heights, in R_b: the last bits of FFTs differ

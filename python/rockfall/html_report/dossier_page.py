@@ -122,7 +122,7 @@ def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -
     warnings = dossier_warnings(dossier)
     pages = {section.name: section for section in sections(dossier, designs)}
     imprint = Imprint(parties.project, parties.client, parties.author)
-    sheet = hazard_sheet(hazard, given.terrain, imprint)  # its warnings are on other pages
+    sheet = hazard_sheet(hazard, given.terrain, imprint)  # warnings are on other pages
     return dict(
         title=title_of(dossier),
         on_paper=True,

@@ -54,7 +54,7 @@ LINE = {
     "fact": 4.3,
 }  # [mm]
 ROW = 4.3  # of a table [mm]
-BETWEEN, MORE, BOX = 1.2, 4.5, 9.0  # two paragraphs; a note on omissions; warnings' frame [mm]
+BETWEEN, MORE, BOX = 1.2, 4.5, 9.0  # two paragraphs; note on omissions; frame of warnings [mm]
 NAME = 20  # letters of the first cell of a row
 #: Minimum height of a map with text next to it, and of a wide one, with its scale and legend of
 #: some 40 mm [mm].

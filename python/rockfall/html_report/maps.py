@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from rockfall.result.maps.classes import Limits
     from rockfall.result.trajectories import Terrain
 
-MAX_CELLS = 4_000_000  # total of all map images, to limit a page to a few MB
+MAX_CELLS = 4_000_000  # total size of all map images, to limit a page to a few MB
 PRINTED = np.array([0.18, 0.2])  # maximum width and height of a map on paper [m]
 NAME_DEPTH = 6  # halvings of a line, whose ends are candidate places of its name
 MAX_POINTS = 3000  # maximum number of stops drawn

@@ -31,7 +31,7 @@ def check_pdf() -> None:
             need("a PDF needs", "pdf", "weasyprint")
     except OSError:  # missing C library
         raise RockfallError(f"a PDF needs Pango, as root: apt-get install {PANGO}") from None
-    if not _number_of_fonts():  # Pango would die of a signal
+    if not _number_of_fonts():  # Pango would crash
         raise RockfallError(f"a PDF needs fonts, as root: apt-get install {FONTS}")
 
 

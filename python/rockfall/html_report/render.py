@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_SVG = 400_000  # bytes; a denser figure is rasterised
-MAX_VERTICES = 200_000  # with more it is certainly too dense to try SVG first
+MAX_VERTICES = 200_000  # with more vertices, SVG is not tried first
 DOTS_PER_INCH = 200
 UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # kept on the line of its number
 SHEET = re.compile(r"<style[^>]*>\s*\*\s*\{([^}]*)\}\s*</style>")

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from rockfall.tables.lines import Numbers, Rows
 
 YEARS = 100.0  # return period on page 1
-MOST_LINES = 3  # with a sentence on it
+MOST_LINES = 3  # lines with a sentence
 ONE_SIDED = ("interval.from", "interval.up_to")  # messages
 
 

@@ -23,7 +23,7 @@ from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
 #: Columns of a ground's own strength [Pa] and relief [degree].
 PAIR = ("ground_strength", "ground_relief")
-MATERIAL = (*RADII, "ground", *PAIR)  # a zone has at least one of these columns
+MATERIAL = (*RADII, "ground", *PAIR)  # a zone table has at least one of these columns
 NAMES = ("name", "description")  # columns of free text that name a zone
 
 _INTEGER = re.compile(r"[+-]?[0-9]+")

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 SHOWN = ("energy_total", "passing_height", "speed")
 HEIGHTS = [1.0, 1.4, 1.4, 1.1]  # height of the panels below the profile [inch]
-TALLEST = 4.0  # maximum height of the profile: everything fits on a page of A4 [inch]
+TALLEST = 4.0  # maximum height of the profile, so that everything fits on A4 [inch]
 MEAN: dict[str, Any] = {"lw": 0.8, "linestyle": (0, (4, 2))}
 QUANTILE: dict[str, Any] = {"lw": 1.3}
 MAXIMUM: dict[str, Any] = {"lw": 0.9, "linestyle": ":"}

@@ -76,13 +76,13 @@ class AtLine:
         self._result: Any = result
         self._held: Any = getattr(result, "variables", result)  # a DataArray of each costs more
         self._line = line
-        self.kept: dict[Any, Any] = {}  # small numbers of analyses, for others
+        self.kept: dict[Any, Any] = {}  # few numbers of analyses, kept for others
         self._rows, self.boulders = self._rows_and_boulders()
 
     def _rows_and_boulders(self) -> tuple[slice | np.ndarray, np.ndarray]:
         """Rows of the crossings, and the index along `boulder` of each, in boulder order."""
         rows, kept = rows_at(self._held, self._line), np.asarray(self._held["boulder"])
-        numbers = np.asarray(self._held["crossing_boulder"][rows])  # of a file only these rows
+        numbers = np.asarray(self._held["crossing_boulder"][rows])  # only these rows of a file
         if not kept.size or not numbers.size:
             return slice(0), np.zeros(0, "i8")
         if kept[-1] - kept[0] + 1 == kept.size and (kept[1:] > kept[:-1]).all():

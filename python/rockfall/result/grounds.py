@@ -40,7 +40,7 @@ def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
         np.asarray(values[name]) for name in ("ground", "ground_model", "rebounds_by_ground")
     )
     radii = np.full(len(names), np.nan)
-    if "ground_block_radius" in values:  # results of before lack it
+    if "ground_block_radius" in values:  # older results lack it
         radii = np.asarray(values["ground_block_radius"])
     total = max(1, int(counts.sum()))
     return [

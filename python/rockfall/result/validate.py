@@ -161,7 +161,7 @@ def check_crossings(data: xr.Dataset, path: str | Path) -> None:
     """Refuse crossings that are not sorted by line and boulder, or that belong to a boulder without
     a row.
     """
-    if "crossing_line" not in data:  # none, or checked when read
+    if "crossing_line" not in data:  # none, or they are checked when read
         return
     sizes, kept, fault = data["row_size"].values, data["boulder"].values, ""
     if (sizes < 0).any() or sizes.sum() != data.sizes["crossing"]:

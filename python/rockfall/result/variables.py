@@ -15,14 +15,14 @@ while _text := _core.table_row("variables", sum(map(len, TYPES.values())) + 1).d
 
 BOULDER = _TABLE["boulder"]
 COUNT = _TABLE["count"]  # over all boulders
-GROUND = _TABLE["ground"]  # the same, by ground
+GROUND = _TABLE["ground"]  # counts by ground
 ENERGY = _TABLE["energy"]  # of each boulder, on request
 FEATURE = _TABLE["feature"]  # by boulder, if its source comes from a layer
 SHAPE = _TABLE["shape"]  # by boulder, if there are several block shapes
-MASS = _TABLE["mass"]  # by boulder, as before, and if sources give its density
+MASS = _TABLE["mass"]  # by boulder, if its source comes from a layer or gives densities
 TREE = _TABLE["tree"]  # by boulder, if there are trees
 BREAKAGE = _TABLE["breakage"]  # by boulder, if boulders may break
-CROSSING = _TABLE["crossing"]  # of lines, by boulders: crossing_time, ...
+CROSSING = _TABLE["crossing"]  # by crossing of a line: crossing_time, ...
 FRAGMENT = _TABLE["fragment"]  # by crossing, if boulders may break: crossing_volume, ...
 HIT = _TABLE["hit"]  # by crossing, if there are barriers: crossing_outcome
 LINE = _TABLE["line"]  # quantities derived from a crossing, not in files
@@ -32,7 +32,7 @@ MAP = _TABLE["map"]
 HISTOGRAM = _TABLE["histogram"]  # in the kernel's order; units of the bins
 VERTEX = _TABLE["vertex"]  # in files trajectory_x, ...
 KEPT = _TABLE["kept"]  # numbers of the boulders with rows in a part, unless all have rows
-SAMPLE = _TABLE["sample"]  # there, and in results: sample_block, ...
+SAMPLE = _TABLE["sample"]  # in part files and results: sample_block, ...
 STATUS = {name: number for number, name in enumerate(_TABLE["status"], start=1)}
 OUTCOME = {name: number for number, name in enumerate(_TABLE["outcome"], start=1)}
 BLOCK_SHAPE = {

@@ -34,7 +34,7 @@ class Ground:
     spikes: int = 0  # cells above or below all their neighbours
     spike: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y and height of the largest spike [m]
     integers: bool = True  # all elevations are integers
-    steps: int = 0  # if true: bends along rows and columns that reverse in the next cell
+    steps: int = 0  # if so: bends along rows and columns that reverse in the next cell
     spans: int = 0  # number of places examined for steps
     slopes: list[np.ndarray] = field(default_factory=list)  # tangents, of SAMPLES cells
     bends: list[np.ndarray] = field(default_factory=list)  # changes of tangents there (2, n)

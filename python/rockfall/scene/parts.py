@@ -48,7 +48,7 @@ class Rasters:
     sizes: np.ndarray = field(default_factory=lambda: np.zeros((1, 1)))
     zone: np.ndarray | None = None  # int8 or int16: 1-based row of `sizes`
     values: np.ndarray | None = None  # float32 (1 or 3, ny, nx): sizes of each cell [m]
-    grounds: tuple[GroundRule, ...] = ()  # only if any ground differs from the impact sets
+    grounds: tuple[GroundRule, ...] = ()  # given only if a ground differs from the impact sets
     material_ground: np.ndarray | None = None  # int8: 1-based ground of each row of `sizes`, or
     cell_ground: np.ndarray | None = None  # int8 (ny, nx): of each cell; neither: the first
 

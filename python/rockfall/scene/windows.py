@@ -21,7 +21,7 @@ from rockfall.scene.parts import Rasters, Sources
 from rockfall.scene.releases.reach import Survey
 from rockfall.scene.surface import read_window
 
-RIM = 4  # cells of a window that boulders may not enter, where the raster continues
+RIM = 4  # margin of a window [cells] that boulders may not enter, where the raster continues
 
 
 class Windows:

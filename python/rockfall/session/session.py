@@ -63,7 +63,7 @@ class Session:
     def __init__(self, case: Case, threads: int | None, arrays: dict[str, Any]) -> None:
         self._threads, self._lock, self._memory = threads, RLock(), machine_memory()
         self._stages, self._frames = KeptStages(), FrameFiles()
-        self._boulders: int | None = None  # of the runs, in place of the case's; None: the case's
+        self._boulders: int | None = None  # threads of the runs; None: the case's
         self._case, self._arrays = case, arrays
         self._scene: Scene | None = None
         try:

@@ -15,7 +15,7 @@ from rockfall.interrupts import check_stop
 
 Item = TypeVar("Item")
 
-BETWEEN = 10.0  # seconds between two lines of a pipe
+BETWEEN = 10.0  # seconds between two lines if stderr is no terminal
 PATIENCE = 2.0  # seconds before the bar of short work appears
 
 

@@ -196,7 +196,7 @@ def _stronger(
 
     highest = max(float(np.nanmax(came.height, initial=barrier.height)) for came in after)
     steps = int((min(most.height, highest + STEP) - barrier.height) / STEP + 1e-9)
-    heights = [barrier.height + k * STEP for k in range(steps + 1)]  # higher ones stop no more
+    heights = [barrier.height + k * STEP for k in range(steps + 1)]  # a higher one stops no more
     classes = range(barrier.ead_class, most.ead_class + 1)
     choice = cheapest(least_heights(classes, heights, is_enough, most.prices))
     return choice and Wanted(barrier.alignment, choice.height, choice.ead_class)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 BOULDERS = (100, 1000, 2000, 5000, 10_000)  # per source, as in the paper
-REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources; one source has all
+REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources
 QUANTITIES = ("speed", "passing_height", "energy_total")
 STATISTICS = ("mean", "std", "q95")
 #: Numbers of a line, first the fraction of the boulders that cross it.
@@ -40,7 +40,7 @@ ERRORS = (0.1, 0.01, 0.001)  # relative errors for which cost is estimated
 
 PIECE = 100_000  # approximate number of boulders in memory at a time
 MIN_BLOCKS, MAX_BLOCKS = 32, 1000  # blocks per size, for the measurement of errors
-MIN_TURNS = 10 * MIN_BLOCKS  # turns of the sources, a boulder each; terrains get a tenth
+MIN_TURNS = 10 * MIN_BLOCKS  # boulders per source, in turns; terrains get a tenth
 MIN_CROSSED = 20  # mean number of boulders of a block past the line; for q95 above it, too
 PAIRS = 50  # blocks whose changes give the standard error of a change
 AS_GIVEN = "as given"  # name of the terrain of the case among its variants

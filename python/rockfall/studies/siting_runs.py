@@ -46,7 +46,7 @@ class AtAlignment(NamedTuple):
     comes: np.ndarray
     around: np.ndarray
     source: Sources | Weighted  # of all boulders
-    per_cluster: int  # boulders that count as one
+    per_cluster: int  # number of boulders that count as one
 
 
 def sited_case(case: Case) -> Case:

@@ -18,7 +18,7 @@ COARSE = 2.0  # cells across a face; on fewer, boulders meet a bump (benchmarks/
 FINE = 4.0  # number of cells from which the passing boulders change little with the cell size
 STATIONS = 400  # maximum number of profiles across a dam
 PROFILE = 241  # points of a profile across a dam
-WIDE = 2.0  # in heights: a crest this wide is the reason for a narrow face above it
+WIDE = 2.0  # in dam heights: a wider crest explains a narrow face
 NEAR = 0.05  # a crest ends this fraction of the height below its top
 
 

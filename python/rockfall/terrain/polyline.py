@@ -47,5 +47,5 @@ def intersections(vertices: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, 
     meet = (turn != 0) & (part >= 0) & (part <= 1) & (part_of_other >= 0) & (part_of_other <= 1)
     along = (lengths(vertices)[:-1, None] + part * abs(side))[meet]
     along_other = (lengths(other)[:-1] + part_of_other * abs(across))[meet]
-    _, first = np.unique(along.round(6), return_index=True)  # a vertex belongs to two sides
+    _, first = np.unique(along.round(6), return_index=True)  # a vertex belongs to two segments
     return along[first], along_other[first]

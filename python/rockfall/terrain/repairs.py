@@ -55,7 +55,7 @@ def _spill(z: np.ndarray) -> np.ndarray:
     is_known = ~np.isnan(z)
     height = np.concatenate([[0.0], z[is_known] - np.nanmin(z)])  # 0: outside
     i, j = _pairs(np.where(is_known, np.cumsum(is_known).reshape(z.shape), 0))
-    pass_ = np.maximum(height[i], height[j]) + 1.0  # a zero would mean no edge
+    pass_ = np.maximum(height[i], height[j]) + 1.0  # zero would mean no edge
     tree = minimum_spanning_tree(coo_array((pass_, (i, j)), shape=(height.size,) * 2).tocsr())
     order, before = breadth_first_order(tree, 0, directed=False)
     level, before_ = height.tolist(), before.tolist()

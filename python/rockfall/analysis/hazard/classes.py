@@ -13,7 +13,7 @@ import numpy as np
 from rockfall.case import Case, keys_of
 from rockfall.kernel_rules import count_limits
 
-#: By number; the first if no boulder passes.
+#: Labels by number; the first one if no boulder passes.
 CLASSES = ("none", *keys_of("hazard")["matrix"].allowed.split(", "))
 RESIDUAL = 1
 

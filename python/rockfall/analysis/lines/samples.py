@@ -89,7 +89,7 @@ class LineSamples:
             return Values(values, passing)
         assert self._source is not None
         among = chosen[at.boulders]
-        places = np.cumsum(chosen) - 1  # of those chosen among themselves
+        places = np.cumsum(chosen) - 1  # among those chosen
         which = places[at.boulders[among]]
         return Values(values[among], Passing(self._source[chosen], which))
 

@@ -18,7 +18,7 @@ from rockfall.language import remark
 
 Columns = dict[str, np.ndarray]
 
-NAMED = "lethality_curve"  # a text, although it begins like numbers
+NAMED = "lethality_curve"  # a text, although its name begins like those of numbers
 FRACTIONS = ("vulnerability", "exposure", "presence", "lethality")  # and names that begin with them
 RANGES = {  # other attributes: lowest and highest value
     "width": (0.0, 100.0),  # as in a case [m]

@@ -19,7 +19,7 @@ from rockfall.result.variables import ENDS
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Ends of the classes of individual risk [1/year], each part of the class above it; "none" is 0.
+#: Ends of the classes of individual risk [1/year], each belongs to the class above it; "none" is 0.
 CLASS_ENDS = (1e-6, 1e-5, 1e-4)
 CLASSES = ("none", "below_1e-6", "1e-6_to_1e-5", "1e-5_to_1e-4", "above_1e-4")
 SUMMED = ("damage", "collective_risk")  # individual risk is not summed over objects

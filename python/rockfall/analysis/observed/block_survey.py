@@ -25,7 +25,7 @@ MAX_YEARS = 1e4
 CALENDAR = (1800.0, 2100.0)  # numbers that are calendar years
 LARGE = 150.0  # [m3] 6.6 m across; larger blocks are rare, in litres they are common
 LONG = 200.0  # [year] no record of falls is as long
-UNLIKELY = 1e-3  # probability of a deviation that a sound survey does not show
+UNLIKELY = 1e-3  # probability below which a survey is implausible
 
 Volumes = str | Path | Sequence[float] | np.ndarray  # a table, or volumes [m3]
 

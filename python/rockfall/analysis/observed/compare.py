@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 TABLES = ("errors", "ks", "passing", "run_out", "at_rest", "stops", "contacts")
 STATISTICS = ("mean", "std", "max")
 DISAGREES = "compare.disagrees"
-LEVEL = 0.05  # a smaller p rejects that two samples have one distribution
+LEVEL = 0.05  # p below which two samples have different distributions
 MIN_OBSERVED = {"mean": MIN_FOR_MEAN, "std": MIN_FOR_STD}  # boulders, for a verdict
 STOPPING = "stopping_distance"
 _VERDICTS = {"within_interval": "boolean", "consistent": "boolean"}  # columns and their types
@@ -172,7 +172,7 @@ def disagreement(comparison: Comparison) -> Text:
     """
     tested, differing = 0, []
     tables = [name for name in TABLES if name != "passing" or not len(comparison.run_out)]
-    for name in tables:  # fractions at each stopping distance are of one sample
+    for name in tables:  # fractions at all stopping distances come from one sample
         for row in getattr(comparison, name).to_dict("records"):
             differs = _differs(row)
             tested += differs is not None

@@ -47,13 +47,13 @@ from rockfall.result.trajectories import ended_moving
 if TYPE_CHECKING:
     import xarray as xr
 
-ANYWHERE = 1.0  # boulders that may lie anywhere in the area of the deposits: a
+ANYWHERE = 1.0  # weight `a`: boulders that may lie anywhere in the deposit area
 MAX_FITTED = 1000  # boulders to which the kernels are fitted
 MIN_FITTED = 20  # boulders at rest, below which there is no density
 MIN_COMPARED = 2 * MIN_FITTED  # half of them form the density
 PIECE = 2_000_000  # distances at a time
 ROUNDING = 1e-9  # of squared distances
-LOW = 0.05  # quantile of as many boulders of a run, below which blocks differ from it
+LOW = 0.05  # quantile of an equal number of simulated boulders, below which blocks differ
 ALL = ""  # name of the unknown source of blocks
 
 

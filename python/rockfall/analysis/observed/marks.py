@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 ENOUGH = 50  # boulders of the case at a mark, below which its line is longer
 WIDTHS = (2.0, 5.0, 10.0)  # widths of objects in place of the trunk [m]
-ACCURACY = 0.1  # [m] of the height of a mark: a scar is as tall as this, or taller
+ACCURACY = 0.1  # [m] accuracy of a mark's height: scars are at least this tall
 PREFIX = "mark"
 
 
@@ -142,7 +142,7 @@ def _line(
     if touched[k]:
         at = rows.start + k
         heading = np.array([values_at(result, f"velocity_{axis}", at).mean() for axis in "xy"])
-    else:  # no boulder comes: from the middle of the sources
+    else:  # no boulder arrives: direction from the middle of the sources
         start = [result[f"start_{axis}"].values.mean() for axis in "xy"]
         heading = np.array([mark.x, mark.y]) - start
     east, north = (heading / (np.hypot(*heading) or 1.0)).tolist()

@@ -40,7 +40,7 @@ START = ("start_x", "start_y")  # release of a boulder that was found [m]
 SOURCE, VOLUME = "source", "volume"  # polygon that a block came from; its volume [m3]
 SHAPE = "block_shape"  # of a block
 MAX_DBH = 500.0  # [cm]
-PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}  # columns, old one last: of all
+PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}  # columns, the old name last
 
 
 @dataclass(frozen=True)

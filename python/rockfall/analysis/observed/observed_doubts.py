@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from rockfall.analysis.observed.observations import Observed
 
 SCAR = 20.0  # [m] above the ground, of the highest marks on trees
-FAR = 3.0  # in sizes of the terrain: farther places belong to another country
+FAR = 3.0  # in terrain sizes: farther places are probably in another country
 FEET, HUNDRED, THOUSAND = 1 / 0.3048, 100.0, 1000.0
-#: Numbers in another unit, relative to the same in ours.
+#: Ratio of a number in another unit to the number in ours.
 OTHER = {
     "speed": {"km/h": 3.6},
     "jump_height": {"ft": FEET, "cm": HUNDRED, "mm": THOUSAND},

@@ -19,7 +19,7 @@ from rockfall.scene.rebounds.coefficients import covariance_root
 from rockfall.scene.rebounds.rebound import MAX_DRAWS, admissible, limited
 
 NEAREST = 20  # impacts among which one is drawn
-FIRST, LAST = 20, 60  # bounces that count, after the start is forgotten
+FIRST, LAST = 20, 60  # counted bounces, after the start-up phase
 FLATTEST, STEEPEST, NEAR = 5.0, 75.0, 0.05  # search range and tolerance of a neutral slope [degree]
 USUAL, RISE = 34.0, 0.015  # initial neutral slope [degree], and increase of growth per degree there
 

@@ -38,7 +38,7 @@ CROSSED = 500  # boulders past the line from which intervals of anything but a f
 #: the tail of their distribution, so that upper limits assume it.
 SKEWED = 2.0
 SKEWED_SQUARES = 3.0  # the ratio for squared deviations
-WITHHELD = math.nan, math.nan  # limits from too few boulders
+WITHHELD = math.nan, math.nan  # limits for too few boulders
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ class Shape:
         skewness = third / second**1.5 * math.sqrt(n * (n - 1)) / (n - 2)
         std = math.sqrt(second * n / (n - 1))
         below, above = -deviations.min() / std, deviations.max() / std
-        if not min(below, above) > 0:  # the values differ by roundings of their mean
+        if not min(below, above) > 0:  # the values differ only by rounding
             return cls(0.0, 1.0, 1.0, apart)
         return cls(skewness, below, above, apart)
 

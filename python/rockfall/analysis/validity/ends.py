@@ -45,7 +45,7 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         return
     lowest = LOWEST_REST if rebounds_by_ground(values) else repose()
     cosine = np.cos(np.radians(case.impact.get("rest_angle", lowest)))
-    breaks = "crossing_volume" in values  # then crossings have radii of their own
+    breaks = "crossing_volume" in values  # then each crossing has its own radius
     radii = np.zeros(0) if breaks else _radius(np.asarray(values["volume"]))
     for k, name in enumerate(line_names(values)):
         at = AtLine(values, k)

@@ -70,7 +70,7 @@ def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolat
             is_warning = fraction > MAX_OUTSIDE and key != "model.outside_fitted"
             if what == "speed" and table_grounds(values):
                 key = _outside_speeds(values)
-                # a single fast hit, as after a fall, may decide the path
+                # a single fast hit, such as after a fall, may determine the path
                 is_warning |= fraction * rebounds > MAX_OUTSIDE * np.size(values["speed_max"])
             text = say(key, part=part, **numbers)
             yield Extrapolation(fraction, text, is_warning)

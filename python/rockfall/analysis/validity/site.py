@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rockfall.case import Case
 
 FARTHEST = 0.01  # fraction of the boulders with the lowest energy-line angles
-MIN_BOULDERS = 1000  # then the fraction is ten
+MIN_BOULDERS = 1000  # boulders, so that the fraction is ten
 LOWEST = -90.0  # [degree] of any energy line
 
 

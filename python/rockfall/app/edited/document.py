@@ -51,7 +51,7 @@ class Variants:
     groups: list[dict[str, Any]] = field(default_factory=list)  # as given
     cases: dict[str, Case] = field(default_factory=dict)
     base: Document | None = None  # of the case without them
-    documents: dict[str, Document] = field(default_factory=dict)  # variants that can be shown
+    documents: dict[str, Document] = field(default_factory=dict)  # variants that can be displayed
     others: dict[str, str] = field(default_factory=dict)  # groups that prevent its display
 
 

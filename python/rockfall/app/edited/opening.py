@@ -80,7 +80,7 @@ def _open_dem(path: Path) -> tuple[Site, Document]:
     settings["terrain"] = {"dem": path.name}
     whole = {group: dict(values) for group, values in settings.items()}
     whole["release"]["points"] = FROM_ARRAY
-    whole["surface"] = {"ground": next(iter(GROUNDS))}  # any ground: the document has none
+    whole["surface"] = {"ground": next(iter(GROUNDS))}  # any ground will do: the document has none
     case = Case(folder=path.parent, name=str(name), **whole)
     grounds = ground_names(case)
     forms = settings_forms(grounds), layer_forms(case, True, grounds)

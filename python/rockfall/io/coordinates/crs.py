@@ -382,7 +382,7 @@ def grid_mapping(crs: CRS) -> dict[str, Any]:
     return dict(_MAPPINGS[texts])
 
 
-#: Cache of systems: one takes longer than many runs.
+#: Cache of systems: creating one takes longer than many runs.
 _MAPPINGS: dict[tuple[str, str], dict[str, Any]] = {}
 
 

@@ -34,7 +34,7 @@ class Stated(NamedTuple):
 METRE = Unit("metre", 1.0)
 _METRE_CODE = 9001
 _METRES = {"", "m", "metre", "metres", "meter", "meters"}
-#: Units, as words for a sentence, and as symbols that are units only in brackets or after "in".
+#: Units: words for sentences, and symbols that count as units only in brackets or after "in".
 _WORDS = (
     (
         Unit("US survey foot", 1200 / 3937),

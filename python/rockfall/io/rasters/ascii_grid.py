@@ -53,7 +53,7 @@ class AsciiCells:
         nodata = -9999.0 if self.nodata is None else self.nodata
         for rows, block in self._whole_rows():
             if rows.start >= box.stop_row and box.stop_row < self.shape[0]:
-                return  # read to the end, where invalid text may follow
+                return  # read to the end of the file, where invalid text may follow
             first, stop = max(rows.start, box.row), min(rows.stop, box.stop_row)
             if first < stop:
                 block = block[first - rows.start : stop - rows.start, box.columns]

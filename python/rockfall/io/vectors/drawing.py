@@ -179,7 +179,7 @@ def _part(path: str, layer: str, entity: Any) -> Part:
         return Part(layer, kind, NOWHERE)
     curve = make_path(entity, segments=CURVES)
     xy = _chords(curve, f"{path}: layer {layer}: {kind}")
-    if not len(xy):  # a click of the mouse
+    if not len(xy):  # as drawn by a single mouse click
         return Part(layer, f"{kind} of no length", NOWHERE)
     return Part(layer, kind, xy, curve.is_closed and len(xy) > 3)
 

@@ -39,7 +39,7 @@ class Labels:
         halo = [withStroke(linewidth=2, foreground="white")]
         style = {"color": INK, "path_effects": halo, "rotation_mode": "anchor"} | style
         frame = self.axes.get_window_extent(self.renderer)
-        rooms: dict[Any, Any] = {}  # box of the text about its place: to measure it takes longest
+        rooms: dict[Any, Any] = {}  # box of the text: measuring it takes the longest
         for x, y, angle, offset in places:
             at = self.axes.transData.transform((x, y))
             if not frame.contains(*at):

@@ -35,7 +35,7 @@ def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure
     middle = np.array([west + east, south + north]) / 2
     if scale > COARSEST:
         middle = _middle(hazard, middle)
-    sides = np.array([wide, high]) * metres * (1 - 1e-9)  # no rounding to the next scale
+    sides = np.array([wide, high]) * metres * (1 - 1e-9)  # without rounding to the next scale
     sheet = new_sheet(_around(middle, sides, terrain), terrain, key, room=room)
     draw_zones(sheet, hazard)
     finish(sheet, hazard["crs"].attrs)

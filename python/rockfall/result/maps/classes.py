@@ -36,7 +36,7 @@ LIMITS = {  # of each unit shown; the Swiss classes of intensity end at 30 and 3
 UNITS = (*LIMITS, "boulders", *COUNTED.values())
 #: Pale to dark, also in grey print, and distinct from the hues of relief and water.
 RAMP = ("#fff7bc", "#fed976", "#fdae4f", "#f87d3a", "#e6432b", "#bd1b43", "#84115f", "#430b52")
-STATUS_MARKERS = {  # of each status of a boulder: shape, by Matplotlib's names, and colour
+STATUS_MARKERS = {  # marker (Matplotlib name) and colour of each boulder status
     "stopped": (".", "#d55e00"),
     "absorbed": ("x", "#0072b2"),
     "left_domain": ("^", "#222222"),

@@ -27,7 +27,7 @@ from rockfall.scene.forest.trees import HECTARE, Planted, Trees
 from rockfall.scene.layers import Inputs
 
 MAX_STEMS = 1e8  # stems in a forest
-THINNEST = 20.0  # stems per hectare: 22 m apart, single trees rather than a forest
+THINNEST = 20.0  # stems per hectare (22 m apart) below which these are single trees
 DECIMALS = 2  # decimals of a diameter [cm]
 NARROW, WIDE = 0.05, 1.0  # standard deviation over mean of diameters: stands have 0.2 to 0.7
 DENSER, REMAINS = 0, 1  # numbers of a stem for its stand and for thinning

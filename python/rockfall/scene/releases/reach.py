@@ -31,7 +31,7 @@ class Survey:
 
         A source from which no boulder can start is refused.
         """
-        minima = np.empty((1, 1)) if self._known else self.minima  # one number is kept
+        minima = np.empty((1, 1)) if self._known else self.minima  # only one number is kept
         kernel.check(*_core.scan_rows(kernel.handle, first + 1, stop, minima, self.head))
 
     def box(self, kernel: KernelScene) -> Box:

@@ -47,7 +47,7 @@ ORDERED = 0.9  # fraction of places: in published zone tables half are not in th
 SMOOTH_REST = 27.0  # [degree] ground without rocks may stop no boulder above (theory, chapter 8)
 OF_ROCKS = "talus", "scree"  # in the name of a ground that needs no rock sizes but has some
 RESTING = 0.1  # fraction of the terrain above which a warning is given
-RG_FULL = 100.0  # [m] an Rg of Rockyfor3D that means water
+RG_FULL = 100.0  # [m] Rg that marks water in Rockyfor3D
 
 
 def boulder_rules(scene: Scene) -> Iterator[InputWarning]:

@@ -22,7 +22,7 @@ from rockfall.scene.rules.protection import protection_rules
 from rockfall.scene.rules.terrain import dem_rules
 from rockfall.scene.scene import Scene
 
-FAR_SIDES = 3.0  # longer sides of the terrain: roads and valleys extend beyond it, but not as far
+FAR_SIDES = 3.0  # in longer terrain sides: roads and valleys extend beyond it, but not this far
 
 Rules: TypeAlias = Callable[[Scene], Iterator[InputWarning]]
 

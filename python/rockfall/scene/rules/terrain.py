@@ -28,7 +28,7 @@ FEET = (52.0, 68.0)  # [degree] median and 90 % quantile of slopes: hardly any 5
 #: so steep, but mountains of 21 and 37 degrees whose elevations are in feet
 SCALE = 0.03  # scale error of a projection: smaller within the country it was made for
 STEPS = 0.05  # fraction of places with bends in integer elevations: rounded, not exact
-FINE = (0.2, 2.5)  # [m] coarser cells have the shape of the slope, finer ones are from a laboratory
+FINE = (0.2, 2.5)  # [m] coarser cells follow the slope, finer ones come from a laboratory
 #: [degree] such turns from cell to cell on a slope of 34 degrees let 8 to 36 % (matrix) or 21 to 60
 #: % (tables) fewer boulders pass the gentle ground below than a smooth slope
 ROUGH = 8.0

@@ -21,7 +21,7 @@ from rockfall.studies.back.smoothing import smoothed
 
 LEVEL = 0.95
 SIGMAS = 1.96  # of an interval of 95 %
-FEWEST = 10.0  # effective members of a set alone that a verdict needs
+FEWEST = 10.0  # effective members by one set alone, required for a verdict
 AGREES, CONFLICT, UNDECIDED = "agrees", "conflict", "undecided"
 
 
