@@ -18,6 +18,7 @@ from made import make_raster
 from rockfall.errors import RockfallError
 from rockfall.files.export import export
 from rockfall.io.rasters.grid import Grid
+from rockfall.result.dataset import open_result
 from rockfall.result.maps.classes import classes_of
 from scenes import make_case, rough, sets
 from slope_case import CASE
@@ -371,3 +372,12 @@ def test_a_full_disk_leaves_nothing_under_the_final_name(result, tmp_path):
     ], done.stderr
     assert len(lines) == 3 and lines[2].startswith("out/rockfall.gpkg: cannot be written: ")
     assert [path.name for path in tmp_path.iterdir()] == ["out.nc"]
+
+
+@pytest.mark.parametrize(("files", "shown"), [(["b.nc", "a.nc"], "a.nc, b.nc"), ([], "OUT.nc")])
+def test_a_folder_in_place_of_a_result_lists_its_files(tmp_path, files, shown):
+    for name in files:
+        (tmp_path / name).touch()
+    with pytest.raises(RockfallError) as caught:
+        open_result(tmp_path)
+    assert str(caught.value) == f"{tmp_path}: is a folder: give one of its files, {shown}"

@@ -77,6 +77,9 @@ def feature_names(scene: Any) -> dict[str, str]:
 
 def open_result(path: str | Path) -> xr.Dataset:
     """Open a netCDF result as stored: counts remain integers, seconds remain numbers."""
+    if Path(path).is_dir():
+        names = ", ".join(sorted(each.name for each in Path(path).glob("*.nc"))[:5])
+        raise RockfallError(f"{path}: is a folder: give one of its files, {names or 'OUT.nc'}")
     try:
         data = open_dataset(path, mask_and_scale=False, decode_times=False)
     except RockfallError:
