@@ -615,6 +615,7 @@ export class CaseWindow {
       title: title || file,
       notes: [notes.filter(Boolean).join(' · ')],
       result: batch?.overlay ?? null,
+      classes: this.hazard.shownClasses,
       north: say('app.map.north_letter'),
     });
   }

@@ -81,6 +81,11 @@ export class Hazard {
     this.refresh();
   }
 
+  /** Classes that the map shows; null: none. */
+  get shownClasses(): HazardMessage['classes'] | null {
+    return this.classes ? (this.message?.header.classes ?? null) : null;
+  }
+
   enable(on: boolean): void {
     this.panel.set(this.listener.wanted().hazard, this.classes, on);
   }
@@ -92,9 +97,8 @@ export class Hazard {
   }
 
   private refresh(): void {
-    const shown = this.classes && this.message !== null;
-    this.view.hazard.show(shown ? this.message : null);
-    this.listener.onClasses(shown ? (this.message?.header.classes ?? null) : null);
+    this.view.hazard.show(this.shownClasses && this.message);
+    this.listener.onClasses(this.shownClasses);
   }
 
   private showNet(net: Extract<Text, { type: 'net' }> | null): void {

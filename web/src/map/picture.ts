@@ -2,8 +2,8 @@
 // Picture of the map: its canvases one over the other, with title, legend, scale and north.
 import { css, viridis } from '../colours';
 import { nameOfMap, spread, withUnit } from '../legend';
-import type { OverlayHeader } from '../protocol';
-import { decimal } from '../texts';
+import type { HazardMessage, OverlayHeader } from '../protocol';
+import { decimal, say } from '../texts';
 import type { MapView } from './map_view';
 import { scaleBar } from './scale';
 
@@ -11,6 +11,8 @@ export interface Caption {
   title: string;
   notes: readonly string[];
   result: OverlayHeader | null;
+  /** Classes of hazard that are shown in place of the result. */
+  classes: HazardMessage['classes'] | null;
   north: string;
 }
 
@@ -61,7 +63,7 @@ function drawLayers(
 
 function drawCaption(
   context: CanvasRenderingContext2D,
-  { title, notes, result, north }: Caption,
+  { title, notes, result, classes, north }: Caption,
   width: number,
   resolution: number,
 ): void {
@@ -72,7 +74,8 @@ function drawCaption(
   context.font = `12px ${FONT}`;
   context.fillStyle = '#4b5563';
   notes.forEach((note, k) => context.fillText(note, MARGIN, 37 + 17 * k, width * 0.42));
-  if (result) drawRamp(context, result, width * 0.47, Math.min(280, width * 0.28));
+  if (classes) drawClasses(context, classes, width * 0.47);
+  else if (result) drawRamp(context, result, width * 0.47, Math.min(280, width * 0.28));
   const bar = scaleBar(resolution, Math.min(140, width * 0.14));
   const left = width - MARGIN - bar.pixels - 34;
   context.fillStyle = '#111827';
@@ -87,6 +90,19 @@ function drawCaption(
   context.lineTo(x - 7, 50);
   context.fill();
   context.fillText(north, x, 11);
+}
+
+function drawClasses(context: CanvasRenderingContext2D, classes: HazardMessage['classes'], left: number): void {
+  context.textAlign = 'left';
+  context.fillStyle = '#111827';
+  context.fillText(say('app.legend.hazard'), left, 14);
+  classes.slice(1).forEach(([name, colour], k) => {
+    const [x, y] = [left + 110 * (k % 2), 34 + 20 * (k >> 1)];
+    context.fillStyle = colour;
+    context.fillRect(x, y, 14, 11);
+    context.fillStyle = '#111827';
+    context.fillText(name, x + 20, y, 86);
+  });
 }
 
 function drawRamp(context: CanvasRenderingContext2D, result: OverlayHeader, left: number, length: number): void {
