@@ -4,6 +4,7 @@ frequency in all products, and the pages are few and full in every language."""
 
 import re
 import shutil
+from dataclasses import replace
 from html import unescape
 
 import numpy as np
@@ -18,8 +19,9 @@ from rockfall.case.variants import variants
 from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
 from rockfall.language import LANGUAGES, speaking
-from rockfall.studies.dossier import read_dossier, run_dossier
-from rockfall.tables.dossier import answer_table, places_of
+from rockfall.studies.dossier import Dossier, read_dossier, run_dossier
+from rockfall.studies.yearly_variants import yearly_table
+from rockfall.tables.dossier import answer_table, places_of, remaining_tables
 
 for package in ("shapely", "weasyprint", "openpyxl", "docx", "matplotlib", "jinja2"):
     pytest.importorskip(package, reason="an extra is not installed")
@@ -134,6 +136,14 @@ def test_the_answer_shows_the_numbers_of_the_hazard(made):
             assert " ".join(str(cell).split()) in " ".join(text.split())
 
 
+def test_what_remains_is_a_table_of_what_is_known(made):
+    lines = read_hazard(made[0] / "hazard_today.nc").drop_dims("object")
+    bare = Dossier({"today": lines, "net": lines}, yearly_table({}, {}))
+    assert not list(remaining_tables(bare))
+    (priced,) = remaining_tables(replace(bare, costs={"net": 5000.0}))
+    assert [[*row] for row in priced.texts()] == [["today", "-"], ["net", "5,000"]]
+
+
 @pytest.mark.all
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_pages_are_few_and_full(made, monkeypatch, language):
@@ -150,7 +160,6 @@ def test_the_pages_are_few_and_full(made, monkeypatch, language):
     leave_pictures_blank(monkeypatch)
     from rockfall.dossiers import designs_of
     from rockfall.html_report.inputs import Parties
-    from rockfall.studies.dossier import Dossier
 
     found = Dossier(hazards, frequencies)
     given = dossier_page.Given(Parties("P 1", "Client", "Author"))

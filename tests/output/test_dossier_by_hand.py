@@ -339,7 +339,12 @@ def test_what_no_object_has_is_not_zero(project):
 
 def test_variants_and_their_differences(sheets, project):
     rows = table(sheets, "by variant")
-    assert table(sheets, "Variants")["nets and walls"] == ("-", "net: 3 m, 250 kJ")
+    measures = table(sheets, "Variants")
+    assert measures["nets and walls"] == ("-", "net: 3 m, 250 kJ")
+    assert measures["cost"] == ("-", "120,000")
+    assert [table(sheets, "What remains")[name][-1] for name in ("today", "with net")] == [
+        "-", 120000,
+    ]  # fmt: skip
     for place, (_, net) in (
         (place, row) for place, row in table(sheets, "the difference from").items()
     ):

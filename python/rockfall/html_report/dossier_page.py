@@ -35,7 +35,7 @@ from rockfall.tables.dossier import (
     answer_table,
     barrier_answers,
     places_of,
-    remaining_table,
+    remaining_tables,
     second_answer,
     sections,
     variants_table,
@@ -146,7 +146,7 @@ def first_tables(dossier: Dossier) -> Iterator[Table]:
     yield answer_table(dossier.first, dossier.period, MOST)
     if len(dossier.hazards) > 1:
         yield variants_table(dossier, MOST)
-        yield remaining_table(dossier)
+        yield from remaining_tables(dossier)
 
 
 def _in_lines(table: Table) -> Table:
@@ -237,7 +237,7 @@ def parts_of(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Sec
     notes = [question(dossier), *answers(dossier, designs)]
     tables = [answer_table(dossier.first, dossier.period)]
     if len(dossier.hazards) > 1:
-        tables += [variants_table(dossier), remaining_table(dossier)]
+        tables += [variants_table(dossier), *remaining_tables(dossier)]
     yield Section("answer", say("section.answer"), notes, tables)
     yield from sections(dossier, designs)
     yield Section("validity", say("section.validity"), dossier_warnings(dossier), [])

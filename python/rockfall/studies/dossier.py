@@ -5,7 +5,7 @@ scenarios with common random numbers."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -44,14 +44,15 @@ class Second(NamedTuple):
 class Dossier:
     """Hazards by variant, "" for a case without variants; frequencies at lines and objects as the
     table of `rockfall.yearly_variants`; the return period [year] of its answers; the warnings on
-    the models of its runs; and the hazard of the first variant by another model that its ground
-    admits."""
+    the models of its runs; the hazard of the first variant by another model that its ground
+    admits; and the costs given for variants."""
 
     hazards: Mapping[str, xr.Dataset]
     frequencies: pd.DataFrame
     period: float = YEARS
     warnings: tuple[str, ...] = ()
     second: Second | None = None
+    costs: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def first(self) -> xr.Dataset:
@@ -157,7 +158,8 @@ def run_dossier(
     if inputs.second:
         name, study = inputs.second
         second = Second(name, run_study(study, progress=progress, threads=threads))
-    return Dossier(hazards, frequencies, period, engine.warnings, second)
+    costs = {own["name"]: own["cost"] for own in inputs.case.variant if "cost" in own}
+    return Dossier(hazards, frequencies, period, engine.warnings, second, costs)
 
 
 def _run_name(variant: str, scenario: str) -> str:

@@ -88,7 +88,7 @@ def sections(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Sec
     if designs:
         yield _protection(designs)
     if several:
-        costs = costs_of(dossier)
+        costs = dossier.costs
         cases = {name: case_in(hazard.attrs) for name, hazard in dossier.hazards.items()}
         tables = [measures_table(cases, costs), difference_table(dossier.frequencies),
                   period_table(dossier)]  # fmt: skip
@@ -190,12 +190,6 @@ def _highest(hazard: xr.Dataset) -> Risk:
     return Risk.of({name: float(risks[k]) for name, risks in rows.items()}, "risk", digits=2)
 
 
-def costs_of(dossier: Dossier) -> dict[str, float]:
-    """Cost of each variant, if given."""
-    given = case_in(dossier.first.attrs).variant or []
-    return {variant["name"]: variant["cost"] for variant in given if "cost" in variant}
-
-
 def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> Table:
     """Frequency, return period, energy and height once in the period, and hazard class, of each
     place.
@@ -285,21 +279,24 @@ def period_table(dossier: Dossier) -> Table:
     return Table.of(say("variants.energy_by_period", years=f"{dossier.period:g}"), heads, rows)
 
 
-def remaining_table(dossier: Dossier) -> Table:
+def remaining_tables(dossier: Dossier) -> Iterator[Table]:
     """Remaining hazard of each variant: the highest class of an object, damage, expected deaths and
-    highest individual risk a year, and cost.
+    highest individual risk a year, and cost. No table where none of them is known.
     """
-    costs, risky = costs_of(dossier), has_risk(dossier.first)
-    heads: list[str | Column] = [say("dossier.variant"), say("dossier.highest_class")]
+    costs, risky = dossier.costs, has_risk(dossier.first)
+    kinds = [kind for kind in PLACES if f"{kind}_hazard_class" in dossier.first]
+    if not (kinds or risky or costs):
+        return
+    heads: list[str | Column] = [say("dossier.variant")]
+    heads += [say("dossier.highest_class")] * bool(kinds)
     heads += [say(f"dossier.{name}") for name in ("damage", "deaths", "individual")] * risky
     heads += [Column(say("variants.cost"), decimals=0)] * bool(costs)
     rows = []
     for name, hazard in dossier.hazards.items():
-        kinds = [kind for kind in PLACES if f"{kind}_hazard_class" in hazard]
-        worst = max((int(hazard[f"{kind}_hazard_class"].max()) for kind in kinds), default=0)
-        row: list[object] = [name, word(CLASSES[worst]) if kinds else "-"]
+        worst = [int(hazard[f"{kind}_hazard_class"].max()) for kind in kinds]
+        row: list[object] = [name, *([word(CLASSES[max(worst)])] if worst else [])]
         if risky:
             damage, deaths = total(hazard, "damage"), total(hazard, "collective_risk")
             row += [_estimate(damage, 3), _estimate(deaths), _highest(hazard)]
         rows.append([*row, *[costs.get(name, "-")] * bool(costs)])
-    return Table.of(say("dossier.remaining_caption"), heads, rows)
+    yield Table.of(say("dossier.remaining_caption"), heads, rows)
