@@ -24,6 +24,7 @@ from rockfall.protection.factors import DECIDES, NEEDED, Conditions, read_factor
 from rockfall.protection.selection import cheapest, choices, height_for, least_heights, read_costs
 from rockfall.quantities import number
 from rockfall.result.crossings import at_lines
+from rockfall.table import as_text
 from rockfall.tables.design import check_row, choice_table, demand_rows, design_text, factor_lines
 from scenes import FACTORS, grid, make_case, rough, sets
 
@@ -345,6 +346,19 @@ def test_prices_decide_on_the_cheapest(tmp_path):
     neutral = choices(came, 0.0)
     assert [row["cost"] for row in neutral if row["cheapest"]] == [500 * 3.0]
     assert read_costs(Path(rockfall.__file__).parent / "data" / "design_costs_example.csv")
+
+
+@pytest.mark.parametrize(("language", "cost"), [
+    ("en", "cost of 1 m"), ("de", "Kosten pro m"), ("fr", "coût de 1 m"), ("it", "costo di 1 m"),
+])  # fmt: skip
+def test_only_prices_are_called_a_cost(language, cost, result, tmp_path):
+    table = tmp_path / "costs.csv"
+    table.write_text("class,height,cost\n7,90,5\n")
+    with speaking(language):
+        priced = as_text(choice_table(design(result, costs=table), "road"))
+        neutral = as_text(choice_table(design(result), "road"))
+    assert cost in priced and "kJ m" not in priced
+    assert "[kJ m]" in neutral and cost not in neutral
 
 
 @pytest.mark.parametrize(("heights", "told", "no"), [

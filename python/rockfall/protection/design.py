@@ -81,6 +81,7 @@ class Design:
     warnings: tuple[str, ...] = ()
     kept: str = ""
     population: tuple[str, ...] = ()  # boulders behind the numbers
+    priced: bool = False  # costs are from prices, else class energy [kJ] times height
 
 
 def design(
@@ -152,6 +153,7 @@ def design(
         ),  # fmt: skip
         kept=kept_note(result),
         population=tuple(population_notes(case)),
+        priced=prices is not None,
     )
 
 

@@ -101,9 +101,10 @@ def choice_table(design: Design, line: str) -> Table:
          say("design.cheapest") if row["cheapest"] else "")
         for row in design.choices[design.choices["line"] == line].to_dict("records")
     ]  # fmt: skip
+    cost = "design.cost_of_metre" if design.priced else "design.energy_by_height"
     heads = (
         say("design.at_most", residual=100 * design.residual), Column(word("height"), "m"),
-        Column(word("passing"), "%"), say("design.cost_of_metre"), "",
+        Column(word("passing"), "%"), say(cost), "",
     )  # fmt: skip
     return Table.of("", heads, rows)
 
