@@ -4,6 +4,7 @@
 """
 
 import sys
+import warnings
 from pathlib import Path
 
 import rockfall
@@ -25,7 +26,9 @@ def main(folder: Path) -> None:
     paper = read_observed(*PAPER)
     results = {}
     for method, case in CASES.items():
-        results[method] = rockfall.run(rockfall.read_case(case), progress=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # the summary lists them
+            results[method] = rockfall.run(rockfall.read_case(case), progress=True)
         rockfall.write_result(results[method], folder / f"method_{method}.nc")
     for result in results.values():
         print(f"\n{summary(result)}\n\n{comparison_text(compare(result, paper))}")

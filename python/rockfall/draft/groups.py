@@ -85,8 +85,8 @@ def _layer(layer: Layer, group: str, key: str) -> Iterator[Entry]:
 
 def _head(new: New) -> Iterator[str]:
     yield f"A first case for {new.dem.name}, by `rockfall new`. It runs unchanged; what is marked"
-    yield "CHOOSE is a guess that only you can better. Keys in comments are off. All keys:"
-    yield "docs/case.md, or `rockfall check` for this case."
+    yield "CHOOSE is a guess that only you can better. Keys in comments are off."
+    yield "All keys: docs/case.md. `rockfall check` lists what would run, and doubts."
     yield from (f"- {note}" for note in new.notes)
 
 

@@ -19,7 +19,7 @@ from rockfall.io.rasters.grid import row_blocks
 from rockfall.limits import CORES
 from rockfall.quantities import first_of, percent
 from rockfall.result.boulders import boulders_by_shape
-from rockfall.result.grounds import rebounds_by_ground, sets_followed, stochastic_fraction
+from rockfall.result.grounds import rebounds_by_ground, sets_followed
 from rockfall.scene.ground import Ground
 from rockfall.scene.rebounds.coefficients import ANY_SPEED
 from rockfall.scene.rebounds.rebound import sphere_radius
@@ -55,8 +55,7 @@ def preview(scene: Scene) -> str:
         ("sizes", _sizes(pilot.density, values["volume"])),
         *_shapes(values),
         *(("", line) for line in _rocks(scene, values["volume"])),
-        ("impact sets", _sets(scene, values)),
-        ("rebounds", _rebounds(values)),
+        *_sets(scene, values),
         *_forest(scene),
         *breakage_lines(case, values["volume"], pilot.density),
         ("boulders", _boulders(scene)),
@@ -212,11 +211,13 @@ def _shapes(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "shapes", ", ".join(f"{percent(own.mean())} {name}" for name, own in shapes.items())
 
 
-def _sets(scene: Scene, values: dict[str, Any]) -> str:
-    """Name of the impact sets, and their fitted ranges; a note if no rebound followed them."""
+def _sets(scene: Scene, values: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Name of the impact sets, their fitted ranges, and how many rebounds lie outside; a note if
+    no rebound followed them."""
     name = scene.case.impact["sets"]
     if name not in sets_followed(values, name):
-        return f"{name}, which no rebound of a pilot run followed"
+        yield "impact sets", f"{name}, which no rebound of a pilot run followed"
+        return
     speeds, angles = scene.coefficients.speed_range, scene.coefficients.angle_range
     ranges = []
     if speeds.max() < ANY_SPEED:
@@ -224,7 +225,13 @@ def _sets(scene: Scene, values: dict[str, Any]) -> str:
     if angles.min() > 0 or angles.max() < 90:
         ranges.append(f"{_range(angles.min(), angles.max())} degrees")
     fitted_on = " and ".join(ranges) or "speeds and angles that it does not state"
-    return f"{name}, fitted on {fitted_on}"
+    yield "impact sets", f"{name}, fitted on {fitted_on}"
+    outside = fractions_outside(values)
+    yield (
+        "rebounds",
+        f"outside what the set was fitted on: {outside['range']:.1%} by R_b/R_m, "
+        f"{outside['speed']:.1%} by speed, {outside['angle']:.1%} by angle, in a pilot run",
+    )
 
 
 def _forest(scene: Scene) -> list[tuple[str, str]]:
@@ -238,16 +245,6 @@ def _forest(scene: Scene) -> list[tuple[str, str]]:
         f"cm, basal area {trees.basal_area() / area:.3g} m2/ha"
     )
     return [("forest", text)]
-
-
-def _rebounds(values: dict[str, np.ndarray]) -> str:
-    if not stochastic_fraction(values):
-        return "none followed impact sets in a pilot run"
-    outside = fractions_outside(values)
-    return (
-        f"outside what the set was fitted on: {outside['range']:.1%} by R_b/R_m, "
-        f"{outside['speed']:.1%} by speed, {outside['angle']:.1%} by angle, in a pilot run"
-    )
 
 
 def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
