@@ -303,7 +303,7 @@ module rockfall_case_keys
             "with equal probability: impact sets; tables, or ensembles of them, for grounds that are tables", &
             file="sets"), &
       key_t("ensemble", "draws", "text", 1, "absent", "", "", &
-            "CSV of draws that `rockfall back` wrote, in place of what its columns hold", file="table"), &
+            "CSV of draws from `rockfall back`, which replace the inputs of its columns", file="table"), &
       key_t("observed", "files", "text", 100, "absent", "", "", &
             "CSV or layers of what was seen at the site: blocks, scars, speeds (docs/observed.md)", &
             file="any layer"), &

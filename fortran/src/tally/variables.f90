@@ -143,7 +143,7 @@ module rockfall_variables
       variable_t("line_vertex", "x", "real", "m", "easting"), &
       variable_t("line_vertex", "y", "real", "m", "northing"), &
       variable_t("barrier", "height", "real", "m", "height of the top edge above the ground"), &
-      variable_t("barrier", "capacity", "real", "J", "energy that the barrier takes at most"), &
+      variable_t("barrier", "capacity", "real", "J", "maximum energy that the barrier absorbs"), &
       variable_t("hit", "outcome", "integer", "1", "what the barrier did", &
                  "of several crossings the one that mattered: stopped, broken_through, passed_over", "i1"), &
       variable_t("map", "passages", "integer", "1", &

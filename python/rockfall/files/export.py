@@ -483,7 +483,7 @@ def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
 
 def crs_wkt(data: xr.Dataset) -> str | None:
     """Horizontal CRS of the grid mapping `crs`; None if the terrain has none. In older results it
-    includes the system of heights."""
+    includes the vertical datum."""
     wkt = data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
     return plan_wkt(wkt) if wkt and wkt.startswith("COMP") else wkt
 

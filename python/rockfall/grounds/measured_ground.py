@@ -29,7 +29,7 @@ GRAVITY = float(keys_of("flight")["gravity"].default)  # [m/s2]
 UPRIGHT = 0.4  # pressure on an upright ploughing facet, relative to a flat one, as in pressure.f90
 SPHERE = "sphere"
 BAND = Spectrum(0.0, longest=CONSTANTS["ploughed"]["longest"])  # waves of the planes of tables
-BLOCKS, ATTITUDES, STEPS = 12, 8, 200  # of each block; steps of the depth
+BLOCKS, ATTITUDES, STEPS = 12, 8, 200  # attitudes of each block; depth steps
 EDGE = 0.25  # of facets, over R_b
 DEGREES_OF_TWO = 4.5  # relief with the effect of a factor 2 in strength on speeds
 COLUMNS = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Frequencies a year at the lines of the variants of a case, over all of its scenarios."""
+"""Annual frequencies at the lines of each variant of a case, over all scenarios."""
 
 from __future__ import annotations
 

@@ -159,7 +159,7 @@ def degrees_way(crs: CRS, bounds: Bounds) -> Transformation:
 
 
 def vertical_datum(crs: CRS) -> str:
-    """Name of the system of heights; `NO_DATUM` if the system has none."""
+    """Name of the vertical datum; `NO_DATUM` if the system has none."""
     system = _pyproj(crs)
     names = [part.name for part in system.sub_crs_list if part.is_vertical]
     if not names and len(system.axis_info) == 3:
@@ -375,7 +375,7 @@ def grid_mapping(crs: CRS) -> dict[str, Any]:
     """Attributes of a CF grid mapping variable for the horizontal part of a system. With the
     vertical part, readers would scale counts and energies. The complete system is in `crs_wkt`
     (WKT 2), and in `spatial_ref` (WKT 1, for older programs); CF parameters are added where they
-    are equivalent. `vertical_datum` is the name of the system of heights, if there is one."""
+    are equivalent. `vertical_datum` is the name of the vertical datum, if there is one."""
     texts = crs.to_wkt(version="WKT2_2019"), crs.to_wkt()
     if texts not in _MAPPINGS:
         _MAPPINGS[texts] = _grid_mapping(crs)

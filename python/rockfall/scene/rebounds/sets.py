@@ -16,7 +16,7 @@ from rockfall.scene.rebounds.coefficients import covariance_root, draws_in
 from rockfall.scene.rebounds.rebound import admissible
 
 ERROR_MARK = "Covariance of the errors of the means, lower triangle by rows:"
-DRAWS = 4000  # of A, for the means of R_t and R_n
+DRAWS = 4000  # of the matrix A, for means of R_t and R_n
 
 
 @dataclass(frozen=True)
