@@ -342,7 +342,7 @@ def test_variants_and_their_differences(sheets, project):
     measures = table(sheets, "Variants")
     assert measures["nets and walls"] == ("-", "net: 3 m, 250 kJ")
     assert measures["cost"] == ("-", "120,000")
-    assert [table(sheets, "What remains")[name][-1] for name in ("today", "with net")] == [
+    assert [table(sheets, "Remaining hazard")[name][-1] for name in ("today", "with net")] == [
         "-", 120000,
     ]  # fmt: skip
     for place, (_, net) in (
