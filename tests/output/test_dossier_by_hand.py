@@ -18,7 +18,7 @@ from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
 from rockfall.html_report import dossier_page
 from rockfall.studies.dossier import Dossier
-from rockfall.tables.dossier import remaining_table
+from rockfall.tables.dossier import remaining_tables
 from rockfall.tables.hazard import risk_table
 
 for package in ("weasyprint", "docx", "matplotlib", "jinja2"):
@@ -331,7 +331,8 @@ def test_what_no_object_has_is_not_zero(project):
     hazard = read_hazard(project[0] / "dossier/hazard_today.nc")
     for what, column in {"damage": 2, "collective_risk": 3}.items():
         without = hazard.assign({f"object_{what}": hazard[f"object_{what}"] * np.nan})
-        (row,) = remaining_table(Dossier({"": without}, pd.DataFrame())).texts()
+        (remaining,) = remaining_tables(Dossier({"": without}, pd.DataFrame()))
+        (row,) = remaining.texts()
         *_, last = risk_table(without).texts()
         assert row[column] == "-" != row[5 - column]
         assert last[1 if column == 2 else 4] == "-"
