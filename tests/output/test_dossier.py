@@ -21,7 +21,7 @@ from rockfall.files.hazard_files import read_hazard
 from rockfall.language import LANGUAGES, speaking
 from rockfall.studies.dossier import Dossier, read_dossier, run_dossier
 from rockfall.studies.yearly_variants import yearly_table
-from rockfall.tables.dossier import answer_table, places_of, remaining_tables
+from rockfall.tables.dossier import answer_table, places_of, remaining_tables, second_answer
 
 for package in ("shapely", "weasyprint", "openpyxl", "docx", "matplotlib", "jinja2"):
     pytest.importorskip(package, reason="an extra is not installed")
@@ -189,6 +189,18 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
     governs = "Governs: talus" if more else "Governs: the case"
     assert "(talus)" in first_page(page)
     assert governs in first_page(page) or "frequency: " in first_page(page)
+
+
+def test_a_single_model_is_said(case):
+    """Rocks without a size leave `talus` alone: before the run, and on page 1."""
+    alone = case.replace(surface={"ground": "talus", "uniform_mean_radius": None},
+                         impact={"sets": None}, variant=[])  # fmt: skip
+    inputs = read_dossier(alone, **PLACE)
+    assert inputs.second is None
+    assert any("rock sizes (&surface uniform_mean_radius)" in line for line in inputs.remarks)
+    assert not read_dossier(alone, one_model=True, **PLACE).remarks
+    (line,) = second_answer(run_dossier(inputs))
+    assert line == "By one rebound model: the spread between models is not included."
 
 
 @pytest.mark.all

@@ -17,6 +17,7 @@ from rockfall.analysis.objects.objects import object_hits
 from rockfall.case import Case
 from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
+from rockfall.language import say
 from rockfall.protection.yearly import YEARS
 from rockfall.scene.stages import KeptStages
 from rockfall.studies.hazard import read_study, run_study
@@ -110,6 +111,8 @@ def read_dossier(
         remarks += studies[name].remarks
     first = next(iter(studies.values()))
     second = None if one_model else _second(first)
+    if second is None and not one_model:
+        remarks.append(say("dossier.no_second"))
     inputs = DossierInputs(case, studies, tuple(dict.fromkeys(remarks)), second)
     if not (first.lines or len(first.objects) or len(first.segments)):
         raise RockfallError(

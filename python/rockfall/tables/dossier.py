@@ -173,7 +173,9 @@ def _governing(rates: Sequence[Estimate], levels: Sequence[Any], model: str) -> 
 
 
 def second_answer(dossier: Dossier) -> Iterator[Text]:
-    """Sentence on the first place by the second model."""
+    """Sentence on the first place by the second model, or that there is none."""
+    if dossier.second is None:
+        yield say("dossier.one_model")
     for table in second_tables(dossier):
         name, own, other, *_, governs = table.rows[0]
         assert isinstance(own, Estimate) and isinstance(other, Estimate)
