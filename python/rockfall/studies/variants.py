@@ -94,7 +94,8 @@ def run_each(
     """Results of variants checked by `check_variant_scenes`, and model warnings; each run resumes
     from its checkpoint. `given`: see `read_scene`.
     """
-    study = Study(progress=progress, threads=threads, checkpoints=checkpoints, keep=False)
+    shared = "stages" in given  # rasters that the next variant has, too
+    study = Study(progress=progress, threads=threads, checkpoints=checkpoints, keep=shared)
     scenes = ((name, read_scene(own, **given)) for name, own in variants(case).items())
     return dict(study.run(scenes, lambda _, result: result)), study.warnings
 
