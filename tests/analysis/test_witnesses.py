@@ -480,7 +480,7 @@ def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, caps
     assert good.at_rest["n_observed"].sum() == len(seen.stops)
     assert (good.at_rest["verdict"] == "undecided").all()
     assert (bad.at_rest["verdict"] == "differs").any()
-    assert "density of this" in as_text(good)
+    assert "[1/ha]" in as_text(good)
     key = ("", "at_rest", "log_density")
     assert (
         in_good[key].n == len(seen.stops) and in_good[key].simulated > in_bad[key].simulated + 0.5

@@ -11,7 +11,7 @@ import pytest
 from programs import ROOT
 
 PAGE = (ROOT / "docs/start/python.md").read_text(encoding="utf-8")
-STUDY = PAGE.partition("## A study of what is not known")[2].partition("\n## ")[0]
+STUDY = PAGE.partition("## A study of uncertain inputs")[2].partition("\n## ")[0]
 
 
 def code(kind):

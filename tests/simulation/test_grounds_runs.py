@@ -95,7 +95,7 @@ def test_a_result_names_the_models_of_its_rebounds(whole, tmp_path):
         assert rows["programme"].startswith(f"rockfall {rockfall.__version__}, ")
         assert models not in rows["programme"]
         (named,) = (rows[name] for name in rows if "paramètres" in name)
-        assert ("suivi par aucun rebond" in named) == (models != STOCHASTIC)
+        assert ("utilisé par aucun rebond" in named) == (models != STOCHASTIC)
 
 
 def test_threads_and_chunks_change_nothing(whole):
