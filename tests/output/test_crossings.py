@@ -177,5 +177,7 @@ def test_a_damaged_crossing_in_the_file_is_refused_where_it_is_read(
     with netCDF4.Dataset(tmp_path / "a.nc", "a") as file:
         file[name][at] = value
     with pytest.raises(rockfall.RockfallError, match=rf"a.nc: {name}(:| =)"):
-        rockfall.line_statistics(rockfall.read_result(tmp_path / "a.nc"), quantities=["speed"])
-        rockfall.read_result(tmp_path / "a.nc").load()
+        with rockfall.read_result(tmp_path / "a.nc") as damaged:  # closed here: netCDF is for one
+            rockfall.line_statistics(damaged, quantities=["speed"])  # thread, garbage for any
+        with rockfall.read_result(tmp_path / "a.nc") as damaged:
+            damaged.load()
