@@ -627,7 +627,9 @@ def test_a_forest_by_tables_is_judged_by_a_run_by_tables(tmp_path):
     case = make_case(tmp_path, *sets(), release=POINT, forest=STAND)
     tables = case.replace(impact={"form": "table", "table": "talus"})
     known = only("vaujany-forest", "forest", "passing", "talus")
-    (found,) = forest_remarks(tables)
+    (found,) = forest_remarks({}, tables)
     assert known.observed < known.simulated
     assert f"by talus {known.simulated:.0f} %, too many" in found.text
-    assert [remark.text for remark in forest_remarks(case)] == [forest_text()]
+    assert [remark.text for remark in forest_remarks({}, case)] == [forest_text()]
+    by_ground, result = on_grounds(tmp_path, {"ground": "talus"}, forest=STAND)
+    assert [*forest_remarks(result, by_ground)] == [found]

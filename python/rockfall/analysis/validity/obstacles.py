@@ -13,6 +13,7 @@ from rockfall.evidence import only
 from rockfall.language import Text, say
 from rockfall.quantities import part_of_boulders, percent
 from rockfall.result.crossings import line_names, stored_at
+from rockfall.result.grounds import table_grounds
 
 if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
@@ -21,10 +22,13 @@ if TYPE_CHECKING:
 MAX_FINES = 0.01  # fraction of the volume from which it is a warning
 
 
-def forest_remarks(case: Case) -> Iterator[Remark]:
-    """Remark that forest is not validated; none without trees."""
+def forest_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+    """Remark that forest is not validated, with the experiment by impact tables if most rebounds
+    followed some, else by the default set; none without trees."""
     if case.has_forest:
-        model = "talus" if case.impact["form"] == "table" else "vaujany-observed"
+        by_table = sum(ground.fraction for ground in table_grounds(values)) > 0.5
+        by_table = by_table or case.impact["form"] == "table"
+        model = "talus" if by_table else "vaujany-observed"
         yield Remark(forest_text(model), True, is_counted=False)
 
 

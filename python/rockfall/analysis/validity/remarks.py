@@ -38,7 +38,7 @@ def _found(values: Variables, case: Case) -> Iterator[Remark]:
     yield from rebound_remarks(values, case)
     yield from set_remarks(values, case)
     yield from table_remarks(values, case)
-    yield from forest_remarks(case)
+    yield from forest_remarks(values, case)
     yield from log_remarks(case)
     yield from breakage_remarks(values, case)
     yield from roll_remarks(values, case)
