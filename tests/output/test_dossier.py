@@ -19,9 +19,15 @@ from rockfall.case.variants import variants
 from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
 from rockfall.language import LANGUAGES, speaking
-from rockfall.studies.dossier import Dossier, read_dossier, run_dossier
+from rockfall.studies.dossier import Dossier, Second, read_dossier, run_dossier
 from rockfall.studies.yearly_variants import yearly_table
-from rockfall.tables.dossier import answer_table, places_of, remaining_tables, second_answer
+from rockfall.tables.dossier import (
+    answer_table,
+    places_of,
+    remaining_tables,
+    second_answer,
+    second_tables,
+)
 
 for package in ("shapely", "weasyprint", "openpyxl", "docx", "matplotlib", "jinja2"):
     pytest.importorskip(package, reason="an extra is not installed")
@@ -189,6 +195,10 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
     governs = "Governs: talus" if more else "Governs: the case"
     assert "(talus)" in first_page(page)
     assert governs in first_page(page) or "frequency: " in first_page(page)
+    by_sets = Dossier({"": own}, pd.DataFrame(), second=Second("impact sets, method B", other))
+    with speaking("de"):
+        (table,) = second_tables(by_sets)
+    assert table.caption.endswith(": Parametersatz, Methode B")
 
 
 def test_a_single_model_is_said(case):

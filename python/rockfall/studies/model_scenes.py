@@ -51,6 +51,7 @@ OF_TABLES = ("block_shape", "block_shape_share", "block_axes", "ground_strength_
 #: Obstacles of this size [m] stop every boulder in Rockyfor3D, but not with impact sets.
 STOPPING = 100.0
 SECOND = "talus"  # table of impacts in place of impact sets
+BY_SETS = "impact sets, method "  # then the method: name of a model
 AS_GIVEN = "grounds of the case"
 
 
@@ -205,7 +206,7 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
             )
         except RockfallError:  # no sizes for this method
             continue
-        yield f"impact sets, method {way}", scene
+        yield f"{BY_SETS}{way}", scene
 
 
 def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
@@ -224,7 +225,7 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
     if (part := changed[~np.isnan(cells.z)].mean()) < 1:
         notes.append(say("models.sets_on_part", fraction=percent(part)))
     of_cells = np.where(changed, np.int8(number), _grounds_of(cells)).astype(np.int8)
-    name = f"impact sets, method {own.case.surface['method']}"
+    name = f"{BY_SETS}{own.case.surface['method']}"
     yield name, own.replace(grounds=grounds, material_ground=None, cell_ground=of_cells)
 
 

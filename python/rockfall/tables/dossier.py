@@ -18,6 +18,7 @@ from rockfall.language import Text, say, word
 from rockfall.protection.yearly import YearlyDesign
 from rockfall.result.variables import ENDS
 from rockfall.studies.dossier import Dossier
+from rockfall.studies.model_scenes import BY_SETS
 from rockfall.table import TOO_FEW, Column, Estimate, Table
 from rockfall.tables.hazard import (
     Risk,
@@ -143,7 +144,7 @@ def second_tables(dossier: Dossier) -> Iterator[Table]:
     """
     if dossier.second is None:
         return
-    own, (model, other) = dossier.first, dossier.second
+    own, other, model = dossier.first, dossier.second.hazard, _shown(dossier.second.model)
     at = own["event_period"].values.tolist().index(dossier.period)
     rows = []
     for place in places_of(own):
@@ -158,7 +159,14 @@ def second_tables(dossier: Dossier) -> Iterator[Table]:
     yield Table.of(say("dossier.second_caption", model=model), heads, rows)
 
 
-def _governing(rates: Sequence[Estimate], levels: Sequence[Any], model: str) -> Text:
+def _shown(model: str) -> Text | str:
+    """Name of a model in the current language; grounds are named as in a case."""
+    if not model.startswith(BY_SETS):
+        return model
+    return say("dossier.by_sets", method=model.removeprefix(BY_SETS))
+
+
+def _governing(rates: Sequence[Estimate], levels: Sequence[Any], model: Text | str) -> Text:
     """Models that give the higher frequency and the higher energy."""
     numbers = [getattr(level, "value", level) for level in levels]
     names = say("dossier.the_case"), model
@@ -176,11 +184,12 @@ def second_answer(dossier: Dossier) -> Iterator[Text]:
     """Sentence on the first place by the second model, or that there is none."""
     if dossier.second is None:
         yield say("dossier.one_model")
+        return
     for table in second_tables(dossier):
         name, own, other, *_, governs = table.rows[0]
         assert isinstance(own, Estimate) and isinstance(other, Estimate)
         yield say(
-            "dossier.second", name=name, model=dossier.second.model if dossier.second else "",
+            "dossier.second", name=name, model=_shown(dossier.second.model),
             own=own.number, other=other.number, governs=governs,
         )  # fmt: skip
 
