@@ -98,25 +98,34 @@ def open_result(path: str | Path) -> xr.Dataset:
 
 def read_result(path: str | Path) -> xr.Dataset:
     """Read the result of a run from its netCDF file into memory, as `rockfall.run` returned it.
-    More than a million crossings of lines stay in the file, and are read on demand.
+    More than a million crossings of lines stay in the file, and are read on demand until the result
+    is closed.
 
     >>> import rockfall
     >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "result.nc")
     >>> rockfall.read_result("result.nc").sizes["boulder"]
     20
     """
-    with open_result(path) as data:
+    data = open_result(path)
+    stored: dict[str, xr.Variable] = {}
+    try:
         check_result(data, path)
         try:
-            stored = crossings_in_file(data, path)
-            result = data.drop_vars([*stored]).load()
+            in_file = crossings_in_file(data, path)
+            result = data.drop_vars([*in_file]).load()
         except DAMAGED as error:
             raise RockfallError(f"{path}: cannot be read: {error}") from error
-    check_values(result, path)
+        check_values(result, path)
+        stored = in_file
+    finally:
+        if not stored:
+            data.close()
     for name in TEXTS:
         if name in result.variables:
             result[name] = result[name].astype(str).astype(object)
     result = result.assign(stored)
+    if stored:
+        result.set_close(data.close)
     for variable in result.variables.values():
         variable.attrs.pop("_FillValue", None)
     return result

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.io.netcdf import open_netcdf
 from rockfall.result import variables
 from rockfall.result.validate import fault_of_crossings
 
@@ -23,18 +22,17 @@ MOST = 1_000_000  # maximum number of crossings read into memory at once
 
 def crossings_in_file(data: xr.Dataset, path: str | Path) -> dict[str, xr.Variable]:
     """Variables of the crossings of an opened result, which are read from its file on demand; {} if
-    they are few. The file stays open while any of them exists."""
+    they are few. `data` must stay open as long as they are read: HDF5 fails on a file that is
+    opened twice and closed once."""
     if data.sizes.get("crossing", 0) <= MOST:
         return {}
     import xarray as xr
     from xarray.core.indexing import LazilyIndexedArray
 
-    file = open_netcdf(path)
-    file.set_auto_maskandscale(False)
     sizes, kept = data["row_size"].values, data["boulder"].values
     if (sizes < 0).any() or sizes.sum() != data.sizes["crossing"]:
         raise RockfallError(f"{path}: row_size: holds what no run has")
-    rows = _Rows(str(path), file, np.cumsum(sizes, dtype="i8"), kept)
+    rows = _Rows(str(path), data, np.cumsum(sizes, dtype="i8"), kept)
     return {
         str(name): xr.Variable(
             variable.dims, LazilyIndexedArray(_column(rows, str(name))), variable.attrs
@@ -47,12 +45,12 @@ def crossings_in_file(data: xr.Dataset, path: str | Path) -> dict[str, xr.Variab
 class _Rows:
     """Rows of the crossings in a file."""
 
-    def __init__(self, name: str, file: Any, ends: np.ndarray, kept: np.ndarray) -> None:
-        self._name, self._file, self._kept = name, file, kept
+    def __init__(self, name: str, data: xr.Dataset, ends: np.ndarray, kept: np.ndarray) -> None:
+        self._name, self._data, self._kept = name, data, kept
         self._ends = ends  # row after the last one of each line
 
     def dtype(self, name: str) -> np.dtype:
-        return self._file.variables[name].dtype
+        return self._data.variables[name].dtype
 
     @property
     def size(self) -> int:
@@ -61,7 +59,7 @@ class _Rows:
     def values(self, name: str, first: int, last: int) -> np.ndarray:
         """Values of a variable in the rows first to last - 1."""
         try:
-            values = np.asarray(self._file.variables[name][first:last])
+            values = self._data.variables[name][first:last].values
         except (OSError, RuntimeError) as error:
             raise RockfallError(f"{self._name}: {name}: cannot be read: {error}") from error
         fault = fault_of_crossings(name, values, self._lines(first, last), self._kept)
