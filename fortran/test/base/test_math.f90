@@ -112,7 +112,7 @@ contains
    !> Of both signs, subnormal ones, and next to zero and to the largest.
    subroutine test_rounded_up()
       real(wp), parameter :: special(*) = [0.0_wp, tiny(1.0_wp), -tiny(1.0_wp), 1.0e-45_wp, real(huge(1.0_sp), wp), &
-                                           -real(huge(1.0_sp), wp), -1.5_wp*huge(1.0_sp)]
+                                           -0.5_wp*huge(1.0_sp)]
       real(wp) :: x
       real(sp) :: up
       logical :: least
