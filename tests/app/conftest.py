@@ -19,14 +19,23 @@ def browser():
 
 
 @pytest.fixture
-def slope(tmp_path, monkeypatch):
-    """A case on a lively slope, and a list of recent files of its own."""
-    app_window = pytest.importorskip("app_window", exc_type=ImportError)
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.chdir(tmp_path)
-    make_raster("dem.tif", scenes.rough(dtype="f4"))
-    scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
-    Path("case.nml").write_text(app_window.CASE, encoding="utf-8")
+def write_place(tmp_path, monkeypatch):
+    """Write a case on a lively slope to a folder, made the current one, with a list of recent files
+    of its own."""
+
+    def write(case):
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+        monkeypatch.chdir(tmp_path)
+        make_raster("dem.tif", scenes.rough(dtype="f4"))
+        scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
+        Path("case.nml").write_text(case, encoding="utf-8")
+
+    return write
+
+
+@pytest.fixture
+def slope(write_place):
+    write_place(pytest.importorskip("app_window", exc_type=ImportError).CASE)
 
 
 @pytest.fixture

@@ -80,13 +80,9 @@ def polygon(west, south, east, north, id="z1", **properties):
 
 
 @pytest.fixture(autouse=True)
-def place(tmp_path, monkeypatch):
+def place(tmp_path, write_place):
     """A case on a lively slope, and a list of recent files of its own."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.chdir(tmp_path)
-    make_raster("dem.tif", scenes.rough(dtype="f4"))
-    scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
-    Path("case.nml").write_text(CASE, encoding="utf-8")
+    write_place(CASE)
     page = make_page(tmp_path / "page")
     (page / "secret.txt").write_text("secret")
     return tmp_path

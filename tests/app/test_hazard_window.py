@@ -11,9 +11,8 @@ shapely = pytest.importorskip("shapely", reason="the vector extra is not install
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
 
 import rockfall  # noqa: E402
-import scenes  # noqa: E402
 from app_messages import decoded  # noqa: E402
-from made import make_layer, make_raster  # noqa: E402
+from made import make_layer  # noqa: E402
 from rockfall.analysis.hazard.classes import CLASSES  # noqa: E402
 from rockfall.app.asked import hazard_message, table_entry  # noqa: E402
 from rockfall.app.room import Given  # noqa: E402
@@ -48,12 +47,8 @@ MOVED = {
 
 
 @pytest.fixture(autouse=True)
-def place(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.chdir(tmp_path)
-    make_raster("dem.tif", scenes.rough(dtype="f4"))
-    scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
-    Path("case.nml").write_text(CASE, encoding="utf-8")
+def place(write_place):
+    write_place(CASE)
     make_layer("houses.gpkg", [HOUSE], name=["Hof"])
 
 

@@ -10,8 +10,7 @@ pytest.importorskip("starlette", reason="the app extra is not installed")
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
 import rockfall  # noqa: E402
-import scenes  # noqa: E402
-from made import make_layer, make_raster  # noqa: E402
+from made import make_layer  # noqa: E402
 from rockfall.app.room import Given  # noqa: E402
 from rockfall.app.show import PAGE  # noqa: E402
 from rockfall.errors import RockfallError  # noqa: E402
@@ -36,12 +35,8 @@ STAND = shapely.box(W + 60, N - 180, W + 240, N - 120)
 
 
 @pytest.fixture(autouse=True)
-def place(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.chdir(tmp_path)
-    make_raster("dem.tif", scenes.rough(dtype="f4"))
-    scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
-    Path("case.nml").write_text(CASE, encoding="utf-8")
+def place(write_place):
+    write_place(CASE)
     make_layer("houses.gpkg", HOUSES, name=["Hof", "Stall"])
     Path("away").mkdir()
     make_layer("away/barns.gpkg", HOUSES[:1])

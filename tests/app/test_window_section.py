@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A section in the live window: its numbers are those of the command, and two clicks show it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,8 +8,6 @@ pytest.importorskip("starlette", reason="the app extra is not installed")
 pytest.importorskip("shapely", reason="the vector extra is not installed")
 
 import rockfall
-import scenes
-from made import make_raster
 from rockfall.app.sections import COLUMNS, MAPS
 from rockfall.app.show import PAGE
 from rockfall.result.dataset import write_result
@@ -33,12 +29,8 @@ LINE = [[W + 150.0, N - 30.0], [W + 170.0, N - 300.0]]
 
 
 @pytest.fixture(autouse=True)
-def place(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.chdir(tmp_path)
-    make_raster("dem.tif", scenes.rough(dtype="f4"))
-    scenes.write_sets(tmp_path / "sets.nml", *scenes.sets(2.0), scenes.usual)
-    Path("case.nml").write_text(CASE, encoding="utf-8")
+def place(write_place):
+    write_place(CASE)
 
 
 def numbers_agree(shown, cut):
