@@ -34,16 +34,14 @@ class RockfallError(ValueError):
 
 
 def check_kernel(code: int, message: bytes, name: str = "") -> None:
-    """Raise an error that the kernel reports for the scene; `name` is put before lines that lack a
-    name."""
+    """Raise an error of the kernel for the scene; `name` precedes lines without a name."""
     if code:
         text = message.decode(errors="replace").strip()
         raise RockfallError(f"{name}: {text}" if name else text, code)
 
 
 def need(what: str, extra: str, *packages: str) -> None:
-    """Raise an error if required packages are missing; `extra` is the extra of rockfall that
-    installs them."""
+    """Raise an error if packages are missing; `extra` is the extra that installs them."""
     try:
         for package in packages:
             import_module(package)

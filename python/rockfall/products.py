@@ -59,9 +59,7 @@ NO_COSTS: Mapping[str, float] = {}
 
 
 class Added(NamedTuple):
-    """Additions to an export: a QGIS project with its DEM, hazard and imprint; tables in these
-    formats; and their language.
-    """
+    """Additions to an export: a QGIS project, tables in these formats, and their language."""
 
     project: bool = False
     tables: Sequence[str] = ()
@@ -279,8 +277,7 @@ def _section(
 
 
 def _grid(result: xr.Dataset, terrain: Terrain | None) -> Grid:
-    """Grid of the terrain of a result, with its CRS; without terrain, of the area that boulders
-    reached."""
+    """Grid of the terrain of a result with its CRS, or of the area that boulders reached."""
     if terrain is not None:
         return terrain[1]
     from rasterio.crs import CRS
@@ -348,8 +345,7 @@ def export_tables(
 def export_with(
     result: Result, folder: str | Path, added: Added, chosen: Chosen | None = EXPORTED
 ) -> list[Path]:
-    """Write an export, unless `chosen` is None, and the additions to it, all or none; returns the
-    files."""
+    """Write an export (None: none) and additions to it, all or none; returns the files."""
     folder, hazard = Path(folder), added.hazard
     if added.tables:
         check_tables(added.tables, added.language)

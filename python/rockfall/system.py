@@ -58,8 +58,7 @@ if sys.platform == "win32":
         return []
 
     def lock(descriptor: int) -> None:
-        """Lock an open file until it is closed; a BlockingIOError if another process has locked
-        it."""
+        """Lock an open file until it closes; BlockingIOError if another process has it."""
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         except OSError as error:
@@ -117,8 +116,7 @@ else:
         return [limit for limit in resource.getrlimit(resource.RLIMIT_AS)[:1] if limit > 0]
 
     def lock(descriptor: int) -> None:
-        """Lock an open file until it is closed; a BlockingIOError if another process has locked
-        it."""
+        """Lock an open file until it closes; BlockingIOError if another process has it."""
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def has_locks(path: str) -> bool:
@@ -175,8 +173,7 @@ else:
 
 
 def signal_channel() -> tuple[socket.socket, socket.socket]:
-    """Reader and writer of the numbers of signals, for `signal.set_wakeup_fd`: sockets, which work
-    on every system."""
+    """Reader and writer for `signal.set_wakeup_fd`: sockets, which all systems have."""
     reader, writer = socket.socketpair()
     writer.setblocking(False)
     return reader, writer

@@ -85,8 +85,7 @@ class Estimate(NamedTuple):
 
     @property
     def interval(self) -> str:
-        """The interval in brackets; "" without a number, or without an interval that justifies
-        digits."""
+        """The interval in brackets; "" without a number or digits that it justifies."""
         if not self.has_interval:
             return "" if self.digits or math.isnan(self.value) else TOO_FEW
         low, high = self.shown(self.low), self.shown(self.high, up=self.up)
@@ -203,9 +202,7 @@ def _spread(row: Sequence[object], split: Sequence[bool]) -> list[object]:
 
 
 def data_table(frame: pd.DataFrame) -> Table:
-    """Table of data, as in a CSV: in the units of results, by column, or by row in a column after
-    `quantity`.
-    """
+    """Table of data as in a CSV: units of results by column, or by the row's `quantity`."""
     by_row = "quantity" in frame.columns
     if by_row:
         frame = frame.copy()

@@ -222,8 +222,7 @@ class DraftAlgorithm(CommandAlgorithm):
         return folder
 
     def _draft(self, folder, parameters, context, feedback):
-        """Draft a case from elevations and layers, in the folder; returns the output of the
-        program."""
+        """Draft a case from layers in the folder; returns the program's output."""
         case, layers, before = folder / "case.nml", folder / "layers.gpkg", {*folder.iterdir()}
         for path in case, layers:
             if path in before:
@@ -265,8 +264,7 @@ class NewAlgorithm(DraftAlgorithm):
 
 
 class RunAlgorithm(DraftAlgorithm):
-    """Algorithm of `rockfall run`, for a case or for layers from which `rockfall new` makes one;
-    loads the maps."""
+    """`rockfall run` of a case, or of layers by `rockfall new`; loads the maps."""
 
     def checkParameterValues(self, parameters, context):
         given = {name for name, value in parameters.items() if value not in (None, "")}

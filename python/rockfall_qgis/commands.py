@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Commands of the program in the toolbox, and the command line arguments of their parameters. Plain
-data."""
+"""Commands of the program in the toolbox and arguments of their parameters: data."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of project layers to files for the program, and loading of its files as styled
-layers."""
+"""Project layers as files for the program, and its files as styled layers."""
 
 from pathlib import Path
 

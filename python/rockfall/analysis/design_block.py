@@ -173,9 +173,7 @@ def _check_largest(survey: Survey, asked: dict[str, Any], volume_max: float) -> 
 
 
 def _fit(survey: Survey, threshold: float | None) -> Fit:
-    """Fit a GPD to the deposited blocks above the threshold, or above the lowest threshold that
-    fits.
-    """
+    """Fit a GPD above the threshold, or above the lowest threshold above which one fits."""
     if threshold is not None:
         _check_numbers(survey, threshold)
         fit = _fit_above(survey.volumes, threshold)
@@ -217,9 +215,7 @@ def _fit_above(ordered: np.ndarray, threshold: float) -> Fit:
 
 
 def _tried(survey: Survey) -> Iterator[Fit]:
-    """Fits above increasing thresholds, from the smallest dated block: smaller blocks have no
-    dates.
-    """
+    """Fits above rising thresholds, from the smallest dated block: smaller ones have no dates."""
     ordered = survey.volumes
     most = min(int((ordered > survey.dated.min()).sum()), ordered.size - 1)
     numbers = np.geomspace(max(most, MIN_BLOCKS), MIN_BLOCKS, THRESHOLDS).round().astype(int)
@@ -245,8 +241,7 @@ def _rate(survey: Survey, threshold: float) -> Rate:
 
 
 def _dispersion(dates: np.ndarray, years: float) -> float:
-    """Variance of the yearly numbers over their mean, where the index of dispersion rejects a
-    Poisson process; else 1."""
+    """Variance of the yearly numbers over their mean; 1 unless a Poisson process is rejected."""
     from scipy.stats import chi2
 
     free = math.ceil(years) - 1
@@ -343,8 +338,7 @@ class _Likelihood:
         return 2 * float(cost.min() + self.dated * math.log(period) - self.least)
 
     def limits(self, excess: float, period: float) -> tuple[float, float]:
-        """Limits of the 95 % interval: 0 where it reaches down to the threshold, infinite where
-        there is none."""
+        """Limits of the 95 % interval: 0 if it reaches the threshold, infinite without a limit."""
         allowed = Z**2 * (1 + BARTLETT / self.n)
 
         def surplus(place: float) -> float:

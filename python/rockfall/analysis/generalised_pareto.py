@@ -93,8 +93,7 @@ def _p_value(a2: float, shape: float) -> float:
 
 @cache
 def _quadrature() -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights of Gauss and Legendre between 0 and 1. Cached: they take as long as the
-    eigenvalues."""
+    """Gauss-Legendre nodes and weights in 0 to 1; as slow as the eigenvalues, so cached."""
     node, weight = np.polynomial.legendre.leggauss(60)
     return (node + 1) / 2, weight / 2
 

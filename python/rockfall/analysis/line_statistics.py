@@ -160,9 +160,7 @@ def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
 
 
 def withheld(row: Mapping[str, float]) -> list[str]:
-    """Names of the numbers in a row that lack an interval, or one of its limits, because of too few
-    boulders.
-    """
+    """Names of the numbers in a row without a complete interval: too few boulders."""
     return [
         name
         for name in ("mean", "std", *map(quantile_name, QUANTILES))

@@ -52,8 +52,7 @@ MAX_HIGH = 3  # maximum ratio of the upper limit to the level
 
 
 class Level(NamedTuple):
-    """Value exceeded by one in N boulders, with its 95 % interval; NaN if `refused` gives a
-    reason."""
+    """Value exceeded by one in N boulders, with its 95 % interval; NaN if `refused`."""
 
     value: float = np.nan
     low: float = np.nan
@@ -191,9 +190,7 @@ def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
 
 
 def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
-    """Upper end point with the upper limit of its 95 % interval (profile likelihood); both infinite
-    if the limit is.
-    """
+    """Upper end point with its upper 95 % limit (profile likelihood); both may be infinite."""
     theta = fit.shape / fit.scale
     lowest = best_of(theta, excess)[2]
 
@@ -226,9 +223,7 @@ def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str |
 
 
 def _rising(levels: dict[int, Level]) -> dict[int, Level]:
-    """Levels whose values and limits do not decrease with N: some come from the sample, others
-    from its tail.
-    """
+    """Levels that rise with N: some come from the sample, others from its tail."""
     least: tuple[float, ...] = (-np.inf,) * 3
     rising = dict(levels)
     for N in sorted(levels):

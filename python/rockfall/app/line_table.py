@@ -68,9 +68,7 @@ class LineTable:
 
 
 def _without_maps(result: xr.Dataset) -> Contents:
-    """Result without its maps: repeated lookups in a Dataset with maps are slow for thousands of
-    lines.
-    """
+    """Result without its maps, whose lookups are slow for thousands of lines."""
     held = {
         str(name): (variable.dims, variable.values, variable.attrs)
         for name, variable in result.variables.items() if "x" not in variable.dims

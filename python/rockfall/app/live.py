@@ -177,8 +177,7 @@ class Live:
             self._session.close()
 
     def _works(self, work: Callable[[], None]) -> bool:
-        """Run `work`; report an error to the page and return False, so that the next edit can still
-        run."""
+        """Run `work`; report an error to the page and return False: the next edit can run."""
         try:
             work()
             return True

@@ -58,9 +58,7 @@ class Progress:
         return (running and not self.over) or self.told_running != running
 
     def step(self, running: bool) -> bool:
-        """Advance the run, send results periodically, and finally the statistics of lines out of
-        view; False at its end.
-        """
+        """Advance the run and send results, at last the lines out of view; False at its end."""
         if not running:
             self._tell(running)
             return True
@@ -96,9 +94,7 @@ class Progress:
         self._send("net", net_message(result, self._view.net, self._language, **self._fields))
 
     def _tell(self, running: bool) -> None:
-        """Send the current results, and schedule the next message so that the kernel gets most of
-        the time.
-        """
+        """Send the results, and time the next message so that the kernel has most of the time."""
         self.told_running = running
         batch = self._batch
         if batch is None:

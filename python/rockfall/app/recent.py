@@ -25,9 +25,7 @@ def recent_files() -> list[Path]:
 
 
 def note_recent(path: Path) -> None:
-    """Put a file first in the list; skipped if the list cannot be written, as in a read-only home
-    folder.
-    """
+    """Put a file first in the list, if the list can be written."""
     path = path.absolute()
     files = [path, *(file for file in recent_files() if file != path)][:MOST]
     with suppress(OSError, RockfallError):

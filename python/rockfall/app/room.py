@@ -265,9 +265,7 @@ class Room:
         self._live().run(running)
 
     def _save(self, message: dict[str, Any], others: Callable[[str], list[str]]) -> str:
-        """Save the document and return its name; the names of further files, `others`, are checked
-        first.
-        """
+        """Save the document and return its name; names of `others` are checked first."""
         live, overwrite = self._live(), message.get("overwrite", False)
         name = check_name(message.get("name"))
         if not isinstance(overwrite, bool):

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A section along a drawn line as a message for the page: columns and lines of `rockfall
-section`."""
+"""A section along a drawn line as a message: columns and lines of `rockfall section`."""
 
 from __future__ import annotations
 
@@ -43,9 +42,7 @@ COLUMNS = (
 def section_message(
     result: xr.Dataset | None, vertices: Places, terrain: Terrain | None, **fields: Any
 ) -> bytes:
-    """Message `section` along these vertices, in SI units; `error` if the result allows none. No
-    vertices: no section.
-    """
+    """Message `section` along these vertices in SI units, or its `error`; empty for none."""
     fields |= {"vertices": vertices, "within": WITHIN, "error": "", "lines": []}
     shown = {name: QUANTITIES[name] for name in SHOWN}
     fields["quantities"] = {

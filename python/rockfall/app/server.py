@@ -113,9 +113,7 @@ class Server:
         self._opening.set_result(room)
 
     def refuse(self, error: RockfallError) -> None:
-        """Report to the first page why there is no document, and stop; may be called from any
-        thread.
-        """
+        """Report to the first page why there is no document, and stop; from any thread."""
         self._opening.set_exception(error)
 
     def _app(self, page: Path) -> Starlette:

@@ -98,7 +98,5 @@ def _page(messages: str) -> str:
 
 
 def _inline(text: str) -> str:
-    """Script or style escaped so that it cannot end its element; valid because strings and patterns
-    may escape any character.
-    """
+    """Script or style that cannot end its element: any character may be escaped in it."""
     return _END.sub(lambda match: f"<\\{match[0][1:]}", text)

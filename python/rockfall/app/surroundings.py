@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Surroundings of the edited document: objects of a layer, such as houses, a picture below the
-results, and stands of forest."""
+"""Surroundings of a document: objects such as houses, a picture, stands of forest."""
 
 from __future__ import annotations
 

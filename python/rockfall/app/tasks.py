@@ -51,9 +51,7 @@ def outputs(task: str, name: str) -> list[str]:
 
 
 def unfinished(folder: Path) -> dict[str, int]:
-    """Names of the cases in a folder with stopped runs, and the numbers of boulders in their
-    checkpoints; latest first.
-    """
+    """Names of stopped runs in a folder and their numbers of boulders; latest first."""
     suffix = str(checkpoint_of(Path(".nc")))
     files = [file for file in folder.glob(f"*{suffix}") if file.is_file()]
     files.sort(key=lambda file: file.stat().st_mtime, reverse=True)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The case: the input of a run, as the kernel reads it. Keys, defaults and ranges are defined only
-in the kernel's table."""
+"""The case: the input of a run, by the kernel's table of keys, defaults and ranges."""
 
 from __future__ import annotations
 

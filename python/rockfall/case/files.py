@@ -90,8 +90,7 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
 
 
 def files_behind(result: Held) -> Iterator[Path]:
-    """Files that the case of a result reads, relative to the folder of the run; none if this
-    version cannot read the case."""
+    """Files that the case of a result reads, from the run's folder; none if unreadable."""
     if {"case", "case_file"} <= result.attrs.keys():
         try:
             case = case_of(result)

@@ -77,8 +77,7 @@ def keys_of(group: str) -> dict[str, Key]:
 
 
 def gone_with(group: str, before: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, None]:
-    """Keys of a group that changes leave without meaning: only valid with a key that is removed
-    (None), and not given again."""
+    """Keys of a group that only make sense with a removed key (None) and are not given."""
     after = {**before, **changes}
     gone: dict[str, None] = {}
     for owners, keys in ONLY_WITH.get(group, ()):

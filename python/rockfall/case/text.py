@@ -79,8 +79,7 @@ def remember(text: bytes, name: str, form: str, values: KernelValues) -> None:
 def changed_values(
     values: KernelValues, removed: Iterable[str], text: bytes, name: str
 ) -> KernelValues:
-    """Values of a case without groups or keys (`group%key`), and with the values of a text in their
-    place."""
+    """Values of a case without groups or keys (`group%key`), and those of a text instead."""
     words = " ".join(removed) or " "
     return KernelValues(*_core.change_case(values, words, *kernel_text(text, name)))
 

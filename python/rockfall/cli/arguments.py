@@ -89,8 +89,7 @@ def _add(
 def _option(
     parser: argparse._ActionsContainer, names: str, kind: Any, does: str | None = None, **more: Any
 ) -> None:
-    """Add an option with a value of some kind; its names end with the name of the value: `-o
-    --output DIR`."""
+    """Add an option with a value; its names end with the value's: `-o --output DIR`."""
     *flags, value = names.split()
     if kind is not str:
         more["type"] = kind

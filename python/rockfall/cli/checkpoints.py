@@ -29,8 +29,7 @@ def is_done(
     checkpoints: Iterable[Checkpoint],
     are_finished: Callable[[], bool],
 ) -> bool:
-    """Return True if `--resume` finds the files of a finished study; refuse files of another
-    study."""
+    """Return True if `--resume` finds a finished study; files of another one are refused."""
     there = [path.exists() for path in made]
     if not (arguments.resume and any(there)):
         return False

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The command line: from arguments to exit status. The work of the commands is done in other
-packages."""
+"""The command line: from arguments to exit status; the work is done elsewhere."""
 
 from __future__ import annotations
 

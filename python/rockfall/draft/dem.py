@@ -173,8 +173,7 @@ def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarr
 
 
 def _may_be_degrees(low: np.ndarray, high: np.ndarray) -> bool:
-    """Return True for points on the full circle whose heights differ by more than their
-    distances."""
+    """Return True for points on the full circle that differ more in height than in plan."""
     apart, rise = (high - low)[:2].max(), high[2] - low[2]
     is_round = (abs(low[:2]) <= (360, 90)).all() and (abs(high[:2]) <= (360, 90)).all()
     return bool(is_round and apart < rise / STEEPEST)
@@ -216,8 +215,7 @@ def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | N
 
 
 def edited(dem: Dem, steps: Iterable[tuple[str, Any]], remarks: list[str]) -> Dem:
-    """DEM after some EDITS, applied in turn: (name, argument); unusual values of a layer are added
-    to `remarks`."""
+    """DEM after some EDITS in turn, (name, argument); `remarks` on unusual values."""
     for name, given in steps:
         dem = dem._replace(z=EDITS[name](dem, given, remarks))
     return dem

@@ -109,8 +109,7 @@ class Grounds:
         return self.usual or self._asked("the slope", where, "GROUND")
 
     def of_zone(self, layer: Layer, k: int) -> str:
-        """Ground of a polygon: given for its zone, by its attribute or name, the default, or by a
-        question."""
+        """Ground of a polygon: of its zone, attribute or name, the default, or by a question."""
         labels = _labels(layer, k)
         self.used |= self.by_zone.keys() & {*labels}
         given = next((self.by_zone[label] for label in labels if label in self.by_zone), "")

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observations of a first case: blocks at rest and scars among its layers, and the lowest
-energy-line angle."""
+"""Observations of a first case: blocks at rest and scars, and the lowest energy line."""
 
 from __future__ import annotations
 

@@ -34,8 +34,7 @@ class Zones(NamedTuple):
 def zones_of(
     layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path, grounds: Grounds
 ) -> Zones:
-    """Write the zone table of a layer to a folder and, if polygons have no distinct ids, the
-    polygons with ids."""
+    """Write the zone table of a layer and, without distinct ids, its polygons with ids."""
     radii, pair = ([key for key in keys if layer.attribute(key)] for keys in (RADII, PAIR))
     columns = [*radii, "ground", *pair]
     rows = [_row(layer, radii, pair, k, grounds) for k in range(len(layer.shapes))]

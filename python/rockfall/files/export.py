@@ -200,8 +200,7 @@ def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
 
 
 def _passed(data: xr.Dataset, values: np.ndarray) -> np.ndarray:
-    """Mask of cells that boulders passed, from the map of passages or, without it, from positive
-    values of any map."""
+    """Mask of cells that boulders passed, by the passages or positive values of any map."""
     present = [name for name in ("passages", "reach_probability") if name in data]
     return (_stored(data[present[0]])[0] if present else values) > 0
 
@@ -482,8 +481,7 @@ def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
 
 
 def crs_wkt(data: xr.Dataset) -> str | None:
-    """Horizontal CRS of the grid mapping `crs`; None if the terrain has none. In older results it
-    includes the vertical datum."""
+    """Horizontal CRS of the grid mapping `crs`; None without. Older ones have a vertical part."""
     wkt = data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
     return plan_wkt(wkt) if wkt and wkt.startswith("COMP") else wkt
 
@@ -525,8 +523,7 @@ def write_geopackage(
 
 @contextmanager
 def _lockable(path: Path) -> Iterator[Path]:
-    """Yield the path, or one in the system's temporary folder if SQLite could not lock it here; the
-    file is then moved."""
+    """Yield the path, or a temporary one where SQLite cannot lock it, which is then moved."""
     if has_locks(str(path.parent)):
         yield path
         return
@@ -536,8 +533,7 @@ def _lockable(path: Path) -> Iterator[Path]:
 
 
 def _check_arrived(path: Path, features: Mapping[str, int]) -> None:
-    """Check the features written to each layer: GDAL does not report a full disk when closing a
-    GeoPackage."""
+    """Check the features of each layer: GDAL reports no full disk when it closes."""
     index = "SELECT count(*) FROM sqlite_master WHERE name = ?"
     with closing(sqlite3.connect(path)) as database:
         (state,) = database.execute("PRAGMA quick_check(1)").fetchone()

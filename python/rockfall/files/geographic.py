@@ -41,8 +41,7 @@ class Geographic(NamedTuple):
 
 
 def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
-    """Transformation to degrees for a result or hazard; `what` is the product that needs it, for
-    the message without a CRS."""
+    """Transformation to degrees, needed by the product `what`, which a refusal names."""
     from rasterio.crs import CRS
 
     if wkt is None:

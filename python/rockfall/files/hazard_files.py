@@ -152,8 +152,7 @@ def put_hazard(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 
 def put_zones(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
-    """Write hazard.gpkg with zones and objects, and the maps of classes with their styles, into a
-    new folder."""
+    """Write hazard.gpkg with zones and objects, and styled maps of classes, to a new folder."""
     need("zones need", "vector", "pyogrio", "shapely")
     classes = [name for name, data in hazard.data_vars.items() if "flag_meanings" in data.attrs]
     yield from _put_maps(hazard[[*classes, "crs"]], folder)
@@ -236,8 +235,7 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
 
 
 def _source_layer(hazard: xr.Dataset) -> tuple:
-    """Cells with sources: boulders a year that start there, and that come to each line and to the
-    objects hit most often."""
+    """Cells with sources: boulders a year from each, and to each line and the main objects."""
     import shapely
 
     x, y = (hazard[f"source_{axis}"].values for axis in "xy")

@@ -79,8 +79,7 @@ def _title(row: Mapping[str, Any]) -> str:
 
 
 def _span(row: dict[str, Any]) -> str:
-    """Time span of a feature that has one, taken from its attributes: hidden until played, since it
-    lies on a trajectory."""
+    """Time span of a feature with times: hidden until played, as it lies on a trajectory."""
     if not isinstance(row.get("begin"), datetime):
         return ""
     begin, end = (f"{row.pop(key).isoformat(timespec='microseconds')}Z" for key in ("begin", "end"))

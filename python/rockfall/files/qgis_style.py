@@ -26,8 +26,7 @@ def write_palette(raster: Path, words: Mapping[int, str], colours: Mapping[int, 
 
 
 def write_classes(raster: Path, classes: Classes, per_unit: float = 1.0) -> Path:
-    """Write the style of a map in `per_unit` times the unit of its classes (0.01: fractions, not
-    per cent)."""
+    """Write the style of a map in `per_unit` of the unit of its classes (0.01: fractions)."""
     renderer = ElementTree.Element("rasterrenderer", type="singlebandpseudocolor")
     attrs = {"colorRampType": "DISCRETE", "classificationMode": "1", "clip": "0"}
     shader = ElementTree.SubElement(renderer, "rastershader")
@@ -70,8 +69,7 @@ def _written(
 def _style(
     renderer: ElementTree.Element, opacity: str, smooth: bool = False
 ) -> ElementTree.Element:
-    """Style with a renderer; `smooth` interpolates between the centres of cells, whose sides would
-    be cliffs in a relief."""
+    """Style with a renderer; `smooth` interpolates cells, which would be cliffs in a relief."""
     for name, value in {"band": "1", "alphaBand": "-1", "opacity": opacity}.items():
         renderer.set(name, value)
     renderer.insert(0, ElementTree.Element("rasterTransparency"))

@@ -62,8 +62,7 @@ def total_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def risk_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
-    """A layer of the objects of each kind of shape, with their risks, since a QGIS style is for one
-    kind."""
+    """A layer of objects with their risks for each kind of shape, as QGIS styles need."""
     import shapely
 
     shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))

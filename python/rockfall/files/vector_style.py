@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""QGIS styles of the layers of a GeoPackage, in its table `layer_styles`, which QGIS reads when it
-loads a layer."""
+"""QGIS styles of the layers of a GeoPackage, in its table `layer_styles`."""
 
 from __future__ import annotations
 

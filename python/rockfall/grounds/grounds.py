@@ -221,8 +221,7 @@ def _yielding(numbers: Mapping[str, float]) -> YieldingGround:
 
 
 def is_calibrated(plane: Plane) -> bool:
-    """Return True if a shipped ground has this strength and relief, whatever its spread and rest
-    angle."""
+    """Return True if a shipped ground has this strength and relief."""
     apart = {"rest_angle": 0.0, "strength_sigma": 0.0}
     shipped = (yielding_ground(shipped_rows().rows[name]) for name in shipped_rows().yielding)
     own = plane.model, plane.ground._replace(**apart)
@@ -338,8 +337,7 @@ def ensemble_names() -> list[str]:
 
 
 def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
-    """File of the random operator with a name, shipped or next to the case, and whether it is a
-    table of impacts."""
+    """File of a random operator, shipped or next to the case, and whether it is a table."""
     if name in ensemble_names():
         return _draws(), True
     if name in shipped_rows().yielding:

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of impacts: netCDF files, shipped or next to a case, and their arrays in a scene
-(docs/impact_tables.md)."""
+"""Tables of impacts: netCDF files, and arrays of a scene (docs/impact_tables.md)."""
 
 from __future__ import annotations
 
@@ -69,8 +68,7 @@ class YieldingGround(NamedTuple):
     hurst: float = 1.0  # exponent: the slope is proportional to R_b**(hurst - 1)
 
     def sizes(self, radius: np.ndarray, weight: float = USUAL_WEIGHT) -> np.ndarray:
-        """rho_b g R_b over the strength of the ground, of boulders of radii R_b [m] and a weight
-        rho_b g [N/m3]."""
+        """rho_b g R_b over the ground's strength, from radii R_b [m] and weight rho_b g [N/m3]."""
         scale = radius / self.strength_radius if self.strength_radius else np.ones_like(radius)
         return weight * radius / (self.strength * scale)
 
@@ -130,8 +128,7 @@ class ImpactTable:
 
 
 def table_arrays(tables: Sequence[ImpactTable]) -> dict[str, np.ndarray]:
-    """The arrays of tables in a scene, each with the values of one table after the other
-    (docs/files.md); none without tables."""
+    """Arrays of tables in a scene, one table after the other (docs/files.md); {} without."""
     arrays: dict[str, list[np.ndarray]] = {}
     for table in tables:
         sizes = len(table.size), len(table.relief)
@@ -261,8 +258,7 @@ def possible_shapes(case: Case) -> list[str]:
 
 
 def own_table(case: Case, name: str) -> Path | None:
-    """File of a table of impacts that a case names: shipped for all shapes, or next to the case;
-    None if there is none."""
+    """File of a table that a case names: shipped, or next to the case; None without."""
     if name in tables_of_all_shapes():
         return shipped_tables()[name]
     if name.endswith(".nc") and os.path.isfile(case.path(name)):
@@ -302,7 +298,6 @@ def _read_table(place: str, path: str | Path, state: tuple[int, int]) -> ImpactT
 
 
 def open_table(path: str | Path) -> ImpactTable:
-    """Read the table of a file written by `save_table`. A file is read once, and again when it has
-    been replaced."""
+    """Read a file of `save_table`; again only when it has been replaced."""
     state = os.stat(path)
     return _read_table(os.path.abspath(path), path, (state.st_ino, state.st_mtime_ns))

@@ -217,8 +217,7 @@ def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -
 
 
 def _of_scar(scar: Scar, model: str, shape: str) -> tuple[float, float, float]:
-    """Logarithm of the strength by a scar, its error from depth and speed, and its scatter by the
-    attitude of the block."""
+    """Log strength by a scar, its error from depth and speed, and its scatter by attitude."""
 
     def log_strength(depth: float, speed: float) -> np.ndarray:
         depth, froude = depth / scar.radius, speed**2 / (2 * GRAVITY * scar.radius)

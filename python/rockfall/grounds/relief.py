@@ -55,8 +55,7 @@ def _patch(spectrum: Spectrum, width: float, seed: int, number: int) -> np.ndarr
 
 
 def slope_between(spectrum: Spectrum, band: Spectrum) -> float:
-    """Slope of a surface [degree] between the wave lengths of another band, by its Hurst
-    exponent."""
+    """Slope of a surface [degree] in another band of wave lengths, by its Hurst exponent."""
 
     def variance(waves: Spectrum) -> float:
         """Integral of wave number**(1 - 2 hurst) over a band."""

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Shapes of blocks: random convex polyhedra of three classes or of the user's axes, or the hull of
-the user's points."""
+"""Shapes of blocks: random convex polyhedra of classes or axes, or a hull of points."""
 
 from __future__ import annotations
 
@@ -33,8 +32,7 @@ class Surface:
 
 
 def random_block(axes: Sequence[float], seed: int, number: int) -> Surface:
-    """Block `number` with axes (3,) of any unit: a box with jittered faces, its corners and edges
-    cut off by random facets."""
+    """Block `number` with axes (3,): a jittered box, edges and corners cut by random facets."""
     from scipy.spatial import HalfspaceIntersection
 
     draw = Uniform(seed, number)

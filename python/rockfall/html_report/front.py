@@ -184,8 +184,7 @@ def overview(
     look: Look | None,
     room: Room,
 ) -> Iterator[tuple[str, Figure]]:
-    """Map of page 1 and its title: hazard zones, or passages, or stopping places; None if the
-    result has none of these."""
+    """Map of page 1 and its title: zones, passages or stopping places; None without."""
     if hazard is not None:
         yield say("front.zones_of_hazard"), zones_figure(hazard, terrain, room)
     elif name := passed_map(result):

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Inputs of a result: terrain, grounds, sources, boulders, obstacles; and the parties of the
-report."""
+"""Inputs of a result: terrain, grounds, sources, boulders, obstacles; the parties."""
 
 from __future__ import annotations
 
@@ -189,8 +188,7 @@ def _size(row: dict[str, str], name: str) -> str:
 
 
 def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
-    """Map of the grounds; None if there is a single one. Raises a RockfallError if files of the run
-    cannot be read."""
+    """Map of the grounds; None if there is one. RockfallError if files cannot be read."""
     case = case_of(result)
     if FROM_ARRAY in result.attrs["case"] or "zones" not in case.surface:
         return None

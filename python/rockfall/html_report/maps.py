@@ -86,8 +86,7 @@ class Image(NamedTuple):
 
 
 class Legend(NamedTuple):
-    """Colours of the classes from left to right, with their limits [%], and labels: position [%] ->
-    text."""
+    """Colours of the classes with their limits [%], and labels: position [%] -> text."""
 
     colours: list[tuple[str, float, float]]
     ticks: dict[float, str]
@@ -164,8 +163,7 @@ def _lines(result: xr.Dataset, window: Window) -> Iterator[Line]:
 
 
 def _spread(size: int) -> np.ndarray:
-    """Indices of a sequence in the order in which names try its places: the middle first, then
-    midpoints."""
+    """Indices in the order in which names try their places: the middle, then midpoints."""
     if not size:
         return np.array([], int)
     order = [(2 * k + 1) / 2**depth for depth in range(1, 1 + NAME_DEPTH)

@@ -132,8 +132,7 @@ class ReportInputs:
 
 
 def write_report(inputs: ReportInputs, path: str | Path, language: str = "en") -> None:
-    """Write the page of a result to `path` (.html, or .pdf, for which it is on paper)
-    atomically."""
+    """Write the page of a result to `path` (.html, or .pdf as on paper) atomically."""
     path = Path(path)
     check_page(path, files_behind(inputs.result))
     with speaking(language):

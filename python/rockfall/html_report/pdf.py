@@ -81,8 +81,7 @@ def _noted(paint: Callable[..., None]) -> Callable[..., None]:
 
 
 class Layout(NamedTuple):
-    """Number of sheets of an HTML page when typeset, and the height [mm] below an anchor of it on
-    its sheet."""
+    """Number of sheets of a typeset page, and the height [mm] below an anchor on its sheet."""
 
     sheets: int
     below: float

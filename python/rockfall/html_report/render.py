@@ -115,8 +115,7 @@ def _saved(figure: Figure, ending: str) -> bytes:
 
 
 def rendered(template: str, **content: Any) -> str:
-    """Render a page from a template and its content. All texts are escaped; only our scripts can
-    run in it."""
+    """Render a page; all texts are escaped, and only our scripts can run in it."""
     from markupsafe import Markup
 
     script = _read("page.js")

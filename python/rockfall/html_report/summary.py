@@ -120,8 +120,7 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
 
 
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
-    """Sentences on the certainty of the answer: the Monte Carlo error, and the errors that it does
-    not include."""
+    """Sentences on the Monte Carlo error of the answer, and on errors beyond it."""
     boulders, samples = simulated(result), LineSamples(result)
     limits = [cell.interval for numbers in rows.values() for cell in key_numbers(numbers)]
     if is_ensemble(result):  # the answer is the range of the draws

@@ -57,8 +57,7 @@ def write_variants_page(
     parties: Parties,
     inputs: Iterable[str | Path],
 ) -> None:
-    """Write the page of variants to `path` (.html, or .pdf) atomically; `inputs` are files that
-    must not be replaced."""
+    """Write the page of variants (.html, or .pdf) atomically, never over `inputs`."""
     path = Path(path)
     check_page(path, inputs)
     given.check(results)
@@ -130,8 +129,7 @@ def _warnings(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
 
 
 def _on_page(of_line: pd.DataFrame, on_paper: bool) -> Iterator[pd.DataFrame]:
-    """Numbers of a line, on paper split to the width of the page, each part with the first
-    variant."""
+    """Numbers of a line, on paper in parts of the page's width, each with the first variant."""
     first, *others = of_line["variant"].unique()
     step = BESIDE_FIRST if on_paper else max(1, len(others))
     for k in range(0, max(1, len(others)), step):

@@ -125,8 +125,7 @@ def _release(made: Import, path: Path) -> tuple[str, str]:
 
 
 def _objects(made: Import, path: Path) -> None:
-    """Write the cells of a raster of infrastructure as polygons, one for each connected area of a
-    value."""
+    """Write the cells of infrastructure as polygons, one for each connected area of a value."""
     need("objects need", "vector", "pyogrio", "shapely")
     import rasterio.features
     import shapely

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Import of the layers of a PlatRock simulation in three dimensions, by the names and defaults of
-PlatRock 0.4.6."""
+"""Import of a three-dimensional PlatRock simulation, by the defaults of PlatRock 0.4.6."""
 
 from __future__ import annotations
 
@@ -100,8 +99,7 @@ class Layer:
         return best if hits[best] else ""
 
     def values(self, made: Import, kind: str) -> dict[str, list[float]]:
-        """Numbers of all features by key; missing ones get the default, which is noted where it has
-        an effect."""
+        """Numbers of all features by key; defaults are noted where they have an effect."""
         own = {name for key in KEYS[kind].values() for name in key.names}
         for name in self.columns.keys() - own - {"name"}:
             why = WITHOUT_EFFECT.get(name, "is no attribute that PlatRock reads here")
@@ -328,8 +326,7 @@ def _surface(made: Import, layer: Layer | None, radius: float) -> Group:
 
 
 def _soil_of_cells(made: Import, layer: Layer) -> np.ndarray:
-    """Number of the soil at the centre of each cell, from 1, 0 outside: the first where polygons
-    overlap."""
+    """Number of the soil at the centre of each cell, from 1, the first if several; 0 outside."""
     path = made.part / "soils.gpkg"
     n = len(layer.shapes)
     ids = np.arange(n, 0, -1)  # the last polygon counts in layers

@@ -83,8 +83,7 @@ def check_nodata(path: str) -> None:
 
 
 def tiff_text(path: str | Path, tag: int) -> str:
-    """Text of a tag in the first directory; empty if absent, or in a truncated file, which GDAL
-    reports."""
+    """Text of a tag in the first directory; empty if absent, or in a truncated file."""
     return _tiff_tag(path, tag, _ASCII)[0].decode("latin-1")
 
 

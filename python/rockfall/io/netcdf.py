@@ -80,8 +80,7 @@ def check_letters(path: str | Path) -> None:
 
 
 def open_dataset(path: str | Path, group: str | None = None, **decoding: Any) -> xr.Dataset:
-    """Open a netCDF-4 file, or a group of it, with xarray; `decoding` goes to
-    `xarray.open_dataset`."""
+    """Open a netCDF-4 file, or a group, with xarray; `decoding` is for `open_dataset`."""
     import xarray as xr
 
     add_accessor()
@@ -98,8 +97,7 @@ def load_dataset(path: str | Path, group: str | None = None, **decoding: Any) ->
 def write_compressed(
     data: xr.Dataset, path: str | Path, level: int, group: str | None = None, mode: Mode = "w"
 ) -> None:
-    """Write a dataset as netCDF-4, or as a group of it with mode "a"; all variables are compressed
-    at a level."""
+    """Write a dataset, or a group of it with mode "a", as netCDF-4, all compressed."""
     import xarray as xr
 
     packed = {name: {"zlib": True, "complevel": level} for name in data}

@@ -85,9 +85,7 @@ def _try_renaming(folder: Path) -> None:
 
 
 def check_space(path: Path, size: int) -> None:
-    """Refuse an output of at least this size [bytes] that does not fit on the disk of its
-    folder.
-    """
+    """Refuse an output of at least this size [bytes] that does not fit on the disk."""
     try:
         reserve(path.parent, size)
     except OSError as error:
@@ -119,17 +117,13 @@ def _identity(path: str | Path) -> tuple[int, int]:
 
 
 def why_unwritten(error: Exception, folder: Path) -> str:
-    """Reason why a library could not write a file in a folder: most libraries do not report a full
-    disk.
-    """
+    """Reason why a library could not write a file: most report no full disk."""
     full = shutil.disk_usage(folder).free < LEFT_FREE
     return os.strerror(errno.ENOSPC) if full else str(error)
 
 
 def check_folder(folder: Path, *, tries: bool = True) -> None:
-    """Refuse a file in place of a folder and, on request, a folder that is not writable; the folder
-    need not exist.
-    """
+    """Refuse a file in place of a folder that may not exist yet, or an unwritable one."""
     if folder.exists() and not folder.is_dir():
         raise RockfallError(f"{folder}: is a file, a folder is needed")
     if tries:

@@ -160,8 +160,7 @@ def write_csv(table: pd.DataFrame, path: str | Path) -> None:
 
 
 def spreadsheet_text(text: str) -> str:
-    """Text with an apostrophe in front if a spreadsheet would run it as a formula. Not for numbers,
-    such as -1.5."""
+    """Text with an apostrophe in front if a spreadsheet would run it; not for numbers."""
     return f"'{text}" if _FORMULA.match(text) else text
 
 

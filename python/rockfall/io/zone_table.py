@@ -53,9 +53,7 @@ class Zone(NamedTuple):
 
     @property
     def pair(self) -> dict[str, float]:
-        """Strength and relief of the zone, by their names in a table of grounds; empty if not
-        given.
-        """
+        """Strength and relief of the zone, by names as in a table of grounds, if given."""
         given = {"strength": self.strength, "relief": self.relief}
         return {name: value for name, value in given.items() if not math.isnan(value)}
 

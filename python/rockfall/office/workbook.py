@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Workbook of Excel: one sheet for each table, the numbers of the CSV with units in their
-headers."""
+"""Workbook of Excel: a sheet for each table, as the CSV with units in the headers."""
 
 from __future__ import annotations
 

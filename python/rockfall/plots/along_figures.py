@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures along a line: frequency, energy and height of passing boulders, and requirements for a
-barrier."""
+"""Figures along a line: frequency, energy and height of boulders; needs of a barrier."""
 
 from __future__ import annotations
 
@@ -68,9 +67,7 @@ def along_figure(design: Design) -> Figure:
 
 
 def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> None:
-    """Draw steps of a number and its band, hatched upwards where too few boulders give no upper
-    limit.
-    """
+    """Draw steps of a number and its band, hatched upwards without an upper limit."""
     edges = np.append(along["start"], along["end"].iloc[-1])
     value, low, high = (factor * along[name + end].to_numpy() for end in ENDS)
     finite = np.append(value, high)[np.isfinite(np.append(value, high))]

@@ -46,9 +46,7 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
 
 
 def around(x: np.ndarray, y: np.ndarray, cell: float, terrain: Terrain | None = None) -> Extent:
-    """Map extent of these places, with a margin, not too narrow, and within the terrain if
-    given.
-    """
+    """Map extent of these places with a margin, not too narrow, within the terrain if given."""
     longest = max(np.ptp(x), np.ptp(y))
     margin = 0.06 * longest + 3 * cell
     shortest = SLENDEREST * (longest + 2 * margin) / 2

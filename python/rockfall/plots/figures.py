@@ -118,9 +118,7 @@ def write_figures(
     format: str = "png",
     inputs: Iterable[str | Path] = (),
 ) -> list[Path]:
-    """Write figures to a folder, created if missing: all or none, and never over `inputs`. Return
-    the files written.
-    """
+    """Write figures to a folder, all or none, never over `inputs`; return the files."""
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
     need("figures need", "report", "matplotlib")

@@ -58,9 +58,7 @@ def history_figure(result: xr.Dataset, line: int) -> Figure:
 
 
 def _mark_minor(axes: Axes) -> None:
-    """Draw the minor ticks of a logarithmic axis as one unlabelled row of marks: each tick would
-    take a millisecond.
-    """
+    """Draw minor ticks of a logarithmic axis as one row: a tick takes a millisecond."""
     import matplotlib
     from matplotlib.markers import TICKDOWN
     from matplotlib.ticker import LogLocator, NullLocator

@@ -175,9 +175,7 @@ def _sample(observed: Any, line: str, quantity: str) -> np.ndarray:
 def _rows(
     line: str, ours: np.ndarray, theirs: np.ndarray, quantity: str, observed: Any
 ) -> list[Row]:
-    """Means and standard deviations of a quantity at a line: of this run, published, and of the
-    sample.
-    """
+    """Means and deviations of a quantity at a line: simulated, published, of the sample."""
     rows = []
     if ours.size:
         rows.append(Row(say("compare.this_run"), ours.mean(), _deviation(ours), OURS))
@@ -235,8 +233,7 @@ def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
 
 
 def _passing(result: xr.Dataset, line: int) -> str:
-    """Number of boulders that pass a line or reach a barrier, and their fraction with its 95 %
-    confidence interval."""
+    """Number of boulders at a line or barrier, and their fraction with its 95 % interval."""
     n, *percents = passing_percent(result, line)
     fraction, low, high = map(number, percents)
     key = "axis.come" if line in barriers_of(result) else "axis.pass"

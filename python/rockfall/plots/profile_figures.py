@@ -61,8 +61,7 @@ def true_scale(drop: float, furthest: float, tallest: float = TALLEST) -> tuple[
 def _ground_below(
     result: xr.Dataset, curves: Sequence[Trajectory], terrain: Terrain | None
 ) -> list[np.ndarray]:
-    """Elevation [m] of the ground below trajectories; empty if the terrain is unknown or too coarse
-    for heights above it."""
+    """Elevation [m] of the ground below trajectories; empty if unknown or too coarse."""
     if terrain is None or terrain[1].cell > 1.001 * cell_of(result):
         return []
     return [height(*terrain, curve.x, curve.y) for curve in curves]

@@ -46,16 +46,13 @@ KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
 
 
 def beside_paper(result: xr.Dataset) -> bool:
-    """Return True if the rebounds are comparable with the paper's values, which apply to impact
-    sets.
-    """
+    """Return True if the rebounds compare with the paper's, which are by impact sets."""
     return not (classical_grounds(result) or table_grounds(result))
 
 
 @styled
 def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
-    """Histograms of the run side by side, each in per cent of its rebounds, with the values of the
-    paper where comparable."""
+    """Histograms of the run in per cent of its rebounds, with the paper's if comparable."""
     figure = new_figure(WIDE, 2.3)
     panels = figure.subplots(1, len(names), squeeze=False)[0]
     for axes, name in zip(panels, names, strict=True):

@@ -113,9 +113,7 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None, **options: An
 
 
 def _keep_ticks(figure: Figure) -> None:
-    """Cache ticks for each view and space: Matplotlib computes them a dozen times, a quarter of the
-    time of a figure.
-    """
+    """Cache ticks by view and space: Matplotlib computes them a dozen times."""
     for axis in [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
         make = getattr(axis, "_update_ticks", None)  # private: without it figures take longer
         if make is not None:
@@ -141,9 +139,7 @@ def _room(axis: Axis) -> tuple[float, ...]:
 
 
 def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
-    """Lay out a figure with the texts of its first format; otherwise Matplotlib would draw it
-    twice.
-    """
+    """Lay out a figure with the texts of its first format, so that it is drawn once."""
     from matplotlib.backend_bases import get_registered_canvas_class
 
     engine, canvas = figure.get_layout_engine(), get_registered_canvas_class(ending[1:])

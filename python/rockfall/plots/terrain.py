@@ -115,9 +115,7 @@ def _inside(centres: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _check_place(result: xr.Dataset, path: Path, grid: Grid) -> None:
-    """Check that the result's grid, whose origin is that of its maps, matches the cells of the
-    DEM.
-    """
+    """Check that the result's grid, with the origin of its maps, matches the DEM's cells."""
     west, north, cell = corner_of(result["crs"].attrs)
     column, row = round((west - grid.west) / grid.cell), round((grid.north - north) / grid.cell)
     part = grid.part(Box(row, column, grid.ny, grid.nx))

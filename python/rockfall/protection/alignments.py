@@ -27,9 +27,7 @@ SAMPLES = 200  # places along a line at which elevation and distance are taken
 
 
 class Alignment(NamedTuple):
-    """Candidate line: vertices [m], mean and minimum plan distances from the protected line, mean
-    elevation, and length [m].
-    """
+    """Candidate line [m]: vertices, distances from the protected line, elevation, length."""
 
     name: str
     x: list[float]
@@ -145,9 +143,7 @@ def _steps(shift: Shift) -> int:
 
 
 def _direction(scene: Scene, line: str, vertices: np.ndarray, azimuth: float | None) -> complex:
-    """Unit vector of a shift, from its azimuth, or perpendicular to the chord of a line towards the
-    mean source.
-    """
+    """Unit vector of a shift: its azimuth, or off the line's chord to the mean source."""
     if azimuth is not None:
         return complex(1j * np.exp(-1j * math.radians(azimuth)))
     chord = vertices[-1] - vertices[0]

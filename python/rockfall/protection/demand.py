@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requirements of the standards for a barrier, from the boulders that reach it: energy, height, EAD
-class.
-"""
+"""Requirements of standards from boulders at a barrier: energy, height, EAD class."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Design sheet of a result: loads at its lines, requirements of standards, and checks of its
-barriers."""
+"""Design sheet of a result: loads at lines, needs by standards, checks of barriers."""
 
 from __future__ import annotations
 
@@ -275,9 +274,7 @@ def verdict_of(row: Mapping[str, Any]) -> str:
 def _verdict(
     asked: dict[str, Any], name: str, suffices: Callable[[float], bool]
 ) -> tuple[bool, bool]:
-    """Verdict on a requirement, and whether it applies to the entire interval; unknown limits are
-    ignored.
-    """
+    """Verdict on a requirement, and whether all of the interval agrees; unknown is ignored."""
     value, low, high = (asked[f"{name}{end}"] for end in ENDS)
     if suffices(value):
         return True, suffices(high)

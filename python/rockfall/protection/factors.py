@@ -58,8 +58,7 @@ ALLOWED = {
 
 @dataclass(frozen=True)
 class Factors:
-    """The factors of a standard under the given conditions, NaN if not given, with their
-    sources."""
+    """The factors of a standard under given conditions, NaN if not given, with sources."""
 
     conditions: Conditions
     values: dict[str, float]
@@ -88,9 +87,7 @@ class Factors:
 
 
 def read_factors(conditions: Conditions, path: str | Path | None = None) -> Factors:
-    """Factors of a standard under these conditions, from a table; without a table they are left
-    open.
-    """
+    """Factors of a standard under these conditions, from a table; open without one."""
     for key, allowed in ALLOWED.items():
         if (given := getattr(conditions, key)) not in allowed:
             raise RockfallError(f"{key} = '{given}': must be {', '.join(allowed)}")

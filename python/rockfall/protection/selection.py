@@ -25,9 +25,7 @@ COST_COLUMNS = ["class", "height", "cost"]
 
 
 class Choice(NamedTuple):
-    """Barrier of a class: its height [m], NaN if none suffices, and its cost per metre, NaN without
-    a price.
-    """
+    """Barrier of a class: its height [m], NaN if none suffices; cost per metre, NaN unknown."""
 
     ead_class: int
     height: float
@@ -78,9 +76,7 @@ def least_heights(
     is_enough: Callable[[int, int], bool],
     costs: Costs | None,
 ) -> list[Choice]:
-    """Barrier of each class with the lowest sufficient height from an ascending list [m], by class
-    and height index.
-    """
+    """Barrier of each class with the lowest sufficient height of a rising list [m]."""
     first = (next((k for k in range(len(heights)) if is_enough(own, k)), None) for own in classes)
     return [
         Choice.of(own, math.nan if k is None else heights[k], costs)
@@ -89,17 +85,13 @@ def least_heights(
 
 
 def cheapest(choices: Iterable[Choice]) -> Choice | None:
-    """Barrier of the lowest cost, in the lowest class if several are equal; None if there is
-    none.
-    """
+    """Barrier of the lowest cost, the lowest class if equal; None if there is none."""
     priced = [choice for choice in choices if not math.isnan(choice.cost)]
     return min(priced, key=lambda choice: choice.cost, default=None)
 
 
 def residual_of(passing: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:
-    """Fraction of the boulders reaching a barrier from these sources that pass it, and its 95 %
-    interval.
-    """
+    """Fraction of boulders from these sources that pass a barrier, and its 95 % interval."""
     if not passing.size:
         return math.nan, math.nan, math.nan
     return fraction_interval(passing, source)

@@ -1,3 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A result as a project of QGIS (.qgz): layers in groups with their styles, and layouts for
-printing. Written without QGIS."""
+"""A result as a QGIS project (.qgz) with styled layers and layouts, without QGIS."""

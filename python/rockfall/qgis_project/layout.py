@@ -47,9 +47,7 @@ NORTH = (
 
 
 class Texts(NamedTuple):
-    """Texts of a layout: title, subtitle, lines below them, lines below the legend, and the
-    prefixes of scale and print date.
-    """
+    """Texts of a layout: headings, lines, lines of the legend, words of scale and date."""
 
     title: str
     subtitle: str

@@ -159,9 +159,7 @@ def _maps(files: Iterable[Path]) -> tuple[dict[str, Layer], dict[str, Layer]]:
 
 
 def _themes(layers: _Layers) -> Iterator[Theme]:
-    """Themes: trajectories, zones, and each map, all above sources, lines, protection and
-    relief.
-    """
+    """Themes: trajectories, zones, and each map, above sources, lines, nets and relief."""
     above, below = _base(layers)
     shown = [layer for name, layer in layers.hazard.items() if name != "zones_by_cell"]
     if "trajectories" in layers.result:

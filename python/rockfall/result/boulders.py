@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random properties of each boulder of a result: its shape, and the strength of the ground under
-it.
-"""
+"""Random properties of each boulder of a result: shape, and strength of its ground."""
 
 from __future__ import annotations
 
@@ -46,8 +44,7 @@ def ground_strength(result: xr.Dataset) -> xr.DataArray:
 
 
 def boulders_by_shape(values: Held | Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
-    """Mask (boulders,) of the boulders of each block shape that occurs; {} if the run has one
-    shape."""
+    """Mask (boulders,) of the boulders of each block shape; {} if the run has one shape."""
     if "block_shape" not in values:
         return {}
     shape = np.asarray(values["block_shape"])

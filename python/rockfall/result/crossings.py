@@ -67,9 +67,7 @@ def rows_at(result: Known, line: int) -> slice:
 
 
 class AtLine:
-    """Crossings at the line with this index. Boulders may have been selected; values read or
-    computed are cached.
-    """
+    """Crossings at the line with this index, perhaps of selected boulders; values are cached."""
 
     def __init__(self, result: Known, line: int) -> None:
         """Crossings of a result, or of arrays by name, which have no energies: they lack a case."""
@@ -178,9 +176,7 @@ _shared: ContextVar[_Shared | None] = ContextVar("shared", default=None)
 
 @contextmanager
 def sharing(result: Known) -> Iterator[None]:
-    """Share values read and derived at lines between all analyses within the block; the result must
-    not change meanwhile.
-    """
+    """Share values at lines between the analyses of a block; the result must not change."""
     token = _shared.set(_Shared(result))
     try:
         yield

@@ -32,8 +32,7 @@ class GroundRebounds(NamedTuple):
 
 
 def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
-    """Rebounds of each ground, in the order of the scene; empty if the scene has only the case's
-    sets."""
+    """Rebounds of each ground, as in the scene; empty if it has only the case's sets."""
     if "rebounds_by_ground" not in values:
         return []
     names, models, counts = (
@@ -62,8 +61,7 @@ def program_text(data: xr.Dataset) -> str:
 
 
 def _models(values: Variables) -> Text:
-    """Rebound models of a run: the stochastic impact model, tables of impacts, classical models by
-    name."""
+    """Rebound models of a run: stochastic, tables of impacts, classical ones by name."""
     grounds = rebounds_by_ground(values)
     followed = {ground.model for ground in grounds if ground.rebounds}
     parts = []
@@ -85,9 +83,7 @@ def stochastic_fraction(values: Variables) -> float:
 
 
 def classical_grounds(values: Variables) -> list[GroundRebounds]:
-    """Grounds with restitution coefficients on which boulders rebounded, most frequent first;
-    absorbing grounds are left out.
-    """
+    """Grounds with coefficients on which boulders rebounded, most often first."""
     grounds = [
         ground
         for ground in rebounds_by_ground(values)

@@ -46,9 +46,7 @@ class Motion(NamedTuple):
         return Motion(*(values[..., pieces] for values in self))
 
     def straightened(self) -> Motion:
-        """Motion with each leg on the ground straightened to its end, as the kernel traces it to
-        lines and cells.
-        """
+        """Motion with straight legs on the ground, as the kernel traces lines and cells."""
         slides = (self.gravity == 0) & self.velocity.any(axis=0)
         joins = slides & np.roll(slides, 1) & (np.diff(self.vertex, prepend=-1) == 0)
         first = np.flatnonzero(~joins)
@@ -56,9 +54,7 @@ class Motion(NamedTuple):
         return self.take(first)._replace(end=self.end[:, last])
 
     def at(self, part: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x, y, z [m] and time [s] (4, ...), and speed [m/s], at a fraction (0 to 1) of the
-        duration of each piece.
-        """
+        """x, y, z [m], time [s] (4, ...) and speed [m/s] at a fraction (0 to 1) of each piece."""
         step = self.end - self.start
         fallen = self.gravity * step[3]  # g t at the end
         place = self.start + part * step
@@ -93,9 +89,7 @@ def motion_of(result: Held, number: int | None = None, gravity: float | None = N
 
 
 def are_met(boulder: np.ndarray, leg: np.ndarray) -> np.ndarray:
-    """Mask of vertices at releases, contacts, obstacle hits and ends, without intermediate points
-    of legs on the ground.
-    """
+    """Mask of vertices at releases, contacts, hits and ends, not within legs on the ground."""
     straight, same = leg > LEG["flight"], np.diff(boulder, prepend=-1) == 0
     return ~(straight & np.roll(straight, 1) & same)
 

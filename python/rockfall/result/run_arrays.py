@@ -71,8 +71,7 @@ class RunArrays:
         return self._views(row for row in self._table if not groups or row.group in groups)
 
     def part_arrays(self) -> Iterator[Array]:
-        """All arrays of the part, as in files; the next part replaces arrays that the run does not
-        own."""
+        """All arrays of the part, as in files; the next part replaces those not owned."""
         return self._views([*self._listed(of_part=True)])
 
     def _views(self, rows: Iterable[_Row]) -> Iterator[Array]:
@@ -104,8 +103,7 @@ class RunArrays:
         raise KeyError(file_name)
 
     def pack_part(self, only_samples: bool = False) -> None:
-        """Pack the results, or only the samples, into a part; the run must be complete up to this
-        boulder."""
+        """Pack the results, or only samples, into a part; complete up to this boulder."""
         check_kernel(*_core.pack_part(self.handle, only_samples))
 
     def begin_part(self, boulders: int, lengths: Sequence[int], name: str) -> None:
@@ -142,8 +140,7 @@ class RunArrays:
     def forget_tallies(
         self, counts: bool = False, sums: bool = False, maxima: bool = False
     ) -> None:
-        """Free the memory of map tallies and samples once their results are made, except for stacks
-        with remaining views."""
+        """Free the memory of maps and samples after their results, unless views remain."""
         _core.forget_tallies(self.handle, [not held for held in (counts, sums, maxima)])
         self.changed()
 

@@ -48,9 +48,7 @@ def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
 
 
 def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
-    """Refuse results (by file name) that are not variants of one site: their CRS differs, or they
-    are far apart.
-    """
+    """Refuse results (by file name) of other sites: another CRS, or far apart."""
     for (name, data), (next_name, other) in pairwise(results.items()):
         _check_crs(data, other, next_name)
         if not _overlap(_extent(data), _extent(other)):

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crossings that stay in the result file, since they may take most of the memory: a few lines are
-read and checked at a time.
-"""
+"""Crossings that stay in the result's file: few lines are read and checked at a time."""
 
 from __future__ import annotations
 

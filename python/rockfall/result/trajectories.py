@@ -67,9 +67,7 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
 
 
 def curves(motion: Motion) -> list[Trajectory]:
-    """A curve for each boulder, with `POINTS` per piece of its motion; a single point for a boulder
-    that never moved.
-    """
+    """A curve for each boulder, `POINTS` a piece of its motion; a point if it never moved."""
     # If the ground falls away from a table's contact, the slide has neither length nor duration.
     motion = motion.take((motion.gravity > 0) | (motion.end[3] > motion.start[3]))
     (x, y, z, time), speed = motion.take(None).at(np.linspace(0, 1, POINTS))
@@ -129,15 +127,13 @@ def gone(result: Held) -> int:
 
 
 def left_terrain(result: xr.Dataset) -> np.ndarray:
-    """Boulders that left the known terrain, over its edge or into cells without elevation: their
-    full distance is unknown."""
+    """Boulders that left the known terrain: their full distance is unknown."""
     ended = ends(result)
     return ended["left_domain"] | ended["hit_nodata"]
 
 
 def ended_moving(values: Held | Mapping[str, ArrayLike]) -> np.ndarray:
-    """Boulders whose place of rest is not known: they left the known terrain, or reached the limit
-    of contacts."""
+    """Boulders of unknown rest: they left the terrain, or reached the limit of contacts."""
     return np.isin(np.asarray(values["status"]), [STATUS[name] for name in MOVING])
 
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks of the contents of a result, so that a damaged file is refused in one line before it is
-used."""
+"""Checks of a result, so that a damaged file is refused in one line before its use."""
 
 from __future__ import annotations
 
@@ -158,9 +157,7 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
 
 
 def check_crossings(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse crossings that are not sorted by line and boulder, or that belong to a boulder without
-    a row.
-    """
+    """Refuse crossings out of order by line and boulder, or of a boulder without a row."""
     if "crossing_line" not in data:  # none, or they are checked when read
         return
     sizes, kept, fault = data["row_size"].values, data["boulder"].values, ""
@@ -176,9 +173,7 @@ def check_crossings(data: xr.Dataset, path: str | Path) -> None:
 
 
 def fault_of_crossings(name: str, values: np.ndarray, line: np.ndarray, kept: np.ndarray) -> str:
-    """Fault in a variable of crossings at these lines in sequence, given the boulders kept; "" if
-    none.
-    """
+    """Fault in crossings at these lines in turn, given the boulders kept; "" if none."""
     good = True
     if name == "crossing_line":
         good = bool((values == line).all())

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of a Rockyfor3D folder to a case. The case uses the original files, except for copies
-where the meaning differs.
-"""
+"""Conversion of a Rockyfor3D folder to a case, which uses its files where they mean the same."""
 
 from __future__ import annotations
 

@@ -100,8 +100,7 @@ def _lengthened(path: np.ndarray) -> np.ndarray:
 
 
 def _simplified(path: np.ndarray) -> np.ndarray:
-    """Path simplified to the fewest points that stay within the tolerance (Douglas and Peucker
-    1973)."""
+    """Path of the fewest points within the tolerance (Douglas and Peucker 1973)."""
     need("nets need", "vector", "shapely")
     import shapely
 

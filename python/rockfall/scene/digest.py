@@ -27,8 +27,7 @@ class Digest:
         self.sizes = hashlib.sha256()
 
     def take(self, window: Rasters, first: int, stop: int) -> None:
-        """Add rows `first` to `stop` - 1 of the raster, all columns, which the window must
-        contain."""
+        """Add rows `first` to `stop` - 1 of the raster, which the window must contain."""
         layers = [window.z] if window.zone is None else [window.z, window.zone]
         layers += [] if window.values is None else list(window.values)
         layers += [] if window.cell_ground is None else [window.cell_ground]

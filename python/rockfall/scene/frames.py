@@ -182,9 +182,7 @@ def _says_ground(frame: Any, field: str) -> bool:
 
 
 def _naming(case: Case, files: Mapping[str, Path], keys: Mapping[str, tuple[str, str]]) -> Case:
-    """Case that names files instead of frames; keys that select a layer of a replaced file are
-    removed.
-    """
+    """Case with files instead of frames, without the keys that select their layers."""
     groups: dict[str, Any] = {}
     if "sources" in files:
         groups["release"] = dict.fromkeys(PLACES & case.release.keys())

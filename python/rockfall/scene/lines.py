@@ -131,9 +131,7 @@ def numbered(names: Sequence[str]) -> Iterator[str]:
 
 
 def _plain(value: Any, kind: str) -> Any:
-    """Attribute in the type of the case key; None if empty. Integer columns with empty values are
-    read as reals.
-    """
+    """Attribute in the type of the case key; None if empty; reals may be integers."""
     if (value := plain(value)) is None:
         return None
     if kind == "logical":

@@ -154,9 +154,7 @@ def _scene(
 
 
 def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
-    """Scene without rasters, which are read in windows of the given number of cells; all rows have
-    been read and checked once.
-    """
+    """Scene without rasters, whose rows are read and checked once, later in windows."""
     inputs.case = read_lines(inputs)
     case, grid = inputs.case, inputs.grid
     by_source = {"sources", "reach_probability_by_source"} & set(case.output.get("maps", []))
@@ -208,9 +206,7 @@ def _with_arrays(case: Case, keys: set[str]) -> Case:
 
 
 def _check_files(case: Case, arrays: dict[str, Any]) -> None:
-    """Check that every file named by the case and to be read exists; the error lists all missing
-    files.
-    """
+    """Check that all files that the case reads exist; the error lists those missing."""
     missing = []
     unread = {*RADII} - {*size_columns(case)}
     for key, file in case.files():

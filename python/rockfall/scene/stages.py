@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stages of reading, with results cached by an open session: a stage is repeated only if something
-it used has changed.
-"""
+"""Stages of reading, which an open session repeats only if something used has changed."""
 
 from __future__ import annotations
 
@@ -29,9 +27,7 @@ class Stages:
         make: Callable[[Case], T],
         reads: bool = True,
     ) -> T:
-        """Result of a stage, derived by `make` from the case, the objects `uses` and, if it `reads`
-        them, files.
-        """
+        """Result of a stage by `make` from the case, the objects `uses` and files it `reads`."""
         return make(case)
 
     def find(self, name: str, uses: tuple[Any, ...]) -> Any:

@@ -51,8 +51,7 @@ def radius_over_rg(case: Case) -> float:
 
 
 def read_rasters(inputs: Inputs, z: np.ndarray, box: Box) -> Rasters:
-    """Rasters of a box of cells with these elevations: rock sizes by the method of the case, and
-    grounds."""
+    """Rasters of a box of cells with these elevations: rock sizes, and grounds."""
     surface = inputs.case.surface
     columns = size_columns(inputs.case)
     uniform = surface.get("uniform_mean_radius" if surface["method"] == "B" else "uniform_rg")
@@ -195,8 +194,7 @@ def _read_zones(
 def _check_sizes(
     inputs: Inputs, rasters: Rasters, columns: tuple[str, ...], places: list[str]
 ) -> None:
-    """Check that used materials have the sizes that their grounds need; for grounds that need none,
-    missing sizes become zero."""
+    """Check that used materials have the sizes their grounds need; others become zero."""
     for k, ground in sorted(_used(rasters)):
         need = rasters.grounds[ground].rocks if rasters.grounds else 2
         missing = np.isnan(rasters.sizes[k]).any()
@@ -225,9 +223,7 @@ def _used(rasters: Rasters) -> set[tuple[int, int]]:
 
 
 def _read_values(inputs: Inputs, rasters: Rasters, box: Box, columns: tuple[str, ...]) -> None:
-    """Read rasters of sizes, which are required where the terrain is known and its ground needs
-    them.
-    """
+    """Read rasters of sizes, required where the known terrain's ground needs them."""
     need = np.array(
         [0, *(ground.rocks for ground in rasters.grounds)] if rasters.grounds else [0, 2]
     )

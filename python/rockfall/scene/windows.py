@@ -41,9 +41,7 @@ class Windows:
         self.box = Box(0, 0, 0, 0)
 
     def fit(self, grid: Grid, sources: Sources, first: int) -> Box:
-        """Move the window to the longest run of sources, from the first, that fits (at least one);
-        return its box.
-        """
+        """Move the window to the longest run of sources that fits (at least one)."""
         column = ((sources.x[first:] - grid.west) / grid.cell).astype(int)
         row = ((grid.north - sources.y[first:]) / grid.cell).astype(int)
         north, west, south, east = self.margins
@@ -75,9 +73,7 @@ class Windows:
 
 
 def bands(inputs: Inputs, cells: int) -> Iterator[tuple[Rasters, Box]]:
-    """All rows in order as bands: rasters with about the given number of cells that contain the
-    rows and their neighbours.
-    """
+    """All rows in bands of about this number of cells, with their adjacent rows."""
     ny, nx = inputs.grid.shape
     rows = max(1, cells // nx - 2 * RIM)
     for first in range(0, ny, rows):

@@ -57,9 +57,7 @@ class Batches:
             yield range(self.tally.done, stop)
 
     def _spread(self) -> Iterator[range]:
-        """Every n-th boulder, then those halfway between, and so on, in pieces that are also spread
-        over all boulders.
-        """
+        """Every n-th boulder, then those halfway, and so on, in evenly spread pieces."""
         boulders = range(self.tally.boulders)
         for part in spread_parts(boulders, -(-len(boulders) // (LANES * self._threads))):
             for piece in spread_parts(part, -(-len(part) // self._size())):

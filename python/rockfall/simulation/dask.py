@@ -67,8 +67,7 @@ def run_on_cluster(
 
 @contextmanager
 def _client(where: str) -> Iterator[Any]:
-    """Client of the cluster at an address, or of a local cluster that lives as long as the
-    block."""
+    """Client of the cluster at an address, or of a local one that lives as the block."""
     from distributed import Client, LocalCluster
     from distributed.security import Security
 
@@ -94,9 +93,7 @@ def _client(where: str) -> Iterator[Any]:
 
 
 def _straight(address: str) -> dict[str, Any]:
-    """Options for direct transfer from local workers; remote workers may be reachable only through
-    the scheduler.
-    """
+    """Options for direct transfer from local workers; others may not be reachable."""
     here = re.match(r"(\w+://)?(127\.|localhost)", address) is not None
     return {"set_as_default": False, "direct_to_workers": here}
 

@@ -25,8 +25,7 @@ UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 
 
 def machine_memory() -> float:
-    """Bytes that this process may use: limited by the machine, its job (control group) and its
-    shell."""
+    """Bytes that this process may use, by machine, job (control group) and shell."""
     limits = [MACHINE_MEMORY, *memory_limits()]
     with suppress(OSError):
         for file in limit_files(Path("/proc/self/cgroup").read_text()):

@@ -74,9 +74,7 @@ def pilot_run(scene: Scene) -> Pilot:
 
 
 def _follow(scene: Scene, number: int) -> Pilot:
-    """Simulate boulders from random sources twice: the second pass allocates no new memory, like
-    most of a long run.
-    """
+    """Simulate boulders of random sources twice: the second pass allocates no memory."""
     maps = scene.case.output.get("maps", [])
     output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
     drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
@@ -114,9 +112,7 @@ def _all_cells(few: Tally, boulders: int) -> float:
 
 
 def _counted(sample: Scene, boulders: int) -> tuple[float, float]:
-    """CPU time per boulder of the pilot run without rows, and the number of bin blocks that all
-    boulders would fill.
-    """
+    """CPU time per boulder of the pilot without rows, and bin blocks of all boulders."""
     counted = replace(sample, case=sample.case.replace(output={"kept": "none"}))
     few = start(counted, threads=1)
     before = sample.windows.reading if sample.windows else 0.0

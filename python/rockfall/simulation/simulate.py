@@ -239,9 +239,7 @@ def trajectory(scene: Scene, number: int) -> np.ndarray:
 def _run_alone(
     scene: Scene, number: int
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-    """Vertices of a boulder, and the place where it left the window, if it did; tallies are
-    unchanged.
-    """
+    """Vertices of a boulder, and where it left the window, if so; tallies are unchanged."""
     vertex, recorded = np.empty((0, len(fields("vertex")))), 256
     while recorded > len(vertex):
         vertex = np.empty((recorded, len(fields("vertex"))))

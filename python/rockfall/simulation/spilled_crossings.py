@@ -21,9 +21,7 @@ PIECE = 1_000_000  # crossings in memory when they are read again
 
 
 class _Block(NamedTuple):
-    """Position in the file of the columns of a block, and the number of its crossings of each
-    line.
-    """
+    """Position in the file of a block's columns, and its crossings of each line."""
 
     offsets: dict[str, int]  # by name in files
     ends: np.ndarray  # rows up to the end of each line, from 0 for none
@@ -40,9 +38,7 @@ class SpilledCrossings:
         self._lines = lines
 
     def take(self, run: RunArrays, least: int | None = None) -> None:
-        """Move the crossings of a run to the file, if there are at least this many (default: a
-        block).
-        """
+        """Move crossings to the file if there are this many or more (default: a block)."""
         if run.array("crossing_line").size < (BLOCK if least is None else least):
             return
         run.sort_crossings()

@@ -102,8 +102,7 @@ class Tally:
         return next(differ, "")
 
     def arrays(self, *groups: str) -> list[Array]:
-        """Arrays of some groups of the table of variables; row arrays are limited to completed
-        boulders."""
+        """Arrays of groups of the table of variables; rows of completed boulders only."""
         return self._chosen(self.run.arrays(*groups))
 
     def crossings(self) -> list[Array]:
@@ -201,8 +200,7 @@ class Tally:
             self.run.changed()
 
     def restore_sources(self) -> bool:
-        """Continue from an unpacked part; False if the cells of its split sources do not match the
-        completed boulders."""
+        """Continue from an unpacked part; False if its split cells do not match."""
         if not tells_sources(self.scene.case):
             return True
         assert isinstance(self.scene, Scene)
@@ -226,8 +224,7 @@ class Tally:
 
 
 def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
-    """Boulders of the I-th of N shards, counted from 0; the sizes of shards differ by at most
-    one."""
+    """Boulders of the I-th of N shards, counted from 0; sizes differ by at most one."""
     which, parts = shard
     if not 1 <= which <= parts:
         raise RockfallError(f"shard = {which}/{parts}: must be I/N with I from 1 to N")

@@ -123,9 +123,7 @@ def _grounds_themselves(tally: Tally) -> dict[str, Any]:
 
 
 def line_variables(tally: Tally) -> dict[str, Any]:
-    """Evaluation lines, whether each is a barrier, and first crossings sorted by line and
-    boulder.
-    """
+    """Lines, whether each is a barrier, and first crossings by line and boulder."""
     case, lines = tally.scene.case, tally.scene.case.lines
     names = [str(line["name"]) for line in lines]
     data = numbered("line", names, "name of the evaluation line")
@@ -186,8 +184,7 @@ def threshold_variable(case: Case) -> dict[str, tuple]:
 
 
 def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
-    """A map, NaN where undefined; uses up its tallies. `per_cluster` is the value of
-    `boulders_per_cluster`."""
+    """A map, NaN where undefined, from its tallies, which it uses up."""
     values, fewest, thin = _map(name, tally, per_cluster)
     counts = {"min_passages": fewest if fewest > 1 else 0, "thin_below": thin}
     if name.endswith(("_low", "_high")) and per_cluster > 1:
@@ -197,9 +194,7 @@ def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
 
 
 def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, int]:
-    """A map, the minimum number of passages for a value, and the number below which a value is
-    uncertain.
-    """
+    """A map, its least passages for a value, and those below which it is uncertain."""
     if (layers := _layers(name, tally)) is not None:  # without a copy, to save memory
         values = layers.copy() if tally.goes_on else layers
         if name in MAXIMA:

@@ -273,9 +273,7 @@ def _factor(case: Case) -> Sequence[float]:
 
 
 def _ways(runs: Sequence[_Came]) -> dict[str, float]:
-    """Fractions of the boulders that still arrive, by their path past the barrier; empty if none
-    arrive.
-    """
+    """Fractions of boulders that still arrive, by their path past the barrier."""
     masks = {name: number for name, number in OUTCOME.items() if name != "stopped"} | {ROUND: 0}
     parts = {
         name: sum(run.yearly * float(np.mean(run.comes & (run.outcome == k))) for run in runs)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Convergence of the numbers at the lines with the number of boulders and with the terrain model,
-and the cost of accuracy."""
+"""Convergence of numbers at lines with boulders and terrain, and the cost of accuracy."""
 
 from __future__ import annotations
 
@@ -191,9 +190,7 @@ def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.nd
 
 
 def _numbers(values: np.ndarray) -> np.ndarray:
-    """Statistics (lines, numbers, blocks) from (lines, quantities, blocks, boulders); NaN where
-    none crossed.
-    """
+    """Statistics (lines, numbers, blocks) of boulders in blocks; NaN where none crossed."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Mean of empty|Degrees of freedom|All-NaN")
         fraction = np.isfinite(values[:, :1]).mean(axis=3)

@@ -122,8 +122,7 @@ def read_dossier(
 
 
 def _second(study: HazardInputs) -> tuple[str, HazardInputs] | None:
-    """Inputs of a hazard by a second model, if its ground admits one and its cells are in
-    memory."""
+    """Inputs of a hazard by a second model, if its ground admits one and cells are held."""
     model = second_model(study.scene) if study.scene.rasters.z.size else None
     if model is None:
         return None

@@ -149,9 +149,7 @@ def second_model(own: Scene) -> tuple[str, Scene] | None:
 def _unsized_notes(
     case: Case, option: str, rules: Iterable[GroundRule], unsized: float
 ) -> Iterator[str]:
-    """Remark on grounds of an option that need rock sizes missing on part of the terrain; refused
-    if all of it lacks them.
-    """
+    """Remark where grounds of an option lack rock sizes; refused if all terrain lacks them."""
     needing = [rule.name for rule in rules if rule.rocks]
     if unsized == 1 and needing:
         raise RockfallError(
@@ -188,8 +186,7 @@ def _varied(own: Scene) -> set[str]:
 
 
 def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
-    """The unchanged case, and the case with its impact sets by each method for which it has
-    sizes."""
+    """The unchanged case, and the case with its sets by each method that has sizes."""
     if "ground" in case.surface:
         yield usual_name(case), own
     elif case.impact["form"] == "table":
@@ -283,9 +280,7 @@ def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.
 def with_rocks(
     scene: Scene, small: GroundRule, large: GroundRule, varied: Collection[str] = ()
 ) -> Scene:
-    """Scene with these grounds for small and large rocks, instead of the named grounds (default:
-    the default ground).
-    """
+    """Scene with these grounds for small and large rocks, in place of those named."""
     cells = scene.rasters
     varied = varied or {usual_name(scene.case)}
     others = [ground for ground in scene.grounds if ground.name not in varied]

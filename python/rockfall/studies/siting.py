@@ -304,8 +304,7 @@ def _cost(row: Mapping[str, Any], end: str, prices: Costs | None) -> float:
 
 
 def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
-    """Verdict on the limits, over the intervals of the requirements. An unknown upper limit decides
-    nothing."""
+    """Verdict over the intervals of requirements; an unknown upper limit decides nothing."""
     checks = {"height": ("height_needed", limits.height), "class": ("ead_class", limits.ead_class),
               "bypass": ("bypass", limits.bypass)}  # fmt: skip
     verdicts = {}

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders at the candidate alignments of a siting, from one run, or from a run of each scenario
-weighted by frequency.
-"""
+"""Boulders at candidate alignments, from one run or from one a scenario, weighted."""
 
 from __future__ import annotations
 
@@ -55,9 +53,7 @@ def sited_case(case: Case) -> Case:
 
 
 def populations(scene: Scene) -> dict[str, Population]:
-    """Runs of a siting by scenario name, with the lines of the scene; a single run named "" without
-    scenarios.
-    """
+    """Runs of a siting by scenario, with the scene's lines; one named "" without."""
     if not scene.case.scenario:
         return {"": Population(scene, 1.0)}
     return {
@@ -139,8 +135,7 @@ def scene_with(
 def memory_note(
     scene: Scene, alignments: Sequence[Alignment], batches: Sequence[Sequence[Alignment]]
 ) -> str:
-    """Note that the case runs several times, with the memory needed to run all alignments at
-    once."""
+    """Note that a case runs several times, and the memory to run all alignments at once."""
     need, scenarios = _bytes(scene) * len(alignments) / 1e9, len(scene.case.scenario) or 1
     return (
         f"{scenarios * scene.boulders:,} boulders at {len(alignments)} alignments take {need:.2g} "

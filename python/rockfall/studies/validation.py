@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Validation at a site with observed boulders: a case run by every rebound model over several
-seeds.
-"""
+"""Validation at a site with observed boulders: all rebound models over several seeds."""
 
 from __future__ import annotations
 
@@ -233,9 +231,7 @@ def _numbers(values: np.ndarray, share: np.ndarray) -> dict[str, float]:
 
 
 def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str, Number]]:
-    """Comparison with a published mean and standard deviation; taken as exact if the number of
-    boulders is not given.
-    """
+    """Comparison with a published mean and standard deviation; exact without their number."""
     n, std = row["n"], row["std"]
     errors = {"mean": std / np.sqrt(n), "std": std / np.sqrt(2 * max(n - 1, 1))}
     made_numbers = _numbers(crossed, np.ones(len(crossed))) if len(crossed) >= FEWEST else {}
@@ -245,9 +241,7 @@ def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str,
 
 
 def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
-    """Table rows (COLUMNS without the model): means over runs with different seeds or terrain,
-    standard errors, and verdicts.
-    """
+    """Rows (COLUMNS without the model): means over runs, standard errors, verdicts."""
     for key, number in runs[0].items():
         values = np.array([run[key].simulated if key in run else np.nan for run in runs])
         mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))

@@ -253,9 +253,7 @@ def _rows(
     source: Sources,
     thresholds: Sequence[float],
 ) -> Iterator[dict[str, object]]:
-    """Rows of a variant at a line; `before`: values of the first variant, None if it lacks the line
-    or is this variant.
-    """
+    """Rows of a variant at a line; `before`: values of the first variant, None without."""
     n = int(np.count_nonzero(~np.isnan(here["speed"])))
 
     def row(quantity: str, statistic: str, value: float, *compared: float) -> dict[str, object]:

@@ -113,8 +113,7 @@ def run_name(variant: str, scenario: str) -> str:
 def _scenes(
     case: Case, of_runs: dict[str, tuple[str, float]], given: Mapping[str, Any]
 ) -> Iterator[tuple[str, Scene]]:
-    """Scenes by the names of their runs; variants and frequencies [1/year] are added to
-    `of_runs`."""
+    """Scenes by names of their runs; their variants and frequencies go to `of_runs`."""
     for variant, own in variants(case).items():
         scene = read_scene(base_case(own, ROWS_ONLY), **given)
         for scenario in scenarios_of(scene, scene.case.line):
@@ -143,8 +142,7 @@ def yearly_run(
 
 
 def hits_at(result: xr.Dataset, line: str) -> np.ndarray:
-    """Energies [J] and heights of the centre [m] of all boulders at a line, (2, boulders), NaN for
-    those that do not pass it."""
+    """Energies [J] and heights of centres [m] at a line, (2, boulders), NaN if not passed."""
     at = at_line(result, line)
     assert at is not None
     height = line_values(result, "passing_height", line_names(result).index(line))
@@ -157,8 +155,7 @@ def _rows(
     first: Sequence[YearlyRun] | None,
     hazard: Mapping[str, Any],
 ) -> Iterator[dict[str, object]]:
-    """Rows of a variant at a line; `first`: runs of the first variant, None if this is the
-    first."""
+    """Rows of a variant at a line; `first`: runs of the first variant, None for itself."""
     factor, yearly = hazard["frequency_factor"], [run.yearly for run in runs]
     energies = [run.energies[line] for run in runs]
     before = [run.energies[line] for run in first or () if line in run.energies]

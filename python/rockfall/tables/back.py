@@ -15,8 +15,7 @@ from rockfall.table import Column, Estimate, Table, as_text
 
 
 def back_text(analysis: Back) -> str:
-    """Parameters and their posterior, the contribution of each set of data, and reasons for
-    caution."""
+    """Parameters with their posterior, what each set of data adds, reasons for caution."""
     members = count(len(analysis.members), "member")
     parts = [
         f"{analysis.case.case['title'] or 'rockfall'}: {members} of "

@@ -60,9 +60,7 @@ def load_tables(design: Design) -> Iterator[Table]:
 
 
 def load_table(design: Design, asked: Mapping[Any, Any]) -> Table:
-    """Loads at a line: quantiles, and the level exceeded by one in 1,000; and the requirements of a
-    standard, if known.
-    """
+    """Loads at a line: quantiles, the level of one in 1,000, and needs by a standard."""
     line, standard = asked["line"], design.factors.conditions.standard
     rows: list[list[object]] = []
     for row in design.loads[design.loads["line"] == line].to_dict("records"):
@@ -92,9 +90,7 @@ def demand_rows(asked: Mapping[Any, Any]) -> Iterator[list[object]]:
 
 
 def choice_table(design: Design, line: str) -> Table:
-    """Height that leaves the residual fraction at a line, for each class; the cheapest is
-    marked.
-    """
+    """Height that leaves the residual fraction, for each class; the cheapest is marked."""
     rows = [
         (say("design.choice", ead_class=row["ead_class"], capacity=row["capacity"] / 1000),
          number(row["height"], up=True), shown(row, "residual", 100.0), row["cost"],

@@ -68,8 +68,7 @@ class Place(NamedTuple):
 
 
 def places_of(hazard: xr.Dataset) -> list[Place]:
-    """Evaluation lines in their order, then objects and segments, those hit most often first;
-    without barriers."""
+    """Lines in their order, then the objects and segments hit most often; no barriers."""
     places = []
     for kind in PLACES:
         if kind not in hazard.dims:
@@ -117,9 +116,7 @@ def _open_limits(tables: Sequence[Table]) -> Iterator[Text]:
 
 
 def _protection(designs: dict[str, YearlyDesign]) -> Section:
-    """Sections on the barrier, from the design of the first variant, and on the barriers of the
-    others.
-    """
+    """Sections on the first variant's barrier by its design, and on those of others."""
     first = next(iter(designs.values()))
     tables = [loads_table(first), *list(choice_tables(first))[:CHOICES]]
     for name, sheet in designs.items():
@@ -202,9 +199,7 @@ def _highest(hazard: xr.Dataset) -> Risk:
 
 
 def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> Table:
-    """Frequency, return period, energy and height once in the period, and hazard class, of each
-    place.
-    """
+    """Frequency, return period, energy, height and hazard class of each place."""
     at = hazard["event_period"].values.tolist().index(period)
     rows = []
     for place in places_of(hazard)[:most]:

@@ -176,8 +176,7 @@ def sorted_inputs(at: xr.Dataset) -> list[str]:
 
 
 def indices_of(data: xr.Dataset, kind: str) -> Iterator[object]:
-    """Indices of an input for each result, with their intervals [%]; "-" if there is no epistemic
-    variance to explain."""
+    """Indices of an input for results with intervals [%]; "-" without a variance."""
     for value, error in zip(data[kind].values, data[f"{kind}_error"].values, strict=True):
         index, low, high = (100 * limit for limit in limits(value, error))
         if np.isnan(value):

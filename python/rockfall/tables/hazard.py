@@ -131,8 +131,7 @@ def segment_table(hazard: xr.Dataset) -> Table:
 
 
 def risk_table(hazard: xr.Dataset) -> Table:
-    """Risk of objects, those of the highest individual risk first, then of the highest damage; and
-    sums."""
+    """Risk of objects, the highest individual risk first, then damage; and sums."""
     import pandas as pd
 
     layer = ["layer"] * has_layers(hazard)
@@ -153,17 +152,14 @@ def risk_table(hazard: xr.Dataset) -> Table:
 
 
 def total(hazard: xr.Dataset, what: str) -> tuple[float, float, float]:
-    """Sum of `damage` or `collective_risk` over all objects, with its limits; NaN if no object has
-    one."""
+    """Sum of `damage` or `collective_risk` of all objects with limits; NaN without."""
     is_known = np.isfinite(hazard[f"object_{what}"].values).any()
     value, low, high = (float(hazard[f"total_{what}{end}"]) if is_known else np.nan for end in ENDS)
     return value, low, high
 
 
 def assumptions(hazard: xr.Dataset) -> list[str]:
-    """Assumptions of the risk, one per line; none if the objects have no exposure. Older files have
-    them in English only.
-    """
+    """Assumptions of the risk, one per line; older files have them in English only."""
     if not has_risk(hazard):
         return []
     texts = str(hazard.attrs["risk_assumptions"]).splitlines()
@@ -200,8 +196,7 @@ def class_within(row: Mapping[str, Any]) -> str:
 
 
 def _frequencies(hazard: xr.Dataset) -> tuple[list[str], list[str]]:
-    """Columns of the annual frequencies of all boulders and above each threshold, and their
-    heads."""
+    """Columns of frequencies of all boulders and above each threshold, with heads."""
     thresholds = hazard["threshold"].values.tolist()
     energies = [Number(shown("threshold", value, " ")) for value in thresholds]
     titles = [say("hazard.above", energy=energy) for energy in energies]

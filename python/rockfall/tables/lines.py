@@ -111,9 +111,7 @@ def line_tables(rows: Rows, *, short: bool = False) -> Iterator[Table]:
 
 
 def level_table(levels: pd.DataFrame, *, short: bool = False) -> Table:
-    """Return levels of passing boulders, with the maximum of the run; the short form omits line
-    names and reasons for refusal.
-    """
+    """Return levels of passing boulders; the short form omits line names and refusals."""
     names = [n for n in levels.columns if n.startswith("level_") and n.count("_") == 1]
     shown = []
     for row in levels[levels["n"] > 0].to_dict("records"):

@@ -87,8 +87,7 @@ def spread_words(models: Models | None) -> Iterator[str]:
 
 
 def model_tables(models: Models | None, *, detailed: bool = False) -> Iterator[Table]:
-    """Tables for each line with a row for each model; in detail with means, and with differences
-    from the first model."""
+    """Tables of lines with a row a model; in detail with means and differences."""
     for line in [] if models is None else _lines(models):
         assert models is not None
         columns = {Column(say(key)): number for key, number in HEADLINE.items()}

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run as tables: ends of boulders, rebounds by ground, effects of barriers, dams, forest stands;
-and facts about the run.
-"""
+"""A run as tables: ends, rebounds by ground, effects of obstacles, and facts."""
 
 from __future__ import annotations
 
@@ -98,9 +96,7 @@ def _requested(dam: DamShape, k: int) -> Text:
 
 
 def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[Table]:
-    """Forest stands with their stems; beyond `most`, the sum of the rest; no table without
-    stands.
-    """
+    """Forest stands with their stems, beyond `most` their sum; no table without."""
     rows: list[tuple[object, ...]] = [
         (stand.name, Number(f"{stand.area:.3g}"), stand.stems, stand.density, stand.stated)
         for stand in stands[:most]

@@ -36,8 +36,7 @@ MEAN, Q95 = "variants.mean", "variants.q95"
 def variants_text(
     frame: pd.DataFrame, note: str = "", frequencies: pd.DataFrame | None = None
 ) -> str:
-    """A table for each line, with a column for each variant; `note` is on the boulders. For
-    `frequencies` see `variant_table`."""
+    """A table for each line, with a column a variant; `note` is on the boulders."""
     parts = []
     for _, of_line in frame.groupby("line", sort=False):
         table = variant_table(of_line, frequencies)
@@ -46,8 +45,7 @@ def variants_text(
 
 
 def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) -> Iterator[str]:
-    """Notes on the boulders behind the numbers of variants (see `population_notes`), and on lines
-    of one name in two places."""
+    """Notes on variants' boulders (`population_notes`), and on lines in two places."""
     first = next(iter(results.values()))
     yield from population_notes(case_of(first), yearly)
     if note := kept_note(first):

@@ -164,9 +164,7 @@ def _within(points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
 def _face(
     before: np.ndarray, off: np.ndarray, crest: np.ndarray, wide: float, fall: float
 ) -> tuple[float, int]:
-    """Median plan width [m] of the narrower face, by its keys, from crest edge to terrain; and its
-    side, -1 or 1.
-    """
+    """Median plan width [m] of the narrower face, crest to terrain; its side, -1 or 1."""
     above = crest[:, None] - fall * np.maximum(0.0, abs(off) - wide / 2) - before
     toe = {}
     for side in (-1, 1):
@@ -186,8 +184,7 @@ def _face(
 def _slope(
     after: np.ndarray, own: np.ndarray, top: np.ndarray, off: np.ndarray, side: int
 ) -> float:
-    """Median angle of a face [degree]: the chord from 10 to 90 % of the distance from crest to
-    toe."""
+    """Median angle of a face [degree], a chord over 10 to 90 % of its width."""
     on_side = side * off >= 0
     z, of_dam, out = after[:, on_side], own[:, on_side], abs(off[on_side])
     if side < 0:

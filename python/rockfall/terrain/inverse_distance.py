@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Terrain interpolated from surveyed points by inverse distance (Shepard 1968), as in the paper,
-section 3.4."""
+"""Terrain from surveyed points by inverse distance (Shepard 1968; paper, section 3.4)."""
 
 from __future__ import annotations
 
@@ -64,8 +63,7 @@ def _beyond(within: float) -> float:
 
 
 def _mean(z: np.ndarray, apart: np.ndarray, which: np.ndarray, power: float) -> np.ndarray:
-    """Mean weighted by inverse distances to the points, the nearest first; infinite ones are
-    ignored."""
+    """Mean weighted by inverse distances of points, nearest first; infinite ones ignored."""
     if not apart.shape[-1]:
         return np.full(apart.shape[:-1], np.nan)
     nearest = apart[..., :1]

@@ -79,9 +79,7 @@ def regular_nodes(points: np.ndarray) -> Nodes | None:
 
 
 def resampled(nodes: Nodes, cell: float) -> tuple[np.ndarray, Grid]:
-    """Bilinear elevations of other cells with centres within the nodes; cell edges are multiples of
-    the cell size.
-    """
+    """Bilinear elevations of other cells, whose edges are multiples of their size."""
     own = nodes.grid
     west = np.ceil((own.x[0] - cell / 2) / cell - ROUNDING) * cell
     north = np.floor((own.y[0] + cell / 2) / cell + ROUNDING) * cell

@@ -34,8 +34,7 @@ def without_holes(z: np.ndarray, far: float) -> np.ndarray:
 
 
 def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
-    """Fill pits no deeper than `deepest` [m] up to their spill level; deeper pits, such as ditches
-    and quarries, remain."""
+    """Fill pits up to `deepest` [m] deep; deeper ones, as ditches and quarries, remain."""
     from scipy.ndimage import label, maximum
 
     level = _spill(z)
@@ -83,8 +82,7 @@ def _pairs(number: np.ndarray) -> np.ndarray:
 
 
 def smoothed(z: np.ndarray, std: float) -> np.ndarray:
-    """Smooth with a Gaussian of this standard deviation [cells] over known cells; missing
-    elevations remain missing."""
+    """Gaussian smoothing, standard deviation in cells, of known cells; others remain."""
     from scipy.ndimage import gaussian_filter
 
     is_known, base = ~np.isnan(z), np.nanmin(z)
@@ -96,9 +94,7 @@ def smoothed(z: np.ndarray, std: float) -> np.ndarray:
 
 
 def lowered(z: np.ndarray, grid: Grid, shape: Any, depth: float, floor: float) -> np.ndarray:
-    """Lower cells with centres in a polygon by a depth [m], then at least to a floor [m]; NaN for
-    values not given.
-    """
+    """Lower cells in a polygon by a depth [m], then at least to a floor [m]; NaN: not."""
     inside = held_cells([(shape, 1)], grid, np.zeros(z.shape, np.uint8)) > 0
     done = z.copy()
     done[inside] -= 0.0 if np.isnan(depth) else depth

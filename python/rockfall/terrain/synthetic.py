@@ -9,9 +9,7 @@ SMOOTHING = 1.5  # Gaussian filter of the relief [cells]
 
 
 def relief(seed: int, cells: tuple[int, int], std: float) -> np.ndarray:
-    """White noise through a Gaussian filter, with the given rows and columns [m], independent of
-    the NumPy version.
-    """
+    """White noise through a Gaussian filter at rows and columns [m], by any NumPy."""
     margin = 8  # more than five standard deviations of the filter: no edge effects
     shape = cells[0] + 2 * margin, cells[1] + 2 * margin
     raw = np.random.Philox(key=seed).random_raw(shape[0] * shape[1])

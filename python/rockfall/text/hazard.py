@@ -81,9 +81,7 @@ class WarningGroup(NamedTuple):
 
 
 def warning_groups(hazard: xr.Dataset) -> list[WarningGroup]:
-    """Warnings of `hazard_warnings` by the scenarios concerned: those on all scenarios first, then
-    in scenario order.
-    """
+    """Warnings of `hazard_warnings` by scenarios: on all first, then in their order."""
     groups: dict[str, list[str]] = {"": []}
     for names, text in _of_model(hazard):
         groups.setdefault(names, []).append(text)

@@ -55,8 +55,7 @@ def lines_text(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Datase
 
 
 def hazard_text(hazard: xr.Dataset) -> str:
-    """Frequencies, energies and heights by return period at the lines, objects and segments of a
-    hazard."""
+    """Frequencies, energies, heights by return period at places of a hazard."""
     tables = (answer_table(hazard, YEARS), *period_tables(hazard))
     blocks = [f"\n{table.caption}\n{as_text(table)}" for table in tables]
     return "\n".join([say("hazard.population"), *blocks])

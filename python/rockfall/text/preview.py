@@ -39,9 +39,7 @@ DRAWS = 101  # samples of rock sizes by boulder, for their quantiles
 
 
 def preview(scene: Scene) -> str:
-    """Overview of a scene; some of its boulders are simulated for timing and statistics, without
-    output.
-    """
+    """Overview of a scene; some boulders are simulated for time and statistics."""
     case = scene.case
     pilot = pilot_run(scene)
     values = pilot.values()
@@ -212,8 +210,7 @@ def _shapes(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _sets(scene: Scene, values: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Name of the impact sets, their fitted ranges, and how many rebounds lie outside; a note if
-    no rebound followed them."""
+    """Names of impact sets, their fitted ranges and rebounds outside, or a note."""
     name = scene.case.impact["sets"]
     if name not in sets_followed(values, name):
         yield "impact sets", f"{name}, which no rebound of a pilot run followed"

@@ -77,9 +77,7 @@ def _passages(result: Held) -> Table:
 
 
 def more_lines(lines: int) -> list[str]:
-    """Note on the number of evaluation lines not shown, and where to list them; empty if all are
-    shown.
-    """
+    """Note on the number of lines not shown, and where to list them; empty if none."""
     more = lines - MOST_LINES
     return [f"  and {more:,} more: `rockfall lines OUT.nc -o FILE.csv` writes all"] * (more > 0)
 

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of boulder counts to frequencies with intervals, and of frequencies to hazard
-classes.
-"""
+"""Boulder counts to frequencies with intervals, and frequencies to hazard classes."""
 
 from __future__ import annotations
 
@@ -67,8 +65,7 @@ def intensities(frequency: np.ndarray, periods: np.ndarray) -> np.ndarray:
 
 
 def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) -> np.ndarray:
-    """Highest class over all pairs of intensity and period. Events rarer than all periods are
-    residual where boulders passed."""
+    """Highest class over all intensities and periods; residual where only rarer ones passed."""
     highest = np.zeros(frequency.shape[1:], "i1")
     for column, intensity in enumerate(intensities(frequency, matrix.periods)):
         np.maximum(highest, matrix.classes[intensity, column], out=highest)

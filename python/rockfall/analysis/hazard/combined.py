@@ -121,9 +121,7 @@ class ScenarioRun:
         self.warnings = model_warnings(without_objects, case_of(result))
 
     def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:
-        """Read boulders at the evaluation lines and barriers, without lying logs; return the
-        indices of these lines.
-        """
+        """Read boulders at lines and barriers, without lying logs; return their indices."""
         names, first = line_names(result), len(inputs.objects.lines) + len(inputs.segments.lines)
         logs = {barrier["name"] for barrier in inputs.case.barrier if "diameter" in barrier}
         has_rows = inputs.case.output["kept"] == "all"
@@ -197,9 +195,7 @@ def combined(inputs: HazardInputs, runs: Runs) -> xr.Dataset:
 
 
 def _grounds(runs: Runs) -> dict[str, np.ndarray]:
-    """Grounds, their models, and the rebounds on each over all scenarios; empty if the scene has
-    only its impact sets.
-    """
+    """Grounds, their models and rebounds over all scenarios; empty with impact sets only."""
     counts: dict[tuple[str, str], int] = {}
     for ground in (ground for run in runs for ground in run.grounds):
         key = ground.name, ground.model
@@ -224,9 +220,7 @@ def _places(inputs: HazardInputs, run: ScenarioRun, matrix: Matrix) -> dict[str,
 
 
 def _scenarios(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Properties and counts of each scenario: enough to apply other frequencies without another
-    run.
-    """
+    """Properties and counts of each scenario, to which other frequencies may be applied."""
     return {
         "frequency": np.array([run.yearly for run in runs]),
         "boulders": np.array([run.boulders for run in runs]),
@@ -294,8 +288,7 @@ def _objects(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.n
 
 
 def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Frequencies at lines and barriers, energies and heights by return period, and boulders that
-    barriers let pass."""
+    """Frequencies, energies and heights at lines and barriers, and what barriers let pass."""
     counts = [np.array([[at.energy.size for at in run.at_lines]]) for run in runs]
     rates = _rates("line", runs, counts, inputs.case.hazard["frequency_factor"])
     values = {f"line_frequency{end}": rate[0] for end, rate in zip(ENDS, rates, strict=True)}

@@ -32,9 +32,7 @@ def passing_of(result: xr.Dataset, line: int) -> Passing:
 
 
 def behind(result: xr.Dataset, line: int) -> int:
-    """Number of boulders that reach the line with this index and are stopped by no barrier
-    there.
-    """
+    """Number of boulders that reach the line of this index and are stopped by no barrier."""
     at = AtLine(result, line)
     if "crossing_outcome" not in result:
         return at.boulders.size

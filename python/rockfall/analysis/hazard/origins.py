@@ -20,35 +20,27 @@ SOURCES = ("line", "object")  # kinds of places with sources
 
 
 class Starts(NamedTuple):
-    """Cells where boulders start, by ascending grid number, and the number of boulders from
-    each.
-    """
+    """Cells where boulders start, by ascending grid number, and their numbers of boulders."""
 
     cells: np.ndarray
     boulders: np.ndarray
 
     def among(self, cells: np.ndarray) -> np.ndarray:
-        """Number of boulders from each of these cells, which are ascending and include all cells of
-        `self`.
-        """
+        """Number of boulders from each of these ascending cells, which include all of `self`."""
         numbers = np.zeros(cells.size, "i8")
         numbers[np.searchsorted(cells, self.cells)] = self.boulders
         return numbers
 
 
 class Origins(NamedTuple):
-    """Start cells of all boulders of a run, and of the boulders that reach each place, by kind of
-    place.
-    """
+    """Start cells of all boulders and of boulders that reach each place, by its kind."""
 
     released: Starts
     at: Mapping[str, Sequence[Starts]]
 
     @classmethod
     def of(cls, result: xr.Dataset, grid: Grid, at: Mapping[str, Sequence[np.ndarray]]) -> Origins:
-        """Origins of the boulders of a result; `at`: indices of the boulders that reach each
-        place.
-        """
+        """Origins of the boulders of a result; `at`: those that reach each place, by index."""
         rows, columns = grid.cells(*(result[f"start_{axis}"].values for axis in "xy"))
         cells = rows * grid.nx + columns
         places = {kind: [_starts(cells[here]) for here in each] for kind, each in at.items()}

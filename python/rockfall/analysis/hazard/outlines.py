@@ -71,9 +71,7 @@ def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
 def _narrow_parts(
     area: Geometry, width: float, least: float, grid: dict[str, float]
 ) -> list[Geometry]:
-    """Parts of an area where no disc of this width fits, except at corners, if larger than `least`
-    [m2].
-    """
+    """Parts of an area, larger than `least` [m2], where no disc of this width fits."""
     attrs = {"join_style": "mitre", "mitre_limit": 2.0}
     wide = area.buffer(-width / 2, **attrs).buffer(width / 2 * (1 + 1e-9), **attrs)
     return list(polygons_of(area.difference(wide, **grid), least))

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenarios of a case: classes of boulders, each simulated by its own run, and their
-frequencies.
-"""
+"""Scenarios of a case: classes of boulders, each with its run, and their frequencies."""
 
 from __future__ import annotations
 
@@ -44,9 +42,7 @@ class Scenario(NamedTuple):
 
 
 def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
-    """Case common to all scenarios, with this output; refused if there are no scenarios, or if one
-    is contradictory.
-    """
+    """Case common to all scenarios, with this output; refused without valid scenarios."""
     if not case.scenario:
         raise RockfallError(
             f"{case.name}: a hazard needs a &scenario: a class of boulders with its frequency"
@@ -86,9 +82,7 @@ def scenario_remarks(scene: Scene) -> Iterator[str]:
 
 
 def scenario_warnings(scene: Scene, scenarios: Sequence[Scenario]) -> list[InputWarning]:
-    """Likely mistakes in a case and its scenarios, each once; mistakes in a scenario's boulders are
-    listed under its name.
-    """
+    """Likely mistakes in a case and, under their names, in its scenarios; each once."""
     doubts = list(input_warnings(scene))
     for scenario in scenarios:
         own = replace(scene, case=scenario.case, findings=Findings())

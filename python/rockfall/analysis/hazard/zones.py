@@ -74,9 +74,7 @@ def _generalised(content: bytes, grid: Grid, minimum_area: float, width: float) 
 
 
 def highest_classes(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
-    """Highest class on the map within each zone; for merged small patches, their class before
-    merging.
-    """
+    """Highest class on the map within each zone, before small patches were merged."""
     numbers, _ = _north_up(hazard["hazard_class"])
     highest = np.zeros(len(zones.cells) + 1, "u1")
     np.maximum.at(highest, zones.patch, numbers)
@@ -91,9 +89,7 @@ def lowered_area(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def uncertain_of(hazard: xr.Dataset) -> Zones:
-    """Patches of cells with an uncertain class, numbered lowest class * number of classes + highest
-    class.
-    """
+    """Patches of cells of uncertain class, numbered lowest * number of classes + highest."""
     low, grid = _north_up(hazard["hazard_class_lower"])
     high, _ = _north_up(hazard["hazard_class_upper"])
     return _patches(np.where(low == high, 0, low * len(CLASSES) + high), grid)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Evaluation lines, barriers and dams that a section crosses, and all boulders that cross the lines
-near it."""
+"""Lines, barriers and dams that a section crosses, and the boulders that cross them near it."""
 
 from __future__ import annotations
 

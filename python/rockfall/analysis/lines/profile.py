@@ -81,8 +81,7 @@ def line_number(result: xr.Dataset, line: str) -> int:
 def windows(
     result: xr.Dataset, line: int, width: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of windows along a line [m], and the window in which each boulder crosses it, -1 if it
-    does not."""
+    """Edges of windows along a line [m], and each boulder's window, -1 if it misses the line."""
     _, x, y = lines(result)[line]
     length = float(lengths(x + 1j * y)[-1])
     width = round_step(length / WINDOWS) if width is None else width

@@ -153,9 +153,7 @@ def _crossed(lines: pd.DataFrame, distance: np.ndarray) -> list[str]:
 
 
 def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
-    """Return True if the terrain has the cells of the run: large terrain is read with larger
-    cells.
-    """
+    """Return True if the terrain has the cells of the run; large terrain is coarsened."""
     return terrain is not None and terrain[1].cell <= 1.001 * corner_of(result["crs"].attrs)[2]
 
 

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Exposure of objects: harm to property and persons from a boulder hit, by the attributes of the
-layer, with all assumptions.
-"""
+"""Harm to property and persons from a boulder's hit, by attributes, with all assumptions."""
 
 from __future__ import annotations
 
@@ -36,9 +34,7 @@ class Harm(NamedTuple):
     length: float | None = None  # of a vehicle [m]; None: the object does not move
 
     def by(self, energy: np.ndarray, diameter: np.ndarray) -> np.ndarray:
-        """Harm from boulders of these energies [J] and diameters [m]; 0 for NaN (boulders that
-        miss).
-        """
+        """Harm from boulders of these energies [J] and diameters [m]; 0 for NaN (a miss)."""
         hit = np.isfinite(energy)
         harm = np.zeros(energy.size)
         harm[hit] = self.scale * self.curve.fraction(energy[hit])

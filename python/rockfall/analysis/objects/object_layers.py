@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of objects at risk: files or frames with layer names, and unique object names across
-layers.
-"""
+"""Layers of objects at risk as files or frames, and unique names of objects across them."""
 
 from __future__ import annotations
 
@@ -74,9 +72,7 @@ def frames_of(sources: Sequence[Source]) -> dict[str, Any]:
 
 
 def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
-    """Layers as files; `frames` are the files of GeoDataFrames in order. Duplicate labels are
-    numbered.
-    """
+    """Layers as files, with distinct labels; `frames` are the files of frames in order."""
     of_frame = iter(frames.items())
     files = []
     for source in sources:
@@ -93,8 +89,7 @@ def only_layer(path: str | Path) -> str:
 
 
 def distinct_names(names: Sequence[Sequence[str]], labels: Sequence[str]) -> list[list[str]]:
-    """Names of the objects of each layer, with the name of the layer where objects of several
-    layers have the same name."""
+    """Names of the objects of each layer, with its label where layers share a name."""
     numbers: dict[str, set[int]] = {}
     for k, own in enumerate(names):
         for name in own:

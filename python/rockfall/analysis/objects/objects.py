@@ -110,8 +110,7 @@ def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
 def named_layers(
     files: Sequence[File], grid: Grid, remarks: list[str]
 ) -> list[tuple[Read, list[str]]]:
-    """Layers with their shapes, and the names of their objects, which give the layer where
-    several have the same."""
+    """Layers with their shapes and names of objects, with the layer where layers share one."""
     read = [_read(file, grid, remarks) for file in files]
     names = distinct_names([layer.names for layer in read], [file.label for file in files])
     return list(zip(read, names, strict=True))

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Risk at objects: expected damage and deaths a year, for each object and in total, with limits
-from the boulders that hit.
-"""
+"""Risk at objects: annual damage and deaths, for each and in total, with their limits."""
 
 from __future__ import annotations
 
@@ -66,9 +64,7 @@ def mean_of_counts(
 
 
 class RunRisk:
-    """Mean harm per boulder of a run: value and limits by quantity, (3, objects), and (3,) for all
-    objects together.
-    """
+    """Mean harm per boulder of a run with limits: (3, objects), and (3,) for all together."""
 
     def __init__(
         self,

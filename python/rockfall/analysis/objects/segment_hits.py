@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hits on road segments: boulders of each run, and numbers over all scenarios, with boulders
-weighted by annual frequency.
-"""
+"""Boulders that hit segments of roads, and their numbers weighted by annual frequency."""
 
 from __future__ import annotations
 
@@ -54,8 +52,7 @@ def segment_hits(
 
 
 def hit_counts(hits: Sequence[Hits], thresholds: np.ndarray) -> np.ndarray:
-    """Number of hits, and of those with more energy than each threshold [J]
-    (intensities, segments)."""
+    """Numbers of hits, and of those above each threshold [J] (intensities, segments)."""
     counts = np.zeros((1 + thresholds.size, len(hits)), "i4")
     for k, segment in enumerate(hits):
         counts[0, k] = segment.energy.size

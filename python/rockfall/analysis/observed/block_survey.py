@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Survey of blocks: volumes of deposited blocks, and of blocks that fell within a known period (De
-Biagi et al. 2017)."""
+"""Survey of blocks: all deposited volumes, and those of a period (De Biagi et al. 2017)."""
 
 from __future__ import annotations
 
@@ -137,8 +136,7 @@ def _read(given: Volumes, name: str) -> _Blocks:
 
 
 def _read_file(path: str | Path) -> _Blocks:
-    """Read a table with `volume`, or the three axes of a box, and optional dates; other columns
-    are ignored."""
+    """Read a table with `volume` or three axes of a box, and dates if any."""
     where, columns, rows = read_table(path)
     check_columns(where, columns, columns)
     has_volume, has_axes = "volume" in columns, all(name in columns for name in AXES)

@@ -272,8 +272,7 @@ def _error(value: float, reference: float) -> float:
 
 
 def _with_interval(printed: dict) -> dict:
-    """A row of `Observed.summaries` with the interval of its mean, where n is known and large
-    enough."""
+    """A row of `Observed.summaries` with the interval of its mean, if n is large enough."""
     limits = limits_of_printed(
         printed["mean"], printed["std"], printed["n"], printed["quantity"] in SIGNED
     )
@@ -390,9 +389,7 @@ def _passing(
 
 
 def _at_rest(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """Geometric mean of the simulated density at blocks at rest, and at the same number of
-    simulated boulders.
-    """
+    """Geometric mean of the simulated density at blocks at rest, and at as many boulders."""
     import pandas as pd
 
     rows = [

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observed positions, stopping places and impact marks of boulders, compared with the maps of a
-result."""
+"""Observed positions, stops and impact marks of boulders, compared with maps."""
 
 from __future__ import annotations
 

@@ -103,9 +103,7 @@ class Kernel(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Sums over boulders, for each block: kernels [m-2], their squares, and boulders of similar
-    volume and shape.
-    """
+    """Sums over boulders for each block: kernels [m-2], their squares, similar boulders."""
 
     near: np.ndarray
     squares: np.ndarray
@@ -161,9 +159,7 @@ def _some(names: list[str]) -> str:
 
 
 def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -> Rest:
-    """Boulders of a result that came to rest on the terrain within the mapped area; of the blocks'
-    source, or of all sources.
-    """
+    """Boulders at rest within the mapped area, of the blocks' source or of all sources."""
     source = blocks.source
     done = ~ended_moving(result)
     if source != ALL:
@@ -178,9 +174,7 @@ def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -
 
 
 def fitted_kernel(blocks: Blocks, rest: Rest, cell: float) -> Kernel:
-    """Fit kernels for blocks to the boulders of a run; `cell` is the cell size [m], the minimum
-    width.
-    """
+    """Fit kernels for blocks to the boulders of a run, at least a `cell` [m] wide."""
     both = np.concatenate([blocks.place, rest.place])
     area = float(np.prod(np.maximum(np.ptp(both, axis=0), cell)))
     spread = np.inf
@@ -283,9 +277,7 @@ def log_densities_again(
 def _like(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Numbers (times, blocks) of random boulders of similar volume and shape, one for each
-    block.
-    """
+    """Numbers (times, blocks) of random boulders of similar volume and shape, one a block."""
     n, uniform = len(rest.place), random.random((times, len(blocks.place)))
     if np.isinf(kernel.of_volume) and not kernel.by_shape:
         return (uniform * n).astype(int)
@@ -312,9 +304,7 @@ def _normal(squares: np.ndarray, widths: np.ndarray) -> np.ndarray:
 
 
 def like_weights(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> np.ndarray:
-    """Weights of boulders by similarity of volume and shape, 0 to 1 (blocks, boulders); 1 where
-    unknown.
-    """
+    """Similarity of boulders in volume and shape, 0 to 1 (blocks, boulders); 1 if unknown."""
     if np.isinf(kernel.of_volume):
         alike = np.ones((len(blocks.place), len(rest.place)))
     else:

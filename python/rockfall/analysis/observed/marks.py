@@ -167,9 +167,7 @@ def passing_at(result: xr.Dataset, mark: Mark) -> Passing:
 
 
 def fitted_heights(mark: Mark, passing: Passing, greatest: float) -> Heights:
-    """Kernel for a mark, from the boulders of a run; `greatest` is the maximum height [m] of all
-    marks and boulders there.
-    """
+    """Kernel for a mark from the boulders of a run, up to the `greatest` height [m] there."""
     width = silverman(passing.heights)
     if not np.isfinite(width):
         width = mark.height / 4 if passing.heights.size < 2 else 0.0
@@ -177,9 +175,7 @@ def fitted_heights(mark: Mark, passing: Passing, greatest: float) -> Heights:
 
 
 def height_sums(kernel: Heights, height: float, heights: np.ndarray) -> tuple[float, float, float]:
-    """Sums over boulders at the height of a mark: kernels [1/m], their squares, and their
-    distribution functions.
-    """
+    """Sums over boulders at a mark's height: kernels [1/m], their squares, distributions."""
     from scipy.special import ndtr
 
     scores = (height - heights) / kernel.width

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Field observations, published results and trajectories of other programs, from files
-(docs/observed.md).
-"""
+"""Observations, published results and paths of other programs, from files (docs/observed.md)."""
 
 from __future__ import annotations
 

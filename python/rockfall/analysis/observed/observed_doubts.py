@@ -39,9 +39,7 @@ USUAL_ERROR = 1.6
 
 
 def check_exchanged(seen: Observed, site: xr.Dataset | Grid) -> None:
-    """Refuse observed places far from the boulders of a result, or from a terrain, that would fit
-    with x and y exchanged.
-    """
+    """Refuse observed places far from boulders or terrain that x and y exchanged would fit."""
     if isinstance(site, Grid):
         low, high = np.array([site.west, site.south]), np.array([site.east, site.north])
     else:

@@ -230,9 +230,7 @@ def starts(result: xr.Dataset) -> Starts:
 
 
 def _touching(places: np.ndarray, cell: float) -> np.ndarray:
-    """Patch number of each source cell, where adjacent cells form a patch; in the order of the
-    cells.
-    """
+    """Number of the patch of adjacent cells to which each source cell belongs, in order."""
     import pandas as pd
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -286,8 +284,7 @@ def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
 
 
 def _observed_ways(seen: Observed, origins: Starts) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors from releases to stopping places, and the group of the source nearest to each
-    release."""
+    """Vectors from releases to stops, and the group of the source nearest to each release."""
     assert seen.stops is not None
     given = seen.starts
     given = origins.places[:1].repeat(len(seen.stops), axis=0) if given is None else given
@@ -318,9 +315,7 @@ def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
 
 
 def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndarray:
-    """Distance (column 0) and lateral offset (1) [m] of each boulder of a result from this group,
-    NaN for others.
-    """
+    """Distance and lateral offset [m] (columns) of each boulder of this group, NaN of others."""
     ways = np.column_stack(
         [result[f"stop_{axis}"].values - result[f"start_{axis}"].values for axis in "xy"]
     )
@@ -398,9 +393,7 @@ def moments(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
 
 
 def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.Generator) -> float:
-    """95 % quantile of the Wasserstein distance between the result and samples of the same number
-    from the same sources.
-    """
+    """95 % quantile of the Wasserstein distance of a result from its own samples of n."""
     values, distances = made.values[:, 0], []
     places = {s: np.flatnonzero(made.source == s) for s in np.unique(seen.source)}
     distance = Distance(values, values)

@@ -93,9 +93,7 @@ def _by_size(radii: np.ndarray, tangents: np.ndarray) -> Iterator[Rocks]:
 
 @lru_cache
 def _neutral_slope(means: bytes, covariances: bytes, weights: tuple[float, ...]) -> float:
-    """Neutral slope of sets (5, 9) and (5, 9, 9) as bytes, for caching: variants of a case often
-    share them.
-    """
+    """Neutral slope of sets (5, 9) and (5, 9, 9) as bytes, cached: variants share them."""
     sets = np.frombuffer(means).reshape(-1, 9), np.frombuffer(covariances).reshape(-1, 9, 9)
     rebounds = [set_rebound(mean, c) for mean, c in zip(*sets, strict=True)]
     return neutral_slope(mixed_rebound(rebounds, np.array(weights)), BOULDERS)
@@ -110,8 +108,7 @@ class NeutralSlopes:
         self._between = scene.case.impact["ratio"] == "between"
 
     def weights(self, radius: float, radii: np.ndarray) -> np.ndarray:
-        """Weights (5,) of the sets for a boulder of this radius [m], without absorbing rock
-        sizes."""
+        """Weights (5,) of the sets for a boulder of this radius [m], without absorbing sizes."""
         sizes = size_weights() if radii.size > 1 else np.ones(1)
         sets = [weight * set_weights(radius / r, self._between)
                 for weight, r in zip(sizes, radii, strict=True) if np.isfinite(r)]  # fmt: skip
@@ -122,7 +119,6 @@ class NeutralSlopes:
         return [int(np.argmax(set_weights(radius / r, False))) + 1 for r in radii]
 
     def of(self, radius: float, radii: np.ndarray) -> float:
-        """Neutral slope [degree] of boulders of this radius on rocks of these radii [m], from 5 to
-        75."""
+        """Neutral slope, 5 to 75 degrees, of boulders of this radius on rocks of these [m]."""
         weights = tuple(self.weights(radius, radii).tolist())
         return _neutral_slope(self._means, self._covariances, weights)

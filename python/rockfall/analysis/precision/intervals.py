@@ -84,8 +84,7 @@ class Sources:
         return Sums(self._numbers, total, squares, self.released, self.sampled)
 
     def indicator(self, holds: np.ndarray) -> Sums:
-        """Sums of an indicator: 1 for the chosen boulders (a mask or indices), 0 for the
-        others, less its mean."""
+        """Sums of an indicator of chosen boulders (a mask or indices), less its mean."""
         size, n = self.released.size, self._numbers
         if size > 1:
             held = np.bincount(self._of[holds], minlength=size).astype(float)
@@ -96,9 +95,7 @@ class Sources:
         return Sums(n, held - n * fraction, squares, self.released, self.sampled)
 
     def effective_number(self, holds: np.ndarray) -> float:
-        """Effective number of independent boulders for the fraction where `holds`, (boulders,) of
-        bool, is True.
-        """
+        """Effective number of boulders for the fraction where `holds`, (boulders,) of bool."""
         return self.indicator(holds).effective_number(float(holds.mean()))
 
     @property
@@ -203,8 +200,7 @@ class Sums:
         return student(clusters - 1) * self._error_of_clusters() if clusters > 1 else 0.0
 
     def _error_of_clusters(self) -> float:
-        """Standard error of a mean from the variation between two or more clusters (linearised;
-        Cochran 1977)."""
+        """Standard error of a mean from its clusters, two or more (linearised; Cochran 1977)."""
         sums = self.total[self.n > 0]
         return math.sqrt((sums**2).sum() * sums.size / (sums.size - 1)) / self.size
 
@@ -296,9 +292,7 @@ def sources_of(values: Held | Mapping[str, ArrayLike], sampled: bool) -> Sources
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:
-    """Rank of each value, from 0, among the distinct values; small integers are ranked without
-    sorting.
-    """
+    """Rank of each value, from 0, among the distinct ones; small integers are not sorted."""
     if values.dtype.kind == "i" and values.size and 0 <= values.min() <= values.max() < DENSE:
         return (np.cumsum(np.bincount(values) > 0) - 1)[values]
     return np.unique(values, return_inverse=True)[1]
@@ -320,8 +314,7 @@ def fraction_interval(holds: np.ndarray, source: Sources | Weighted) -> tuple[fl
 
 
 def passing_percent(result: Held, line: int) -> tuple[int, float, float, float]:
-    """Number of boulders that pass the line of this index, and their fraction with the limits of
-    its 95 % interval [%]."""
+    """Number of boulders at the line of this index, and their fraction with its interval [%]."""
     crossed = has_crossed(result, line)
     fraction, low, high = fraction_interval(crossed, sources(result))
     return int(crossed.sum()), 100 * fraction, 100 * low, 100 * high

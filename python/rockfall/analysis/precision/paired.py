@@ -110,8 +110,7 @@ def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Diff
 
 
 def difference_of_fractions(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
-    """Difference of the fractions of chosen boulders (Newcombe 1998, method 10),
-    with their correlation within sources."""
+    """Difference of two fractions, correlated within sources (Newcombe 1998, method 10)."""
     (p, p_low, p_high), (q, q_low, q_high) = (
         fraction_interval(holds, source) for holds in (here, before)
     )
@@ -145,8 +144,7 @@ def _hypotenuse(first: float, other: float, correlation: float) -> float:
 
 
 def _correlation(here: np.ndarray, before: np.ndarray, source: Sources) -> float:
-    """Correlation of two indicators of boulders within their sources, or, if these are sampled, of
-    their sums over sources."""
+    """Correlation of two indicators within sources or, if sampled, of their sums."""
 
     def apart(indicator: np.ndarray) -> np.ndarray:
         if source.sampled:

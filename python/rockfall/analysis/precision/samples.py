@@ -109,8 +109,7 @@ class Sample(ABC):
 
 
 def quantiles(ordered: np.ndarray, levels: Sequence[float]) -> np.ndarray:
-    """Quantiles of type 7 of values in increasing order, which `np.quantile` would partition
-    again."""
+    """Quantiles of type 7 of rising values, which `np.quantile` would partition again."""
     place = np.asarray(levels) * (ordered.size - 1)
     below = place.astype(int)
     part = place - below
@@ -132,8 +131,7 @@ class Values(Sample):
     """Values of boulders."""
 
     def __init__(self, values: np.ndarray, source: Sources | Passing) -> None:
-        """Values of the boulders that have one, or, given sources, of all boulders from them (NaN
-        without a value)."""
+        """Values of boulders that have one, or of all from these sources (NaN without)."""
         if isinstance(source, Sources):
             has = ~np.isnan(values)
             values, source = values[has], Passing(source, has)

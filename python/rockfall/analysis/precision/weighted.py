@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Quantiles and fractions of values with weights, such as boulders of scenarios of different
-frequencies."""
+"""Quantiles and fractions of weighted values, such as boulders of unequal frequency."""
 
 from __future__ import annotations
 

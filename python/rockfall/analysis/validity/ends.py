@@ -152,9 +152,7 @@ def _meets_line(origin: np.ndarray, direction: np.ndarray, line: dict[str, Any])
 def _meets(
     origin: np.ndarray, direction: np.ndarray, first: np.ndarray, last: np.ndarray
 ) -> np.ndarray:
-    """Mask (n,) of the rays from `origin` (2, n) that intersect the segment from `first` to
-    `last`.
-    """
+    """Mask (n,) of rays from `origin` (2, n) that meet the segment from `first` to `last`."""
     (along_x, along_y), (to_x, to_y) = last - first, first[:, None] - origin
     determinant = direction[0] * along_y - direction[1] * along_x
     ray = to_x * along_y - to_y * along_x  # times the determinant

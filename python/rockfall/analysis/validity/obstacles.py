@@ -33,8 +33,7 @@ def forest_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def forest_text(model: str = "vaujany-observed") -> Text:
-    """Comparison of a model with the forest experiment (cases/vaujany-forest), where more boulders
-    pass than observed."""
+    """A model and the forest experiment (cases/vaujany-forest): more pass than observed."""
     bare, forest = (only("vaujany-forest", state, "passing", model) for state in ("bare", "forest"))
     return say(
         "model.forest",

@@ -39,9 +39,7 @@ JUDGED_TABLES = "talus", "meadow"  # grounds by tables of impacts, each with evi
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on the fractions of classical rebounds and their coefficients; none for runs with
-    impact sets only.
-    """
+    """Remarks on classical rebounds and their coefficients; none with impact sets only."""
     if not (grounds := classical_grounds(values)):
         return
     own = "model.own_coefficients" if has_own_grounds(case) else "model.quoted_coefficients"
@@ -83,9 +81,7 @@ def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
 
 
 def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on the field validation of the shipped impact sets (docs/validation); none if no
-    rebound used them.
-    """
+    """Remarks on the field validation of shipped impact sets, if rebounds used them."""
     names = set(sets_followed(values, case.impact["sets"])) & set(shipped_sets())
     total = sum_of(values, "rebounds")
     if not total:

@@ -31,8 +31,7 @@ class Remark(NamedTuple):
 
     @property
     def grade(self) -> str:
-        """Return `stop` if numbers are wrong until the cause is removed, else `caution` for a
-        warning, else `note`."""
+        """Return `stop` for wrong numbers, else `caution` for a warning, else `note`."""
         if not self.is_warning:
             return "note"
         return "stop" if self.text.key in STOPS else "caution"

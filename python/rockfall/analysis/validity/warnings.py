@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Warnings on the models of one or several runs, each once: as Python warnings and as an attribute
-of results.
-"""
+"""Warnings on models of runs, each once: as Python warnings and as an attribute."""
 
 from __future__ import annotations
 
@@ -59,9 +57,7 @@ def with_model_warnings(result: Result) -> Result:
 
 
 def warned_of_model(result: Result) -> Result:
-    """Result with the warnings on its model, which are also issued as Python warnings at the
-    caller's caller.
-    """
+    """Result with the warnings on its model, also issued at the caller's caller."""
     result = with_model_warnings(result)
     warn_each(dict.fromkeys(result.attrs[MODEL_WARNINGS].splitlines()), stacklevel=4)
     return result

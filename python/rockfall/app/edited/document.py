@@ -150,9 +150,7 @@ class Runnable(NamedTuple):
 
 
 def runnable(site: Site, document: Document) -> Runnable:
-    """Case and layers of a document; raises Refused without sources or ground, RockfallError for an
-    invalid case.
-    """
+    """Case and layers of a document; Refused without sources or ground."""
     groups = {group: dict(values) for group, values in document.settings.items()}
     for group, kept in site.kept.items():
         groups[group] = kept if isinstance(kept, list) else {**kept, **groups.get(group, {})}  # type: ignore[assignment]

@@ -117,8 +117,7 @@ def _coordinates(kind: str, given: Any, place: dict[str, str]) -> Any:
 
 
 def positions(given: Any, least: int, place: dict[str, str]) -> list[list[float]]:
-    """Vertices that a page sends, at least this many. Raises Refused, with their place, if they are
-    not vertices."""
+    """Vertices that a page sends, at least this many; else Refused, with their place."""
     if not isinstance(given, list) or not least <= len(given) <= MAX_VERTICES:
         raise Refused(say("app.server_wrong_shape"), **place)
     return [_position(vertex, place) for vertex in given]

@@ -56,9 +56,7 @@ Form = dict[str, Field]
 
 
 def settings_forms(grounds: tuple[str, ...] | None) -> dict[str, Form]:
-    """Fields of the case groups that are edited as settings; `grounds` are the allowed names, None:
-    any.
-    """
+    """Fields of the groups that are settings; `grounds` are the allowed names, None: any."""
     forms: dict[str, Form] = {}
     for key in key_table():
         if key.group not in REPEATABLE and key.name not in DRAWN.get(key.group, ()):
@@ -70,9 +68,7 @@ def settings_forms(grounds: tuple[str, ...] | None) -> dict[str, Form]:
 
 
 def layer_forms(case: Case, zones: bool, grounds: tuple[str, ...] | None) -> dict[str, Form]:
-    """Fields of the features of each layer; `zones`: True if zones are drawn; `grounds` as in
-    `settings_forms`.
-    """
+    """Fields of the features of each layer; `zones`: whether zones are drawn."""
     keys = {(key.group, key.name): key for key in key_table()}
     text = Key("", "name", "text", 1, "absent", "", "", "")
     names = ("density", "drop_height")
@@ -159,8 +155,7 @@ def _field(key: Key) -> Field:
 
 
 def check_value(field: Field, value: Any, **place: str) -> Any:
-    """Value of a field, converted to its type; raises Refused if that fails. The kernel checks
-    ranges."""
+    """Value of a field in its type, else Refused. The kernel checks ranges."""
     if field.list and isinstance(value, list):
         if len(value) > min(field.most, MAX_VALUES):
             raise Refused(say("app.server_too_many", name=field.name), **place)

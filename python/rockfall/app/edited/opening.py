@@ -212,9 +212,7 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
 
 
 def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
-    """Columns of the parts of polygons; `owner` is the polygon of each part. The frequency is
-    divided by area.
-    """
+    """Columns of the parts of polygons (their `owner`), with frequencies by area."""
     import shapely
 
     frequency = attribute(columns, "frequency")
@@ -238,9 +236,7 @@ def _rings(polygon: Any) -> list[list[list[float]]]:
 
 
 def _properties(columns: dict[str, Any], form: Form, size: int) -> Iterator[dict[str, Any]]:
-    """Attributes of each feature that are in a form, converted to the field types where
-    possible.
-    """
+    """Attributes of each feature that are in a form, in the field types where possible."""
     fields = {name: attribute(columns, name) for name in form}
     for k in range(size):
         values = {name: plain(column[k]) for name, column in fields.items() if column is not None}
@@ -251,9 +247,7 @@ def _properties(columns: dict[str, Any], form: Form, size: int) -> Iterator[dict
 
 
 def _typed(kind: str, value: Any) -> Any:
-    """Attribute converted to the type of its field; unchanged if not convertible, so that the
-    reader refuses it.
-    """
+    """Attribute in the type of its field; unchanged if impossible, for the reader to refuse."""
     if kind == "text":
         return str(value).strip()
     number = decimal(value) if isinstance(value, str) else float(value)

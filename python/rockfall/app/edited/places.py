@@ -18,9 +18,7 @@ _LAYERS = {group: layer for layer, group in GROUPS.items()}
 
 
 def entry_of(text: str, site: Site, document: Document) -> dict[str, str]:
-    """Entry for the page from an error: its text without file names, and its layer and feature, or
-    group and key.
-    """
+    """Entry for the page from an error: its text, and its layer and feature or group and key."""
     text = without_files(text, site)
     place: dict[str, str] = {}
     rest = text

@@ -145,8 +145,7 @@ def _open(
 
 
 def _write(path: str | Path, result: xr.Dataset, made: Mapping[Path, Any]) -> None:
-    """Write tables, or objects that write themselves to a path, all or none, and print the
-    paths."""
+    """Write tables, or what writes itself to a path, all or none, and print the paths."""
     if not made:
         return
     with atomic_folder(next(iter(made)).parent, [Path(path), *files_behind(result)]) as part:

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Protection commands: the design sheet of results, the design block of a survey, and the siting of
-a barrier."""
+"""Commands on protection: design sheet, design block of a survey, siting of a barrier."""
 
 from __future__ import annotations
 

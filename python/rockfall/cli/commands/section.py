@@ -67,8 +67,7 @@ def drawn(given: Sequence[str], option: str) -> Path | list[tuple[float, float]]
 
 
 def _places(output: Path) -> list[Path]:
-    """Files of a section: its tables, and its figure, in the format of the output if it is one of a
-    figure."""
+    """Files of a section: its tables, and its figure in the format of the output."""
     ending = output.suffix.lower()
     if ending not in ENDINGS:
         raise RockfallError(f"{output}: must be a file name that ends in {', '.join(ENDINGS)}")

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coordinate reference systems: names, equality, requirements of the model, and their description
-in CF (1.8, appendix F)."""
+"""Coordinate systems: names, equality, needs of the model, CF (1.8, appendix F)."""
 
 from __future__ import annotations
 
@@ -275,8 +274,7 @@ def _check_kind(path: str, system: pyproj.CRS) -> None:
 
 
 def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
-    """Add a remark if the centre of a raster lies outside the area of use of its CRS; refuse it if
-    x and y are exchanged."""
+    """Remark if a raster lies outside the area of its CRS; refuse exchanged x and y."""
     code = None if grid.crs is None else in_plan(grid.crs).to_epsg()
     if code is None:
         return
@@ -304,8 +302,7 @@ def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
 
 
 def _units(crs: pyproj.CRS) -> tuple[Unit, Unit | None]:
-    """Units of a system in plan and of its heights, None without; metre where undefined. Angles
-    have no factor."""
+    """Units in plan and of heights, None without, metre where undefined; no angles."""
     plan, heights = METRE, None
     for axis in crs.axis_info:
         factor, name = axis.unit_conversion_factor, axis.unit_name
@@ -425,8 +422,7 @@ def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
 
 
 def _ellipsoidal(system: pyproj.CRS) -> pyproj.CRS:
-    """System whose projection has the formulas for an ellipsoid, as in CF; on a sphere they agree
-    with the spherical ones."""
+    """System with the formulas for an ellipsoid, as in CF; the same on a sphere."""
     import pyproj
 
     description = system.to_json_dict()

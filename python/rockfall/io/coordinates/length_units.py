@@ -134,8 +134,7 @@ def contradiction(stated: Iterable[Stated]) -> tuple[Stated, Stated] | None:
 
 
 def refuse_units(path: str | Path, stated: Iterable[Stated], command: Callable[[str], str]) -> None:
-    """Refuse heights of points in a unit other than the metre; `command` converts them, by the
-    factor as a text."""
+    """Refuse heights of points not in metres; `command` converts them by a factor."""
     for unit, where in stated:
         if not unit.is_metre:
             is_known = math.isfinite(unit.factor)

@@ -63,9 +63,7 @@ def aligned_blocks(
 
 
 def _refuse_mark(raster: RasterFile, what: str, value: float, largest: int) -> None:
-    """Refuse a number outside the integer range as undeclared nodata, and suggest the command that
-    declares it.
-    """
+    """Refuse an odd number as undeclared nodata, with the command that declares it."""
     if abs(value) <= largest:
         return
     cure = "declare it as nodata"

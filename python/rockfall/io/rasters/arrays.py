@@ -56,8 +56,7 @@ def from_array(
 
 
 def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
-    """Return float32 for types it represents exactly (including integers of 8 and 16 bits), else
-    float64."""
+    """Return float32 for types that it holds exactly (integers of up to 16 bits), else float64."""
     stored = np.dtype(stored)
     if stored.kind not in "iuf":
         raise RockfallError(f"{name}: elevations are of type {stored}, real numbers are needed")
@@ -74,9 +73,7 @@ def check_elevations(name: str, z: np.ndarray) -> None:
 
 
 def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
-    """Return True if any cell has an elevation; implausible elevations are refused. The array
-    starts at `row`.
-    """
+    """Return True if any cell of rows from `row` has an elevation; odd ones are refused."""
     is_known = False
     for rows in row_blocks(z.shape):
         absurd = np.argwhere(np.abs(z[rows]) > MAX_ELEVATION)

@@ -23,8 +23,7 @@ _BLOCK = 1_000_000  # cells
 
 
 class Transform(NamedTuple):
-    """Transform from (column, row) to (x, y), with the names of `affine.Affine`, whose import is
-    slow."""
+    """Transform from (column, row) to (x, y), named as in `affine.Affine`, slow to import."""
 
     a: float
     b: float
@@ -97,15 +96,12 @@ class Grid:
         return Affine(self.cell, 0.0, self.west, 0.0, -self.cell, self.north)
 
     def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column of the cells at places [m]; places on the far edge belong to the last
-        cell.
-        """
+        """Row and column of cells at places [m]; the far edge belongs to the last cell."""
         row = np.floor((self.north - y) / self.cell).astype(int).clip(0, self.ny - 1)
         return row, np.floor((x - self.west) / self.cell).astype(int).clip(0, self.nx - 1)
 
     def matches(self, other: Grid) -> bool:
-        """Return True if both grids have the same cells, up to `TOLERANCE` of a cell; ignores the
-        CRS."""
+        """Return True if both grids have the same cells, up to `TOLERANCE`, in any CRS."""
         near = TOLERANCE * self.cell
         return self.shape == other.shape and all(
             abs(getattr(self, edge) - getattr(other, edge)) <= near

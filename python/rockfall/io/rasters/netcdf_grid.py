@@ -200,9 +200,7 @@ def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray
 
 
 def _place(x: np.ndarray, y: np.ndarray, transform: Affine) -> Affine | Transform:
-    """GDAL's transform where it agrees with the coordinates, else the transform from the
-    coordinates.
-    """
+    """GDAL's transform where it agrees with the coordinates, else that of the coordinates."""
     t, far = transform, max(x.size, y.size)
     west, east = t.c + 0.5 * t.a, t.c + (x.size - 0.5) * t.a
     north, south = t.f + 0.5 * t.e, t.f + (y.size - 0.5) * t.e

@@ -53,8 +53,7 @@ class Part(NamedTuple):
     style: int = 0  # of a hatch
 
     def area(self) -> Geometry:
-        """Polygons of a closed line or a hatch. Boundaries that cross themselves are kept; the
-        check of shapes refuses them."""
+        """Polygons of a closed line or a hatch; the check of shapes refuses crossed boundaries."""
         import shapely
 
         areas = shapely.polygons([shapely.linearrings(ring) for ring in self.rings or (self.xy,)])

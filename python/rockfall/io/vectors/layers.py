@@ -425,8 +425,7 @@ def _read(
 
 
 def _layer(path: str, layers: Iterable[Any], what: str, asked: str | None, key: str) -> str:
-    """Name of the requested layer, or of the only one with shapes (GeoPackages keep styles in
-    tables without shapes)."""
+    """Name of the requested layer, or of the only one with shapes."""
     names = [name for name, shape in layers if shape is not None]
     if not names:
         raise RockfallError(f"{path}: has no layer with {what}")

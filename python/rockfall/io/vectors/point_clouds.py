@@ -200,9 +200,7 @@ def _laser_crs(path: str | Path) -> CRS | None:
 
 
 def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any]) -> None:
-    """Refuse heights in units other than the metre, by the GeoKeys, which laspy does not read, or
-    by a description.
-    """
+    """Refuse heights not in metres, by the GeoKeys, unread by laspy, or a description."""
     data = {record.record_id: record.record_data_bytes() for record in own}
     directory = data.get(DIRECTORY, b"")
     keys = keys_of(struct.unpack(f"<{len(directory) // 2}H", directory[: len(directory) // 2 * 2]))
@@ -280,9 +278,7 @@ def _check_header(path: str | Path) -> None:
 
 
 def _chunk_points(path: str | Path, offset: int, size: int) -> int:
-    """Number of uncompressed points in a LAZ file, then the first point of each chunk; -1 if
-    invalid.
-    """
+    """Number of points in a LAZ file, then the first of each chunk; -1 if invalid."""
     with open(path, "rb") as file:
         file.seek(offset)
         (table,) = _PLACE.unpack(file.read(_PLACE.size).ljust(_PLACE.size, b"\0"))

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points of a vector layer as table rows, with attributes as cells; and polygons merged to one
-area.
-"""
+"""Points of a layer as table rows, with attributes as cells; polygons merged to an area."""
 
 from __future__ import annotations
 
@@ -54,8 +52,7 @@ def read_point_rows(
 
 
 def read_area(path: str | Path, grid: Grid, remarks: list[str]) -> Any:
-    """Union of the polygons of a layer in the CRS of the grid (shapely); None if it has points or
-    lines."""
+    """Union of the polygons of a layer in the grid's CRS; None with points or lines."""
     import shapely
 
     shapes = read_features(path, grid, remarks)[0]

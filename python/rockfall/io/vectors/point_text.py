@@ -148,9 +148,7 @@ def _cells(line: str) -> tuple[list[str], str]:
 
 
 def _in_metres(path: Path, factor: str, cells: list[str], separator: str, head: int) -> str:
-    """Command that writes points with z multiplied by a factor, from a text with these first cells
-    after some header lines.
-    """
+    """Command that writes points of a text, after its header, with z times a factor."""
     is_head = not all(map(_NUMBER.fullmatch, filter(None, cells)))
     names = [cell.lower().lstrip("#/")[:1] for cell in cells] if is_head else ["x", "y", "z"]
     names = names[1:] if names[0] == "" else names

@@ -115,9 +115,7 @@ def points_inside(
 
 
 def held_cells(shapes: Iterable[tuple[Any, int]], grid: Grid, cells: np.ndarray) -> np.ndarray:
-    """Set `cells` (ny, nx) to the number of the last polygon that contains their centre, and return
-    them.
-    """
+    """Set `cells` (ny, nx) to the last polygon that contains their centre; return them."""
     from rasterio.features import rasterize
 
     moved = grid.moved(-ASIDE[0], -ASIDE[1])

@@ -60,9 +60,7 @@ def note_marks(
     used: Iterable[str],
     plain: Callable[[str], str] = str.lower,
 ) -> None:
-    """Add a remark on each used column whose largest number looks like a missing-value marker, far
-    above all others.
-    """
+    """Remark on columns whose largest number, far above others, looks like a missing value."""
     names = {plain(name) for name in used} - _NO_NUMBERS
     names |= {name[:SHORT] for name in names}
     for name, column in columns.items():

@@ -76,9 +76,7 @@ class Sheet:
 
     @property
     def bar(self) -> tuple[float, float, float]:
-        """Position of the colour bar: left, bottom, width [inch]; wider than a narrow map to fit
-        its labels.
-        """
+        """Left, bottom and width of the colour bar [inch], wide enough for its labels."""
         inner = self.figure.get_figwidth() - LEFT - RIGHT
         wide = max(self.wide, min(NARROWEST_BAR, inner))
         left = min(self.left + (self.wide - wide) / 2, LEFT + inner - wide)
@@ -132,9 +130,7 @@ def new_sheet(
 
 
 def inner_size(room: Room, key: Sequence[Any] = (), below: float = 0.0) -> tuple[float, float]:
-    """Width and height of the map frame [inch] in a space, with this legend and the given space
-    above it [inch].
-    """
+    """Width and height of the map frame [inch] next to this legend, below this space."""
     bottom = TICKS + STRIP + below + ROW * -(-len(key) // _columns(room))
     return room.wide - LEFT - RIGHT, room.high - bottom - TOP
 
@@ -219,9 +215,7 @@ def _inner(low: float, high: float, step: float) -> list[float]:
 
 
 def _draw_strip(sheet: Sheet, crs: str) -> None:
-    """Draw scale bar, contour interval, and arrow to grid north, and the coordinate system
-    below.
-    """
+    """Draw scale bar, contour interval, arrow to grid north, and the coordinate system."""
     from matplotlib.patches import Polygon, Rectangle
 
     figure, inches = sheet.figure, sheet.figure.dpi_scale_trans

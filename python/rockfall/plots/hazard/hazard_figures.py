@@ -84,8 +84,7 @@ def zones_figure(
 
 
 def draw_zones(sheet: Sheet, hazard: xr.Dataset) -> None:
-    """Draw the zones of a hazard, hatched where their class is uncertain, the lines and barriers of
-    its case, and the objects."""
+    """Draw zones, hatched where uncertain, with lines, barriers and objects."""
     zones, colours = zones_of(hazard), colours_of(hazard["hazard_class"])
     for number, colour in colours.items():
         style = {"facecolor": colour, "edgecolor": INK, "linewidth": 0.4, "alpha": OPAQUE}
@@ -187,9 +186,7 @@ def _key(data: xr.DataArray) -> list[Any]:
 
 
 def _lines(hazard: xr.Dataset) -> Iterator[tuple[bool, str, np.ndarray, np.ndarray]]:
-    """Barrier flag, name and vertices of each line and barrier of a hazard's case, without lying
-    logs.
-    """
+    """Barrier flag, name and vertices of each line and barrier of a hazard but lying logs."""
     case = case_in(hazard.attrs)
     for is_barrier, groups in ((False, case.line), (True, case.barrier)):
         for group in groups:

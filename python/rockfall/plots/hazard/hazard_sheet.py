@@ -255,8 +255,7 @@ def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
 
 
 def warning_pages(hazard: xr.Dataset, groups: Iterable[tuple[str, Sequence[str]]]) -> list[Figure]:
-    """Pages of A3 with all warnings in full, by the names of their scenarios ("" for all); none
-    without warnings."""
+    """Pages of A3 with all warnings, by the names of their scenarios ("" for all)."""
     import matplotlib
 
     with matplotlib.rc_context(STYLE):
@@ -269,9 +268,7 @@ def warning_pages(hazard: xr.Dataset, groups: Iterable[tuple[str, Sequence[str]]
 
 
 class _Line(NamedTuple):
-    """A line of a page: text, height including the gap below, and whether it belongs to a
-    heading.
-    """
+    """A line of a page: text, height with the gap below, and whether of a heading."""
 
     text: str
     height: float

@@ -79,9 +79,7 @@ def _draw_classes(axes: Axes, rows: pd.DataFrame) -> None:
 
 
 def _draw_frequencies(axes: Axes, rows: pd.DataFrame, thresholds: list[float]) -> None:
-    """Draw the frequencies of all boulders, and of those above each threshold, on a logarithmic
-    axis.
-    """
+    """Draw frequencies of all boulders and of those above each threshold, on a log axis."""
     names = ["frequency"]
     names += [f"frequency_above_{shown('threshold', threshold)}" for threshold in thresholds]
     energies = (Number(shown("threshold", threshold, " ")) for threshold in thresholds)
@@ -101,9 +99,7 @@ def _draw_frequencies(axes: Axes, rows: pd.DataFrame, thresholds: list[float]) -
 def _draw_steps(
     axes: Axes, rows: pd.DataFrame, name: str, colour: str, label: str | None = None
 ) -> None:
-    """Draw a number of each segment as a step with its band, hatched upwards where too few boulders
-    give no upper limit.
-    """
+    """Draw a number of segments as steps with a band, hatched without an upper limit."""
     top = rows[[name, f"{name}_high"]].max().max()
     for k, (_, row) in enumerate(rows.iterrows()):
         ends = [row["chainage_from"], row["chainage_to"]]

@@ -99,9 +99,7 @@ def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> N
 
 
 def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
-    """Draw the changes by each variant of the terrain, compared with the Monte Carlo error of the
-    given terrain.
-    """
+    """Draw the changes by each variant of the terrain, and the Monte Carlo error."""
     variants = list(dict.fromkeys(table["variant"]))
     labels = []
     for k, variant in enumerate(variants):

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Frequencies over energies at the places of hazards: a panel for each place, a curve for each
-variant."""
+"""Frequencies over energies at places of hazards: a panel a place, a curve a variant."""
 
 from __future__ import annotations
 
@@ -26,8 +25,7 @@ RAREST = 1e-4  # lowest frequency shown [1/year]
 
 @styled
 def curves_figure(hazards: Mapping[str, xr.Dataset]) -> Figure:
-    """Annual frequency of boulders with more than each energy at the first places, with 95 %
-    bands."""
+    """Annual frequency of boulders above each energy at the first places, with 95 % bands."""
     first = next(iter(hazards.values()))
     places = [
         place for place in places_of(first)

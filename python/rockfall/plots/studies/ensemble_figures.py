@@ -32,8 +32,7 @@ PANEL, BINS = 1.5, 16  # of a posterior: panel size [inch], and bins of its dens
 
 @styled
 def ranges_figure(data: xr.Dataset) -> Figure:
-    """Row of panels for each line: grey, 90 % of the draws; blue, the unchanged case with the 95 %
-    interval of its boulders."""
+    """Panels of a line: grey, 90 % of the draws; blue, the unchanged case with its interval."""
     lines = line_names(data)
     figure = new_figure(1.35 * WIDE, 1.1 * len(lines) + 0.4)
     grid = figure.subplots(len(lines), len(NUMBERS), squeeze=False)

@@ -79,9 +79,7 @@ class Attributes(NamedTuple):
         return matches[0] if matches else None
 
     def note_unused(self, remarks: list[str], keys: Iterable[str]) -> None:
-        """Add remarks on attributes that give none of the values `keys`, and on missing-value
-        markers in the others.
-        """
+        """Remarks on attributes that give none of the values `keys`, and on missing values."""
         names = [name for key in keys for name in NAMES[key]]
         note_unused(remarks, self.where, self.columns, names, plain_name)
         note_marks(remarks, self.where, self.columns, names, plain_name)
@@ -99,8 +97,7 @@ class Attributes(NamedTuple):
         return [None if (raw := plain(value)) is None else str(raw) for value in self.columns[name]]
 
     def numbers(self, key: str, needed: np.ndarray) -> np.ndarray | None:
-        """Numbers of an attribute, given where `needed` and within their limits; None without the
-        attribute."""
+        """Numbers of an attribute within limits, given where `needed`; None without it."""
         name = self.own_name(key)
         if name is None:
             return None

@@ -134,9 +134,7 @@ def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
 
 
 def _drawn_factors(inputs: Inputs, path: Path, listed: Listed, inside: np.ndarray) -> np.ndarray:
-    """Toughness factors drawn from the percentage of conifers, by each tree's number in the
-    list.
-    """
+    """Toughness factors drawn from the percentage of conifers, by number of the tree."""
     forest, grid, table = inputs.case.forest, inputs.grid, read_species(inputs)
     if "conifers" not in forest and "uniform_conifers" not in forest:
         raise RockfallError(

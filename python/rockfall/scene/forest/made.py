@@ -115,8 +115,7 @@ def _densities(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[slice, n
 def _diameters(
     inputs: Inputs, cells: Cells, u: np.ndarray, stands: Stands | None, stand: np.ndarray | None
 ) -> np.ndarray:
-    """Quantiles `u` of the gamma distributions of the cells, or stands [cm]: shape (mean/std)**2,
-    scale std**2/mean."""
+    """Quantiles `u` of gamma distributions [cm]: shape (mean/std)**2, scale std**2/mean."""
     from scipy.special import gammaincinv
 
     mean, std = (
@@ -135,9 +134,7 @@ def _diameters(
 
 
 def _note_spread(inputs: Inputs, mean: np.ndarray, std: np.ndarray) -> None:
-    """Add a remark on standard deviations that are likely in another unit, or in percent of the
-    mean.
-    """
+    """Remark on standard deviations likely in another unit, or in percent of the mean."""
     ratio = std / mean
     for key, odd in (
         ("input.dbh_narrow", (std > 0) & (ratio < NARROW)),

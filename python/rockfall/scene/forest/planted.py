@@ -17,9 +17,7 @@ from rockfall.scene.stages import FRESH, Stages
 def read_forest(
     inputs: Inputs, x: np.ndarray, y: np.ndarray, stages: Stages = FRESH
 ) -> tuple[Trees | None, tuple[Stand, ...]]:
-    """Trees of a case with sources at `x`, `y`, and its stands; None and empty if there are no
-    trees.
-    """
+    """Trees of a case with sources at `x`, `y`, and its stands; None and [] without."""
     if not inputs.case.has_forest:
         return None, ()
     planted, stands = take_inputs(stages, "planted", inputs, (), _planted)

@@ -64,9 +64,7 @@ def _clear_of(
 
 
 def _cleared(inputs: Inputs, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Fraction of the stems that remain at each place after the clearings; the smallest where they
-    overlap.
-    """
+    """Fraction of the stems that remain after the clearings; the smallest where several."""
     forest, factors = inputs.case.forest, np.ones(x.size)
     if "clearings" not in forest:
         return factors

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Breakage of blocks by the kernel's rule: fragments, and the impact speed at which a block
-breaks.
-"""
+"""Breakage of blocks by the kernel's rule: fragments, and the speed that it takes."""
 
 from __future__ import annotations
 
@@ -37,9 +35,7 @@ def split_blocks(case: Case, volume: np.ndarray, energy: np.ndarray) -> Splits:
 
 
 def breaking_speed(case: Case, volume: float, density: float) -> float:
-    """Impact speed [m/s] normal to the ground above which a block breaks, within 1e-6; inf if the
-    block is too small to break.
-    """
+    """Normal impact speed [m/s] above which a block breaks, within 1e-6; inf if too small."""
     low, high = 0.0, MAX_SPEED
     while high - low > 1e-6:
         speeds = np.linspace(low, high, SPEEDS)

@@ -46,9 +46,7 @@ def admissible(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
 
 
 def limited(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
-    """Rebounds made admissible: V_n is at least 1 % of the incident speed, and the energy at most
-    the incident energy.
-    """
+    """Admissible rebounds: V_n of 1 % of the incident speed or more, no gain of energy."""
     rebounds = np.array(v_out, order="C")
     _core.limit_rebounds(v_in.T, rebounds.T)
     return rebounds

@@ -92,8 +92,7 @@ class Table:
 
 
 def read_attributes(case: Case, table: Table, feature: np.ndarray) -> tuple[Features, np.ndarray]:
-    """Features of a layer, given the feature of each source, and their frequencies (NaN if
-    missing)."""
+    """Features of a layer and of each source, with frequencies (NaN if missing)."""
     if attribute(table.columns, "velocity") is not None:
         raise RockfallError(
             f"{table.path}: attribute velocity: must be {', '.join(VELOCITY)} [m/s]"
@@ -129,9 +128,7 @@ def _key(name: str) -> tuple[str, str]:
 
 
 def _laws(case: Case, table: Table) -> tuple[np.ndarray, np.ndarray]:
-    """Volume distribution of each feature (0: the case's), and its mean, std, min, max (4,
-    features), NaN where missing.
-    """
+    """Volume distribution of each feature (0: the case's), its numbers (4, features)."""
     boulder, law = case.boulder, np.zeros(table.size, int)
     given = np.array([table.numbers(name) for name in VOLUMES])
     usual = boulder["volume"] if boulder["volume"] in LAWS else "fixed"
@@ -161,8 +158,7 @@ def _laws(case: Case, table: Table) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shapes(table: Table) -> np.ndarray | None:
-    """Number of the block shape of each feature, by name or axes; 0 where missing, None if all
-    are."""
+    """Block shape of each feature, by name or axes; 0 where missing, None if all are."""
     shape = _axis_shapes(table)
     for k, value in enumerate(table.values("block_shape")):
         if value is None:

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources from the terrain: steep cells, the number of boulders per area, and the size and shape of
-boulders."""
+"""Sources from the terrain: steep cells, boulders per area, their sizes and shapes."""
 
 from __future__ import annotations
 
@@ -206,9 +205,7 @@ def _with_attributes(
 
 
 def _note_unequal(inputs: Inputs, table: Table, frequency: np.ndarray) -> None:
-    """Remark on one frequency far above all others: it may be in another unit, or a return
-    period.
-    """
+    """Remark on one frequency far above others: another unit, or a return period."""
     ordered = np.unique(frequency[frequency > 0])
     if ordered.size > 1 and (ratio := ordered[-1] / ordered[-2]) >= APART:
         k = int(np.nanargmax(frequency))
@@ -257,9 +254,7 @@ def _note_lost(
 
 
 def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
-    """Sources with the volume, inertia and density of their boulders; sources of shape 0 are left
-    out.
-    """
+    """Sources with volume, inertia and density of boulders; those of shape 0 left out."""
     boulder = inputs.case.boulder
     if "shape" in boulder:
         shape = _at_sources(inputs, sources, "shape", "shapes", np.int32)

@@ -152,9 +152,7 @@ def _distributions(scene: Scene) -> Iterator[_Volumes]:
 
 
 def largest_volumes(scene: Scene) -> Iterator[float]:
-    """Largest volume [m3] of each distribution used by a run or hazard of a scene; inf if
-    unlimited.
-    """
+    """Largest volume [m3] of each distribution that a scene uses; inf if unlimited."""
     if scene.source_boulders is not None:
         yield float(scene.source_boulders.volume.max())
     for group, _, keys in _distributions(scene):
@@ -184,9 +182,7 @@ def _volumes(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _exponents(scene: Scene) -> Iterator[InputWarning]:
-    """Exponents that likely belong to the density instead of the number of larger boulders, which
-    is smaller by 1.
-    """
+    """Exponents likely of the density, not of the number of larger boulders (less by 1)."""
     for _, where, keys in _distributions(scene):
         exponent = keys.get("volume_exponent", 0.0)
         if keys.get("volume") == "pareto" and exponent > EXPONENT:
@@ -278,9 +274,7 @@ def _operator(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _shapes(scene: Scene) -> Iterator[InputWarning]:
-    """Block shapes without effect because no impact table depends on shape; shapes with zero share;
-    axes in several units.
-    """
+    """Block shapes without effect on tables or with no share; axes in several units."""
     given = given_groups(scene.case).get("boulder", {})
     shares = given.get("block_shape_share", [])
     if none := [given["block_shape"][k] for k, share in enumerate(shares) if not share]:

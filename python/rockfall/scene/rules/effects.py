@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Keys of a case that have no effect with its files. The kernel refuses keys without effect in the
-case itself."""
+"""Keys without effect by a case's files; the kernel refuses those by the case itself."""
 
 from __future__ import annotations
 
@@ -13,8 +12,7 @@ from rockfall.scene.scene import Scene
 
 
 def check_effects(scene: Scene) -> None:
-    """Refuse keys of rebounds that no ground of a scene uses, and fragments larger than every
-    boulder."""
+    """Refuse keys of rebounds that no ground uses, and fragments above every boulder."""
     case = scene.case
     given = given_groups(case)
     models = {ground.model for ground in scene.grounds} or {IMPACT_SETS}

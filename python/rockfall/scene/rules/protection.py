@@ -126,9 +126,7 @@ def _scenarios(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _unequal(scene: Scene) -> Iterator[InputWarning]:
-    """One frequency far above all others with the same reference: in another unit, or a return
-    period.
-    """
+    """One frequency far above others of its reference: other unit, or return period."""
     by_reference: dict[str, list[tuple[float, str]]] = {}
     for scenario in scene.case.scenario:
         stated = stated_frequency(scenario, scene.case.boulder), scenario["name"]

@@ -92,8 +92,7 @@ def _units(scene: Scene) -> Iterator[Text]:
 
 
 def is_too_steep(half: float, steep: float) -> bool:
-    """Return True for median and 90 % quantile of slopes [degree] that are implausible for
-    terrain."""
+    """Return True for median and 90 % slopes [degree] that are implausible for terrain."""
     return half > STEEP or (half > FEET[0] and steep > FEET[1])
 
 

@@ -48,8 +48,7 @@ class Checkpoint:
         self.next = time.monotonic() + every
 
     def found(self) -> int:
-        """Number of boulders in the file, 0 without a file; another file with this name is
-        refused."""
+        """Number of boulders in the file, 0 without; another file of this name is refused."""
         if not os.path.lexists(self.path):
             return 0
         boulders = boulders_in(self.path)
@@ -91,8 +90,7 @@ class Checkpoint:
             self.save(tally)
 
     def save(self, tally: Tally) -> None:
-        """Write the completed boulders, unless there are no new ones or checkpoints are
-        disabled."""
+        """Write the completed boulders, if there are new ones and checkpoints are enabled."""
         if np.isinf(self.every) or tally.done == self.saved:
             return
         begun = time.monotonic()

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Locks that let one run at a time write an output, since two would destroy each other's files.
-Equivalent to io/system.c."""
+"""Locks that let one run at a time write an output, as io/system.c does."""
 
 import os
 from collections.abc import Callable, Iterator

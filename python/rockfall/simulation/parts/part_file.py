@@ -63,8 +63,7 @@ PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zli
 
 
 def make_part(tally: Tally) -> Contents:
-    """Part with the completed boulders of a tally, which may continue; its arrays are views until
-    the next part is made."""
+    """Part of the completed boulders of a tally; its arrays are views until the next."""
     tally.settle()
     try:
         tally.run.pack_part()
@@ -303,9 +302,7 @@ def _features(names: Any) -> Features | None:
 
 
 def when(date: str) -> datetime:
-    """Time from an attribute `date_created` (ISO 8601); the earliest possible if empty, a
-    ValueError if invalid.
-    """
+    """Time of an attribute `date_created` (ISO 8601); earliest if empty, else ValueError."""
     if not date:
         return datetime.min.replace(tzinfo=UTC)
     moment = datetime.fromisoformat(date)

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of a back-analysis: tables, all members, posterior draws, and a case whose ensemble uses
-these instead of the prior.
-"""
+"""Files of a back-analysis: tables, members, draws, and a case with the posterior."""
 
 from __future__ import annotations
 
@@ -31,8 +29,7 @@ MARK = "! Made by `rockfall back`"
 def write_back(
     analysis: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
 ) -> list[Path]:
-    """Write TABLE, DRAWN, ALONE, ALL and CASE to a folder, and DRAWING if `draw` is given: all of
-    them or none."""
+    """Write TABLE, DRAWN, ALONE, ALL, CASE and, given `draw`, DRAWING: all or none."""
     folder = Path(folder)
     inputs = [*inputs, *input_files(analysis.case)]
     check_back(folder, inputs)

@@ -123,9 +123,7 @@ def _again(
     below: float,
     random: np.random.Generator,
 ) -> np.ndarray:
-    """Log-density of a mark and of simulated hits (2, AGAIN), each given the others; 0 if fewer
-    than two boulders pass.
-    """
+    """Log-density of a mark and of simulated hits (2, AGAIN) given the others; 0 below two."""
     n = heights.size
     uniform = random.random((Marked.AGAIN, mark.hits))
     if n < 2:

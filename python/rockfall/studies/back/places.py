@@ -13,9 +13,7 @@ from rockfall.scene.scene import Scene
 
 
 def check_on_terrain(scene: Scene, where: Sequence[str], x: np.ndarray, y: np.ndarray) -> None:
-    """Refuse the first place [m] outside the terrain or without elevation; `where` gives the row of
-    each place.
-    """
+    """Refuse the first place [m] off the terrain; `where` gives the row of each place."""
     if not len(x):
         return
     grid = scene.grid

@@ -42,8 +42,7 @@ class Parameter(NamedTuple):
 
 
 def parameters(analysis: Back) -> Iterator[Parameter]:
-    """Parameters in the order of the columns of the cube, without the impact set, since sets have
-    no order."""
+    """Parameters by column of the cube, without the impact set: sets have no order."""
     inputs, case = analysis.inputs, analysis.case
     sought = set(analysis.sought.tolist())
     volume, drop, source, sets, _, first, _, pairs = inputs.ends[:8].tolist()
@@ -225,8 +224,7 @@ def warnings(analysis: Back) -> Iterator[str]:
 
 
 def draws_table(analysis: Back) -> pd.DataFrame:
-    """Draws of the posterior, each with equal probability (systematic resampling), in the form of
-    `&ensemble draws`."""
+    """Equally probable draws of the posterior (systematic resampling), as `&ensemble draws`."""
     columns = [name for name in analysis.members if name.startswith(
         ("radius_", "volume", "drop_height", "source_east", "source_north", "set",
          *(f"{key}_" for key in PAIR)))]  # fmt: skip

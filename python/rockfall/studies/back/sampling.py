@@ -139,6 +139,5 @@ def normalised(logs: np.ndarray) -> np.ndarray:
 
 
 def effective(weight: np.ndarray) -> float:
-    """Effective number of points: the number of equally weighted points with the same information
-    (Kong 1992)."""
+    """Number of equally weighted points with the same information (Kong 1992)."""
     return float(1 / (weight**2).sum()) if weight.any() else 0.0

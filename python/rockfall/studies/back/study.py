@@ -276,9 +276,7 @@ def _places(marks: list[Mark]) -> tuple[list[str], np.ndarray, np.ndarray]:
 
 
 def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
-    """Measure the variation between runs that share all parameters but differ in other uncertain
-    inputs.
-    """
+    """Measure the variation between runs that share all parameters but no other input."""
     scenes = (
         (k, drawn_scene(scene, [inputs.at("dem", inputs.design[0, 0], k)], inputs.boulders_seed(k)))
         for k in range(NOT_MEMBERS, NOT_MEMBERS + REPLICATES)
@@ -321,9 +319,7 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
 
 
 def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
-    """Column numbers of strength and relief, in pairs per ground, that are uncertain and on grounds
-    where boulders rebounded.
-    """
+    """Columns of uncertain strength and relief, in pairs a ground, where boulders rebounded."""
     reached = {ground.name for ground in rebounds_by_ground(base) if ground.rebounds}
     is_given = [inputs.given[key] > 1 for key in PAIR_FACTORS]
     return [

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Base class for blocks at rest and marks: evidence of boulders that cannot be compared
-individually.
-"""
+"""Base of blocks at rest and marks: evidence that has no boulder of its own."""
 
 from __future__ import annotations
 

@@ -112,8 +112,7 @@ def parts(y: np.ndarray, covariance: np.ndarray) -> Parts:
 
 
 class Indices(NamedTuple):
-    """Parts, Sobol' indices and standard errors; indices are NaN where the epistemic variance is
-    not significant."""
+    """Parts, Sobol' indices and standard errors; NaN without a significant variance."""
 
     parts: Parts
     epistemic_error: np.ndarray  # of the variance

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Uncertainty of a result: runs over the uncertain inputs of a case, and the influence of each
-input."""
+"""Uncertainty of a result: runs over uncertain inputs, and the influence of each."""
 
 from __future__ import annotations
 
@@ -186,8 +185,7 @@ def _numbers(result: xr.Dataset) -> tuple[np.ndarray, list[np.ndarray]]:
 def _dataset(
     lines: list[str], own: np.ndarray, names: list[str], y: np.ndarray, indices: Indices
 ) -> dict[str, Any]:
-    """Results of the runs and the parts of their variance; dimensions run, variant, input, line,
-    result."""
+    """Results of runs and parts of their variance, by run, variant, input, line, result."""
     shape, per_line = (len(lines), len(RESULTS)), ("line", "result")
 
     def table(values: np.ndarray, long_name: str) -> tuple:
@@ -307,8 +305,7 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
 
 
 def write_ensemble(data: xr.Dataset, path: Path) -> None:
-    """Write the complete ensemble as netCDF, or the table as CSV, by the file extension;
-    atomically."""
+    """Write the ensemble as netCDF, or its table as CSV, by the extension; atomically."""
     check_place(path, data.sizes["line"], files_behind(data))
     if path.suffix == ".nc":
         write_result(data, path)
@@ -317,8 +314,7 @@ def write_ensemble(data: xr.Dataset, path: Path) -> None:
 
 
 def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:
-    """Refuse an output path that cannot be written, before the runs start; `lines` is the number of
-    lines."""
+    """Refuse an output that cannot be written, before the runs; `lines`: their number."""
     if path.suffix not in (".nc", ".csv"):
         raise RockfallError(f"{path}: must end in .nc (everything) or .csv (the table)")
     if path.suffix == ".csv" and not lines:

@@ -182,9 +182,7 @@ class Uncertain:
                 )
 
     def _check_pairs(self) -> None:
-        """Refuse factors on strength and relief for grounds without them, or replaced by tables in
-        `sets`.
-        """
+        """Refuse factors for grounds without strength and relief, or that `sets` replaces."""
         given = [key for key in PAIR_FACTORS if self.given[key] > 1]
         given += ["draws"] * ("strength_1" in dict(*self.rows[:1]))
         for key in given[:1]:
@@ -267,8 +265,7 @@ class Uncertain:
         return Draw({"sizes": cells.sizes * factor[:, None]}, kept={"radius": factor})
 
     def _volume(self, numbers: np.ndarray) -> Draw:
-        """A factor on all volumes, whether from the case, a layer or rasters; another on standard
-        deviations."""
+        """A factor on all volumes of case, layer or rasters; another on deviations."""
         size = self._factor(numbers[0], "volume_factor")
         spread = self._factor(numbers[1], "volume_std_factor")
         return self._volumes_by(float(size), float(spread))
