@@ -121,11 +121,10 @@ def test_intervals_hold_the_levels_of_known_distributions():
 def test_the_interval_encloses_that_of_the_highest_threshold():
     values = np.sort(TAILS["exponential"].rvs(10_000, random_state=5))
     found = tail(values, levels=(20_000,))
-    highest = _profiled(
-        20_000, Values(values, Sources.alone(values.size)), found.independent, found.tried[-1]
-    )
-    alone = _profiled(
-        20_000, Values(values, Sources.alone(values.size)), found.independent, found.fit
+    sample = Values(values, Sources.alone(values.size))
+    highest, alone = (
+        _profiled([20_000], sample, found.independent, fit)[20_000]
+        for fit in (found.tried[-1], found.fit)
     )
     level = found.levels[20_000]
     assert found.fit != found.tried[-1] and level.value == alone.value

@@ -12,12 +12,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rockfall.analysis.generalised_pareto import Fit, best_of, fit_gpd, lowest_valid
+from rockfall.analysis.generalised_pareto import (
+    MAX_PLACE,
+    Fit,
+    best_of,
+    fit_gpd,
+    lowest_valid,
+    theta_at,
+)
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.precision.intervals import Sources
@@ -48,6 +54,8 @@ ENOUGH = 25  # independent boulders beyond a level that make a tail unnecessary
 MAX_PERIOD = 10  # maximum period over the number of independent boulders
 MAX_SHAPE = 0.5  # absolute value: theory of the fit (-0.5) and variance (+0.5) end there
 BARTLETT = 12  # over the number above the threshold: see _profiled
+POINTS, DEGREE = 64, 16  # places of theta, and the polynomial of the scale: levels to 1e-5
+TINY = 1e-14
 MAX_HIGH = 3  # maximum ratio of the upper limit to the level
 
 
@@ -166,7 +174,11 @@ def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:
     tried = tuple(_tried(sample, independent))
     fit = lowest_valid(tried)
     refused = _refusal(tried, fit, independent)
-    made = _rising({N: _level(N, sample, independent, tried, fit, refused) for N in levels})
+    far = [N for N in levels if independent < ENOUGH * N <= ENOUGH * MAX_PERIOD * independent]
+    beyond = {}
+    if far and fit and not refused:
+        beyond = _beyond(far, sample, independent, fit, tried[-1])
+    made = _rising({N: _level(N, sample, independent, beyond, refused) for N in levels})
     end = (np.inf, np.inf)
     if fit and not refused:
         end = _end(sample.largest(fit.exceedances) - fit.threshold, fit, independent / n)
@@ -237,90 +249,102 @@ def _level(
     N: int,
     sample: Sample,
     independent: float,
-    tried: Sequence[Fit],
-    fit: Fit | None,
+    beyond: dict[int, Level],
     refused: str | None,
 ) -> Level:
-    """Level exceeded by one in N: from the sample if enough values lie beyond, else from the tail.
-    The interval covers those above the chosen and the highest threshold, because a misfit
-    undetected in few values may still shift the level (heights of cases/vaujany: 89 % coverage
-    without, 93 % with)."""
+    """Level exceeded by one in N: from the sample if enough values lie beyond, or its tail."""
     below = 1 - 1 / N
     if independent >= ENOUGH * N:
         return Level(sample.quantile([below])[0], *sample.between(below, independent))
-    if refused:
-        return Level(refused=refused)
-    if N > MAX_PERIOD * independent:
-        return Level(refused=say("level.too_long", times=MAX_PERIOD))
-    assert fit is not None  # or it would be refused
-    level = _profiled(N, sample, independent, fit)
-    if tried[-1].shape > -MAX_SHAPE and tried[-1] is not fit:
-        other = _profiled(N, sample, independent, tried[-1])
-        level = Level(level.value, min(level.low, other.low), max(level.high, other.high))
-    if level.high > MAX_HIGH * level.value:
-        return Level(refused=say("level.too_wide", times=MAX_HIGH))
-    return level
+    return beyond.get(N, Level(refused=refused or say("level.too_long", times=MAX_PERIOD)))
 
 
-def _profiled(N: int, sample: Sample, independent: float, fit: Fit) -> Level:
-    """Level of a GPD with its 95 % profile-likelihood interval (Coles 2001, section 4.3.3),
+def _beyond(
+    levels: Sequence[int], sample: Sample, independent: float, fit: Fit, highest: Fit
+) -> dict[int, Level]:
+    """Levels of the tail. The interval covers those above the chosen and the highest threshold,
+    because a misfit undetected in few values may still shift the level (heights of cases/vaujany:
+    89 % coverage without, 93 % with)."""
+    made = _profiled(levels, sample, independent, fit)
+    if highest.shape > -MAX_SHAPE and highest is not fit:
+        for N, other in _profiled(levels, sample, independent, highest).items():
+            value, low, high, _ = made[N]
+            made[N] = Level(value, min(low, other.low), max(high, other.high))
+    too_wide = Level(refused=say("level.too_wide", times=MAX_HIGH))
+    return {
+        N: level if level.high <= MAX_HIGH * level.value else too_wide for N, level in made.items()
+    }
+
+
+def _profiled(
+    levels: Sequence[int], sample: Sample, independent: float, fit: Fit
+) -> dict[int, Level]:
+    """Levels of a GPD with their 95 % profile-likelihood intervals (Coles 2001, section 4.3.3),
     including the binomial uncertainty of the fraction above the threshold. The likelihood is scaled
     to the independent boulders (Chandler and Bate 2007). Bartlett's factor, measured on GPD
-    samples, corrects for few values: without it intervals from 50 cover 92 to 94 %."""
+    samples, corrects for few values: without it intervals from 50 cover 92 to 94 %.
+
+    A limit is the extreme level among all parameters whose log-likelihood lies within `allowed` of
+    the maximum. For each theta = shape / scale, Lagrange's condition leaves the logarithm of the
+    fraction above the threshold, by Newton's method; places are dense at the ends, where limits
+    change fast.
+    """
     n, k = sample.n, fit.exceedances
     excess = sample.largest(k) - fit.threshold
-    further = np.log(N * k / n)  # log distance above the level for 1 in N
-    value = fit.threshold + fit.scale * np.expm1(fit.shape * further) / fit.shape
-    log_n, top, reach = math.log(N), float(excess[-1]), math.log(k)
-    sums: dict[float, float] = {}
+    allowed = Z**2 / 2 * (1 + BARTLETT * n / (k * independent)) * n / (k * independent)
+    allowed += best_of(fit.shape / fit.scale, excess)[2]
 
-    def best_of(theta: float, above: float) -> float:
-        """Negative log-likelihood, minimised over the shape, for a level at a given height above
-        the threshold and theta = shape / scale: log((1 + theta above)) / shape is the logarithm of
-        the fraction above the threshold over 1/N. Convex in 1 / shape: by Newton."""
-        if theta not in sums:
-            sums[theta] = float(np.log1p(theta * excess).sum())
-        sign = math.copysign(1.0, theta)
-        grown, total = sign * math.log1p(theta * above), sign * sums[theta]
-        most = log_n / grown  # 1 / shape at which every boulder lies above the threshold
-        slope = total - k * grown
-        inverse = min(further / grown, 0.99 * most)
-        for _ in range(50):
-            odds = 1 / math.expm1(log_n - inverse * grown)
-            first = -k / inverse + slope + (n - k) * grown * odds
-            second = k / inverse**2 + (n - k) * grown**2 * odds * (1 + odds)
-            step = first / second
-            inverse = min(max(inverse - step, 0.1 * inverse), 0.5 * (inverse + most))
-            if abs(step) < 1e-6 * inverse:
-                break
-        beyond = math.log(-math.expm1(inverse * grown - log_n))
-        scale = -math.log(inverse * abs(theta))
-        return k * (scale + log_n) + slope * inverse + sign * total - (n - k) * beyond
+    def spare(place: float) -> float:
+        return float(allowed - best_of(theta_at(place, excess), excess)[2])
 
-    def theta_at(place: float) -> float:
-        """Transform the search variable as in `fit_gpd`."""
-        theta = math.expm1(place * reach)
-        return (theta if abs(theta) > 1e-9 else 1e-9) / top
+    from scipy.optimize import brentq
 
-    from scipy.optimize import brentq, minimize_scalar
+    best = math.log1p(fit.shape / fit.scale * excess[-1]) / math.log(k)
+    west, east = (
+        end if spare(end) > 0 else brentq(spare, end, best, xtol=1e-6) for end in (-1.0, MAX_PLACE)
+    )
 
-    lowest = best_of(fit.shape / fit.scale, value - fit.threshold)
-    allowed = Z**2 / 2 * (1 + BARTLETT * n / (k * independent))
+    def scales(places: np.ndarray) -> np.ndarray:
+        """Maximum-likelihood scale for each theta: smooth."""
+        return np.array([best_of(theta, excess)[1] for theta in theta_at(places, excess)])
 
-    @cache  # the ends of brackets are needed twice
-    def excess_cost(level: float) -> float:
-        above = level - fit.threshold  # the tail may not end before the level
-        end = max(-1.0, math.log1p(-top / max(above, (1 + 1e-9) * top)) / reach)
-        optimum = minimize_scalar(
-            lambda place: best_of(theta_at(place), above), bounds=(end, 2), method="bounded",
-            options={"xatol": 1e-5},
-        )  # fmt: skip
-        return (optimum.fun - lowest) * independent / n - allowed
+    places = (west + east - (east - west) * np.cos(np.linspace(0, np.pi, POINTS))) / 2
+    theta = theta_at(places, excess)
+    scale = np.polynomial.Chebyshev.interpolate(scales, DEGREE, [west, east])(places)
+    left = np.maximum(allowed - np.log(scale) - theta * scale, TINY)  # of each value
+    log_n = np.log(levels)[:, None]
+    start, others = math.log(k / n), n / k - 1
+    further = log_n + start  # log distance above the level for 1 in N
+    bend = 1 / (1 - k / n)
+    move = np.sqrt(2 * left / (1 + 1 / (further**2 * bend))) / (further * bend)
+    fraction = start + np.array([-1, 1])[:, None, None] * move  # logarithm; (2, levels, places)
+    for _ in range(6):
+        odds = 1 / np.expm1(-fraction)
+        slope = others * odds - 1
+        inverse = 1 - (fraction + log_n) * slope  # best shape for this theta over the shape
+        cost = inverse - 1 - np.log(inverse) + start - fraction
+        cost -= others * np.log(-np.expm1(fraction) / (1 - k / n))
+        change = slope + (fraction + log_n) * others * odds * (1 + odds)
+        root = np.sqrt(np.maximum(cost, TINY))  # nearly linear
+        fraction -= 2 * root * (root - np.sqrt(left)) / (slope - (1 - 1 / inverse) * change)
+    inverse = 1 - (fraction + log_n) * (others / np.expm1(-fraction) - 1)
+    above = np.expm1(theta * scale * (fraction + log_n) / inverse) / theta
+    values = fit.threshold + fit.scale * np.expm1(fit.shape * further[:, 0]) / fit.shape
+    made = {}
+    for N, value, low, high in zip(levels, values.tolist(), *above, strict=True):
+        upper = fit.threshold + _peak(high)
+        limits = fit.threshold - _peak(-low), upper if upper <= MAX_HIGH * value else np.inf
+        made[N] = Level(value, *limits)
+    return made
 
-    low = brentq(excess_cost, fit.threshold + 1e-3 * (value - fit.threshold), value, rtol=1e-5)
-    if excess_cost(MAX_HIGH * value) < 0:
-        return Level(value, low, np.inf)
-    return Level(value, low, brentq(excess_cost, value, MAX_HIGH * value, rtol=1e-5))
+
+def _peak(values: np.ndarray) -> float:
+    """Maximum of a smooth function, by a parabola through the highest of its values."""
+    k = int(np.argmax(values))
+    if not 0 < k < values.size - 1:
+        return float(values[k])
+    before, highest, after = values[k - 1 : k + 2].tolist()
+    return highest + (after - before) ** 2 / (8 * (2 * highest - before - after))
 
 
 def _check(levels: Sequence[int]) -> None:
