@@ -8,7 +8,10 @@ import pytest
 import rockfall
 import scenes
 from made import make_layer, refused
-from rockfall.plots.hazard.origin_map import parts_of_total
+from rockfall.analysis.precision.weighted import quantile_interval
+from rockfall.plots.hazard.origin_map import parts_and_words, parts_of_total
+from rockfall.quantities import number
+from rockfall.studies.hazard import read_study
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
@@ -26,14 +29,20 @@ SCENARIOS = [
 
 
 @pytest.fixture(scope="module")
-def hazard(tmp_path_factory):
+def case(tmp_path_factory):
     folder = tmp_path_factory.mktemp("case")
     release = {"x": [52.0, 120.0, 121.0, 260.0], "y": [380.0] * 4, "drop_height": 5.0}
     groups = {"release": release, "case": {"boulders": 150}, "line": LINES}
     case = scenes.make_case(folder, *scenes.sets(2.0), **groups).replace(scenario=SCENARIOS)
     make_layer(folder / "houses.gpkg", [shapely.box(130.0, 150.0, 150.0, 170.0)], crs=None,
                name=["house"])  # fmt: skip
-    return rockfall.hazard(case, objects=folder / "houses.gpkg", **PLACE)
+    make_layer(folder / "point.gpkg", [shapely.Point(140.0, 160.0)], crs=None, name=["pole"])
+    return case
+
+
+@pytest.fixture(scope="module")
+def hazard(case):
+    return rockfall.hazard(case, objects=case.path("houses.gpkg"), **PLACE)
 
 
 def test_sources_sum_up_to_what_comes(hazard):
@@ -61,9 +70,41 @@ def test_origins_are_sorted_shares_of_what_comes(hazard):
         rockfall.origins(hazard, "roof")
 
 
+def test_energies_are_those_of_the_boulders_that_start_in_the_cell_and_come(hazard, case):
+    values, weights = [], []
+    for scenario in read_study(case, **PLACE).scenarios:
+        result = rockfall.run(scenario.case, **PLACE)
+        at = rockfall.crossings(result, "road")
+        x = result["start_x"].values[at["boulder"].to_numpy() - 1]
+        here = (x >= 120.0) & (x < 125.0)
+        energy = at["energy_translational"] + at["energy_rotational"]
+        values.append(energy.to_numpy()[here])
+        weights.append(np.full(here.sum(), scenario.frequency / result.sizes["boulder"]))
+    energy, weight = np.concatenate(values), np.concatenate(weights)
+    assert min(map(len, values)) > 20
+    found = rockfall.origins(hazard, "road").set_index("x").loc[122.5]
+    assert found["frequency"] == pytest.approx(weight.sum(), rel=1e-12)
+    assert found["energy_mean"] == pytest.approx(np.average(energy, weights=weight), rel=1e-12)
+    limits = quantile_interval(energy, weight, 0.95)
+    names = ["energy_q95", "energy_q95_low", "energy_q95_high"]
+    assert found[names].tolist() == pytest.approx(list(limits), nan_ok=True)
+    assert np.average(energy <= found["energy_q95"], weights=weight) == pytest.approx(
+        0.95, abs=0.02
+    )
+
+
+def test_a_cell_of_which_none_comes_has_no_energy(hazard):
+    left = hazard.sel(line="left")
+    none = left["line_source_frequency"].values == 0
+    assert none.any() and not none.all()
+    for name in ("mean", "q95", "q95_low", "q95_high"):
+        assert np.isnan(left[f"line_source_energy_{name}"].values[none]).all()
+    assert (left["line_source_energy_mean"].values[~none] > 0).all()
+
+
 def test_classes_hold_half_and_the_next_third_of_the_sum():
-    rates = np.array([0.0, 4.0, 1.0, 3.0, 2.0])
-    assert parts_of_total(rates).tolist() == [3, 0, 2, 0, 1]
+    rates = np.array([4.0, 1.0, 3.0, 2.0])
+    assert parts_of_total(rates).tolist() == [0, 2, 0, 1]
     random = np.random.default_rng(1).exponential(1.0, 500)
     classes = parts_of_total(random)
     sums = [random[classes == k].sum() / random.sum() for k in range(3)]
@@ -77,3 +118,40 @@ def test_a_geopackage_has_the_sources(hazard, tmp_path):
     table = dict(zip(names["fields"], columns, strict=True))
     assert np.allclose(table["to road"], hazard["line_source_frequency"].sel(line="road"))
     assert {"frequency", "to left", "to above", "to house"} <= {*table}
+    for name in "energy_mean", "energy_q95", "energy_q95_low", "energy_q95_high":
+        values = 1e-3 * hazard[f"object_source_{name}"].sel(object="house").values
+        assert np.allclose(table[f"to house {name}"], values, equal_nan=True)
+
+
+def test_a_table_lists_the_origins_of_each_place(hazard, tmp_path):
+    pd = pytest.importorskip("pandas")
+    rockfall.write_hazard(hazard, tmp_path / "out")
+    table = pd.read_csv(tmp_path / "out/origins.csv")
+    own = table[table["name"] == "house"].reset_index(drop=True)
+    found = rockfall.origins(hazard, "house")
+    assert {*own["place"]} == {"object"} and {*table["name"]} == {"road", "left", "house"}
+    for name in found:
+        factor = 1e-3 if name.startswith("energy") else 1.0
+        assert np.allclose(own[name], factor * found[name], equal_nan=True), name
+
+
+def test_a_point_without_a_width_has_no_known_sources(case):
+    found = rockfall.hazard(case, objects=case.path("point.gpkg"), **PLACE)
+    assert np.isnan(found["object_source_frequency"].values).all()
+    with refused("pole: is a point without a width, whose sources are unknown: give it a width"):
+        rockfall.origins(found, "pole")
+
+
+def test_the_key_of_the_map_has_the_energies_of_its_classes(hazard):
+    found = rockfall.origins(hazard, "road")
+    parts, words = parts_and_words(found)
+    for k in range(3):
+        own = found[parts == k]
+        if own.empty:
+            assert "kJ" not in words[k]
+            continue
+        mean = (own["frequency"] * own["energy_mean"]).sum() / own["frequency"].sum()
+        most = own["energy_q95"].max()
+        assert words[k].endswith(
+            f"mean {number(mean / 1e3)} kJ, 95 % up to {number(most / 1e3)} kJ"
+        )

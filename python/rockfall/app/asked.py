@@ -18,9 +18,9 @@ from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.files.hazard_files import HAZARD_COLOURS
 from rockfall.io.rasters.arrays import grid_of
-from rockfall.language import Number, say, speaking, word
+from rockfall.language import speaking, word
 from rockfall.plots.cartography.rasters import merged
-from rockfall.plots.hazard.origin_map import COLOURS, parts_of_total
+from rockfall.plots.hazard.origin_map import COLOURS, parts_and_words
 from rockfall.protection.design import design
 from rockfall.protection.yearly import YearlyDesign, yearly_design
 from rockfall.result.crossings import line_names
@@ -115,19 +115,14 @@ def origins_message(hazard: xr.Dataset | None, place: str, language: str, **fiel
         table = origins(hazard, place)
     except RockfallError as error:
         return binary_message("origins", {}, **fields | {"error": str(error)})
-    rates = table["frequency"].to_numpy()
-    classes = parts_of_total(rates) if rates.size else np.zeros(0)
     with speaking(language):
-        words = [
-            say("dossier.origin_first", part=Number("50")),
-            say("dossier.origin_next", part=Number("30")),
-            say("dossier.origin_rest", part=Number("20")),
-        ]
+        classes, words = parts_and_words(table)
     fields["parts"] = [
         [str(text), colour, int(np.count_nonzero(classes == k))]
         for k, (text, colour) in enumerate(zip(words, COLOURS, strict=False))
     ]
     arrays = {name: table[name].to_numpy("f8") for name in ("x", "y", "frequency", "share")}
     arrays |= {"class": classes.astype("u1")}
-    cell = grid_of(hazard["hazard_class"])[0].cell
-    return binary_message("origins", arrays, **fields, cell=cell, total=float(rates.sum()))
+    fields["cell"] = grid_of(hazard["hazard_class"])[0].cell
+    fields["total"] = float(table["frequency"].sum())
+    return binary_message("origins", arrays, **fields)

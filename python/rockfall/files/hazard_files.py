@@ -11,7 +11,7 @@ import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import period_table
-from rockfall.analysis.hazard.origins import SOURCES
+from rockfall.analysis.hazard.origins import ENERGIES, SOURCES, origins_at
 from rockfall.analysis.hazard.variables import CLASS_ENDS
 from rockfall.analysis.hazard.zones import (
     certain_fractions,
@@ -146,6 +146,9 @@ def put_hazard(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
     if len(levels := period_table(hazard)):
         write_csv(levels, folder / "return_periods.csv")
         yield folder / "return_periods.csv"
+    if len(origins := origin_table(hazard)):
+        write_csv(origins, folder / "origins.csv")
+        yield folder / "origins.csv"
     if has_risk(hazard):
         write_csv(total_table(hazard), folder / "risk.csv")
         yield folder / "risk.csv"
@@ -235,18 +238,48 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
 
 
 def _source_layer(hazard: xr.Dataset) -> tuple:
-    """Cells with sources: boulders a year from each, and to each line and the main objects."""
+    """Cells with sources: boulders a year that start there, and that come to each line and to the
+    objects hit most often, with their energies there."""
     import shapely
 
     x, y = (hazard[f"source_{axis}"].values for axis in "xy")
     columns: dict[str, np.ndarray] = {"frequency": hazard["source_frequency"].values}
+    for kind, k in _with_sources(hazard):
+        name = f"to {hazard[kind].values[k]}"
+        columns[name] = hazard[f"{kind}_source_frequency"].values[k]
+        for energy in _energies(hazard, kind):
+            columns[f"{name} {energy}"] = 1e-3 * hazard[f"{kind}_source_{energy}"].values[k]
+    return "Point", [(shapely.points(x, y), columns)]
+
+
+def origin_table(hazard: xr.Dataset) -> pd.DataFrame:
+    """Tables of `rockfall.origins` of all lines and the objects hit most often, with `place` (line
+    or object), `name`, and energies [kJ]; without rows if no sources are known."""
+    import pandas as pd
+
+    tables = [pd.DataFrame()]
+    for kind, k in _with_sources(hazard):
+        table = origins_at(hazard, kind, k)
+        names = [*_energies(hazard, kind)]
+        table[names] *= 1e-3
+        table.insert(0, "place", kind)
+        table.insert(1, "name", str(hazard[kind].values[k]))
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _with_sources(hazard: xr.Dataset) -> Iterator[tuple[str, int]]:
+    """Kind and index of the lines and objects with known sources, those hit most often."""
     for kind in SOURCES:
         if f"{kind}_source_frequency" in hazard:
-            order = np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")[:MOST_PLACES]
-            for k in order.tolist():
-                name = f"to {hazard[kind].values[k]}"
-                columns[name] = hazard[f"{kind}_source_frequency"].values[k]
-    return "Point", [(shapely.points(x, y), columns)]
+            unknown = np.isnan(hazard[f"{kind}_source_frequency"].values).any(axis=1)
+            order = np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")
+            yield from ((kind, int(k)) for k in order[~unknown[order]][:MOST_PLACES])
+
+
+def _energies(hazard: xr.Dataset, kind: str) -> Iterator[str]:
+    """Energies of origins that a hazard has: older files have none."""
+    return (name for name in ENERGIES if f"{kind}_source_{name}" in hazard)
 
 
 def _object_layer(hazard: xr.Dataset) -> tuple:

@@ -20,7 +20,7 @@ from rockfall.analysis.hazard.exceedance import (
     passing_of,
 )
 from rockfall.analysis.hazard.finished import layers_checksum
-from rockfall.analysis.hazard.origins import Origins, origin_numbers
+from rockfall.analysis.hazard.origins import Arrivals, Origins, origin_numbers
 from rockfall.analysis.hazard.scenarios import Scenario
 from rockfall.analysis.hazard.variables import (
     CLASS_ENDS,
@@ -89,11 +89,12 @@ class ScenarioRun:
         self.segments = [*segment_hits(inputs.segments, result, first, clusters)]
         self.segment_counts = hit_counts(self.segments, result["threshold"].values)
         self.at_objects: list[Passing | None] = [None] * len(inputs.objects)
-        came_to_objects = [np.zeros(0, "i8")] * len(inputs.objects)
+        came_to_objects: list[Arrivals | None] = [None] * len(inputs.objects)
         at_objects = np.full(len(inputs.objects), float(clusters.most))
         for number, hits in object_hits(inputs.objects, result):
-            came_to_objects[number] = boulders = np.flatnonzero(np.isfinite(hits[0]))
+            boulders = np.flatnonzero(np.isfinite(hits[0]))
             self.at_objects[number] = at = Passing(*hits[:, boulders])
+            came_to_objects[number] = Arrivals(boulders, at.energy)
             at_objects[number] = clusters.at(boulders, at.energy, at.height)
         energies = {k: at.energy for k, at in enumerate(self.at_objects) if at}
         thresholds = result["threshold"].values
@@ -102,8 +103,9 @@ class ScenarioRun:
         )
         self.risk = self._risk(inputs.objects, result, clusters) if inputs.objects.exposed else None
         lines = self._read_lines(inputs, result)
-        came = {"line": [boulders_at(result, k) for k in lines], "object": came_to_objects}
-        at_lines = zip(came["line"], self.at_lines, strict=True)
+        at_lines = [
+            (boulders_at(result, k), at) for k, at in zip(lines, self.at_lines, strict=True)
+        ]
         #: Boulders that count as one at each place.
         self.per_place = {
             "line": np.array(
@@ -112,7 +114,10 @@ class ScenarioRun:
             "object": at_objects,
             "segment": np.array([segment.per_cluster for segment in self.segments]),
         }
-        self.origins = Origins.of(result, inputs.scene.grid, came)
+        came = [Arrivals(boulders, at.energy) for boulders, at in at_lines]
+        self.origins = Origins.of(
+            result, inputs.scene.grid, {"line": came, "object": came_to_objects}
+        )
         self.variable_attrs = {name: result[name].attrs for name in ("x", "y", "threshold", "crs")}
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Origins of the boulders that reach a line or object: annual number from each cell."""
+"""Origins of the boulders that reach a line or object: annual number and energy from each cell."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.levels import find_place
+from rockfall.analysis.precision.weighted import quantile_interval
+from rockfall.errors import RockfallError
+from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -17,69 +20,96 @@ if TYPE_CHECKING:
     from rockfall.io.rasters.grid import Grid
 
 SOURCES = ("line", "object")  # kinds of places with sources
+LEVEL = 0.95
+ENERGIES = ("energy_mean", *(f"energy_q95{end}" for end in ENDS))  # of the boulders that arrive [J]
 
 
-class Starts(NamedTuple):
-    """Cells where boulders start, by ascending grid number, and their numbers of boulders."""
+class Arrivals(NamedTuple):
+    """Boulders that reach a place."""
 
-    cells: np.ndarray
-    boulders: np.ndarray
-
-    def among(self, cells: np.ndarray) -> np.ndarray:
-        """Number of boulders from each of these ascending cells, which include all of `self`."""
-        numbers = np.zeros(cells.size, "i8")
-        numbers[np.searchsorted(cells, self.cells)] = self.boulders
-        return numbers
+    start: np.ndarray  # grid number of the cell where each starts; here, index of the boulder
+    energy: np.ndarray  # kinetic [J]
 
 
 class Origins(NamedTuple):
-    """Start cells of all boulders and of boulders that reach each place, by its kind."""
+    """Start cells of the boulders of a run, and the boulders that reach each place, by kind of
+    place; None for a place where only counts are known.
+    """
 
-    released: Starts
-    at: Mapping[str, Sequence[Starts]]
+    cells: np.ndarray  # grid numbers, ascending
+    boulders: np.ndarray  # that start in each
+    at: Mapping[str, Sequence[Arrivals | None]]
 
     @classmethod
-    def of(cls, result: xr.Dataset, grid: Grid, at: Mapping[str, Sequence[np.ndarray]]) -> Origins:
+    def of(
+        cls, result: xr.Dataset, grid: Grid, at: Mapping[str, Sequence[Arrivals | None]]
+    ) -> Origins:
         """Origins of the boulders of a result; `at`: those that reach each place, by index."""
         rows, columns = grid.cells(*(result[f"start_{axis}"].values for axis in "xy"))
         cells = rows * grid.nx + columns
-        places = {kind: [_starts(cells[here]) for here in each] for kind, each in at.items()}
-        return cls(_starts(cells), places)
-
-
-def _starts(cells: np.ndarray) -> Starts:
-    return Starts(*np.unique(cells, return_counts=True))
+        places = {
+            kind: [each and Arrivals(cells[each.start], each.energy) for each in arrivals]
+            for kind, arrivals in at.items()
+        }
+        return cls(*np.unique(cells, return_counts=True), places)
 
 
 def origin_numbers(
     runs: Sequence[Origins], weights: Sequence[float], grid: Grid
 ) -> dict[str, np.ndarray]:
     """Variables of a hazard for its origins, from the runs and the frequency [1/year] that a
-    boulder of each represents: cell centres, boulders a year that start in each cell, and boulders
-    a year from there that reach each place.
+    boulder of each represents: cell centres, boulders a year that start in each cell, and for each
+    place the boulders a year from there that reach it, and their energies [J].
     """
-    cells = np.unique(np.concatenate([run.released.cells for run in runs]))
+    cells = np.unique(np.concatenate([run.cells for run in runs]))
     rows, columns = np.divmod(cells, grid.nx)
     numbers = {"source_x": grid.x[columns], "source_y": grid.y[rows]}
-    each = list(zip(runs, weights, strict=True))
-    numbers["source_frequency"] = sum(
-        (weight * run.released.among(cells) for run, weight in each), np.zeros(cells.size)
-    )
+    numbers["source_frequency"] = np.zeros(cells.size)
+    for run, weight in zip(runs, weights, strict=True):
+        numbers["source_frequency"][np.searchsorted(cells, run.cells)] += weight * run.boulders
     for kind, places in runs[0].at.items():
-        if places:
-            rates = np.zeros((len(places), cells.size))
-            for run, weight in each:
-                for row, starts in zip(rates, run.at[kind], strict=True):
-                    row += weight * starts.among(cells)
-            numbers[f"{kind}_source_frequency"] = rates
+        each = [
+            _arriving([run.at[kind][k] for run in runs], weights, cells)
+            for k in range(len(places))
+        ]  # fmt: skip
+        if each:
+            numbers |= {f"{kind}_source_{name}": np.stack([at[name] for at in each])
+                        for name in each[0]}  # fmt: skip
     return numbers
+
+
+def _arriving(
+    runs: Sequence[Arrivals | None], weights: Sequence[float], cells: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Boulders a year that reach a place from each cell, and mean and 95 % quantile of their
+    energies with its interval; NaN without boulders, or where only counts are known."""
+    arrivals = [run for run in runs if run is not None]
+    if len(arrivals) < len(runs):
+        return dict.fromkeys(("frequency", *ENERGIES), np.full(cells.size, np.nan))
+    index = [np.searchsorted(cells, run.start) for run in arrivals]
+    frequency = np.zeros(cells.size)
+    for of_run, weight in zip(index, weights, strict=True):
+        frequency += weight * np.bincount(of_run, minlength=cells.size)
+    energy = np.concatenate([run.energy for run in arrivals])
+    weight = np.repeat(weights, [run.energy.size for run in arrivals])
+    cell = np.concatenate(index)
+    order = np.argsort(cell, kind="stable")
+    reached, first = np.unique(cell[order], return_index=True)
+    energies = np.full((len(ENERGIES), cells.size), np.nan)
+    for k, part in zip(reached, np.split(order, first)[1:], strict=True):
+        mean = weight[part] @ energy[part] / weight[part].sum()
+        energies[:, k] = mean, *quantile_interval(energy[part], weight[part], LEVEL)
+    return {"frequency": frequency} | dict(zip(ENERGIES, energies, strict=True))
 
 
 def origins(hazard: xr.Dataset, place: str) -> pd.DataFrame:
     """Origins of the boulders that reach a line or object of a hazard, most frequent first: cell
     centre `x`, `y` [m], `frequency` [1/year] of its boulders that arrive, their `share` of all
-    arriving boulders, and the fraction `reach` of the cell's boulders that arrive. A RockfallError
-    lists the names if there is no such place.
+    arriving boulders, the fraction `reach` of the cell's boulders that arrive, and their kinetic
+    energies [J]: `energy_mean` and `energy_q95`, the 95 % quantile, with its 95 % interval
+    `energy_q95_low`, `energy_q95_high`, NaN where too few boulders arrive for a limit. A
+    RockfallError lists the names if there is no such place, and refuses points
+    without a width.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -88,13 +118,25 @@ def origins(hazard: xr.Dataset, place: str) -> pd.DataFrame:
     >>> float(found["share"].sum().round(9))
     1.0
     """
+    kind, k = find_place(hazard, place, SOURCES)
+    if np.isnan(hazard[f"{kind}_source_frequency"].values[k]).any():
+        raise RockfallError(
+            f"{place}: is a point without a width, whose sources are unknown: give it a width"
+        )
+    return origins_at(hazard, kind, k)
+
+
+def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
+    """Table of `origins` at the line or object (`kind`) of index k."""
     import pandas as pd
 
-    kind, k = find_place(hazard, place, SOURCES)
     rates = hazard[f"{kind}_source_frequency"].values[k]
-    order = np.argsort(-rates, kind="stable")[: np.count_nonzero(rates)]
+    order = np.argsort(-rates, kind="stable")[: np.count_nonzero(rates > 0)]
     columns = {axis: hazard[f"source_{axis}"].values[order] for axis in "xy"}
     columns["frequency"] = rates[order]
     columns["share"] = rates[order] / rates.sum() if order.size else rates[order]
     columns["reach"] = rates[order] / hazard["source_frequency"].values[order]
+    for name in ENERGIES:
+        if f"{kind}_source_{name}" in hazard:  # not in older files
+            columns[name] = hazard[f"{kind}_source_{name}"].values[k][order]
     return pd.DataFrame(columns)

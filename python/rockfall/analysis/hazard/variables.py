@@ -180,6 +180,11 @@ def _sources() -> Iterator[tuple[str, Variable]]:
     for kind, come in (("line", "come to the line or barrier"), ("object", "meet the object")):
         what = f"annual frequency of boulders {where} and {come}"
         yield f"{kind}_source_frequency", Variable((kind, *dims), YEARLY, what)
+        what = f"kinetic energy of the boulders {where} and {come}"
+        yield f"{kind}_source_energy_mean", Variable((kind, *dims), "J", f"mean {what}")
+        yield from _with_ends(
+            f"{kind}_source_energy_q95", (kind, *dims), f"95 % quantile of the {what}", "J"
+        )
 
 
 def _lines() -> Iterator[tuple[str, Variable]]:

@@ -125,7 +125,8 @@ def _run_to(
 def _files(case: Case) -> list[str]:
     """Names of the files of a hazard."""
     names = ["hazard.nc", "hazard.gpkg"]
-    names += [f"{name}.csv" for name in ("objects", "risk", "segments", "return_periods")]
+    tables = "objects", "risk", "segments", "return_periods", "origins"
+    names += [f"{name}.csv" for name in tables]
     names += ["hazard_class.png", "risk.png", "segments.png", SHEET]
     names += [f"{name}.{ending}" for name, _ in map_names(case) for ending in ("tif", "qml")]
     periods = (

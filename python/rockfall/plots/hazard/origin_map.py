@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Map of the sources by their contribution to a place: the cells that contribute half of all
-boulders, the next 30 %, the rest, and cells without a contribution."""
+boulders, the next 30 %, the rest, with the energies of their boulders there, and cells without a
+contribution."""
 
 from __future__ import annotations
 
@@ -8,16 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.hazard.origins import SOURCES
+from rockfall.analysis.hazard.origins import SOURCES, origins_at
 from rockfall.io.rasters.arrays import grid_of
-from rockfall.language import Number, say
+from rockfall.language import Number, Text, say
 from rockfall.plots.cartography.rasters import draw_image
 from rockfall.plots.cartography.sheet import Room, finish, new_sheet
 from rockfall.plots.hazard.hazard_figures import draw_places, extent_of
 from rockfall.plots.style import GREY, styled
+from rockfall.quantities import number
 from rockfall.tables.dossier import Place, places_of
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
 
@@ -31,20 +34,34 @@ def origin_place(hazard: xr.Dataset) -> Place | None:
     """First place that boulders reach and whose sources are known; None if there is none."""
     for place in places_of(hazard):
         name = f"{place.kind}_source_frequency"
-        if place.kind in SOURCES and name in hazard and hazard[name].values[place.k].any():
+        if place.kind in SOURCES and name in hazard and (hazard[name].values[place.k] > 0).any():
             return place
     return None
 
 
+def parts_and_words(table: pd.DataFrame) -> tuple[np.ndarray, list[Text]]:
+    """Class of each row of `origins`, and the meaning of each class: its part of all boulders, the
+    mean of their energies, and an energy that 95 % do not exceed in any of its cells."""
+    rates = table["frequency"].to_numpy()
+    parts = parts_of_total(rates) if rates.size else np.zeros(0, int)
+    names = ("first", "50"), ("next", "30"), ("rest", "20")
+    words = [say(f"dossier.origin_{name}", part=Number(part)) for name, part in names]
+    for k in np.unique(parts) if "energy_mean" in table else ():
+        own = table[parts == k]
+        mean = np.average(own["energy_mean"], weights=own["frequency"])
+        energies = {"mean": number(1e-3 * mean), "q95": number(1e-3 * own["energy_q95"].max())}
+        words[k] = say("dossier.origin_energy", text=words[k], **energies)
+    return parts, words
+
+
 def parts_of_total(rates: np.ndarray) -> np.ndarray:
-    """Class of each cell by its frequency: 0 for cells that together contribute half of the sum, 1
-    up to 80 %, 2 for the rest, and 3 without a contribution; equal frequencies may be in two
-    classes."""
+    """Class of each cell by its frequency, above 0: 0 for cells that together contribute half of
+    the sum, 1 up to 80 %, and 2 for the rest; equal frequencies may be in two classes."""
     order = np.argsort(-rates, kind="stable")
     before = np.concatenate([[0.0], np.cumsum(rates[order])[:-1]]) / rates.sum()
     classes = np.empty(rates.size, int)
     classes[order] = np.searchsorted(PARTS, before, side="right")
-    return np.where(rates > 0, classes, len(COLOURS) - 1)
+    return classes
 
 
 @styled
@@ -53,22 +70,18 @@ def origin_map(hazard: xr.Dataset, terrain: Terrain | None, place: Place, room: 
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
-    words = [
-        say("dossier.origin_first", part=Number("50")),
-        say("dossier.origin_next", part=Number("30")),
-        say("dossier.origin_rest", part=Number("20")),
-        say("dossier.origin_none"),
-    ]
+    table = origins_at(hazard, place.kind, place.k)
+    parts, words = parts_and_words(table)
+    words = [*words, say("dossier.origin_none")]
     key = [
         Patch(facecolor=colour, edgecolor=GREY, label=label)
         for colour, label in zip(COLOURS, words, strict=True)
     ]
     sheet = new_sheet(extent_of(hazard, terrain), terrain, key, room=room)
     grid, _ = grid_of(hazard["hazard_class"])
-    rates = hazard[f"{place.kind}_source_frequency"].values[place.k]
-    rows, columns = grid.cells(hazard["source_x"].values, hazard["source_y"].values)
     classes = np.full(grid.shape, np.nan)
-    classes[rows, columns] = parts_of_total(rates)
+    classes[grid.cells(hazard["source_x"].values, hazard["source_y"].values)] = len(PARTS) + 1
+    classes[grid.cells(table["x"].to_numpy(), table["y"].to_numpy())] = parts
     style: dict[str, Any] = {"vmin": -0.5, "vmax": len(COLOURS) - 0.5}
     draw_image(sheet.axes, classes, grid, cmap=ListedColormap(list(COLOURS)), **style)
     draw_places(sheet, hazard)
