@@ -6,7 +6,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.analysis.validity.warnings import warn_each
@@ -25,12 +25,10 @@ from rockfall.office.tables import FORMATS, check_tables
 from rockfall.plots.terrain import terrain_of
 from rockfall.protection.yearly import YEARS, YearlyDesign, check_period, yearly_design
 from rockfall.result.dataset import put_netcdf
+from rockfall.result.trajectories import Terrain
 from rockfall.scene.layers import file_checksum
 from rockfall.studies.dossier import Dossier, DossierInputs, read_dossier, run_dossier
 from rockfall.studies.yearly_variants import yearly_table
-
-if TYPE_CHECKING:
-    from rockfall.result.trajectories import Terrain
 
 PAGES = "dossier.pdf"
 FREQUENCIES = "frequencies.csv"

@@ -3,8 +3,6 @@
 and of the program's numbers for them. Messages read it here, pages through `tools/document.py`.
 """
 
-from __future__ import annotations
-
 import importlib.resources
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ named; numbers and lists are formatted for the language. A text keeps its messag
 that it can be shown again in another language.
 """
 
-from __future__ import annotations
-
 import gettext
 import importlib.resources
 import json

@@ -7,7 +7,10 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.lines.drawn_line import drawn_line
 from rockfall.analysis.lines.section import Section, section_of
@@ -40,20 +43,14 @@ from rockfall.result.dataset import read_result
 from rockfall.result.maps.classes import read_limits
 from rockfall.result.same_case import check_same_case
 from rockfall.result.samples import has_rows
+from rockfall.result.trajectories import Terrain
 from rockfall.scene.layers import file_checksum
 from rockfall.studies.models import read_models
 from rockfall.tables.models import check_models
 
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
-    from rockfall.result.trajectories import Terrain
-
-    Result = xr.Dataset | str | Path
-    Place = str | Path | None
-    Files = Sequence[str | Path]
-
+Result = xr.Dataset | str | Path
+Place = str | Path | None
+Files = Sequence[str | Path]
 
 NO_COSTS: Mapping[str, float] = {}
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Labels and units of quantities in all tables, texts and figures; and formatting of numbers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Differences between operating systems: memory, locks, durable files, signals."""
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import os

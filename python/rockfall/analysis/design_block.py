@@ -12,9 +12,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from rockfall.analysis.generalised_pareto import Fit, best_of, fit_gpd, lowest_valid
 from rockfall.analysis.line_statistics import with_limits
@@ -24,9 +25,6 @@ from rockfall.case import broken_rule, key_table
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import Z
 from rockfall.quantities import number
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 PERIODS = (10.0, 30.0, 100.0, 300.0)  # [year], in each table
 MIN_BLOCKS = 20  # deposited blocks above the threshold
@@ -119,8 +117,6 @@ def design_block(
     >>> found.volume_low < found.volume < found.volume_high
     True
     """
-    import pandas as pd
-
     _check(return_period, threshold, volume_max)
     survey = read_survey(blocks, events, years)
     fit = _fit(survey, threshold)

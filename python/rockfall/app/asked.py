@@ -2,12 +2,11 @@
 """Answers of other programs in the window: the design check of a net, the hazard of the scenarios,
 and the sources of what comes to a place, as messages with the numbers of the commands."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.origins import origins
@@ -35,9 +34,6 @@ from rockfall.tables.yearly_design import (
     verdicts,
 )
 from rockfall.tables.yearly_design import check_tables as yearly_check_tables
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MAX_CELLS = 1001  # along a side of the map of classes
 

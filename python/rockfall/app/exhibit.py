@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Display of a result, without a live run."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.app.asked import net_message
 from rockfall.app.edited.document import Document, Site
@@ -26,6 +25,7 @@ from rockfall.app.pictures import (
     sampled_rows,
     trajectory_message,
 )
+from rockfall.app.progress import Send
 from rockfall.app.sections import section_message
 from rockfall.app.surroundings import Offer, stands_of
 from rockfall.case import case_of, given_groups
@@ -37,11 +37,6 @@ from rockfall.result.samples import simulated
 from rockfall.result.trajectories import trajectories
 from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.scene.frames import GROUPS
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.app.progress import Send
 
 
 class Exhibit:

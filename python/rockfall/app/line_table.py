@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Statistics at the lines of a result as messages for the page."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.line_statistics import numbers, withheld
 from rockfall.analysis.lines.samples import LineSamples
@@ -16,9 +15,6 @@ from rockfall.quantities import QUANTITIES
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import line_names
 from rockfall.result.variables import ENDS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 SHOWN = ("speed", "energy_total", "passing_height")  # quantities at lines
 NUMBERS = ("mean", "q50", "q95")

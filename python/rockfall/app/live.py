@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Live runs of a document: one thread owns the session, and the latest edit wins."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from threading import Condition, Event, Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from rockfall.analysis.lines.section import PATHS
 from rockfall.app.asked import hazard_message, hazard_of, origins_message
@@ -29,9 +29,6 @@ from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.scene.rules.plausible import input_warnings
 from rockfall.session.session import Session, open_session, scene_of
 from rockfall.simulation.simulate import Interrupted
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 STEP = 0.05  # seconds of the kernel between checks for new requests
 FIRST_MAP = "passages"

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Terrain and results as messages for the page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.population import scenario_note
 from rockfall.analysis.validity.remarks import model_remarks
@@ -15,6 +14,7 @@ from rockfall.case import Case
 from rockfall.io.coordinates.crs import crs_name
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.io.rasters.grid import Grid
+from rockfall.io.zone_table import Zone
 from rockfall.language import speaking
 from rockfall.plots.cartography.rasters import cropped, merged
 from rockfall.plots.cartography.relief import shade
@@ -24,12 +24,7 @@ from rockfall.result.maps.map_labels import map_label
 from rockfall.result.samples import has_rows
 from rockfall.result.trajectories import POINTS, Trajectory, ended
 from rockfall.result.variables import MAP, STATUS, TYPES
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.io.zone_table import Zone
-    from rockfall.scene.scene import Scene
+from rockfall.scene.scene import Scene
 
 MAX_HEIGHTS, MAX_SHADE = 1001, 2001  # cells along a side, for the view in 3-D and the map
 MAX_OVERLAY = 1001

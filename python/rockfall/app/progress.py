@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A live run, and the record of what was sent."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from rockfall.app.asked import net_message
 from rockfall.app.line_table import LineTable
@@ -20,12 +20,8 @@ from rockfall.app.pictures import (
     trajectory_message,
 )
 from rockfall.app.sections import section_message
+from rockfall.result.trajectories import Terrain
 from rockfall.session.batch import Batch
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.result.trajectories import Terrain
 
 FIRST, SECOND = 0.0, 0.1  # seconds of the kernel before the first results, and between later ones
 PATIENCE = 3.0  # seconds of the kernel for each second spent on statistics and pictures

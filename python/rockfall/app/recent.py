@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Recently opened files, in the user's state folder."""
 
-from __future__ import annotations
-
 import json
 import os
 from contextlib import suppress

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A section along a drawn line as a message: columns and lines of `rockfall section`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.lines.section import section_of
@@ -15,11 +14,7 @@ from rockfall.analysis.lines.stations import SectionLine
 from rockfall.app.messages import binary_message
 from rockfall.errors import RockfallError
 from rockfall.quantities import QUANTITIES
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.result.trajectories import Terrain
+from rockfall.result.trajectories import Terrain
 
 Places = Sequence[Sequence[float]]
 

@@ -8,7 +8,9 @@ import html
 import json
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from rockfall.app.exhibit import Exhibit
 from rockfall.app.messages import Message
@@ -20,9 +22,6 @@ from rockfall.io.output_files import check_output
 from rockfall.language import texts_of
 from rockfall.result.dataset import read_result
 from rockfall.version import __version__
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 _END = re.compile(r"</(?=script|style)|<!--", re.IGNORECASE)
 HEIGHT = 700  # [pixel] in a notebook

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,13 +19,11 @@ from rockfall.app.pictures import View
 from rockfall.case import FROM_ARRAY, Case
 from rockfall.errors import RockfallError
 from rockfall.io.coordinates.crs import plan_wkt
+from rockfall.io.rasters.grid import Grid
 from rockfall.io.vectors.layers import EXTENSIONS, layer_names, read_polygons
 from rockfall.io.zone_table import NAMES
 from rockfall.language import say
 from rockfall.plots.cartography.basemap import read_picture
-
-if TYPE_CHECKING:
-    from rockfall.io.rasters.grid import Grid
 
 MAX_OFFERED = 40  # layers or pictures of a folder
 MAX_DOTS = 2400  # of a picture, along its longer side

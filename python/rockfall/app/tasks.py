@@ -4,8 +4,6 @@ alone or with a report or layers. Runs for a result alone use the checkpoints of
 either program can resume them.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Wishes of a page for what is shown, checked."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from typing import Any
 

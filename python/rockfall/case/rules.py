@@ -2,8 +2,6 @@
 """Rules between keys that only studies use: of &ensemble, &hazard, &scenario and &variant. The
 kernel checks the rest: the kind and range of each value, and rules that a run depends on."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any, NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Text in namelist format: read by the kernel, and written here."""
 
-from __future__ import annotations
-
 import json
 import weakref
 from collections.abc import Iterable, Iterator, Mapping

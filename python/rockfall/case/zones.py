@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Zones of the surface of a case: the rows of their table, or their attributes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rockfall.case.case import FROM_ARRAY, Case

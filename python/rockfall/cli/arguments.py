@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The arguments of every command."""
 
-from __future__ import annotations
-
 import argparse
 import functools
 from collections.abc import Callable

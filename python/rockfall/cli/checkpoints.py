@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The folder of a study of several runs, and its checkpoints next to it."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable, Iterable

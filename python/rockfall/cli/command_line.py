@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The command line: from arguments to exit status; the work is done elsewhere."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import gc

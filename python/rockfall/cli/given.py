@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Case given to a command, and its scene."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Collection, Iterable
 from contextlib import ExitStack

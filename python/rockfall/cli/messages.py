@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Messages of a command on stderr, and its exit status."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections import Counter

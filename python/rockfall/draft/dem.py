@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Elevation models: models from surveyed points, and edits of existing models."""
 
-from __future__ import annotations
-
 import math
 import shlex
 from collections.abc import Callable, Iterable, Sequence

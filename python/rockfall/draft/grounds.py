@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Grounds of a first case: the material of its zones, by terms of the field."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Text of a first case: each value with its reason and the allowed alternatives."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Observations of a first case: blocks at rest and scars, and the lowest energy line."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path

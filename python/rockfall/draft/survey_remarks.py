@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Likely mistakes in surveyed points and in cells made from them: one line each."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Zones from polygons with their own ground attributes: the table that a case needs."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Files of field experiments and events: from a local folder, or downloaded once and checked."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from pathlib import Path

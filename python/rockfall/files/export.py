@@ -53,10 +53,10 @@ from rockfall.system import has_locks
 if TYPE_CHECKING:
     import xarray as xr
 
-    #: Shapes, and the columns of their attributes.
-    Features = tuple[np.ndarray, dict[str, np.ndarray]]
-    #: Name of a layer -> its type of geometry, and its features in parts.
-    Layers = dict[str, tuple[str, Iterable[Features]]]
+#: Shapes, and the columns of their attributes.
+Features = tuple[np.ndarray, dict[str, np.ndarray]]
+#: Name of a layer -> its type of geometry, and its features in parts.
+Layers = dict[str, tuple[str, Iterable[Features]]]
 
 USUAL = ("tif", "gpkg", "csv")
 FORMATS = (*USUAL, "kml", "dxf")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.case import case_of
 from rockfall.errors import need
@@ -17,7 +18,6 @@ from rockfall.result.dataset import read_result
 from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
-    import xarray as xr
     from geopandas import GeoDataFrame
 
 

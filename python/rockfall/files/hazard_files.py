@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import period_table
@@ -48,11 +49,6 @@ from rockfall.result.maps.classes import classes_of, shown_as
 from rockfall.result.maps.flat_maps import PLAN, flat_maps, shown
 from rockfall.result.trajectories import flags_of
 from rockfall.result.variables import ENDS
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
 
 #: Colours of hazard, as on Swiss hazard maps, and of intensity, from pale to dark.
 HAZARD_COLOURS = ("#ffffff", "#fff9c4", "#ffe14d", "#5b8ff9", "#e03131")
@@ -293,8 +289,6 @@ def _object_layer(hazard: xr.Dataset) -> tuple:
 
 def object_table(hazard: xr.Dataset) -> pd.DataFrame:
     """One row for each object: frequencies with their limits, class, and risks where known."""
-    import pandas as pd
-
     words = np.array(CLASSES, dtype=object)
     geometry = [GEOMETRY[text.split(" ")[0]] for text in hazard["object_geometry"].values]
     columns: dict[str, np.ndarray] = {"object": hazard["object"].values.astype(object)}

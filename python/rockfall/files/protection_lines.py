@@ -13,7 +13,7 @@ from rockfall.errors import RockfallError
 if TYPE_CHECKING:
     import xarray as xr
 
-    Dams = list[dict[str, Any]]
+Dams = list[dict[str, Any]]
 FIELDS = {"height": "height_m", "crest_width": "crest_width_m", "slope": "slope_deg"}
 
 

@@ -4,19 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.hazard.variables import CLASS_ENDS
 from rockfall.analysis.objects.exposure import QUANTITIES
 from rockfall.analysis.objects.risk import CLASSES, SUMMED
 from rockfall.files.vector_style import Style, fill, marker, plain_type, thick
 from rockfall.result.variables import ENDS
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 #: Colours of the classes of individual risk, from none.
 COLOURS = ("#bdbdbd", "#4daf4a", "#ffe14d", "#ff8c00", "#e03131")
@@ -48,8 +45,6 @@ def risk_columns(hazard: xr.Dataset) -> Iterator[tuple[str, np.ndarray]]:
 def total_table(hazard: xr.Dataset) -> pd.DataFrame:
     """Sums over all objects, with limits from the boulders that they share; and the sums of the
     objects' limits, which enclose them."""
-    import pandas as pd
-
     rows = []
     for name in SUMMED:
         three = [float(hazard[f"total_{name}{end}"]) for end in ENDS]

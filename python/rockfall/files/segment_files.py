@@ -3,19 +3,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.variables import CLASS_ENDS
 from rockfall.quantities import SHOWN
 from rockfall.result.maps.flat_maps import shown
 from rockfall.result.variables import ENDS
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 NUMBERS = ("energy", "passing_height", "upper_edge", "diameter")
 
@@ -28,8 +24,6 @@ def has_segments(hazard: xr.Dataset) -> bool:
 def segment_table(hazard: xr.Dataset) -> pd.DataFrame:
     """One row for each segment: place [m], frequencies and return periods with their limits, class,
     energies [kJ], heights and diameters [m] of the boulders that touch it."""
-    import pandas as pd
-
     words = np.array(CLASSES, dtype=object)
     columns: dict[str, np.ndarray] = {
         name: hazard[f"segment_{name}"].values.astype(object) for name in ("road", "name")

@@ -2,8 +2,6 @@
 """Grounds: rebound models used in place of the case's impact sets, and the tables that define them
 (docs/grounds.md). The kernel defines the parameters of each model and their ranges."""
 
-from __future__ import annotations
-
 import importlib.resources
 import math
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Files of impact sets that a case may name: shipped with the program, or next to the case."""
 
-from __future__ import annotations
-
 import importlib.resources
 import os
 from functools import cache

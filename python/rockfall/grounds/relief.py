@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Relief of a ground: random surfaces of a given spectrum, and the spectrum of a measured patch."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

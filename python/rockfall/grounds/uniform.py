@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Uniform random numbers independent of the NumPy version: raw words of Philox."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

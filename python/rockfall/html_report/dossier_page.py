@@ -6,7 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.messages import messages_of
@@ -26,6 +28,7 @@ from rockfall.plots.hazard.hazard_sheet import Imprint, hazard_sheet
 from rockfall.plots.hazard.origin_map import origin_map, origin_place
 from rockfall.plots.studies.curves_figure import curves_figure
 from rockfall.protection.yearly import YearlyDesign
+from rockfall.result.trajectories import Terrain
 from rockfall.studies.dossier import Dossier
 from rockfall.table import Table, in_line
 from rockfall.tables.dossier import (
@@ -42,11 +45,6 @@ from rockfall.tables.dossier import (
     years_between,
 )
 from rockfall.text.hazard import limits_of_hazard
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.result.trajectories import Terrain
 
 MAP = Room(180 / 25.4, 246 / 25.4)  # of page 2, with its title below
 SHEETS, ROWS = 8, (12, 8, 5, 3)  # at most; rows of tables, if there are more

@@ -11,25 +11,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+import xarray as xr
+
+from rockfall.html_report.inputs import Parties
 from rockfall.language import say
 from rockfall.plots.cartography.sheet import Room
 from rockfall.plots.extent import reached
 from rockfall.plots.hazard.hazard_figures import zones_figure
-from rockfall.plots.map_figures import map_figure, stops_figure
+from rockfall.plots.map_figures import Look, map_figure, stops_figure
 from rockfall.plots.style import NARROW, WIDE
 from rockfall.result.maps.passages import passed_map
 from rockfall.result.samples import has_rows
+from rockfall.result.trajectories import Terrain
 from rockfall.table import Table, in_line
+from rockfall.tables.lines import Rows
 
 if TYPE_CHECKING:
-    import numpy as np
-    import xarray as xr
     from matplotlib.figure import Figure
-
-    from rockfall.html_report.inputs import Parties
-    from rockfall.plots.map_figures import Look
-    from rockfall.result.trajectories import Terrain
-    from rockfall.tables.lines import Rows
 
 MM = 25.4  # of an inch
 SHEET = 263.0  # height between the margins [mm]; templates/page.css has the margins

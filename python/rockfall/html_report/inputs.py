@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.validity.rebounds import followed_text
@@ -22,23 +23,20 @@ from rockfall.io.zone_table import MATERIAL, NAMES, Zone
 from rockfall.language import Number, Text, say, say_count, translated, word
 from rockfall.plots.cartography.rasters import cropped, draw_image
 from rockfall.plots.cartography.sheet import crs_text, finish, new_sheet
-from rockfall.plots.extent import reached
+from rockfall.plots.extent import Extent, reached
 from rockfall.plots.style import styled
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import number, percent, with_unit
 from rockfall.result.boulders import boulders_by_shape
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import has_rows, simulated
+from rockfall.result.trajectories import Terrain
 from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.table import Table
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.figure import Figure
-
-    from rockfall.plots.extent import Extent
-    from rockfall.result.trajectories import Terrain
-    from rockfall.scene.scene import Scene
 
 RADII = {
     "mean_radius": "R_m [m]",

@@ -12,35 +12,28 @@ import base64
 import io
 import zlib
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.io.rasters.arrays import corner_of
 from rockfall.language import localised, say, word
+from rockfall.plots.cartography.basemap import Basemap
 from rockfall.plots.cartography.labels import along
 from rockfall.plots.cartography.marks import FEW_SOURCES, inside, outlined, starts
 from rockfall.plots.cartography.rasters import cropped, edges, merged
 from rockfall.plots.cartography.relief import contours_of, shade
 from rockfall.plots.cartography.sheet import crs_text, round_scale, scale_text
-from rockfall.plots.extent import reached
-from rockfall.plots.map_figures import MAX_TRAJECTORIES, map_note
+from rockfall.plots.extent import Extent, reached
+from rockfall.plots.map_figures import MAX_TRAJECTORIES, Look, map_note
 from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
-from rockfall.result.maps.classes import Classes, classes_of, shown_as
+from rockfall.result.maps.classes import Classes, Limits, classes_of, shown_as
 from rockfall.result.maps.map_labels import map_label
 from rockfall.result.maps.passages import of_none, thin_cells
 from rockfall.result.motion import spread
-from rockfall.result.trajectories import lines, vertices_of
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.plots.cartography.basemap import Basemap
-    from rockfall.plots.extent import Extent
-    from rockfall.plots.map_figures import Look
-    from rockfall.result.maps.classes import Limits
-    from rockfall.result.trajectories import Terrain
+from rockfall.result.trajectories import Terrain, lines, vertices_of
 
 MAX_CELLS = 4_000_000  # total size of all map images, to limit a page to a few MB
 PRINTED = np.array([0.18, 0.2])  # maximum width and height of a map on paper [m]

@@ -11,10 +11,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.lines.section import Section
 from rockfall.analysis.observed.compare import DISAGREES, compare, disagreement
+from rockfall.analysis.observed.observations import Observed
 from rockfall.analysis.population import scenario_note
 from rockfall.analysis.return_levels import return_levels
 from rockfall.analysis.validity.remarks import model_remarks
@@ -48,10 +52,11 @@ from rockfall.html_report.validity import cautions, sets_of, warnings
 from rockfall.io.atomic import atomic_write
 from rockfall.io.output_files import check_output
 from rockfall.language import say, speaking
-from rockfall.plots.figures import LABORATORY, drawn_lines, figures, section_entry
+from rockfall.plots.figures import LABORATORY, Figure, drawn_lines, figures, section_entry
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.plots.history_figure import history_figure
 from rockfall.plots.left_out import LeftOut
+from rockfall.plots.map_figures import Look
 from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.dams import dams_of
@@ -60,12 +65,16 @@ from rockfall.protection.stands import stands_of
 from rockfall.result.crossings import line_names, sharing
 from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.samples import has_rows, simulated
+from rockfall.result.trajectories import Terrain
 from rockfall.simulation.progress import add_steps
+from rockfall.studies.models import Models
+from rockfall.table import Table
 from rockfall.tables.comparison import comparison_tables, notes
 from rockfall.tables.design import check_tables, factor_lines, load_tables
 from rockfall.tables.ensemble import PER_LINE, range_headline, range_tables
 from rockfall.tables.hazard import hazard_tables
 from rockfall.tables.lines import (
+    Rows,
     headline,
     level_table,
     line_tables,
@@ -82,18 +91,6 @@ from rockfall.tables.run import (
     stand_tables,
 )
 from rockfall.text.hazard import hazard_warnings
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.analysis.lines.section import Section
-    from rockfall.analysis.observed.observations import Observed
-    from rockfall.plots.figures import Figure
-    from rockfall.plots.map_figures import Look
-    from rockfall.result.trajectories import Terrain
-    from rockfall.studies.models import Models
-    from rockfall.table import Table
-    from rockfall.tables.lines import Rows
 
 PDF = ".pdf"
 NOBODY = Parties()

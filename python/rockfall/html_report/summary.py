@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.observed.run_out import mean_slopes
@@ -28,12 +28,7 @@ from rockfall.tables.ensemble import (
     more_needed,
     orders_reversed,
 )
-from rockfall.tables.lines import estimate, in_unit, key_numbers
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.tables.lines import Numbers, Rows
+from rockfall.tables.lines import Numbers, Rows, estimate, in_unit, key_numbers
 
 YEARS = 100.0  # return period on page 1
 MOST_LINES = 3  # lines with a sentence

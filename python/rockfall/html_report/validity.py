@@ -4,25 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.validity.remarks import model_remarks
-from rockfall.case import case_of
+from rockfall.case import Case, case_of
 from rockfall.grounds import BLOCK_TABLE, TABLES
 from rockfall.language import say, say_count, word
 from rockfall.quantities import percent
 from rockfall.result.grounds import rebounds_by_ground, sets_followed
 from rockfall.result.samples import is_ensemble, simulated
 from rockfall.result.trajectories import ended, gone
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
-    from rockfall.case import Case
-    from rockfall.tables.lines import Rows
+from rockfall.tables.lines import Rows
 
 FEW = 100  # boulders at a line, below which its upper quantiles are uncertain
 FEW_IN_CELL = 30  # boulders through a cell, below which its numbers are mostly Monte Carlo error

@@ -6,7 +6,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.validity.warnings import joint_warnings
 from rockfall.case import case_of
@@ -18,16 +21,11 @@ from rockfall.html_report.validity import missing
 from rockfall.language import say, speaking
 from rockfall.plots.studies.difference_figures import difference_figure
 from rockfall.result.samples import simulated
+from rockfall.result.trajectories import Terrain
 from rockfall.simulation.progress import add_steps
 from rockfall.studies.difference_maps import difference_maps, have_passages, on_same_cells
 from rockfall.studies.variants import compare_variants
 from rockfall.tables.variants import comparison_notes, measures_table, variant_table
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
-    from rockfall.result.trajectories import Terrain
 
 BESIDE_FIRST = 4  # variants in a table on paper
 

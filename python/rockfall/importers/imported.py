@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Imports of projects of other programs: the report on each input, and the case file."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field

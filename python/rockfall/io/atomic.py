@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Atomic writing: files appear under their names only when complete, all of a folder or none."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import shutil

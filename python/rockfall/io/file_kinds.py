@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Kinds of files by their first bytes."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

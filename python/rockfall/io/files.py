@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Input files: regular ones, their first bytes, their text."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Files that are no readable raster: what they are, and what to do."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Files given as a table that are something else: what they are, and what to do."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rockfall.errors import RockfallError

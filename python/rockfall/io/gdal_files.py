@@ -6,8 +6,6 @@ files, and a pipe has no end. Everything GDAL would access is checked here first
 name any file or server, run Python, or read bytes of any file as numbers: it is refused.
 """
 
-from __future__ import annotations
-
 import math
 import mmap
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Permission to write outputs: never over an input, and over an existing file only on request."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

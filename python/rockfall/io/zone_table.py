@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Zones of surface material: their table, and the table row of each cell."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping

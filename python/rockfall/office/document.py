@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Document of Word with the tables of a report."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import zip_longest
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Tables of a dossier as a workbook and as a document, in the current language."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

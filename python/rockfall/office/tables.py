@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Tables of a result and of designs for workbooks and documents."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.return_levels import return_levels
@@ -22,10 +22,6 @@ from rockfall.tables.design import check_tables as barrier_checks
 from rockfall.tables.design import factor_lines, load_tables
 from rockfall.tables.lines import level_table, line_tables, rows_of
 from rockfall.tables.run import barrier_table, provenance
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 FORMATS = {"xlsx": "openpyxl", "docx": "docx"}  # endings, and the packages that write them
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Workbook of Excel: a sheet for each table, as the CSV with units in the headers."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable

@@ -6,20 +6,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.language import say
 from rockfall.plots.style import BLUE, GREY, WIDE, new_figure, plain, styled
 from rockfall.protection.demand import usable
+from rockfall.protection.design import Design
 from rockfall.quantities import DESIGN, QUANTITIES, with_unit
 from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from rockfall.protection.design import Design
 
 
 @styled

@@ -3,19 +3,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.io.rasters.arrays import corner_of
 from rockfall.result.maps.passages import of_none, passed_map
+from rockfall.result.trajectories import Terrain
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.result.trajectories import Terrain
-
-    Extent = tuple[float, float, float, float]  # west, east, south, north [m]
+Extent = tuple[float, float, float, float]  # west, east, south, north [m]
 
 SLENDEREST = 1 / 3  # minimum ratio of a map's shorter side to its longer
 CELL = 5.0  # default for margins [m]

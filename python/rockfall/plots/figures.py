@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.lines.envelopes import fewest_for
 from rockfall.analysis.lines.profile import line_profile
+from rockfall.analysis.lines.section import Section
 from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.case import case_of
 from rockfall.errors import RockfallError, need
@@ -26,6 +28,7 @@ from rockfall.plots.left_out import LeftOut
 from rockfall.plots.line_figures import DRAWN, distribution_figure, passing_figure
 from rockfall.plots.map_figures import (
     MAX_TRAJECTORIES,
+    Look,
     is_fraction,
     map_figure,
     map_note,
@@ -51,20 +54,13 @@ from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.maps.map_labels import map_label
 from rockfall.result.maps.passages import PASSED, passed_map, thin_cells
 from rockfall.result.samples import has_rows, is_ensemble, simulated
-from rockfall.result.trajectories import left_terrain, lines, vertices_of
+from rockfall.result.trajectories import Terrain, left_terrain, lines, vertices_of
 from rockfall.scene.rebounds.coefficients import open_sets
-from rockfall.scene.rebounds.sets import read_sets
+from rockfall.scene.rebounds.sets import Sets, read_sets
 from rockfall.simulation.progress import add_steps
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib import figure
-
-    from rockfall.analysis.lines.section import Section
-    from rockfall.plots.map_figures import Look
-    from rockfall.result.trajectories import Terrain
-    from rockfall.scene.rebounds.sets import Sets
-
 
 PER_FIGURE = 8  # lines
 #: Figures of rebounds, compared with the laboratory and the paper.

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.precision.history import NUMBERS, SHOWN, history, sizes
 from rockfall.analysis.precision.intervals import sources
@@ -15,7 +16,6 @@ from rockfall.quantities import QUANTITIES, statistic
 from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

@@ -8,6 +8,7 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.observed.run_out import passing
 from rockfall.analysis.precision.intervals import passing_percent
@@ -31,10 +32,8 @@ from rockfall.result.crossings import boulders_at, line_names, places_at, values
 from rockfall.result.trajectories import from_start, left_terrain, lines, stop_distances
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
 
 DRAWN = (
     "speed", "passing_height", "energy_translational", "energy_rotational", "energy_total",

@@ -7,31 +7,28 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.grid import Grid
 from rockfall.language import localised, say, word
+from rockfall.plots.cartography.basemap import Basemap
 from rockfall.plots.cartography.marks import draw_marks, key_of
 from rockfall.plots.cartography.rasters import cropped, draw_image, edges
 from rockfall.plots.cartography.sheet import PAGE, SMALL, Room, Sheet, finish, new_sheet
 from rockfall.plots.extent import reached
 from rockfall.plots.style import INK, OBSERVED, VERMILION, styled
 from rockfall.quantities import with_unit
-from rockfall.result.maps.classes import STATUS_MARKERS, Classes, classes_of, shown_as
+from rockfall.result.maps.classes import STATUS_MARKERS, Classes, Limits, classes_of, shown_as
 from rockfall.result.maps.map_labels import map_comment, map_label
 from rockfall.result.maps.passages import PASSED, of_none, thin_cells
 from rockfall.result.motion import spread
 from rockfall.result.samples import simulated
-from rockfall.result.trajectories import ends, vertices_of
+from rockfall.result.trajectories import Terrain, ends, vertices_of
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from rockfall.io.rasters.grid import Grid
-    from rockfall.plots.cartography.basemap import Basemap
-    from rockfall.result.maps.classes import Limits
-    from rockfall.result.trajectories import Terrain
 
 MAX_TRAJECTORIES = 200  # maximum drawn
 LIMIT = 0.01  # pass frequency of the outline (paper, Fig. 10)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.language import say
 from rockfall.plots.extent import cell_of
@@ -14,15 +15,12 @@ from rockfall.plots.line_figures import DISTANCE, mark_lines
 from rockfall.plots.map_figures import MAX_TRAJECTORIES
 from rockfall.plots.style import INK, TRAJECTORY, WIDE, new_figure, styled
 from rockfall.quantities import QUANTITIES
-from rockfall.result.trajectories import Trajectory, trajectories
+from rockfall.result.trajectories import Terrain, Trajectory, trajectories
 from rockfall.terrain.height import height
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from rockfall.result.trajectories import Terrain
 
 PANEL, TALLEST = 6.3, 4.5  # width and maximum height of the profile [inch]
 

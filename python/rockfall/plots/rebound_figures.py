@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from rockfall.language import say
 from rockfall.plots.style import (
@@ -22,13 +23,10 @@ from rockfall.plots.style import (
 )
 from rockfall.quantities import REBOUND, with_unit
 from rockfall.result.grounds import classical_grounds, table_grounds
-from rockfall.scene.rebounds.sets import restitution
+from rockfall.scene.rebounds.sets import Sets, restitution
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.figure import Figure
-
-    from rockfall.scene.rebounds.sets import Sets
 
 ENERGY = ("tangential_share", "normal_share", "rotational_share")
 RESTITUTION = ("restitution_tangential", "restitution_normal")

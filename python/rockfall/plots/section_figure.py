@@ -7,8 +7,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from rockfall.analysis.line_statistics import with_limits
+from rockfall.analysis.lines.section import Section
 from rockfall.language import say, say_count
 from rockfall.plots.profile_figures import draw_curves, true_scale
 from rockfall.plots.style import (
@@ -27,11 +29,8 @@ from rockfall.quantities import DESIGN, Quantity, with_unit
 from rockfall.terrain.polyline import lengths
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from rockfall.analysis.lines.section import Section
 
 SHOWN = ("energy_total", "passing_height", "speed")
 HEIGHTS = [1.0, 1.4, 1.4, 1.1]  # height of the panels below the profile [inch]

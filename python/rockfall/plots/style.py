@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis, Tick
     from matplotlib.figure import Figure
 
-    _Look = dict[str, Any]
+_Look = dict[str, Any]
 
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # Okabe and Ito (2008)
 INK, GREY = "#222222", "#8A8A8A"

@@ -7,9 +7,9 @@ import contextlib
 import json
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from rockfall.case import FROM_ARRAY, case_of
 from rockfall.errors import RockfallError
@@ -17,13 +17,9 @@ from rockfall.io.rasters.arrays import corner_of
 from rockfall.io.rasters.grid import Box, Grid
 from rockfall.io.rasters.raster_file import open_raster, raster_file
 from rockfall.plots.extent import reached
+from rockfall.result.trajectories import Terrain
 from rockfall.scene.layers import file_checksum
 from rockfall.terrain.dams import with_dam
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.result.trajectories import Terrain
 
 MAX_CELLS = 16_000_000  # read at full resolution; larger terrain is thinned
 

@@ -5,22 +5,19 @@ the sources, or lines drawn by the user."""
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.scene.frames import frame_files, is_frame
 from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.terrain.height import height, inside
 from rockfall.terrain.polyline import beside, lengths, spaced
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from rockfall.case import Case
-    from rockfall.scene.scene import Scene
 
 MAX_ALIGNMENTS = 200
 SAMPLES = 200  # places along a line at which elevation and distance are taken

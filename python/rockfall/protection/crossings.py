@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.analysis.precision.weighted import Weighted
@@ -13,9 +14,6 @@ from rockfall.kernel_rules import barrier_outcomes
 from rockfall.result.crossings import at_line
 from rockfall.result.samples import check_rows
 from rockfall.result.variables import OUTCOME
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 class Crossings(NamedTuple):

@@ -7,9 +7,11 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.line_statistics import numbers_at, with_limits
 from rockfall.analysis.lines.profile import line_number, windows
@@ -33,10 +35,6 @@ from rockfall.result.samples import check_rows, kept_note
 from rockfall.result.trajectories import flags_of
 from rockfall.result.variables import ENDS
 from rockfall.simulation.progress import stepped
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 LOADS = (
     "speed", "energy_total", "energy_translational",
@@ -174,8 +172,6 @@ def unconfirmed_of(result: xr.Dataset, case: Case, factors: Factors) -> str:
 
 
 def _table(rows: list[dict[str, Any]], columns: list[str]) -> pd.DataFrame:
-    import pandas as pd
-
     return pd.DataFrame(rows, columns=columns)
 
 

@@ -8,19 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.hazard.levels import yearly
 from rockfall.analysis.hazard.variables import CLASS_ENERGY, EXCEEDED, LEVELS, PERIODS
 from rockfall.errors import RockfallError
 from rockfall.protection.selection import Costs, cheapest, least_heights, read_costs
 from rockfall.result.variables import ENDS
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 YEARS = 100.0  # return period, if none is given
 HIGHEST = 10.0  # [m] of an advised barrier: higher ones are not built
@@ -64,8 +62,6 @@ def yearly_design(
     >>> sheet.loads["line"].tolist()
     ['L']
     """
-    import pandas as pd
-
     if "line_class_behind" not in hazard:
         raise RockfallError(
             "design: the hazard has no lines: give the case a &line and run it again"

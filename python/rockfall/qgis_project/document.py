@@ -5,8 +5,6 @@ Elements and attributes are those read by QGIS 3.22 and later, which uses defaul
 Sources of layers are relative to the project.
 """
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Layers of a project, from the files of a folder and their styles there."""
 
-from __future__ import annotations
-
 import re
 import sqlite3
 from contextlib import closing

@@ -5,8 +5,6 @@ legend, north arrow, scale bar, coordinate system, data and date.
 All positions are in millimetres, from the upper left corner of the paper.
 """
 
-from __future__ import annotations
-
 import base64
 import textwrap
 import uuid

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Project of an exported result: its layers, groups, themes and layouts."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+import xarray as xr
 
 from rockfall.case import case_of
 from rockfall.case.files import read_names
@@ -18,7 +18,7 @@ from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.language import Number, say, speaking, word
 from rockfall.plots.cartography.relief import INDEX, contours_of
 from rockfall.plots.cartography.sheet import crs_text, named_crs
-from rockfall.plots.extent import reached
+from rockfall.plots.extent import Extent, reached
 from rockfall.plots.hazard.hazard_sheet import NOBODY, Imprint
 from rockfall.plots.style import capital
 from rockfall.qgis_project.document import Project, Theme, write_project
@@ -29,12 +29,7 @@ from rockfall.result.grounds import program_text
 from rockfall.result.maps.classes import UNITS
 from rockfall.result.maps.map_labels import map_label
 from rockfall.result.maps.passages import PASSED
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.plots.extent import Extent
-    from rockfall.result.trajectories import Terrain
+from rockfall.result.trajectories import Terrain
 
 PROJECT, ELEVATION = "project.qgz", "elevation_m.tif"
 RESULT, HAZARD = "rockfall.gpkg", "hazard.gpkg"

@@ -15,8 +15,8 @@ from rockfall.accessor import add_accessor
 if TYPE_CHECKING:
     import xarray as xr
 
-    Held: TypeAlias = "xr.Dataset | Contents"  # can be read by the same names in either form
-    HeldVariable: TypeAlias = "xr.Variable | xr.DataArray | Variable"
+Held: TypeAlias = "xr.Dataset | Contents"  # can be read by the same names in either form
+HeldVariable: TypeAlias = "xr.Variable | xr.DataArray | Variable"
 
 
 class Variable:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Names as words for files and flags."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections.abc import Iterable

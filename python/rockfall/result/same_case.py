@@ -3,24 +3,20 @@
 file metadata: case, input checksums, CRS, extent.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from rasterio.crs import CRS
 
 from rockfall.case import REPEATABLE, Case, case_in, file_keys
 from rockfall.errors import RockfallError
 from rockfall.io.coordinates.crs import same_crs
 from rockfall.io.rasters.arrays import corner_of
 from rockfall.result.samples import has_rows
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from rasterio.crs import CRS
 
 #: Groups that define the case of a slope; seeds, numbers of boulders, their volumes, lines and
 #: outputs may differ.

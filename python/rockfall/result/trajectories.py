@@ -3,23 +3,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rockfall.io.rasters.grid import Grid
 from rockfall.result.motion import Motion, motion_of
 from rockfall.result.variables import STATUS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     import xarray as xr
     from numpy.typing import ArrayLike
 
-    from rockfall.io.rasters.grid import Grid
     from rockfall.result.contents import Held, HeldVariable
 
-    Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and their grid
+Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and their grid
 
 POINTS = 25  # of each piece of a curve
 MOVING = "left_domain", "hit_nodata", "impact_limit"  # ends of boulders not at rest

@@ -19,8 +19,8 @@ from rockfall.result.samples import sample_dims
 if TYPE_CHECKING:
     import xarray as xr
 
-    #: Name of a variable -> its dimensions.
-    _Group = dict[str, tuple[str, ...]]
+#: Name of a variable -> its dimensions.
+_Group = dict[str, tuple[str, ...]]
 
 ALWAYS = (  # attributes that every result has
     "title", "source", "case", "case_file", "seed", "boulder_first", "boulder_last",

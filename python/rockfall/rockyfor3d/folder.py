@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Files in a folder of Rockyfor3D, by their names in that program."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

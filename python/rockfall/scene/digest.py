@@ -6,8 +6,6 @@ mosaic, masks). Rows are hashed in order, so terrain in windows has the same che
 complete raster.
 """
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

@@ -3,8 +3,6 @@
 are written to temporary files while a scene is read, and then treated like files.
 """
 
-from __future__ import annotations
-
 import shutil
 import weakref
 from collections.abc import Callable, Iterator, Mapping

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A scene in the kernel, built once from its case and from arrays."""
 
-from __future__ import annotations
-
 import weakref
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

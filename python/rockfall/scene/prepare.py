@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Conversion of any case for `rockfall-batch` alone: its text, and a scene file (docs/files.md)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -5,8 +5,6 @@ Columns, rows and coordinates are those of the complete raster, so results do no
 A boulder that leaves its window is not tallied: it is simulated again in a larger window.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any

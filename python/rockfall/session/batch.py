@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.validity.remarks import model_warnings
@@ -22,10 +23,6 @@ from rockfall.simulation.batches import Batches
 from rockfall.simulation.simulate import recorded_numbers, trajectory
 from rockfall.simulation.tally_dataset import make_result, trajectory_variables
 from rockfall.studies.run_until import Rule, evaluate
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 RECORDED = 100  # trajectories, if no number is given
 

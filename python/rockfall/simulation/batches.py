@@ -3,8 +3,6 @@
 between pieces of a few milliseconds.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from threading import RLock

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Plan of the maps of a run: the layers of the kernel's stacks for a case."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

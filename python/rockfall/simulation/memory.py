@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Memory available for a run."""
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Slurm job arrays for a case: one job per shard, and a last one that merges them."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

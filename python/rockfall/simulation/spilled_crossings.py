@@ -2,8 +2,6 @@
 """Crossings of a long run in a file next to its output, so that memory does not grow with them. The
 kernel hands them over in blocks, each sorted by line; the result reads them line by line."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from itertools import accumulate

@@ -8,9 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import frequencies
 from rockfall.analysis.precision.clusters import Clusters
@@ -19,19 +20,15 @@ from rockfall.analysis.precision.paired import difference_of_fractions
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import EAD_ENERGY
+from rockfall.protection.alignments import Alignment
 from rockfall.protection.selection import MAX_HEIGHT, Costs, cheapest, least_heights
 from rockfall.result.crossings import line_names, line_values, outcomes_at
 from rockfall.result.variables import OUTCOME
 from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.studies.siting_runs import populations
 from rockfall.studies.study import Study
 from rockfall.studies.yearly_variants import Three, hits_at, yearly_sum
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.protection.alignments import Alignment
-    from rockfall.scene.scene import Scene
 
 STEP = 0.5  # [m] between the heights of barriers
 MOST_TRIED = 5  # alignments, the cheapest first

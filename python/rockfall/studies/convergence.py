@@ -7,9 +7,10 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.line_statistics import limited, line_numbers
 from rockfall.analysis.precision.intervals import TARGETS, boulders_needed, sources
@@ -23,10 +24,6 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.releases.sources import refuse_by_area
 from rockfall.scene.scene import Scene
 from rockfall.studies.study import ROWS_ONLY, Study, with_numbers
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 BOULDERS = (100, 1000, 2000, 5000, 10_000)  # per source, as in the paper
 REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources
@@ -142,8 +139,6 @@ def _sizes(sources: int) -> list[int]:
 
 def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
     """Numbers from the first boulders of each source, with their intervals."""
-    import pandas as pd
-
     number = (result["boulder"].values - 1) % sizes[-1]  # of a boulder at its source
     rows = []
     for size in sizes:
@@ -215,8 +210,6 @@ def _errors(
     values: np.ndarray, truth: np.ndarray, sources: int, seconds: float, case: Case
 ) -> pd.DataFrame:
     """Errors of blocks of 100, 200, 500, ... boulders; `truth` is (lines, numbers)."""
-    import pandas as pd
-
     rows = []
     steps = (digit * 10**power for power in count(2) for digit in (1, 2, 5))
     for step in steps:
@@ -239,8 +232,6 @@ def _errors(
 def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> pd.DataFrame:
     """Slopes, and the CPU time and number of boulders for an error, by error = c / sqrt(n);
     `passed` is the fraction that crosses each line."""
-    import pandas as pd
-
     rows = []
     groups = dict(list(error[error["error"] > 0].groupby(KEYS)))
     keys = ((line, *number) for line in error["line"].unique() for number in NUMBERS)
@@ -276,8 +267,6 @@ def _terrains(
     study: Study, scene: Scene, boulders: int, cost: pd.DataFrame
 ) -> tuple[pd.DataFrame, dict[str, str]]:
     """Change of each number by each terrain variant, and the refused variants."""
-    import pandas as pd
-
     name, other = other_digits(scene)
     others = {name: other} | {f"cells x{k}": larger_cells(scene, k) for k in (2, 4)}
     seed = scene.case.case["seed"]

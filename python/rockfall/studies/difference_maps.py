@@ -6,9 +6,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
@@ -20,10 +21,6 @@ from rockfall.kernel_rules import count_limits
 from rockfall.result.maps.clusters import boulders_per_cluster
 from rockfall.result.samples import simulated
 from rockfall.studies.variants import check_variants
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 OF_A_CELL = 1e-6  # tolerance of the places of cells
 MAPS = re.compile(r"(energy|speed|jump_height|passing_height)_(mean|max|max_map|q\d+)")
@@ -38,8 +35,6 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
     independent. The intervals are then too wide for common random numbers: the verdict of a cell
     may be undecided although a line shows a difference, never the reverse.
     """
-    import xarray as xr
-
     check_variants(results)
     if not have_passages(results):
         raise RockfallError("maps of difference need &output maps = 'passages' in all variants")

@@ -6,9 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.hazard.combined import HazardInputs, ScenarioRun, combined
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
@@ -19,19 +21,14 @@ from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
 from rockfall.language import say
 from rockfall.protection.yearly import YEARS
+from rockfall.scene.scene import Scene
 from rockfall.scene.stages import KeptStages
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.hazard import read_study, run_study
 from rockfall.studies.model_scenes import second_model
 from rockfall.studies.study import NO_CHECKPOINTS, Study
 from rockfall.studies.variants import check_variant_scenes
 from rockfall.studies.yearly_variants import YearlyRun, run_name, yearly_run, yearly_table
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
-    from rockfall.scene.scene import Scene
-    from rockfall.simulation.parts.checkpoint import Checkpoint
 
 
 class Second(NamedTuple):

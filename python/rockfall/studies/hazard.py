@@ -8,9 +8,10 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.combined import HazardInputs, ScenarioRun, combined
 from rockfall.analysis.hazard.finished import is_same_case
@@ -43,12 +44,8 @@ from rockfall.scene.frames import frame_files, of_frames
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import machine_memory
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.study import Study
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.simulation.parts.checkpoint import Checkpoint
 
 
 def hazard(

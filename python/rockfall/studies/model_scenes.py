@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,12 +30,10 @@ from rockfall.grounds import (
 from rockfall.io.zone_table import NamedGround
 from rockfall.language import say
 from rockfall.quantities import percent
+from rockfall.scene.parts import Rasters
 from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
 from rockfall.scene.surface import radius_over_rg
-
-if TYPE_CHECKING:
-    from rockfall.scene.parts import Rasters
-    from rockfall.scene.scene import Scene
 
 #: Obstacle size [m] that separates the soil types 3 and 4 of Rockyfor3D, scree and talus.
 LARGE = 0.1

@@ -8,9 +8,11 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.line_statistics import limited, line_numbers, sample_numbers
 from rockfall.analysis.precision.intervals import sources
@@ -32,10 +34,6 @@ from rockfall.result.dataset import put_netcdf
 from rockfall.result.trajectories import left_terrain
 from rockfall.studies.model_scenes import by_tables, named_notes, variants
 from rockfall.studies.study import ROWS_ONLY, Study
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 LAYOUT = 1  # of the file
 QUANTITIES = ("speed", "passing_height", "energy_total")
@@ -78,8 +76,6 @@ def run_models(
     grounds are run, and models that need a size are left out, or refused among `grounds`. If every
     place has a named ground, all except absorbing ones are varied.
     """
-    import pandas as pd
-
     case = case.replace(output=ROWS_ONLY)
     notes: list[str] = []
     scenes = dict(variants(case, grounds, notes))

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from rockfall.analysis.validity.warnings import warned_of_model
 from rockfall.case import Case
@@ -14,9 +16,6 @@ from rockfall.scene.rules.plausible import warn_of
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.parts.merge import join
 from rockfall.simulation.simulate import run_scene
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def run(

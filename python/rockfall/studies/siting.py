@@ -10,9 +10,11 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.precision.intervals import fraction_interval, quantile
@@ -44,11 +46,6 @@ from rockfall.studies.siting_runs import (
     sited_case,
 )
 from rockfall.studies.study import Study
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
 
 YES, NO, UNDECIDED = "yes", "no", "undecided"
 BEST, NOT_DISTINGUISHED = "best", "not distinguished"
@@ -158,8 +155,6 @@ def site(
     >>> found.table["alignment"].tolist()
     ['L', 'L +10 m', 'L +20 m']
     """
-    import pandas as pd
-
     limits = _limits(max_height, max_class, max_bypass, space)
     check_acceptable(case, acceptable)
     conditions = {key: given.pop(key) for key in CONDITIONS & given.keys()}

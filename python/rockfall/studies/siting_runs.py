@@ -5,26 +5,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.analysis.precision.weighted import Weighted
 from rockfall.case import Case, case_of
 from rockfall.errors import RockfallError
+from rockfall.protection.alignments import Alignment
 from rockfall.protection.crossings import Crossings, crossings
 from rockfall.result.crossings import has_crossed, line_names, line_values
 from rockfall.result.maps.clusters import boulders_per_cluster
+from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM
 from rockfall.studies.study import ROWS_ONLY
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.protection.alignments import Alignment
-    from rockfall.scene.scene import Scene
 
 
 class Population(NamedTuple):

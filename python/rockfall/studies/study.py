@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     from rockfall.simulation.parts.checkpoint import Checkpoint
 
-    Name = TypeVar("Name", bound=Hashable)
-    Numbers = TypeVar("Numbers")
+Name = TypeVar("Name", bound=Hashable)
+Numbers = TypeVar("Numbers")
 
 #: Changes of &output for scenes that are compared by boulders only.
 ROWS_ONLY: dict[str, Any] = {"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"}

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.observed.deposits import agreement
 from rockfall.analysis.observed.observations import Observed
@@ -26,10 +28,6 @@ from rockfall.errors import RockfallError
 from rockfall.result.crossings import line_names, line_values
 from rockfall.studies.model_scenes import by_tables, named_notes, variants
 from rockfall.studies.study import ROWS_ONLY, Study, with_numbers
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 SEEDS = 5
 FEWEST = 2  # seeds for an error, boulders for a distribution
@@ -91,8 +89,6 @@ def validate(
     Raises a RockfallError if no observation can be compared with a run, no ground can have another
     model, or a table of these names needs sizes of rocks that the case lacks.
     """
-    import pandas as pd
-
     if seeds < FEWEST:
         raise RockfallError(f"--seeds {seeds}: at least {FEWEST} are needed for an error")
     case = case.replace(output=ROWS_ONLY)

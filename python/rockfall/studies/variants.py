@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
 from rockfall.analysis.precision.paired import (
@@ -35,13 +37,8 @@ from rockfall.scene.rules.plausible import implausible
 from rockfall.scene.scene import Scene
 from rockfall.scene.stages import KeptStages
 from rockfall.simulation.memory import machine_memory
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.study import NO_CHECKPOINTS, Study
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
-    from rockfall.simulation.parts.checkpoint import Checkpoint
 
 QUANTITIES = ("speed", "upper_edge", "energy_total")
 COLUMNS = ["line", "variant", "quantity", "statistic", "n", "value", "difference",
@@ -192,8 +189,6 @@ def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     >>> table["quantity"].iloc[0]
     'passing'
     """
-    import pandas as pd
-
     check_variants(results)
     name_of_first, first = next(iter(results.items()))
     source, thresholds = sources(first), case_of(first).hazard["thresholds"]

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import frequencies
 from rockfall.analysis.hazard.exceedance import levels_by_period
@@ -20,15 +22,10 @@ from rockfall.case import Case
 from rockfall.case.variants import variants
 from rockfall.result.crossings import line_names, line_values
 from rockfall.scene.read import read_scene
+from rockfall.scene.scene import Scene
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.study import NO_CHECKPOINTS, ROWS_ONLY, Study
 from rockfall.studies.variants import COLUMNS, at_line, verdict_on
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
-    from rockfall.scene.scene import Scene
-    from rockfall.simulation.parts.checkpoint import Checkpoint
 
 NO_OBJECTS: Mapping[str, np.ndarray] = {}
 VALUES = "value", "value_low", "value_high"
@@ -92,8 +89,6 @@ def yearly_table(
     by_variant: Mapping[str, Sequence[YearlyRun]], hazard: Mapping[str, Any]
 ) -> pd.DataFrame:
     """Table of `yearly_variants` from the runs of each variant; `hazard` is &hazard of the case."""
-    import pandas as pd
-
     first = next(iter(by_variant.values()), ())
     rows = [
         {"line": line, "variant": name, **row}

@@ -1,21 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A comparison with observations as tables and text, with 95 % intervals in brackets."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from rockfall.analysis.observed.compare import LEVEL, STATISTICS, Comparison
 from rockfall.analysis.observed.contacts import VALUES
 from rockfall.language import Number, say, word
 from rockfall.quantities import QUANTITIES, number, with_unit
 from rockfall.table import Estimate, Table, as_text
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 MAX_ROWS = 12  # of a long table
 
@@ -96,8 +92,6 @@ def _error(row: pd.Series) -> str:
 
 
 def _mark(row: Mapping[str, Any]) -> str:
-    import pandas as pd
-
     return " " if pd.isna(row["consistent"]) or row["consistent"] else "*"
 
 
@@ -230,6 +224,4 @@ def _name(line: str, quantity: str) -> str:
 
 
 def _number(value: float, digits: str) -> Number:
-    import pandas as pd
-
     return Number("-" if pd.isna(value) else format(value, digits))

@@ -1,20 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A convergence study as tables and text."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from rockfall.analysis.precision.intervals import TARGETS, rounded_up
 from rockfall.quantities import QUANTITIES, number
 from rockfall.studies.convergence import AS_GIVEN, ERRORS, KEYS, SIZE, Convergence
 from rockfall.table import Table, as_text
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 SMALL = 0.05  # the paper's bound for changes from step to step
 TERRAINS = {

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The design sheet as tables and text."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from rockfall.language import Number, Text, localised, say, word
 from rockfall.protection.demand import ABOVE
@@ -15,9 +14,6 @@ from rockfall.protection.factors import Factors
 from rockfall.quantities import DESIGN, number
 from rockfall.result.variables import ENDS
 from rockfall.table import Column, Estimate, Table, as_text, between, stacked
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 CHECKED = (  # messages
     "design.height", "design.height_needed", "design.energy_allowed", "E_d [kJ]",

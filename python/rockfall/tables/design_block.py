@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A design block as tables and text."""
 
-from __future__ import annotations
-
 from rockfall.analysis.design_block import REJECTED, DesignBlock
 from rockfall.case.text import Entry, Group, case_text
 from rockfall.quantities import count, number

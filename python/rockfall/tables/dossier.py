@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sections of a dossier: sentences and tables, identical on the page, in Word and in Excel."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import PLACES
@@ -42,9 +41,6 @@ from rockfall.tables.yearly_design import (
     loads_table,
     verdicts,
 )
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MOST = 8  # places on page 1
 CHOICES = 2  # lines with a table of barriers

@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An ensemble as tables and text: input uncertainty in addition to the Monte Carlo error."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from rockfall.kernel_rules import Z
 from rockfall.language import Text, say, translated
@@ -16,13 +14,8 @@ from rockfall.result.samples import is_ensemble
 from rockfall.studies.ensemble.sobol_indices import limits, runs_needed
 from rockfall.studies.ensemble.study import RESULTS
 from rockfall.table import Column, Estimate, Table, as_text, between, stacked
-from rockfall.tables.lines import HEADLINE, estimate, in_unit, rows_of
+from rockfall.tables.lines import HEADLINE, Numbers, Rows, estimate, in_unit, rows_of
 from rockfall.text.summary import remark_lines
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.tables.lines import Numbers, Rows
 
 INDICES = ("first_order", "total")
 PER_LINE = 1 + len(INDICES)  # tables

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A hazard as tables: scenarios, classes, objects, segments of roads, and the risk of objects."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import PLACES
@@ -22,9 +22,6 @@ from rockfall.quantities import QUANTITIES, percent, small
 from rockfall.result.maps.flat_maps import shown
 from rockfall.result.variables import ENDS
 from rockfall.table import Column, Estimate, Table, between, stacked
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MOST = 20  # objects or segments listed individually
 NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # of segments
@@ -132,8 +129,6 @@ def segment_table(hazard: xr.Dataset) -> Table:
 
 def risk_table(hazard: xr.Dataset) -> Table:
     """Risk of objects, the highest individual risk first, then damage; and sums."""
-    import pandas as pd
-
     layer = ["layer"] * has_layers(hazard)
     frame = pd.DataFrame({"object": hazard["object"].values, **dict(risk_columns(hazard))})
     keys = [-np.nan_to_num(frame[name].to_numpy()) for name in ("damage", "individual_risk")]

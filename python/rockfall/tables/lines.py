@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
     from rockfall.result.contents import Held
 
-    Row = Mapping[str, float]  # of line_statistics
-    Numbers = Mapping[str, Row]  # by quantity
-    Rows = Mapping[str, Numbers]  # by line
+Row = Mapping[str, float]  # of line_statistics
+Numbers = Mapping[str, Row]  # by quantity
+Rows = Mapping[str, Numbers]  # by line
 
 STATISTICS = ("mean", "std", "q50", "q90", "q95", "q98", "q99")
 HEADLINE = {  # of the table on page 1: quantity and number

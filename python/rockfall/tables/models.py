@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.case import case_in
 from rockfall.errors import RockfallError
@@ -19,10 +21,6 @@ from rockfall.studies.models import RUN_OUT, Models
 from rockfall.studies.validation import AT_REST, BOUNDS, Validation
 from rockfall.table import Column, Estimate, Table, as_text, stacked
 from rockfall.tables.lines import HEADLINE, estimate, in_unit
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 TITLES = {
     "mean": "mean", "std": "std", "q05": "5 %", "q50": "50 %", "q95": "95 %",

@@ -1,26 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A section along a drawn line as tables and text."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from rockfall.analysis.lines.crossed_lines import DAM
 from rockfall.analysis.lines.envelopes import QUANTITIES as OF_SECTION
 from rockfall.analysis.lines.envelopes import fewest_for
-from rockfall.analysis.lines.section import RECORDED
+from rockfall.analysis.lines.section import RECORDED, Section
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.quantities import QUANTITIES, count, number
 from rockfall.table import Column, Estimate, Table, as_text
 from rockfall.terrain.polyline import lengths
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from rockfall.analysis.lines.section import Section
 
 ROWS = 20  # stations printed, at most
 KEEP = "&output kept = 'all', or a larger number"

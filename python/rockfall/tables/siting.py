@@ -1,20 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The siting of a barrier as table and text."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.quantities import number
 from rockfall.studies.barrier_advice import ROUND, Advice
-from rockfall.studies.siting import BEST, NOT_DISTINGUISHED, YES
+from rockfall.studies.siting import BEST, NOT_DISTINGUISHED, YES, Siting
 from rockfall.table import Column, Estimate, Table, as_text, in_line
 from rockfall.tables.design import class_name, factor_lines, needed, shown
-
-if TYPE_CHECKING:
-    from rockfall.studies.siting import Siting
 
 ABOUT = """\
 Of the boulders that cross each alignment, in brackets 95 % confidence intervals of the Monte Carlo

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A comparison of variants as tables and text."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.population import population_notes
 from rockfall.case import FROM_ARRAY, Case, case_of
@@ -19,10 +19,6 @@ from rockfall.result.variables import ENDS
 from rockfall.studies.variants import UNDECIDED
 from rockfall.table import Table, as_text, stacked
 from rockfall.tables.hazard import level_cell
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 #: Message of each quantity.
 NAMES = {

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Barriers by the frequency of passing boulders, as tables, sentences and text."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

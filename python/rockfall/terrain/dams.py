@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Earth dams and walls: an edit of the terrain before a run, and the rasterised shape."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple

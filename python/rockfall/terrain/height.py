@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Elevations between cell centres, as in the kernel (theory, chapter 2)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rockfall.io.rasters.grid import Grid

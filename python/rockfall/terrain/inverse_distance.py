@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Terrain from surveyed points by inverse distance (Shepard 1968; paper, section 3.4)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

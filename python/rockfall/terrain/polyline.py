@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Distances to and along a polyline in plan; points and vertices are x + iy."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -2,8 +2,6 @@
 """Points that are the nodes of one regular grid, the usual form of national surveys: x, y and z of
 each node, with or without gaps."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Edits of elevations (ny, nx) [m], NaN where missing: holes, pits, noise, excavations."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

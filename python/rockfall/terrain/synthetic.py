@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Random relief for synthetic slopes, such as those of some cases."""
 
-from __future__ import annotations
-
 import numpy as np
 
 SMOOTHING = 1.5  # Gaussian filter of the relief [cells]

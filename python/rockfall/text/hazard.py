@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Text output of a hazard, with tables."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES, RESIDUAL, boulders_needed, unseen
 from rockfall.analysis.hazard.zones import lowered_area, zones_of
@@ -25,9 +25,6 @@ from rockfall.tables.hazard import (
     scenario_table,
     segment_table,
 )
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def hazard_summary(hazard: xr.Dataset) -> str:

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Text of the tables of the lines of a result."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.population import scenario_note
 from rockfall.case import case_of
@@ -29,10 +28,6 @@ from rockfall.tables.lines import (
     rows_in,
 )
 from rockfall.text.summary import MOST_LINES, more_lines
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 ABOUT = """\
 Below each number its 95 % confidence interval; (–) where too few boulders pass for one that holds.

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Preview of a case: its inputs, resources, and approximate run time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from statistics import NormalDist
 from typing import Any

@@ -6,9 +6,10 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import Frequencies, Matrix, classify, frequencies, intensities
 from rockfall.analysis.hazard.exceedance import (
@@ -52,9 +53,6 @@ from rockfall.result.grounds import rebounds_by_ground, source_text
 from rockfall.result.samples import simulated
 from rockfall.result.variables import ENDS
 from rockfall.scene.scene import Scene
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LAYOUT = 2  # of the file
 

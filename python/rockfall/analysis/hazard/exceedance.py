@@ -5,17 +5,15 @@ over all scenarios, with boulders weighted by their annual frequency."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import frequencies
 from rockfall.analysis.hazard.variables import CLASS_ENERGY, EXCEEDED, LEVELS, PERIODS
 from rockfall.result.crossings import AtLine
 from rockfall.result.variables import ENDS, OUTCOME
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 class Passing(NamedTuple):

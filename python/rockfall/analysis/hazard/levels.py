@@ -6,19 +6,17 @@ periods, and energies and heights by return period.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import Frequencies, frequencies
 from rockfall.analysis.hazard.variables import LEVELS
 from rockfall.case import case_in
 from rockfall.errors import RockfallError
 from rockfall.result.variables import ENDS
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 PLACES = "line", "object", "segment"
 
@@ -44,8 +42,6 @@ def exceedance(hazard: xr.Dataset, place: str, quantity: str = "energy") -> pd.D
     >>> bool((curve["frequency"].diff()[1:] <= 0).all())
     True
     """
-    import pandas as pd
-
     levels, rates = _curve(hazard, place, quantity)
     columns = dict(zip(("frequency", "low", "high"), rates, strict=True))
     return pd.DataFrame({quantity: levels, **columns})
@@ -91,8 +87,6 @@ def period_table(hazard: xr.Dataset) -> pd.DataFrame:
     segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with their limits. 0:
     boulders are rarer than that; an empty or infinite upper limit: too few boulders.
     """
-    import pandas as pd
-
     rows = [
         {
             "place": kind,

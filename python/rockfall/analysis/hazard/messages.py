@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+
+import xarray as xr
 
 from rockfall.language import Text, unpacked
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def messages_of(hazard: xr.Dataset) -> dict[str, list[Text]]:

@@ -8,18 +8,17 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.outlines import GRID, NEGLIGIBLE, generalised, polygons_of
 from rockfall.case import case_in
 from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.grid import Grid
 from rockfall.io.vectors.polygons import held_cells
 
 if TYPE_CHECKING:
-    import xarray as xr
     from shapely import Geometry
-
-    from rockfall.io.rasters.grid import Grid
 
 
 class Zones(NamedTuple):

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.lines.envelopes import QUANTITIES, envelope_names, envelopes
 from rockfall.analysis.precision.intervals import sources
@@ -15,10 +17,6 @@ from rockfall.result.crossings import line_values
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import lines
 from rockfall.terrain.polyline import intersections
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 LINE, BARRIER, DAM = "line", "barrier", "dam"
 COLUMNS = ["name", "kind", "distance", "height", "capacity", "n", *envelope_names()]
@@ -30,8 +28,6 @@ def crossed_lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> pd
     cover all boulders that cross the line within a distance [m] on either side; NaN unless all rows
     are kept.
     """
-    import pandas as pd
-
     rows = [*_lines(result, vertices, within), *_dams(result, vertices)]
     return pd.DataFrame(sorted(rows, key=lambda row: row["distance"]), columns=COLUMNS)
 

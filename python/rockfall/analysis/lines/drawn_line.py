@@ -4,15 +4,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.io.rasters.grid import Grid
 from rockfall.io.vectors.layers import read_lines
-
-if TYPE_CHECKING:
-    from rockfall.io.rasters.grid import Grid
 
 
 def drawn_line(drawn: Any, layer: str | None, grid: Grid, remarks: list[str]) -> np.ndarray:

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.line_statistics import sample_numbers, with_limits
 from rockfall.analysis.precision.intervals import fraction_interval, sources
@@ -16,10 +18,6 @@ from rockfall.result.crossings import line_names, line_values
 from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import lines
 from rockfall.terrain.polyline import lengths
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 MAX_WINDOWS = 10_000  # of a line
 ROUNDING = 1e-9  # relative to lengths: narrower windows are rounding errors
@@ -48,8 +46,6 @@ def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> p
     >>> rockfall.line_profile(result, "L", width=60.0)["start"].tolist()
     [0.0, 60.0]
     """
-    import pandas as pd
-
     number = line_number(result, line)
     values = {name: line_values(result, name, number) for name in ("position", *SHOWN)}
     edges, window = windows(result, number, width)

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.lines import section_maps
 from rockfall.analysis.lines.crossed_lines import crossed_lines
@@ -24,16 +26,10 @@ from rockfall.io.rasters.arrays import corner_of
 from rockfall.result.crossings import masses_of
 from rockfall.result.motion import Motion, motion_of, spins, spread
 from rockfall.result.samples import simulated
-from rockfall.result.trajectories import curves
+from rockfall.result.trajectories import Terrain, curves
 from rockfall.scene.rebounds.rebound import kinetic_energy, sphere_radius
 from rockfall.terrain.height import height, inside, steepness
 from rockfall.terrain.polyline import beside, lengths
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
-    from rockfall.result.trajectories import Terrain
 
 PATHS = 200  # trajectories kept, at most
 RECORDED = "recorded_"  # before numbers of recorded trajectories
@@ -93,8 +89,6 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     run; energies are unknown where neither the case nor a crossing of a line gives the mass. A
     RockfallError refuses a result that has neither trajectories of boulders that moved nor maps
     of speeds, energies or heights."""
-    import pandas as pd
-
     stations = stations_of(line)
     mapped = section_maps.has_maps(result)
     followed, boulders = motion_of(result), result["boulder"].values

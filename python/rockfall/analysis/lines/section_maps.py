@@ -7,20 +7,15 @@ the cell below the section; the maximum is that of all cells that a station cros
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.line_statistics import with_limits
+from rockfall.analysis.lines.stations import Stations
 from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.grid import Grid
 from rockfall.result.maps.passages import passages_of, passed_map, thin_cells
 from rockfall.result.samples import simulated
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.analysis.lines.stations import Stations
-    from rockfall.io.rasters.grid import Grid
 
 #: Quantities of maps: their beginnings, and the names of their maxima.
 MAPPED = {

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import Frequencies
 from rockfall.analysis.objects.attributes import Layer
@@ -28,12 +29,8 @@ from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 from rockfall.language import remark
 from rockfall.result.crossings import line_values
 from rockfall.result.samples import check_all_rows
+from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.scene.scene import Scene
 
 VULNERABILITY = "vulnerability"  # an attribute for all intensities, or with _1, _2, ... for each
 MAX_NAMED = 5  # of objects in a remark

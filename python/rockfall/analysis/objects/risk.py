@@ -4,18 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import Frequencies
 from rockfall.analysis.objects.exposure import QUANTITIES, Exposure, Harm
 from rockfall.analysis.precision.clusters import Clusters
 from rockfall.kernel_rules import count_limits
 from rockfall.result.variables import ENDS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Ends of the classes of individual risk [1/year], each belongs to the class above it; "none" is 0.
 CLASS_ENDS = (1e-6, 1e-5, 1e-4)

@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.objects.risk import diameters
 from rockfall.analysis.objects.segments import Segments
@@ -15,9 +16,6 @@ from rockfall.analysis.precision.weighted import quantile_interval
 from rockfall.result.crossings import line_values
 from rockfall.result.samples import check_all_rows
 from rockfall.result.variables import ENDS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LEVEL = 0.95
 QUANTITIES = "energy", "passing_height", "upper_edge", "diameter"  # of `Hits`

@@ -13,7 +13,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,9 +27,7 @@ from rockfall.io.vectors.polygons import points_inside
 from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.lines import numbered
-
-if TYPE_CHECKING:
-    from rockfall.scene.scene import Scene
+from rockfall.scene.scene import Scene
 
 KEY = "--segments-layer"
 FRAME = "segments"  # name of a GeoDataFrame

@@ -28,19 +28,17 @@ David, H. A., Nagaraja, H. N. (2003): Order Statistics. Wiley.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.observed.deposits import ANYWHERE, silverman
 from rockfall.analysis.observed.observations import Observed
 from rockfall.result.crossings import line_names, values_at
 from rockfall.scene.scene import Scene
 from rockfall.simulation.simulate import run_scene
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 ENOUGH = 50  # boulders of the case at a mark, below which its line is longer
 WIDTHS = (2.0, 5.0, 10.0)  # widths of objects in place of the trunk [m]

@@ -8,9 +8,10 @@ common to all results, so that the difference of two results excludes their shar
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.observed.observations import Observed
 from rockfall.analysis.observed.observed_doubts import check_exchanged
@@ -28,10 +29,6 @@ from rockfall.errors import RockfallError
 from rockfall.result.crossings import line_names, line_values
 from rockfall.result.same_case import check_same_site
 
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
 OVERALL = "overall"
 COLUMNS = ["measure", "result", "distance", "distance_low", "distance_high", "rank", "rank_low",
            "rank_high"]  # fmt: skip
@@ -45,8 +42,6 @@ def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFr
     `rank_low` and `rank_high` are the possible ranks of a result: results whose difference has a 95
     % interval that contains 0 are tied. Results must be of one site, in one CRS.
     """
-    import pandas as pd
-
     check_same_site(results)
     by_measure: dict[str, dict[str, np.ndarray]] = {}
     for name, result in results.items():

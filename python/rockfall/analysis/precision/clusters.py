@@ -5,18 +5,15 @@ by how alike the boulders of a source behave there."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.precision.intervals import Sources, sources, student
 from rockfall.case import case_of
 from rockfall.kernel_rules import Z
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.result.maps.clusters import boulders_per_cluster
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,6 @@
 """The edited document, its site (the parts of a case that are not edited), and the case with layers
 made of both, identical for a live run and for files."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -11,6 +11,7 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from rockfall.app.edited.forms import REST, Form, check_value
 from rockfall.app.messages import Refused
@@ -216,8 +217,6 @@ class Frame:
     """A layer like a GeoDataFrame, with the attributes that `rockfall.scene.frames` uses."""
 
     def __init__(self, layer: Layer, crs: Any) -> None:
-        import pandas as pd
-
         shapes = pd.Series(layer.shapes(), dtype=object)
         table = pd.DataFrame({**layer.columns(), "geometry": shapes})
         self.crs, self.columns, self.iloc = crs, table.columns, table.iloc

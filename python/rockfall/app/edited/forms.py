@@ -3,8 +3,6 @@
 by layer, with units and ranges from the kernel's table; and checks of values.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any, NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Opening of a case or DEM: split into an editable document and an unchanged part."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

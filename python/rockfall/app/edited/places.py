@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Location of an error or warning in the document."""
 
-from __future__ import annotations
-
 import os
 import re
 

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Saving a document as a case with a GeoPackage, next to the opened file."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from rockfall.app.edited.document import Document, Runnable, Site, runnable
 from rockfall.app.edited.places import without_files
@@ -18,15 +16,12 @@ from rockfall.case.rules import CHOSEN
 from rockfall.case.text import namelist_text
 from rockfall.case.variants import BASE, variants
 from rockfall.errors import RockfallError
-from rockfall.files.export import write_geopackage
+from rockfall.files.export import Layers, write_geopackage
 from rockfall.io.atomic import atomic_folder
 from rockfall.io.coordinates.crs import plan_wkt
 from rockfall.io.output_files import overwriting
 from rockfall.language import say
 from rockfall.scene.frames import GROUPS
-
-if TYPE_CHECKING:
-    from rockfall.files.export import Layers
 
 MAX_NAME = 80  # characters
 _NAME = re.compile(r"[\w-](?:[\w .-]*[\w-])?")  # not hidden, no blanks or dots at the end

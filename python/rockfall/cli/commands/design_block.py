@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Mode of `rockfall design` for the block of a return period."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Dossier of a case: the scenarios of each variant, and the pages to be signed."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`rockfall ground`: a row of a table of grounds from scars of impacts and a measured patch."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import io

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Hazard of a case, from scenarios to zones."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

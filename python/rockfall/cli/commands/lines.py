@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Tables of the lines of a result or hazard: on the terminal, and as files."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from rockfall.analysis.hazard.levels import period_table
 from rockfall.analysis.line_statistics import line_statistics
@@ -28,9 +28,6 @@ from rockfall.simulation.progress import add_steps, working
 from rockfall.tables.dossier import places_of
 from rockfall.text.lines import groups_text, hazard_text, lines_text, profile_text
 from rockfall.text.summary import MOST_LINES
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def lines_command(arguments: argparse.Namespace) -> int:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs in parts, and cases for other machines: merge, prepare, slurm."""
 
-from __future__ import annotations
-
 import argparse
 
 from rockfall.cli.given import given_case

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Commands on protection: design sheet, design block of a survey, siting of a barrier."""
 
-from __future__ import annotations
-
 import argparse
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.case.files import files_behind, input_files
 from rockfall.case.text import namelist_text
@@ -42,10 +41,6 @@ from rockfall.studies.siting import CONDITIONS, Siting, site
 from rockfall.tables.design import design_text
 from rockfall.tables.siting import siting_text
 from rockfall.tables.yearly_design import yearly_design_text
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 YEARLY_TABLES = ("loads", "choices", "checks")  # of hazards
 TABLES = ("loads", "demand", "checks", "choices", "along")
@@ -229,8 +224,6 @@ def write_design(
 
 def _joined(sheets: Mapping[str, Design | YearlyDesign], name: str) -> pd.DataFrame:
     """Joined table of all results, with the result's name in the first column."""
-    import pandas as pd
-
     tables = []
     for result, sheet in sheets.items():
         table = getattr(sheet, name).copy()
@@ -241,8 +234,6 @@ def _joined(sheets: Mapping[str, Design | YearlyDesign], name: str) -> pd.DataFr
 
 def _factor_table(sheet: Design) -> pd.DataFrame:
     """Factors with their sources, as read by `--factors`; without factors, a table to fill in."""
-    import pandas as pd
-
     factors = sheet.factors
     rows = [
         (factors.conditions.standard, name, factors.condition(name), value, factors.sources[name])

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Products of a result: files, tables, figures, the page."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from rockfall.analysis.observed.compare import compare, observed_files
 from rockfall.analysis.observed.deposits import grid_for
@@ -32,9 +32,6 @@ from rockfall.studies.difference_maps import difference_maps, write_variants
 from rockfall.studies.variants import compare_variants
 from rockfall.tables.comparison import comparison_text, ranks_text
 from rockfall.tables.variants import comparison_notes, variants_text
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 IMPRINT = ("language", "project", "client", "author")  # of a page
 SECTION = ("section_layer", "section_within")  # in a report with a section

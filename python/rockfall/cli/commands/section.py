@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Section of a result along a drawn line: its tables and its figure."""
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import math

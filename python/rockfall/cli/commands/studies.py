@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Studies with many runs of a case: uncertain inputs, and convergence of its numbers."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable
 from pathlib import Path

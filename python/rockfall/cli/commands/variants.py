@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Variants of a case, from its groups to the comparison."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
+import xarray as xr
 
 from rockfall.case import Case, read_case
 from rockfall.case.files import input_files
@@ -44,10 +45,6 @@ from rockfall.studies.difference_maps import (
 from rockfall.studies.variants import check_variant_scenes, compare_variants, run_each
 from rockfall.studies.yearly_variants import run_name, yearly_variants
 from rockfall.tables.variants import comparison_notes, variants_text
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 YEARLY = "frequencies.csv"  # over the scenarios of the case
 

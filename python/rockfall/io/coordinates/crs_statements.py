@@ -2,8 +2,6 @@
 """Several statements of the CRS in the grid mapping of a netCDF file: readers differ in their
 choice, so the statements must agree."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@
 GDAL ignores the key of the unit unless the system is user-defined too, and laspy ignores both.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import cache

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Units of elevations that a raster file gives in addition to its CRS."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -5,8 +5,6 @@ GDAL reads a truncated file, or a token that is not a number, as zeros, in the h
 the data; so everything except the CRS is read here.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

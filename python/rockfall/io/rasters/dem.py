@@ -5,8 +5,6 @@ In memory rasters are north-up and C-ordered, `array[row, column]`, row 0 the no
 are read in blocks of rows, so a large raster needs no memory beyond its final array.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Maps as GeoTIFF."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

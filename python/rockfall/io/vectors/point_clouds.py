@@ -30,8 +30,8 @@ from rockfall.limits import MAX_ELEVATION, MAX_REAL
 if TYPE_CHECKING:
     from rasterio.crs import CRS
 
-    #: Reads chunks (n, 3) [m] of a file.
-    Chunks = Iterator[np.ndarray]
+#: Reads chunks (n, 3) [m] of a file.
+Chunks = Iterator[np.ndarray]
 
 LASER = (".las", ".laz")
 GROUND = (2,)  # classes of LAS, of the ASPRS

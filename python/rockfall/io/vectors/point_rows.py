@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Points of a layer as table rows, with attributes as cells; polygons merged to an area."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ A point on the border of two polygons belongs to the western one, or to the sout
 east-west border. Polygons with common borders thus share no cell, and omit none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from typing import Any
 

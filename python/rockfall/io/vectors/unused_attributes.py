@@ -2,8 +2,6 @@
 """Attributes of layers, and columns of tables, that are likely mistakes: unused or misspelt names,
 and numbers that represent missing values."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np

@@ -5,18 +5,15 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rockfall.errors import RockfallError
 from rockfall.io.gdal_files import plain_file
 from rockfall.plots.cartography.rasters import DOTS
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.plots.extent import Extent
+from rockfall.plots.extent import Extent
 
 FORMATS = ["GTiff", "JPEG", "PNG", "HFA"]
 BYTE = "uint8"

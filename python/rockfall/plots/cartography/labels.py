@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Annotation
 
-    #: x, y [m], the angle of the text [degree], and its offset from the place [points].
-    Place = tuple[float, float, float, tuple[float, float]]
+#: x, y [m], the angle of the text [degree], and its offset from the place [points].
+Place = tuple[float, float, float, tuple[float, float]]
 
 FREE = 2.0  # minimum gap between two texts [dots]
 TRIED = 24  # places along a curve

@@ -3,22 +3,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.language import say
 from rockfall.plots.cartography.labels import beside
 from rockfall.plots.cartography.rasters import edges, occupied
+from rockfall.plots.cartography.sheet import Sheet
+from rockfall.plots.extent import Extent
 from rockfall.plots.style import BARRIER, BLUE, INK, LINE
 from rockfall.protection.barriers import barriers_of
 from rockfall.result.trajectories import lines
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.plots.cartography.sheet import Sheet
-    from rockfall.plots.extent import Extent
 
 SMALL = 7  # size of names
 FEW_SOURCES = 20  # fewer are drawn individually

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockfall.io.rasters.grid import Grid
+from rockfall.plots.extent import Extent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from rockfall.plots.extent import Extent
 
 DOTS = 1500  # minimum cells along the longer side of a map; its image has fewer
 

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockfall.plots.cartography.rasters import cropped, draw_image
+from rockfall.plots.extent import Extent
+from rockfall.result.trajectories import Terrain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from rockfall.plots.extent import Extent
-    from rockfall.result.trajectories import Terrain
 
 BROWN = "#5f4426"
 DARKEST = 0.35

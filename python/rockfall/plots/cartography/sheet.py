@@ -7,13 +7,14 @@ All positions are in inches, so that the scale is known before drawing.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from rockfall.language import localised, say
+from rockfall.plots.cartography.basemap import Basemap
 from rockfall.plots.cartography.labels import Labels, along
 from rockfall.plots.cartography.relief import (
     BROWN,
@@ -22,18 +23,14 @@ from rockfall.plots.cartography.relief import (
     draw_contours,
     draw_relief,
 )
+from rockfall.plots.extent import Extent
 from rockfall.plots.style import INK, WIDE
 from rockfall.quantities import round_step
+from rockfall.result.trajectories import Terrain
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from rockfall.plots.cartography.basemap import Basemap
-    from rockfall.plots.extent import Extent
-    from rockfall.result.trajectories import Terrain
 
 LEFT, RIGHT, TOP = 0.28, 0.1, 0.08  # margins of a map [inch]
 TICKS, STRIP, ROW = 0.24, 0.44, 0.19  # heights below the map: coordinates, scale, row of legend

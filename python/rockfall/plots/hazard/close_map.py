@@ -6,17 +6,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from rockfall.plots.cartography.sheet import INCH, Room, finish, inner_size, new_sheet, round_scale
+from rockfall.plots.extent import Extent
 from rockfall.plots.hazard.hazard_figures import draw_zones, extent_of, zone_key
 from rockfall.plots.style import styled
+from rockfall.result.trajectories import Terrain
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.figure import Figure
-
-    from rockfall.plots.extent import Extent
-    from rockfall.result.trajectories import Terrain
 
 FINEST, COARSEST = 1000.0, 5000.0  # denominators of its scale
 

@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.zones import uncertain_of, zones_of
 from rockfall.case import case_in
@@ -20,22 +21,18 @@ from rockfall.plots.cartography.labels import beside
 from rockfall.plots.cartography.marks import NET, OBJECT, SMALL, draw_line, inside
 from rockfall.plots.cartography.rasters import draw_image
 from rockfall.plots.cartography.sheet import PAGE, Room, Sheet, finish, new_sheet
-from rockfall.plots.extent import around
+from rockfall.plots.extent import Extent, around
 from rockfall.plots.figures import Figure
 from rockfall.plots.hazard.risk_figure import draw_risk, risk_key
 from rockfall.plots.hazard.segment_figure import roads_of_segments, segment_figure
 from rockfall.plots.style import INK, LINE, capital, styled
 from rockfall.result.maps.flat_maps import layers
 from rockfall.result.maps.map_labels import map_label
-from rockfall.result.trajectories import flags_of
+from rockfall.result.trajectories import Terrain, flags_of
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib import figure
     from matplotlib.axes import Axes
-
-    from rockfall.plots.extent import Extent
-    from rockfall.result.trajectories import Terrain
 
 OPAQUE = 0.7  # so that the relief remains visible under classes
 HATCH = "/////"

@@ -12,6 +12,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import xarray as xr
+
 from rockfall.analysis.hazard.classes import CLASSES, Matrix
 from rockfall.analysis.validity.rebounds import followed_text
 from rockfall.case import case_in
@@ -31,12 +33,10 @@ from rockfall.plots.hazard.hazard_figures import HATCH, OPAQUE, begun, draw_zone
 from rockfall.plots.style import INK, STYLE, plain, styled
 from rockfall.quantities import number
 from rockfall.result.grounds import program_text
+from rockfall.result.trajectories import Terrain
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.figure import Figure
-
-    from rockfall.result.trajectories import Terrain
 
 WIDE, HIGH = 420 / 25.4, 297 / 25.4
 MARGIN, BLOCK, GAP = 10 / 25.4, 95 / 25.4, 6 / 25.4  # of the paper; title block; next to the map

@@ -3,21 +3,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.files.risk_files import COLOURS, class_words
 from rockfall.language import say
 from rockfall.plots.cartography.labels import beside
 from rockfall.plots.cartography.marks import OBJECT, draw_line
+from rockfall.plots.cartography.sheet import Sheet
 from rockfall.plots.style import INK
 from rockfall.quantities import small
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.plots.cartography.sheet import Sheet
 
 BROAD: dict[str, Any] = OBJECT | {"linewidth": 3.0}
 

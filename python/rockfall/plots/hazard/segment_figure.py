@@ -6,6 +6,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.files.hazard_files import HAZARD_COLOURS
@@ -17,8 +19,6 @@ from rockfall.result.maps.flat_maps import shown
 from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

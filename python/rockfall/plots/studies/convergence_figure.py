@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
 from rockfall.plots.style import (
     BLUE,
     GREEN,
@@ -23,7 +25,6 @@ from rockfall.quantities import QUANTITIES
 from rockfall.studies.convergence import AS_GIVEN, KEYS, NUMBERS, SIZE, Convergence
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.hazard.levels import exceedance
 from rockfall.language import say
@@ -15,7 +16,6 @@ from rockfall.quantities import QUANTITIES
 from rockfall.tables.dossier import places_of
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.figure import Figure
 
 COLOURS = (INK, BLUE, VERMILION, GREEN, GREY)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import word
@@ -14,12 +15,10 @@ from rockfall.plots.cartography.rasters import draw_image
 from rockfall.plots.cartography.sheet import finish, new_sheet
 from rockfall.plots.extent import around
 from rockfall.plots.style import styled
+from rockfall.result.trajectories import Terrain
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.figure import Figure
-
-    from rockfall.result.trajectories import Terrain
 
 LESS, MORE, UNDECIDED = "#0072B2", "#D55E00", "#BBBBBB"  # Okabe and Ito (2008)
 

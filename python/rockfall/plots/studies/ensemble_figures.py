@@ -7,6 +7,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.kernel_rules import Z
 from rockfall.language import word
@@ -17,8 +19,6 @@ from rockfall.studies.back.posterior import draws_table, parameters, posterior_t
 from rockfall.studies.back.study import Back
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

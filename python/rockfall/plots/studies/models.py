@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from rockfall.language import word
 from rockfall.plots.style import BLUE, GREY, INK, WIDE, new_figure, plain, styled
@@ -14,7 +15,6 @@ from rockfall.studies.models import QUANTITIES as AT_LINES
 from rockfall.studies.models import RUN_OUT, Models
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

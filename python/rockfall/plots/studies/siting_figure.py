@@ -6,19 +6,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.plots.style import BLUE, GREY, INK, VERMILION, WIDE, new_figure, plain, styled
 from rockfall.protection.demand import usable
 from rockfall.result.variables import ENDS
-from rockfall.studies.siting import BEST, NOT_DISTINGUISHED
+from rockfall.studies.siting import BEST, NOT_DISTINGUISHED, Siting
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from rockfall.studies.siting import Siting
 
 LIMIT: dict[str, Any] = {"color": VERMILION, "lw": 0.9, "linestyle": (0, (5, 2))}
 

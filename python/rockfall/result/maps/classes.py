@@ -6,6 +6,7 @@ A value equal to a limit belongs to the class below it: above 300 kJ is above 30
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,12 +16,10 @@ from rockfall.errors import RockfallError
 from rockfall.quantities import SHOWN
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
     import xarray as xr
 
-    #: Limits between classes by unit shown, in place of those below.
-    Limits = Mapping[str, tuple[float, ...]]
+#: Limits between classes by unit shown, in place of those below.
+Limits = Mapping[str, tuple[float, ...]]
 
 COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # maps that do not count boulders
 DECADES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)

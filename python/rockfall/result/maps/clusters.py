@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Boulders of a result that count as one in the intervals of cells."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rockfall.case import Case

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Labels of maps and remarks on them in the current language, by the names of their variables."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Any

@@ -1,17 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Number of boulders behind each cell of the maps of a result."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+import xarray as xr
 
 from rockfall.kernel_rules import fraction_limits
 from rockfall.result.samples import simulated
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 PASSED = ("reach_probability", "passages")  # maps with the pass frequency, either of them
 

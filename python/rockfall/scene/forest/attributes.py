@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Attributes of stands: their names in English, German, French and Italian, and their limits."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections.abc import Iterable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trees from a list: a CSV file, or a layer of points."""
 
-from __future__ import annotations
-
 from array import array
 from pathlib import Path
 from sys import intern

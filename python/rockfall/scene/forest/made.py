@@ -7,8 +7,6 @@ follow a gamma distribution, drawn by inversion. They are rounded to a tenth of 
 the last bits of SciPy's results may differ between platforms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

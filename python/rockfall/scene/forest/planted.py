@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trees of a scene: listed or generated, and thinned."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rockfall.scene.forest.listed import listed_trees

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Toughness of the stems of a species relative to silver fir: a table that users may edit."""
 
-from __future__ import annotations
-
 import importlib.resources
 from pathlib import Path
 

@@ -8,8 +8,6 @@ cells cut by an edge contain stems by the areas of their parts. A cell entirely 
 has the stems of a raster with its values.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -6,8 +6,6 @@ are a subset of the stems before, and of those after a weaker thinning: variants
 common trees.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Breakage of blocks by the kernel's rule: fragments, and the speed that it takes."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Impact sets: file text as passed to the kernel, the numbers in it, and covariance roots."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import NamedTuple

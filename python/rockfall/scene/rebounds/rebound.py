@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Vectorised rebound rules of the kernel: V_t, V_n, W [m/s] in rows (n, 3)."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Start conditions at the sources of a scene, and the cells that boulders can reach."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core

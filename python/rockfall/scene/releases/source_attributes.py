@@ -2,8 +2,6 @@
 """Release attributes of polygons or points in a layer or table, by the names that docs/releases.md
 lists. Other attributes are ignored; the case supplies missing ones."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field

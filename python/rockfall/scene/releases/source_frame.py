@@ -10,11 +10,10 @@ import numpy as np
 from rockfall.errors import need
 from rockfall.grounds.impact_tables import BLOCK_SHAPES
 from rockfall.scene.releases.source_attributes import LAWS, VALUES
+from rockfall.scene.scene import Scene
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
-
-    from rockfall.scene.scene import Scene
 
 
 def source_frame(scene: Scene) -> GeoDataFrame:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Keys without effect by a case's files; the kernel refuses those by the case itself."""
 
-from __future__ import annotations
-
 from rockfall.case import given_groups
 from rockfall.case.text import literal
 from rockfall.errors import RockfallError

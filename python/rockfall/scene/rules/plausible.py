@@ -5,8 +5,6 @@ Impossible inputs are refused where they are read. Limits are far from usual val
 warning also does harm. Each limit is defined once, with its reason, in `rockfall.scene.rules`.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace

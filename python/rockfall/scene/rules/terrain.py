@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checks for invalid elevations or units, and for projections that distort lengths."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

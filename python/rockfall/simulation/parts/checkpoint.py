@@ -3,8 +3,6 @@
 from the last checkpoint. A failure to write it (a full disk) does not end the run. rockfall-batch
 uses the same files, and either program can resume the other's runs."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Iterator

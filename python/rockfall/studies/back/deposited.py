@@ -12,9 +12,9 @@ many.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.observed.deposits import (
     ANYWHERE,
@@ -32,9 +32,6 @@ from rockfall.analysis.observed.deposits import (
 from rockfall.analysis.observed.run_out import Starts, starts
 from rockfall.quantities import count, number
 from rockfall.studies.back.witnesses import Witnesses, worth_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 HALF = 0.5  # of the other blocks
 

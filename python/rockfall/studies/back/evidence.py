@@ -25,9 +25,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.observed.deposits import MIN_FITTED, at_rest, witnesses
 from rockfall.analysis.observed.marks import Mark
@@ -46,11 +47,8 @@ from rockfall.studies.back.deposited import Deposited
 from rockfall.studies.back.marked import Marked
 from rockfall.studies.back.witnesses import worth_of
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-    #: Value of each boulder of a result, NaN if it has none.
-    Take = Callable[[xr.Dataset], np.ndarray]
+#: Value of each boulder of a result, NaN if it has none.
+Take = Callable[[xr.Dataset], np.ndarray]
 
 MIN_CROSSED = 20  # number of simulated boulders below which a run does not explain observed ones
 PRIOR = 0.5  # Jeffreys', of each bin

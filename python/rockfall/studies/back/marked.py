@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from rockfall.analysis.observed.deposits import ANYWHERE
 from rockfall.analysis.observed.marks import (
@@ -20,9 +20,6 @@ from rockfall.analysis.observed.marks import (
 )
 from rockfall.quantities import count
 from rockfall.studies.back.witnesses import Witnesses, worth_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 FEW = 20  # number of boulders at a mark below which it is reported
 

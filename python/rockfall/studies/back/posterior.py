@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from rockfall.analysis.precision.weighted import value_at
 from rockfall.io.zone_table import read_zone_table
@@ -16,10 +17,6 @@ from rockfall.studies.back.ridges import ridges
 from rockfall.studies.back.sampling import effective
 from rockfall.studies.back.study import Back
 from rockfall.studies.ensemble.uncertain_inputs import PAIR
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 LEVELS = (0.05, 0.5, 0.95)
 KS = 1.63  # of Kolmogorov-Smirnov at 1 %, since smoothing has errors too; times root n
@@ -88,8 +85,6 @@ def posterior_table(analysis: Back) -> pd.DataFrame:
     strength and relief of a ground their correlation (of logarithms, in the posterior). For impact
     sets ratio is the effective number (exp of the entropy) over that of the prior, and set_best the
     most likely, from 0."""
-    import pandas as pd
-
     rows = [_row(analysis, parameter) for parameter in parameters(analysis)]
     for ridge in ridges(analysis):
         for row in rows:
@@ -104,8 +99,6 @@ def posterior_table(analysis: Back) -> pd.DataFrame:
 
 def alone_table(analysis: Back) -> pd.DataFrame:
     """Rows of `posterior_table` by each set of data alone (column data)."""
-    import pandas as pd
-
     tables = []
     for name, weight in zip(analysis.data["data"], analysis.alone, strict=True):
         if weight.any():

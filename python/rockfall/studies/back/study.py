@@ -7,9 +7,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.observed.deposits import witnesses
 from rockfall.analysis.observed.marks import Mark, read_marks, with_lines_at
@@ -40,10 +42,6 @@ from rockfall.studies.ensemble.uncertain_inputs import (
     normal_scores,
 )
 from rockfall.studies.study import Study
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 MEMBERS, EFFECTIVE = 1024, 100
 ROUND = 128  # members; double in the first
@@ -242,8 +240,6 @@ class _Rounds:
 
     def posterior(self, enough: int) -> Back:
         """Result of the complete rounds; raises KeyboardInterrupt if none is complete."""
-        import pandas as pd
-
         read, sampler, weight = self.read, self.sampler, self.weight
         if not (done := sampler.log_likelihood.size):
             raise KeyboardInterrupt

@@ -4,14 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from rockfall.scene.scene import Scene
+from rockfall.scene.scene import Scene
 
 REACHED = 0.01  # fraction of the boulders: the outline of a hazard map
 RANGED = ("energy_mean", "energy_max")  # maps of the case whose quantiles over the runs are kept

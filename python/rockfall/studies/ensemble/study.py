@@ -7,9 +7,11 @@ import json
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from rockfall.analysis.line_statistics import numbers
 from rockfall.analysis.lines.samples import LineSamples
@@ -35,10 +37,6 @@ from rockfall.studies.ensemble.maps import RANGED, MemberMaps
 from rockfall.studies.ensemble.sobol_indices import Indices, deviations, indices, limits
 from rockfall.studies.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
 from rockfall.studies.study import ROWS_ONLY, Study
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 #: At each line: name, then quantity and number of `line_statistics`.
 RESULTS = {
@@ -256,8 +254,6 @@ def _drawn(draws: list[list[Draw]], seeds: list[int]) -> dict[str, Any]:
 def _with_attributes(
     data: dict[str, Any], case: Case, run: xr.Dataset, inputs: Uncertain
 ) -> xr.Dataset:
-    import xarray as xr
-
     attrs = dict(run.attrs)
     checksums = json.loads(run.attrs["input_checksums"])
     checksums |= {f"ensemble sets {name}": sha256 for name, sha256 in inputs.set_checksums.items()}
@@ -284,8 +280,6 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
     >>> table[["line", "units"]].iloc[0].tolist()
     ['L', '1']
     """
-    import pandas as pd
-
     names = ("case_value", "mean", "q05", "q95", "monte_carlo_std", "epistemic_std")
     names += ("too_few",)
     rows = []
