@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Evidence on the validity of the models: `data/field_evidence.csv`, the one table of observations
-and of the program's numbers for them. Messages read it here, pages through `tools/document.py`.
-"""
+and of the program's numbers for them. Messages read it here, pages through `tools/document.py`."""
 
 import importlib.resources
 from collections.abc import Iterable

@@ -179,8 +179,7 @@ def packed(text: object) -> Any:
 
 def unpacked(data: Any, english: str) -> str:
     """Text from the data of `packed`; the stored `english` text if the data are damaged or the
-    message is from a later version.
-    """
+    message is from a later version."""
     try:
         return _unpacked(data) if isinstance(data, dict) else str(english)
     except (AttributeError, KeyError, TypeError, ValueError):

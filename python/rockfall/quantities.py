@@ -114,8 +114,7 @@ def with_unit(label: str, unit: str) -> str:
 
 def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
     """Format a number with `digits` significant digits, thousands separators and no exponent; "-"
-    if unknown. `up` rounds up, for required minima.
-    """
+    if unknown. `up` rounds up, for required minima."""
     value = float(value)
     if not math.isfinite(value):
         return Number("-")

@@ -89,8 +89,7 @@ if sys.platform == "win32":
 
     def replace(source: Path, target: Path) -> None:
         """Rename a file, replacing an existing one; retried for a second, because virus scanners
-        and backups may keep new files open.
-        """
+        and backups may keep new files open."""
         for _ in range(10):
             try:
                 return os.replace(source, target)

@@ -120,8 +120,7 @@ def between(low: object, high: object) -> str:
 
 class Column(NamedTuple):
     """A column: its label, or its name in a data table; its unit; and the decimals shown in texts
-    (None: three significant digits).
-    """
+    (None: three significant digits)."""
 
     label: str = ""
     unit: str = ""
@@ -219,8 +218,7 @@ def data_table(frame: pd.DataFrame) -> Table:
 def as_text(table: Table, indent: str = "  ") -> str:
     """Table for a terminal, without its caption. The first column is left-aligned, the others
     right-aligned; long heads wrap; columns that do not fit follow below, with the first column
-    repeated.
-    """
+    repeated."""
     cells = [*table.texts()]
     head = [[_wrapped(name, cells, k) for k, name in enumerate(table.head)]] * any(table.head)
     lines: list[list[str]] = []

@@ -419,8 +419,7 @@ def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> It
 
 def _same_volumes(survey: Survey, threshold: float) -> float:
     """p-value of a test that dated and undated blocks above the threshold have the same
-    distribution; NaN if a list has too few.
-    """
+    distribution; NaN if a list has too few."""
     from scipy.stats import ks_2samp
 
     dated, undated = (volumes[volumes > threshold] for volumes in (survey.dated, survey.undated))

@@ -27,8 +27,7 @@ IMHOF = 0.25 + 0.5 * np.arange(400)  # places of Imhof's integral
 
 class Fit(NamedTuple):
     """GPD of the values above a threshold: P(X > x | X > u) = (1 + shape (x - u) / scale)**(-1 /
-    shape); `p_value` belongs to its Anderson-Darling test.
-    """
+    shape); `p_value` belongs to its Anderson-Darling test."""
 
     threshold: float
     exceedances: int

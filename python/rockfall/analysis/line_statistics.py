@@ -110,8 +110,7 @@ def line_numbers(
     result: Held, line: int, quantity: str, source: Sources | None = None
 ) -> dict[str, float]:
     """Row of `line_statistics` for a quantity at the line with this index; `source` gives the
-    source of each boulder, if different from the result's.
-    """
+    source of each boulder, if different from the result's."""
     return numbers(LineSamples(result, source).sample(line, quantity), quantity)
 
 

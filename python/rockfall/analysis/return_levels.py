@@ -187,8 +187,7 @@ def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:
 
 def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
     """Fits above increasing thresholds, with decreasing numbers of exceedances; a sample of few
-    independent boulders may lack the values above the lowest thresholds.
-    """
+    independent boulders may lack the values above the lowest thresholds."""
     n, available = sample.n, UPPER * independent
     if available < MIN_ABOVE:
         return

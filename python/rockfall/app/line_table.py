@@ -23,8 +23,7 @@ BINS = 20
 
 class LineTable:
     """Lines of a result. Statistics of a line are computed on first use: for thousands of lines
-    they would take longer than the run.
-    """
+    they would take longer than the run."""
 
     def __init__(self, result: xr.Dataset) -> None:
         self._result = _without_maps(result)
@@ -97,8 +96,7 @@ def _numbers(name: str, row: dict[str, float], sample: Sample) -> dict[str, Any]
 
 def _histogram(sample: Sample) -> tuple[list[int], float, float]:
     """Counts in equal bins from 0, or from a negative minimum, to the maximum, and both ends; None
-    without rows of passing boulders.
-    """
+    without rows of passing boulders."""
     if not isinstance(sample, Values) or not sample.n:
         return [], 0.0, 1.0
     values = sample.values

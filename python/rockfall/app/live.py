@@ -105,8 +105,7 @@ class Live:
         whole: bool = False,
     ) -> None:  # fmt: skip
         """Replace layers and groups of the document, and run it. A refused edit leaves the document
-        different from the page: nothing runs until an edit has the `whole` document.
-        """
+        different from the page: nothing runs until an edit has the `whole` document."""
         with self._wake:
             try:
                 if self.error is not None and not whole:

@@ -37,8 +37,7 @@ BY_SOURCE = ("sources", "reach_probability_by_source")  # maps for which runs go
 
 class View(NamedTuple):
     """Displayed map, number of trajectories, section and object layer; and the lines in view, if
-    there are more than MAX_LINES.
-    """
+    there are more than MAX_LINES."""
 
     map: str = ""
     trajectories: int = 100
@@ -194,8 +193,7 @@ def trajectory_message(
 
 def _points(path: Trajectory, ground: Ground) -> np.ndarray:
     """Points (n, 6) of a trajectory: x, y, z, time, speed and gravity at both ends of each piece.
-    The page draws a parabola between them or, without gravity, a straight line.
-    """
+    The page draws a parabola between them or, without gravity, a straight line."""
     place = np.arange(path.x.size) % POINTS
     chosen = (place == 0) | (place == POINTS - 1)
     plan = ground.relative(path.x[chosen], path.y[chosen])

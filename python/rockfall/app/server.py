@@ -66,8 +66,7 @@ def check_page(page: Path) -> None:
 
 class Server:
     """Server of one room, on a bound socket, until the last page has closed. It starts before the
-    room is open: pages wait for `admit`.
-    """
+    room is open: pages wait for `admit`."""
 
     def __init__(
         self, bound: socket.socket, *, page: Path | None = None, keep: bool = False, wms: str = "",
@@ -278,8 +277,7 @@ class _Guard:
 def open_browser(url: str) -> TemporaryDirectory[str]:
     """Open the page in the user's browser, if any, through a temporary redirect file: command lines
     are visible to all users and must not contain the key. Returns the folder of the file, readable
-    only by this user, to be removed once the page is open.
-    """
+    only by this user, to be removed once the page is open."""
     folder = TemporaryDirectory(prefix="rockfall-")
     path = Path(folder.name) / "window.html"
     with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:

@@ -109,8 +109,7 @@ def offered_objects(folder: Path, given: Given) -> list[Offer]:
 
 def objects_message(offer: Offer | None, grid: Grid) -> Message:
     """Message `objects`: names, as in a hazard, and shapes; empty without an offer. Raises
-    RockfallError if a layer cannot be read.
-    """
+    RockfallError if a layer cannot be read."""
     import shapely
 
     remarks: list[str] = []

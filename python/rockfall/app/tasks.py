@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Products of a saved case. It is run from the start, without live tallies; the result is written
 alone or with a report or layers. Runs for a result alone use the checkpoints of `rockfall run`, and
-either program can resume them.
-"""
+either program can resume them."""
 
 import time
 import warnings

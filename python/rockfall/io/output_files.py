@@ -94,8 +94,7 @@ def check_space(path: Path, size: int) -> None:
 
 def check_outputs(paths: Iterable[Path], inputs: Iterable[str | Path] = ()) -> None:
     """Refuse to overwrite an input under any name, a folder or a device, or, unless `overwriting`
-    allows it, any existing file.
-    """
+    allows it, any existing file."""
     taken = [path for path in paths if os.path.lexists(path)]
     read = {_identity(path) for path in inputs if os.path.exists(path)} if taken else set()
     for path in taken:

@@ -20,8 +20,7 @@ def write_dossier_document(title: str, sections: Sequence[Section], path: Path) 
 
 def write_dossier_workbook(title: str, sections: Sequence[Section], path: Path) -> Path:
     """Write each table as a sheet of a workbook, after a sheet with the sentences; numbers have all
-    digits, and interval limits have their own columns.
-    """
+    digits, and interval limits have their own columns."""
     rows: list[tuple[str, str]] = [("", title), ("", say("office.intervals"))]
     sheets, number = [], 0
     for section in sections:

@@ -40,8 +40,7 @@ def put_tables(
     result: xr.Dataset, folder: Path, formats: Sequence[str], language: str, checksum: str = ""
 ) -> Iterator[Path]:
     """Write line statistics, return levels and effects of barriers to tables.xlsx and tables.docx
-    in a new folder, with facts on the run; `checksum` belongs to the result's file, if any.
-    """
+    in a new folder, with facts on the run; `checksum` belongs to the result's file, if any."""
     sheets = [*_result_sheets(result)] if "xlsx" in formats else []  # texts as in CSV files
     with speaking(language):
         facts = _facts(result, checksum)

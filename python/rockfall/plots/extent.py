@@ -20,8 +20,7 @@ CELL = 5.0  # default for margins [m]
 
 def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) -> Extent:
     """Map extent of everything that boulders reached and further places (n, 2), with a margin, not
-    too narrow, and within the terrain if given.
-    """
+    too narrow, and within the terrain if given."""
     x, y = (
         [result[f"{end}_{axis}"].values for end in ("start", "stop") if f"{end}_{axis}" in result]
         for axis in "xy"

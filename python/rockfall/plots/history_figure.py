@@ -84,8 +84,7 @@ def _curve(
     axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, scale: float
 ) -> float:
     """Plot a number with its 95 % band. Returns the upper axis limit, from twice the highest number
-    and the end of the last band, since bands of few boulders are unbounded.
-    """
+    and the end of the last band, since bands of few boulders are unbounded."""
     value, low, high = (
         np.array([scale * row.get(f"{name}{end}", np.nan) for row in rows]) for end in ENDS
     )

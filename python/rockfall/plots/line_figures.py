@@ -62,8 +62,7 @@ def distribution_figure(
 ) -> Figure:
     """Distribution of a quantity among the boulders that pass, with a panel for each line, or for
     the lines `which`, counted from 0; mean and standard deviation are below, also of `observed`
-    (see `rockfall.plots.figures`).
-    """
+    (see `rockfall.plots.figures`)."""
     which = list(range(result.sizes["line"]) if which is None else which)
     display, names = QUANTITIES[quantity], [line_names(result)[k] for k in which]
     ours = [display.factor * values_at(result, quantity, k) for k in which]
@@ -199,8 +198,7 @@ def _deviation(values: np.ndarray) -> float:
 
 def _bins(samples: list[np.ndarray]) -> np.ndarray:
     """Bin edges of a round width, up to a value that one in 500 of any sample exceeds; their number
-    depends on the largest sample.
-    """
+    depends on the largest sample."""
     high = max((float(np.quantile(v, BEYOND)) for v in samples if v.size), default=1.0)
     low = min([0.0, *(float(v.min()) for v in samples if v.size)])
     largest = max(v.size for v in samples)

@@ -92,8 +92,7 @@ def draw_bars(axes: Axes, fraction: np.ndarray, edges: np.ndarray) -> None:
 
 def save(figure: Figure, path: str | Path, dpi: int | None = None, **options: Any) -> None:
     """Write a figure atomically, with reproducible bytes; raises Stopped if a stop was requested.
-    `options` are passed to Matplotlib's `savefig`.
-    """
+    `options` are passed to Matplotlib's `savefig`."""
     import matplotlib
 
     step()

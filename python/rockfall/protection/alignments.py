@@ -37,8 +37,7 @@ class Alignment(NamedTuple):
 
 class Shift(NamedTuple):
     """Shifts of the protected line: step [m], maximum distance, and azimuth [degree]; None:
-    perpendicular to the line, towards the sources.
-    """
+    perpendicular to the line, towards the sources."""
 
     every: float
     to: float
@@ -47,8 +46,7 @@ class Shift(NamedTuple):
 
 def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Alignment]]:
     """Scene with copies of a line as evaluation lines, and these lines, the original first. Copies
-    entirely outside the terrain are left out.
-    """
+    entirely outside the terrain are left out."""
     number = _steps(shift)
     vertices = vertices_of(scene.case, line)
     step = _direction(scene, line, vertices, shift.direction) * shift.every
@@ -75,8 +73,7 @@ def drawn_scene(
     case: Case, scene: Scene, line: str, layer: Any, name: str | None, arrays: Mapping[str, Any]
 ) -> tuple[Scene, list[Alignment]]:
     """Scene of a case with the lines of a layer (a file or GeoDataFrame) as evaluation lines, and
-    these lines; `scene` is the scene without them.
-    """
+    these lines; `scene` is the scene without them."""
     given = {"candidates": layer} if is_frame(layer) else {}
     with frame_files(given) as files:
         file = files.get("candidates", layer if is_frame(layer) else Path(layer).resolve())

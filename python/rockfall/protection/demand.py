@@ -47,8 +47,7 @@ def _density(came: Crossings, density: float) -> float:
 
 def class_for(energy: float, factors: Factors) -> float:
     """Lowest EAD class whose capacity covers a design energy [J]; ABOVE if none does, NaN if the
-    energy is unknown. Class 0 kits are not tested at SEL.
-    """
+    energy is unknown. Class 0 kits are not tested at SEL."""
     first = 1 if factors.conditions.limit_state == "SEL" else 0
     enough = [k for k in range(first, ABOVE) if energy < usable(EAD_ENERGY[k], factors)]
     return np.nan if np.isnan(energy) else enough[0] if enough else ABOVE

@@ -250,8 +250,7 @@ def verdict_of(row: Mapping[str, Any]) -> str:
     """Verdict on a barrier, for tables and texts: "no" if a requirement certainly fails;
     "undecided" if the interval of a requirement contains its limit, or the loads depend on
     unconfirmed assumptions; else "yes"; with the deciding requirements. "" for a barrier that no
-    boulder reaches.
-    """
+    boulder reaches."""
     if not row["n"]:
         return ""
     unsure = [what for what in ("height", "energy") if not row[f"{what}_certain"]]

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Partial factors of the standards, from the user's table: none is shipped, because the texts of
-the standards were not available.
-"""
+the standards were not available."""
 
 from __future__ import annotations
 

@@ -40,8 +40,7 @@ class Choice(NamedTuple):
 def height_for(came: Crossings, capacity: float, residual: float) -> float:
     """Minimum height [m] of a barrier with this capacity [J] that at most the fraction `residual`
     of the boulders passes, over or through it; NaN if too many break through. One sort suffices: of
-    the boulders that it can stop, the rest of `residual` may pass over.
-    """
+    the boulders that it can stop, the rest of `residual` may pass over."""
     heights = np.sort(came.passing_height[came.energy_total <= capacity])
     over = math.floor(residual * came.n * (1 + 1e-12)) - (came.n - heights.size)
     if not came.n or over < 0:
@@ -99,8 +98,7 @@ def residual_of(passing: np.ndarray, source: Sources | Weighted) -> tuple[float,
 
 def cost_of(ead_class: int, height: float, costs: Costs | None) -> float:
     """Cost per metre: the lowest price of a sufficiently high barrier of the class. Without prices,
-    energy times height [kJ m], which favours no manufacturer. NaN if there is none.
-    """
+    energy times height [kJ m], which favours no manufacturer. NaN if there is none."""
     if math.isnan(height):
         return math.nan
     if costs is None:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Barriers by the frequency of passing boulders: loads by return period at the lines of a hazard,
-the sufficient barrier in each class, and the case's barriers.
-"""
+the sufficient barrier in each class, and the case's barriers."""
 
 from __future__ import annotations
 

@@ -62,8 +62,7 @@ def tree_layer(
     layer: Layer, visible: bool = True, expanded: bool = True, title: str = ""
 ) -> ElementTree.Element:
     """Layer in the tree of the project, or of a legend with its own title. A map shows the rows of
-    its classes, not the row of its band, which comes first.
-    """
+    its classes, not the row of its band, which comes first."""
     attrs = {
         "id": layer.id, "name": layer.title, "source": layer.source,
         "providerKey": provider(layer), "checked": _checked(visible),

@@ -18,8 +18,7 @@ LABELLED = "label"  # attribute of styles and their elements with a text for use
 
 class Layer(NamedTuple):
     """A layer: title, source relative to the project, style as XML elements, and whether it is
-    initially visible and in printed legends.
-    """
+    initially visible and in printed legends."""
 
     title: str
     source: str

@@ -69,8 +69,7 @@ def put_project(
     language: str = "en",
 ) -> Iterator[Path]:
     """Write project.qgz for the files of an export in a new folder and, if the terrain is known,
-    elevation_m.tif with its style. `files` may include the files of a hazard.
-    """
+    elevation_m.tif with its style. `files` may include the files of a hazard."""
     extent = reached(data, terrain)
     with speaking(language):
         relief: list[Layer] = []
@@ -112,8 +111,7 @@ def _relief(terrain: Terrain, extent: Extent, folder: Path) -> list[Layer]:
 
 def _vectors(path: Path) -> dict[str, Layer]:
     """Styled layers of a GeoPackage in drawing order; none if there is no file. Objects of several
-    shape types have no style, because QGIS would choose a random colour; risk layers show them.
-    """
+    shape types have no style, because QGIS would choose a random colour; risk layers show them."""
     if not path.exists():
         return {}
     with closing(sqlite3.connect(path)) as database:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Contents of a result, from which netCDF files and xarray.Datasets are made. Writing a file does
-not need xarray, whose import takes longer than a small run.
-"""
+not need xarray, whose import takes longer than a small run."""
 
 from __future__ import annotations
 

@@ -145,8 +145,7 @@ def masses_of(result: Held, boulders: np.ndarray | slice = slice(None)) -> np.nd
 @lru_cache(maxsize=8)
 def _density(text: str, file: str) -> float:
     """Density of the boulders of a case [kg/m3]; cached, because parsing a case with many lines
-    takes longer than the statistics at a line.
-    """
+    takes longer than the statistics at a line."""
     return float(case_in({"case": text, "case_file": file}).boulder["density"])
 
 

@@ -127,8 +127,7 @@ def seconds(values: np.ndarray) -> np.ndarray:
 def spins(result: Held, motion: Motion) -> np.ndarray:
     """W = R_b omega [m/s] of each piece of all motion of a result. For a roll or slide, W is the
     speed. At vertices without a rebound it follows from the previous piece: at a tree or barrier, W
-    and speed fall by the same fraction.
-    """
+    and speed fall by the same fraction."""
     vertex, first, indices = np.unique(motion.vertex, return_index=True, return_inverse=True)
     piece = motion.take(first)
     out_w, ratio = (result[f"trajectory_{name}"].values[vertex] for name in ("out_w", "ratio"))

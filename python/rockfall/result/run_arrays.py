@@ -53,8 +53,7 @@ class RunArrays:
         shapes: bool, *layout: np.ndarray,
     ) -> Self:  # fmt: skip
         """Create a run to be joined from parts, or a part. `boulders`: numbers in the complete run,
-        before the part, and in the part; `layout`: part_last and group_part of samples.
-        """
+        before the part, and in the part; `layout`: part_last and group_part of samples."""
         extent = in_kernel(case), boulders, window(box), grounds, features, shapes
         return cls(_core.open_joined_run(*extent, *layout), "merge")
 
@@ -108,16 +107,14 @@ class RunArrays:
 
     def begin_part(self, boulders: int, lengths: Sequence[int], name: str) -> None:
         """Allocate a part for the first boulders. Arguments are the numbers of rows, cells, shared
-        cells, bins, coarse bins of samples, and crossings (-1: none).
-        """
+        cells, bins, coarse bins of samples, and crossings (-1: none)."""
         code, message = _core.begin_part(self.handle, boulders, lengths)
         check_kernel(code, message, name)
         self.changed()
 
     def unpack_part(self, name: str, grid: Grid, only_samples: bool = False) -> None:
         """Store the filled part, or only its samples and row numbers, and discard it; a
-        RockfallError reports values that are impossible in a run.
-        """
+        RockfallError reports values that are impossible in a run."""
         corner, nodes = (grid.west, grid.north, grid.cell), (grid.nx, grid.ny)
         code, message = _core.unpack_part(self.handle, only_samples, corner, nodes)
         check_kernel(code, message, name)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checks that compared results belong together: the same case, or variants on one site. They use
-file metadata: case, input checksums, CRS, extent.
-"""
+file metadata: case, input checksums, CRS, extent."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -31,8 +30,7 @@ FILES = {  # checksums of files
 
 def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
     """Refuse a result (named by `what`) whose case differs from the first: CRS, terrain, ground,
-    forest, sources, impact sets, or keys.
-    """
+    forest, sources, impact sets, or keys."""
     _check_crs(first, other, what)
     for attribute, names in (("decoded_checksums", DECODED), ("input_checksums", FILES)):
         ours, theirs = (json.loads(data.attrs[attribute]) for data in (first, other))
@@ -74,8 +72,7 @@ def _crs_name(data: xr.Dataset) -> str:
 
 def _extent(result: xr.Dataset) -> np.ndarray:
     """Extent of the boulders: minimum and maximum x and y [m], (2, 2); the extent of all places if
-    neither maps nor rows give it.
-    """
+    neither maps nor rows give it."""
     if "x" in result.sizes:
         half = corner_of(result["crs"].attrs)[2] / 2
         ends = [

@@ -58,8 +58,7 @@ def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float
 
 def centre_line(path: np.ndarray, grid: Grid, dem: np.ndarray) -> tuple[list[float], list[float]]:
     """Line through cells from end to end, half a cell beyond their centres, without raster steps. A
-    single cell gives a line along the contour.
-    """
+    single cell gives a line along the contour."""
     if len(path) == 1:
         along = _contour(dem, *path[0])
         path = path + 0.5 * np.array([-along, along])

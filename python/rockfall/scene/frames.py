@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Layers given as GeoDataFrames or similar objects (a shapely `geometry`, a `crs`, columns). They
-are written to temporary files while a scene is read, and then treated like files.
-"""
+are written to temporary files while a scene is read, and then treated like files."""
 
 import shutil
 import weakref
@@ -36,8 +35,7 @@ def is_frame(given: Any) -> bool:
 
 class FrameFiles:
     """Files of frames in a temporary folder, kept until they are removed or their owner is freed; a
-    repeated frame keeps its file.
-    """
+    repeated frame keeps its file."""
 
     def __init__(self) -> None:
         self._folder: Path | None = None
@@ -74,8 +72,7 @@ def frame_files(
     frames: Mapping[str, Any], store: FrameFiles | None = None
 ) -> Iterator[dict[str, Path]]:
     """Write frames to files by name, for the duration of the block or the lifetime of their store;
-    callers name the frames in errors.
-    """
+    callers name the frames in errors."""
     own = store or FrameFiles()
     try:
         files = own.write(frames)
@@ -108,8 +105,7 @@ def with_frames(
     store: FrameFiles | None = None,
 ) -> Scene:
     """Read the scene of a case with the layers of frames, by name. Layers in GROUPS are added to
-    the case; the others (zones, trees, stands, clearings, sources) replace the case's own.
-    """
+    the case; the others (zones, trees, stands, clearings, sources) replace the case's own."""
     keys = {name: _key(name, frame) for name, frame in frames.items() if name not in GROUPS}
     if "zones" in frames and _says_ground(frames["zones"], case.surface["zone_field"]):
         case = case.replace(surface={"table": None})

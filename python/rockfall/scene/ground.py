@@ -165,8 +165,7 @@ def ground_of(rasters: Rasters) -> Ground:
 
 def falls_and_rises(sizes: np.ndarray) -> tuple[int, int]:
     """Number of places where sizes (Rg70, Rg20, Rg10 in order) decrease, and where they increase;
-    places with equal sizes are not counted.
-    """
+    places with equal sizes are not counted."""
     falls = (sizes[1:] <= sizes[:-1]).all(axis=0) & (sizes[-1] < sizes[0])
     differ = (sizes[1:] != sizes[:-1]).any(axis=0) & ~np.isnan(sizes).any(axis=0)
     return int(np.count_nonzero(falls)), int(np.count_nonzero(differ & ~falls))
@@ -206,8 +205,7 @@ def _ground_numbers(band: Rasters, at: tuple[np.ndarray, np.ndarray]) -> np.ndar
 
 def _samples(band: Rasters, box: Box) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of evenly spaced cells of the complete terrain that are in a box and known
-    together with their eight neighbours.
-    """
+    together with their eight neighbours."""
     grid = band.grid
     step = max(1, int(np.sqrt(grid.nx * grid.ny / SAMPLES)))
     rows = np.arange(max(1, -(-box.row // step) * step), min(box.stop_row, grid.ny - 1), step)

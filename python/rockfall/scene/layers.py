@@ -37,8 +37,7 @@ class Inputs:
         self, key: str, what: str, dtype: Any, box: Box | None = None, smooth: bool = True
     ) -> Iterator[tuple[slice, np.ndarray]]:
         """Blocks of rows, in any order, of a raster on the DEM's cells, from its given array or
-        from the file named in the case. `smooth`: see `aligned_blocks`.
-        """
+        from the file named in the case. `smooth`: see `aligned_blocks`."""
         given = self.arrays.pop(key, None)
         if given is None:
             group = next(row.group for row in file_keys() if row.name == key)
@@ -74,8 +73,7 @@ def take_inputs(
 ) -> T:
     """Run a stage that reads inputs and return its result. Its checksums and remarks are added to
     the inputs, and used arrays are removed. The stage depends on the grid, all arrays, and the
-    objects in `uses`.
-    """
+    objects in `uses`."""
 
     def read(case: Case) -> tuple[T, Inputs]:
         own = Inputs(case, inputs.grid, dict(inputs.arrays))

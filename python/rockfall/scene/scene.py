@@ -193,8 +193,7 @@ class Scene(Sources):
 
     def around(self, first: int, boulders: int) -> tuple[Scene, int]:
         """Scene with the rasters for boulders from number `first`, and the number of boulders
-        covered: itself, or a window of the terrain.
-        """
+        covered: itself, or a window of the terrain."""
         windows = self.windows
         if windows is None:
             return self, boulders

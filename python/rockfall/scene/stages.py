@@ -98,8 +98,7 @@ class KeptStages(Stages):
 
 class WatchedCase(Case):
     """A case that records the groups read and, for a stage that `reads` files, the states of the
-    files named in these groups before reading.
-    """
+    files named in these groups before reading."""
 
     def __init__(self, case: Case, reads: bool) -> None:
         self.__dict__ |= case.__dict__

@@ -70,8 +70,7 @@ def read_rasters(inputs: Inputs, z: np.ndarray, box: Box) -> Rasters:
 
 def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dict[int, str]]:
     """Read grounds that differ from the case's impact sets, and the ground of each material.
-    Returns the zones by id, and the names of grounds by raster id.
-    """
+    Returns the zones by id, and the names of grounds by raster id."""
     case, surface = inputs.case, inputs.case.surface
     zones = case_zones(case, inputs.remarks)
     named = [zone for zone in zones.values() if zone.names_ground]
@@ -118,8 +117,7 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
 def _plane_remarks(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
     """Remarks on a ground whose boulders all meet a relief or strength outside the simulated
     tables, or a relief without calibration. Ground harder than the hardest table equals it, because
-    it does not yield.
-    """
+    it does not yield."""
     if rule.plane is None:
         return
     ground, radii = rule.plane.ground, np.array(rule.plane.radii)

@@ -24,8 +24,7 @@ RIM = 4  # margin of a window [cells] that boulders may not enter, where the ras
 
 class Windows:
     """Windows with a given number of cells, larger where a source needs it; holds the window in
-    memory and the survey of all rows.
-    """
+    memory and the survey of all rows."""
 
     def __init__(self, cells: int, cell_bytes: int, survey: Survey, ground: Ground) -> None:
         self.cells, self.bytes = cells, cells * cell_bytes  # of a window, and its memory

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A run in batches of a given time, each with boulders from all sources; it can be cancelled
-between pieces of a few milliseconds.
-"""
+between pieces of a few milliseconds."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -91,8 +90,7 @@ class Batches:
 
 def spread_parts(numbers: range, parts: int) -> Iterator[range]:
     """Every `parts`-th number, starting from each of the first ones, ordered so that each part
-    falls in a gap between earlier parts (van der Corput's order).
-    """
+    falls in a gap between earlier parts (van der Corput's order)."""
     parts = min(parts, len(numbers))
     bits = max(0, parts - 1).bit_length()
     for k in range(1 << bits):

@@ -62,8 +62,7 @@ class Pilot:
 
 def pilot_run(scene: Scene) -> Pilot:
     """Pilot run with a number of boulders that depends on the scene, not on time, so that `check`
-    always prints the same for a case.
-    """
+    always prints the same for a case."""
     check_team(scene.case.case["threads"])
     probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
     rebounds = max(1.0, float(probe.tally.columns()["impacts"].mean()))
@@ -192,8 +191,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 def _sample_bytes(tally: Tally, pilot: Pilot) -> float:
     """Bytes of counts in bins, their positions, and the largest values at lines. Those are in huge
-    pages of memory, so a line that few boulders cross takes as much as another.
-    """
+    pages of memory, so a line that few boulders cross takes as much as another."""
     tails = 4 * math.prod(tally.run.array("sample_largest").shape)
     places = math.prod(tally.run.array("sample_sums").shape[:3]) * SAMPLE_COARSE
     each = 4 * SAMPLE_BINS / SAMPLE_COARSE

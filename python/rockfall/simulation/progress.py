@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Progress of work: on a terminal a bar with fraction done, rate and time left; else a line every
-ten seconds, or lines for another program.
-"""
+ten seconds, or lines for another program."""
 
 import os
 import sys

@@ -43,8 +43,7 @@ class Run(RunArrays):
     ) -> tuple[int, np.ndarray, np.ndarray]:
         """Run boulders on a scene (or window): every `step`-th from number `first` (from 1). After
         some seconds no more are started. Returns the number completed, at least one, and the
-        numbers and exit places (2, n) of boulders that left the window, which are not tallied.
-        """
+        numbers and exit places (2, n) of boulders that left the window, which are not tallied."""
         done, left, code, message = _core.advance(
             self.handle, scene.kernel.handle, first, step, size, seconds
         )

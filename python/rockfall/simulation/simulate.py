@@ -220,8 +220,7 @@ def trace(tally: Tally) -> None:
 
 def recorded_numbers(scene: Scene, wanted: int, first: int, last: int) -> list[int]:
     """Boulders from the first to the last whose trajectories are recorded, if a number is
-    requested: evenly spread over the run.
-    """
+    requested: evenly spread over the run."""
     numbers, n = _core.recorded_numbers(scene.kernel.handle, first, last, wanted)
     return numbers[:n].tolist()
 

@@ -51,8 +51,7 @@ class Origin:
 
     def difference(self, other: Origin, own: range = ANY, theirs: range = ANY) -> str:
         """First item in which another run differs, "" if none; threads and notation of the case are
-        ignored. Ranges of boulders may differ only if the other range starts this one.
-        """
+        ignored. Ranges of boulders may differ only if the other range starts this one."""
         texts, numbers, corners = zip(self._identity(own), other._identity(theirs), strict=True)
         cases = in_kernel(self.case), in_kernel(other.case)
         what = _core.run_difference(*cases, *texts, np.array(numbers).T, np.array(corners).T)
@@ -192,8 +191,7 @@ class Tally:
 
     def settle(self, sign: int = 1) -> None:
         """Reduce the counts of split sources in their cells to the completed boulders, as stored in
-        a part; sign -1 restores the counts of all boulders, to continue the run.
-        """
+        a part; sign -1 restores the counts of all boulders, to continue the run."""
         if tells_sources(self.scene.case):
             assert isinstance(self.scene, Scene)
             _core.settle_sources(self.run.handle, self.scene.kernel.handle, self.done, sign)

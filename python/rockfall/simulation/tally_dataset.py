@@ -33,8 +33,7 @@ MAXIMA = {
 
 def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Complete results of a run, named as in `variables`, with or without maps. Unless the run
-    continues, the map tallies are used up (call `settle` first).
-    """
+    continues, the map tallies are used up (call `settle` first)."""
     groups = "boulder", "count", "energy", "feature", "shape", "mass", "tree", "breakage"
     data = table_variables(tally, *groups)
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
@@ -148,8 +147,7 @@ def line_variables(tally: Tally) -> dict[str, Any]:
 
 def numbered(dim: str, names: Sequence[str], long_name: str) -> dict[str, Any]:
     """Coordinate of a named dimension: numbers from 0 with a word for each, and the names next to
-    it, since programs refuse or lose variables on a text coordinate.
-    """
+    it, since programs refuse or lose variables on a text coordinate."""
     numbers = np.arange(len(names), dtype="i4")
     flags = {
         "flag_values": numbers if numbers.size > 1 else np.int32(0),  # files have a single one
@@ -259,8 +257,7 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
 
 def run_attributes(tally: Tally) -> dict[str, Any]:
     """Attributes of a result or part that describe its run. `source` is for parts, which
-    rockfall-batch also writes; results have another.
-    """
+    rockfall-batch also writes; results have another."""
     scene = tally.scene
     return {
         "Conventions": CONVENTIONS,

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Barrier recommended by a siting, verified by runs: boulders that reach the line today, and those
-that still do with the barrier; the boulders are the same.
-"""
+that still do with the barrier; the boulders are the same."""
 
 from __future__ import annotations
 
@@ -84,8 +83,7 @@ class Advice:
 
 class _Came(NamedTuple):
     """Boulders of a run that reach the line; the outcome of each at the barrier (0 if it did not
-    meet the barrier before); and heights [m] and energies [J] there.
-    """
+    meet the barrier before); and heights [m] and energies [J] there."""
 
     comes: np.ndarray
     outcome: np.ndarray
@@ -113,8 +111,7 @@ def wanted(
     rows: Sequence[Mapping[str, Any]], alignments: Sequence[Alignment], most: Most
 ) -> list[Wanted]:
     """Barriers to try, cheapest first, for alignments that are not refused: with height and class
-    at the upper limits of their intervals where known, within the limits.
-    """
+    at the upper limits of their intervals where known, within the limits."""
     able = [
         (row["fits"] != "yes", row["cost"], row["distance"], k)
         for k, row in enumerate(rows)
@@ -146,8 +143,7 @@ def advise(
     """First barrier, unchanged, higher or of a higher class, with which at most `acceptable`
     boulders a year reach the line, by the upper limit. If none suffices, the barrier that lets the
     fewest through; None without barriers. `bare`: results without a barrier, with their frequencies
-    [1/year], of the same scenarios, or of the case.
-    """
+    [1/year], of the same scenarios, or of the case."""
     if not barriers:
         return None
     yearly = {name: often for name, (_, often) in bare.items()}
@@ -177,8 +173,7 @@ def _stronger(
     case: Case, barrier: Wanted, after: Sequence[_Came], most: Most, acceptable: float
 ) -> Wanted | None:
     """Cheapest barrier, higher or of a higher class, that at most this number of the boulders that
-    passed would still have passed; None if there is none.
-    """
+    passed would still have passed; None if there is none."""
 
     def is_enough(ead_class: int, k: int) -> bool:
         would = (

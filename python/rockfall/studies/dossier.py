@@ -61,8 +61,7 @@ class Dossier:
 @dataclass(frozen=True)
 class DossierInputs:
     """Checked inputs of a dossier: the hazard of each variant, likely mistakes, and the first
-    variant's inputs for a second model, with its name.
-    """
+    variant's inputs for a second model, with its name."""
 
     case: Case
     studies: Mapping[str, HazardInputs]

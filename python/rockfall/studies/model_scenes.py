@@ -97,8 +97,7 @@ def by_tables(
 ) -> Iterator[tuple[str, Scene]]:
     """Scenes of a case with these impact tables instead of the grounds that `variants` varies,
     except its own table. The default is all shipped tables whose rock sizes are known. `own` is the
-    scene of the case; `notes` collects remarks.
-    """
+    scene of the case; `notes` collects remarks."""
     own = _with_named_apart(own)
     varied, is_named = _varied(own), not _own_share(own)
     follows_table = case.impact["form"] == "table" or "ground" in case.surface
@@ -129,8 +128,7 @@ def by_tables(
 def second_model(own: Scene) -> tuple[str, Scene] | None:
     """Name and scene of another model for the ground of a scene: impact sets instead of its tables
     and classical grounds, where rocks have a suitable size; or the table `talus` instead of its
-    impact sets. None if neither is possible.
-    """
+    impact sets. None if neither is possible."""
     own = _with_named_apart(own)
     varied = _varied(own)
     if not _on_grounds(own, varied).any():
@@ -159,8 +157,7 @@ def _unsized_notes(
 
 def named_notes(own: Scene) -> Iterator[str]:
     """Remark on the part of the terrain where all models have the same ground, or on the varied
-    grounds if every place has a named ground.
-    """
+    grounds if every place has a named ground."""
     own = _with_named_apart(own)
     if not (share := _own_share(own)):
         part = _on_grounds(own, _varied(own))[~np.isnan(own.rasters.z)].mean()
@@ -206,8 +203,7 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
 
 def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
     """Scene with its impact sets instead of grounds, wherever its rocks have a suitable size;
-    obstacles that stop every boulder, and smooth ground, keep their grounds.
-    """
+    obstacles that stop every boulder, and smooth ground, keep their grounds."""
     cells, rule = own.rasters, GroundRule(own.case.impact["sets"])
     names = [ground.name for ground in own.grounds]
     grounds = own.grounds if rule.name in names else (*own.grounds, rule)
@@ -226,8 +222,7 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
 
 def _with_named_apart(scene: Scene) -> Scene:
     """Scene in which zones that name the case's ground get a renamed copy, which stays unchanged
-    when models vary the case's ground.
-    """
+    when models vary the case's ground."""
     usual = named_ground(scene.case)
     own, zones = str(usual), case_zones(scene.case).values()
     named = np.array([zone.ground and str(zone.ground_in(usual)) == own for zone in zones], bool)

@@ -220,8 +220,7 @@ def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
 
 def _expected_width(sample: Sample, row: Mapping[str, float], statistic: str) -> float:
     """Relative half-width of an interval; for quantiles without the random part of the width, which
-    would make runs a third too long.
-    """
+    would make runs a third too long."""
     level, width = LEVELS.get(statistic), half_width(row, statistic)
     if level is None or not 0 < width < np.inf:
         return width

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Siting of a barrier: the required energy and height at candidate alignments above a protected
 line, from one run with all of them as evaluation lines, so that all alignments have common
-boulders.
-"""
+boulders."""
 
 from __future__ import annotations
 
@@ -61,8 +60,7 @@ COLUMNS += ["fits", "fails", "choice", "unconfirmed"]
 @dataclass(frozen=True)
 class Limits:
     """Limits of available barriers: height [m], EAD class, the fraction of arriving boulders that
-    may pass around the ends, and the braking distance to the protected line [m]. None: no limit.
-    """
+    may pass around the ends, and the braking distance to the protected line [m]. None: no limit."""
 
     height: float | None = None
     ead_class: int | None = None
@@ -289,8 +287,7 @@ def _capacity(ead_class: float) -> float | None:
 def _cost(row: Mapping[str, Any], end: str, prices: Costs | None) -> float:
     """Cost of an alignment over its length, with the cheapest barrier of at least the required
     class and height; NaN if there is none. Without prices: class energy times height times length
-    [kJ m2].
-    """
+    [kJ m2]."""
     ead_class, high = row[f"ead_class{end}"], row[f"height_needed{end}"]
     if math.isnan(ead_class) or math.isnan(high):
         return math.nan
@@ -319,8 +316,7 @@ def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
 
 def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
     """Verdict on an alignment whose loads depend on unconfirmed assumptions, for table and texts:
-    within the limits it is unproven, beyond a limit it stays refused.
-    """
+    within the limits it is unproven, beyond a limit it stays refused."""
     fits, fails = row["fits"], row["fails"]
     if unconfirmed and fits != NO:
         fails = "; ".join(filter(None, [fails, f"unconfirmed: {unconfirmed}"]))

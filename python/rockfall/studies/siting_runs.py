@@ -33,8 +33,7 @@ class Population(NamedTuple):
 
 class AtAlignment(NamedTuple):
     """Boulders of a run at an alignment: crossings, and masks (boulders,) of boulders that cross
-    it, that reach the protected line, and that reach the line without crossing.
-    """
+    it, that reach the protected line, and that reach the line without crossing."""
 
     came: Crossings
     crossed: np.ndarray
@@ -80,8 +79,7 @@ def _bytes(scene: Scene) -> int:
 
 def pooled(each: Sequence[AtAlignment], yearly: Sequence[float]) -> AtAlignment:
     """Boulders of several runs pooled by frequency [1/year]; each represents its run's frequency
-    over the number released. A single run is unchanged.
-    """
+    over the number released. A single run is unchanged."""
     if len(each) == 1:
         return each[0]
     weights = [often / at.crossed.size for at, often in zip(each, yearly, strict=True)]
@@ -103,8 +101,7 @@ def in_batches(
     scene: Scene, line: str, alignments: Sequence[Alignment], memory: float
 ) -> list[list[Alignment]]:
     """Alignments in batches whose boulders, with those at the other lines, need at most half of the
-    memory [bytes]; a RockfallError if a single one needs more.
-    """
+    memory [bytes]; a RockfallError if a single one needs more."""
     others = len(scene.case.lines) - sum(alignment.name != line for alignment in alignments)
     each = _bytes(scene)
     most = int(ROOM * memory / each) - others

@@ -123,8 +123,7 @@ def validate(
 def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
     """Numbers of results of one site that can be compared with their observations, by line,
     quantity and statistic. Several results, such as different kinds of blocks, count as one sample,
-    with each source weighted by its observed frequency.
-    """
+    with each source weighted by its observed frequency."""
     by_key: dict[Key, Number] = {}
     stopped = pooled_samples(pairs)
     if stopped is not None:
@@ -198,8 +197,7 @@ def distribution_numbers(
     seen: np.ndarray, made: np.ndarray, share: np.ndarray
 ) -> dict[str, Number]:
     """Statistics of an observed and a weighted simulated sample, and their distances; observational
-    errors come from resampled boulders.
-    """
+    errors come from resampled boulders."""
     random, weights = np.random.default_rng(0), np.ones(len(seen))
     drawn = [_numbers(random.choice(seen, len(seen)), weights) for _ in range(RESAMPLES)]
     enough = min(len(seen), len(made)) >= FEWEST

@@ -89,8 +89,7 @@ def run_each(
     **given: Any,
 ) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
     """Results of variants checked by `check_variant_scenes`, and model warnings; each run resumes
-    from its checkpoint. `given`: see `read_scene`.
-    """
+    from its checkpoint. `given`: see `read_scene`."""
     shared = "stages" in given  # rasters that the next variant has, too
     study = Study(progress=progress, threads=threads, checkpoints=checkpoints, keep=shared)
     scenes = ((name, read_scene(own, **given)) for name, own in variants(case).items())
@@ -99,8 +98,7 @@ def run_each(
 
 def check_variant_scenes(case: Case, **how: Any) -> list[str]:
     """Read every variant, one at a time, and return remarks on likely mistakes. Incomparable
-    variants raise a RockfallError. `how`: see `read_scene`.
-    """
+    variants raise a RockfallError. `how`: see `read_scene`."""
     cases = variants(case)
     if len(cases) < 2:
         raise RockfallError(

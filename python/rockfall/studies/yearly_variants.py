@@ -186,8 +186,7 @@ def yearly_sum(
     frequencies: Iterable[float], fractions: Iterable[Sequence[float]], factor: Sequence[float]
 ) -> Three:
     """Sum over scenarios of frequency [1/year] times the fraction of boulders, or a difference of
-    these, with limits. The limits include the lowest and highest `factor` on the frequencies.
-    """
+    these, with limits. The limits include the lowest and highest `factor` on the frequencies."""
     each = [yearly * np.array(three) for yearly, three in zip(frequencies, fractions, strict=True)]
     value, low, high = np.sum(each, axis=0).tolist()
     return value, min(by * low for by in factor), max(by * high for by in factor)

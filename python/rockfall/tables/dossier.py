@@ -133,8 +133,7 @@ def barrier_answers(designs: dict[str, YearlyDesign]) -> list[Text]:
 
 def second_tables(dossier: Dossier) -> Iterator[Table]:
     """Frequency, and energy once in the period, at each place by the case's model and the second
-    model, with the governing model; no table without a second model.
-    """
+    model, with the governing model; no table without a second model."""
     if dossier.second is None:
         return
     own, other, model = dossier.first, dossier.second.hazard, _shown(dossier.second.model)
@@ -283,8 +282,7 @@ def period_table(dossier: Dossier) -> Table:
 
 def remaining_tables(dossier: Dossier) -> Iterator[Table]:
     """Remaining hazard of each variant: the highest class of an object, damage, expected deaths and
-    highest individual risk a year, and cost. No table where none of them is known.
-    """
+    highest individual risk a year, and cost. No table where none of them is known."""
     costs, risky = dossier.costs, has_risk(dossier.first)
     kinds = [kind for kind in PLACES if f"{kind}_hazard_class" in dossier.first]
     if not (kinds or risky or costs):

@@ -68,8 +68,7 @@ def headline_numbers(result: xr.Dataset, line: str) -> Iterator[list[str]]:
 
 def range_tables(result: xr.Dataset, rows: Rows, *, detailed: bool = False) -> list[Table]:
     """Tables of an ensemble for each line: both uncertainties of its numbers, and the inputs behind
-    the epistemic one. Empty for other results.
-    """
+    the epistemic one. Empty for other results."""
     if not is_ensemble(result):
         return []
     tables = []
@@ -81,8 +80,7 @@ def range_tables(result: xr.Dataset, rows: Rows, *, detailed: bool = False) -> l
 
 def _uncertainties(at: xr.Dataset, line: str, numbers: Numbers, detailed: bool) -> Table:
     """Both uncertainties of the numbers at a line; in detail with the mean over draws, and the
-    number of runs in which too few boulders pass.
-    """
+    number of runs in which too few boulders pass."""
     keys = ["case_value", "q05", "q95", "monte_carlo_std", "epistemic_std", "mean"]
     rows = []
     for name, (quantity, number_name) in RESULTS.items():
@@ -137,8 +135,7 @@ def more_needed(data: xr.Dataset) -> str:
 
 def orders_reversed(data: xr.Dataset) -> Iterator[str]:
     """Warnings about first-order indices above the total, impossible in theory: for each line the
-    result with the most significant difference.
-    """
+    result with the most significant difference."""
     for index, line in enumerate(line_names(data)):
         within: list[str] = []
         beyond: list[str] = []

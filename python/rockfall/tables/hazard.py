@@ -65,8 +65,7 @@ def class_table(hazard: xr.Dataset) -> Table:
 
 def period_tables(hazard: xr.Dataset) -> Iterator[Table]:
     """Energies and heights by return period at lines, and at the objects and segments hit most
-    often; none without such places.
-    """
+    often; none without such places."""
     places = [
         (kind, int(k))
         for kind in PLACES
@@ -164,8 +163,7 @@ def assumptions(hazard: xr.Dataset) -> list[str]:
 
 def class_number(row: Mapping[str, Any]) -> str:
     """Number of an individual-risk class, and the numbers at its interval limits if different;
-    class names are ranges themselves.
-    """
+    class names are ranges themselves."""
     names = class_words().tolist()
     value, low, high = (
         Number(f"{names.index(row[f'risk_class{end}'])}") for end in ("", "_lower", "_upper")

@@ -34,8 +34,7 @@ PLACES = {"stopping_distance": "run-out in plan", AT_REST: "density at blocks at
 
 def models_text(models: Models) -> str:
     """A row per model for each line and for the run-out, with intervals in brackets; below, the
-    paired differences from the first model.
-    """
+    paired differences from the first model."""
     parts = [f"{models.title}: {models.boulders:,} boulders by each model, 95 % intervals"]
     for table in (*model_tables(models, detailed=True), run_out_table(models)):
         parts += [f"  {table.caption}", as_text(table, "    ")]

@@ -58,8 +58,7 @@ def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) ->
 
 def variant_table(of_line: pd.DataFrame, frequencies: pd.DataFrame | None = None) -> Table:
     """Numbers of a line, each with its difference from the first variant: first over the case's
-    scenarios, from `rockfall.studies.yearly_variants`, then for its boulders.
-    """
+    scenarios, from `rockfall.studies.yearly_variants`, then for its boulders."""
     rows: list[tuple[object, ...]] = []
     if frequencies is not None:
         rows += _yearly_rows(of_line, frequencies)
@@ -132,8 +131,7 @@ def _cell(row: Mapping[Any, Any], factor: float) -> str:
 
 def value_text(row: Mapping[Any, Any], factor: float) -> str:
     """A number; if no boulder passes, with the upper limit of the fraction, because a road that
-    none of a few hundred boulders reached may still be reached.
-    """
+    none of a few hundred boulders reached may still be reached."""
     value = number(factor * row["value"])
     is_none = row["value"] == 0 and row["value_high"] > 0
     high = number(factor * row["value_high"], up=True)

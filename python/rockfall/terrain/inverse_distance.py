@@ -18,8 +18,7 @@ class Weights(NamedTuple):
 
 def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray:
     """Elevations (ny, nx) [m] at cell centres from points (n, 3) [m]; NaN if no point is near
-    enough. The interpolation is exact at points, and equal elevations are reproduced.
-    """
+    enough. The interpolation is exact at points, and equal elevations are reproduced."""
     from scipy.spatial import cKDTree
 
     tree, z = cKDTree(points[:, :2]), np.empty(grid.shape)
@@ -35,8 +34,7 @@ def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray
 
 def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray:
     """Leave-one-out error (n) [m]: interpolation from the other points minus the elevation, at
-    every point or at one of `every`; NaN if no other point is near enough.
-    """
+    every point or at one of `every`; NaN if no other point is near enough."""
     from scipy.spatial import cKDTree
 
     tree, asked = cKDTree(points[:, :2]), np.arange(0, len(points), every)

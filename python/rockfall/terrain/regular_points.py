@@ -19,8 +19,7 @@ SPARSE = 100  # nodes per point: with more it is not a grid with gaps
 
 class Nodes(NamedTuple):
     """Elevations (ny, nx) [m] of nodes, NaN without a point; the grid has a cell around each node.
-    `shared` nodes have several different points, and take their mean.
-    """
+    `shared` nodes have several different points, and take their mean."""
 
     z: np.ndarray
     grid: Grid

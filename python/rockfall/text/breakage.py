@@ -17,8 +17,7 @@ def breakage_lines(
     case: Case, volumes: np.ndarray, density: np.ndarray | float
 ) -> list[tuple[str, str]]:
     """Impacts that break boulders of this median volume [m3] and density [kg/m3], and the
-    fragments, in words; empty if boulders do not break.
-    """
+    fragments, in words; empty if boulders do not break."""
     at = case.breakage["at"]
     if at == "none":
         return []

@@ -61,8 +61,7 @@ def _more(hazard: xr.Dataset, name: str) -> list[str]:
 def hazard_warnings(hazard: xr.Dataset, shown: Collection[str] = ()) -> Iterator[str]:
     """Model remarks of `run` for each scenario, merged if equal; warnings about too few boulders to
     identify safe cells, and about zones lower than the map. Messages with ids already `shown` are
-    left out.
-    """
+    left out."""
     for group in warning_groups(hazard):
         for sentence in group.texts:
             if isinstance(sentence, Text) and sentence.key in shown:

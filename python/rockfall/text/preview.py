@@ -245,8 +245,7 @@ def _forest(scene: Scene) -> list[tuple[str, str]]:
 def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
     """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks:
     for the mean volume, and in brackets for the 5 and 95 % quantiles if these use other sets.
-    Boulders are relatively larger on smaller rocks.
-    """
+    Boulders are relatively larger on smaller rocks."""
     grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
     if sigma := scene.case.boulder["mean_radius_sigma"]:
         deviates = [NormalDist(sigma=sigma).inv_cdf((k + 0.5) / DRAWS) for k in range(DRAWS)]

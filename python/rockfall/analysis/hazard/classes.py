@@ -102,8 +102,7 @@ def intensity_words(case: Case) -> list[str]:
 
 def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1.0)) -> float:
     """Upper limit of the frequency [1/year] of an event that no boulder showed, from the numbers of
-    boulders and the frequencies of the scenarios.
-    """
+    boulders and the frequencies of the scenarios."""
     none = np.zeros(1, "i4")
     parts_known = ((none, boulders, 1, yearly) for boulders, yearly in parts)
     return float(frequencies(parts_known, factor).high[0])

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Queries of a hazard at one line, object or segment: frequencies by energy or height, return
-periods, and energies and heights by return period.
-"""
+periods, and energies and heights by return period."""
 
 from __future__ import annotations
 
@@ -85,8 +84,7 @@ def return_period(
 def period_table(hazard: xr.Dataset) -> pd.DataFrame:
     """One row for each line, object and segment, and each return period: `place` (line, object or
     segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with their limits. 0:
-    boulders are rarer than that; an empty or infinite upper limit: too few boulders.
-    """
+    boulders are rarer than that; an empty or infinite upper limit: too few boulders."""
     rows = [
         {
             "place": kind,

@@ -33,8 +33,7 @@ class Arrivals(NamedTuple):
 
 class Origins(NamedTuple):
     """Start cells of the boulders of a run, and the boulders that reach each place, by kind of
-    place; None for a place where only counts are known.
-    """
+    place; None for a place where only counts are known."""
 
     cells: np.ndarray  # grid numbers, ascending
     boulders: np.ndarray  # that start in each
@@ -59,8 +58,7 @@ def origin_numbers(
 ) -> dict[str, np.ndarray]:
     """Variables of a hazard for its origins, from the runs and the frequency [1/year] that a
     boulder of each represents: cell centres, boulders a year that start in each cell, and for each
-    place the boulders a year from there that reach it, and their energies [J].
-    """
+    place the boulders a year from there that reach it, and their energies [J]."""
     cells = np.unique(np.concatenate([run.cells for run in runs]))
     rows, columns = np.divmod(cells, grid.nx)
     numbers = {"source_x": grid.x[columns], "source_y": grid.y[rows]}

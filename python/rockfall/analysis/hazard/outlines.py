@@ -23,8 +23,7 @@ PASSES = 2  # passes of raising narrow parts: raising a part may narrow its neig
 
 def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Geometry]:
     """Generalise the areas of classes, from the lowest. They do not overlap, and cover the same
-    area as before, to the resolution of the coordinates. `width` and `cell` are in metres.
-    """
+    area as before, to the resolution of the coordinates. `width` and `cell` are in metres."""
     import shapely
 
     least, grid = NEGLIGIBLE * cell**2, {"grid_size": GRID * cell}
@@ -61,8 +60,7 @@ def polygons_of(area: Geometry, least: float = 0.0) -> Iterator[Geometry]:
 def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
     """Smooth outline around an area, which fills gaps narrower than the width. A simplified outline
     deviates by up to the tolerance, so simplification starts from an outline offset by that
-    distance; straight segments may still cut a curved corner.
-    """
+    distance; straight segments may still cut a curved corner."""
     out, tolerance = width / 2, TOLERANCE * cell
     smooth = area.buffer(out, ARC).buffer(tolerance - out, ARC).simplify(tolerance)
     return smooth.union(area, grid_size=GRID * cell)

@@ -64,8 +64,7 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
 
 def scenario_remarks(scene: Scene) -> Iterator[str]:
     """Remarks on properties given both by scenarios and by the source layer; refused if the layer
-    gives the property for every source.
-    """
+    gives the property for every source."""
     case = scene.case
     for what, keys, given in _of_layer(scene):
         for scenario in case.scenario:
@@ -106,8 +105,7 @@ def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]
 
 def _case(case: Case, scenario: dict[str, Any]) -> Case:
     """Case with the boulders of a scenario. A scenario with a volume distribution defines all its
-    keys; otherwise it changes single keys of &boulder.
-    """
+    keys; otherwise it changes single keys of &boulder."""
     boulder: dict[str, Any] = dict.fromkeys(VOLUMES) if "volume" in scenario else {}
     boulder |= {"rock_density": None} if "density" in scenario else {}
     boulder |= {key: scenario[key] for key in (*VOLUMES, "density") if key in scenario}
@@ -132,7 +130,6 @@ def _frequency(scenario: dict[str, Any], scene: Scene) -> float:
 
 def source_area(scene: Scene) -> float:
     """Area of the source cells [m2]: the surface area if cells release boulders in proportion to
-    it; the plan area if all cells release equally.
-    """
+    it; the plan area if all cells release equally."""
     cells = scene.x.size if scene.area is None else scene.area.sum()
     return float(cells) * scene.grid.cell**2

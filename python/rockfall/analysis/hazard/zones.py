@@ -32,8 +32,7 @@ class Zones(NamedTuple):
 
 def zones_by_cell(hazard: xr.Dataset) -> Zones:
     """Zones of a hazard class along cell edges, each of at least the `minimum_area` of the case:
-    GDAL's sieve merges smaller patches into their largest neighbour.
-    """
+    GDAL's sieve merges smaller patches into their largest neighbour."""
     numbers, grid = _north_up(hazard["hazard_class"])
     return _by_cell(numbers, grid, case_in(hazard.attrs).hazard["minimum_area"])
 
@@ -47,8 +46,7 @@ def _by_cell(numbers: np.ndarray, grid: Grid, minimum_area: float) -> Zones:
 
 def zones_of(hazard: xr.Dataset) -> Zones:
     """Zones of a hazard class with generalised outlines, no part narrower than the `minimum_width`
-    of the case; along cell edges if that is zero. Used for texts, files and figures.
-    """
+    of the case; along cell edges if that is zero. Used for texts, files and figures."""
     numbers, grid = _north_up(hazard["hazard_class"])
     keys = case_in(hazard.attrs).hazard
     return _generalised(numbers.tobytes(), grid, keys["minimum_area"], keys["minimum_width"])

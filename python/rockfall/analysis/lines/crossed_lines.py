@@ -26,8 +26,7 @@ def crossed_lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> pd
     """One row for each place where a section (vertices x + iy) crosses a line, a barrier or a dam
     of a result, in order: COLUMNS, with the barrier's height [m] and capacity [J]. The numbers
     cover all boulders that cross the line within a distance [m] on either side; NaN unless all rows
-    are kept.
-    """
+    are kept."""
     rows = [*_lines(result, vertices, within), *_dams(result, vertices)]
     return pd.DataFrame(sorted(rows, key=lambda row: row["distance"]), columns=COLUMNS)
 

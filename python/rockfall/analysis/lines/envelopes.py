@@ -25,8 +25,7 @@ def envelopes(
     values: Mapping[str, np.ndarray], source: Sources, prefix: str = ""
 ) -> dict[str, float]:
     """Statistics of the boulders with known (not NaN) quantities, by `envelope_names`. Those
-    without a complete interval are left out; the maximum is given for any number of boulders.
-    """
+    without a complete interval are left out; the maximum is given for any number of boulders."""
     columns: dict[str, float] = {}
     for quantity in QUANTITIES:
         is_known = np.isfinite(values[quantity])

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Samples of the quantities at lines, for all boulders of a result or for groups: from rows of
-boulders or, if a run keeps none, from counts and sums.
-"""
+boulders or, if a run keeps none, from counts and sums."""
 
 from __future__ import annotations
 

@@ -167,8 +167,7 @@ def _first_crossings(
     motion: Motion, place: complex, direction: complex, within: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pieces of trajectory in which boulders first cross a station, and the fraction of the piece
-    before the crossing (0 to 1).
-    """
+    before the crossing (0 to 1)."""
     start, end = (x + 1j * y for x, y, *_ in (motion.start, motion.end))
     before = ((start - place) * np.conj(direction)).real
     after = ((end - place) * np.conj(direction)).real

@@ -33,8 +33,7 @@ COLUMNS += [f"corridor_{quantity}_max" for quantity in MAPPED]
 
 def map_numbers(result: xr.Dataset, stations: Stations) -> dict[str, np.ndarray]:
     """COLUMNS at each station; NaN where the result has no such map, outside the maps, and where
-    too few boulders passed for a reliable number.
-    """
+    too few boulders passed for a reliable number."""
     columns = {name: np.full(stations.distance.size, np.nan) for name in COLUMNS}
     if (passed := passed_map(result)) is not None:
         count = _at(result, passed, stations, passages_of(result))
@@ -63,8 +62,7 @@ def has_maps(result: xr.Dataset) -> bool:
 
 def known(result: xr.Dataset, name: str) -> np.ndarray:
     """Values of a map (y, x), NaN where too few boulders passed for a reliable one. Without a
-    passage count, a quantile is reliable where both its limits exist.
-    """
+    passage count, a quantile is reliable where both its limits exist."""
     values = result[name].values
     if (thin := thin_cells(result, name)) is not None:
         return np.where(thin, np.nan, values)

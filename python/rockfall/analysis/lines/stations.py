@@ -17,8 +17,7 @@ MAX_STATIONS = 10_000
 
 class SectionLine(NamedTuple):
     """A section: vertices as x + iy [m], the half-width of its corridor, and the interval between
-    stations [m]; None: a round value that gives about 100.
-    """
+    stations [m]; None: a round value that gives about 100."""
 
     vertices: np.ndarray
     within: float = 10.0

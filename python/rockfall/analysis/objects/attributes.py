@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Attributes of objects at risk: read from the columns of a layer and checked against their range.
-Errors name file, feature and attribute in one line.
-"""
+Errors name file, feature and attribute in one line."""
 
 from __future__ import annotations
 

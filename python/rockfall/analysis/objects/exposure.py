@@ -127,8 +127,7 @@ def _damage(
     layer: Layer, kinds: list[str], thresholds: np.ndarray, curves: Mapping[str, Curve]
 ) -> tuple[list[Harm | None], list[int]]:
     """Harm to property, and the objects with a value but no vulnerability. Vulnerability comes from
-    `curve`, else the vulnerability attributes, else the default for buildings.
-    """
+    `curve`, else the vulnerability attributes, else the default for buildings."""
     if not layer.has("value"):
         return [None] * layer.size, []
     worth = layer.numbers("value", 1.0) * layer.numbers("exposure", 1.0)

@@ -65,8 +65,7 @@ def read_objects(
     curves: Mapping[str, Curve] = SHIPPED,
 ) -> Objects:
     """Read the objects of layers: vulnerability for each intensity between the thresholds [J], or
-    by a curve, and the exposed persons and values.
-    """
+    by a curve, and the exposed persons and values."""
     all_objects = []
     for file, (layer, own) in zip(files, named_layers(files, grid, remarks), strict=True):
         objects = Objects([str(file.path)], [file.label] * len(own), layer.shapes, own)
@@ -88,8 +87,7 @@ def read_objects(
 
 def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
     """Remarks on values without a vulnerability, and on duplicate objects with equal attributes;
-    different objects at one place may be flats in a house.
-    """
+    different objects at one place may be flats in a house."""
     if layer.has("value") and objects.vulnerability is None and not objects.exposed:
         yield remark(layer.path, "input.value_unused")
     columns = [column for name, column in layer.columns.items() if name not in {"name", "fid"}]
@@ -253,8 +251,7 @@ def _take_values(objects: Objects, layer: Layer, intensities: int) -> None:
 
 def object_hits(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:
     """Energy [J] and height of the centre [m] of each boulder of a run at each line object, (2,
-    boulders), by object number; NaN for boulders that miss it.
-    """
+    boulders), by object number; NaN for boulders that miss it."""
     for number in np.unique(objects.owner):
         check_all_rows(result, "an object that is a line")
         hits = np.full((2, result.sizes["boulder"]), np.nan)

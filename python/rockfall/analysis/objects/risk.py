@@ -52,8 +52,7 @@ def mean_of_counts(
 ) -> Frequencies:
     """Mean harm where only the numbers of boulders that hit and that exceed each threshold [J] are
     known: value and upper limit use the upper bounds of the intensities, the lower limit their
-    lower bounds.
-    """
+    lower bounds."""
     ends = np.append(thresholds, np.inf)
     above = np.nextafter(np.append(0.0, thresholds), np.inf)
     upper, lower = (harm.scale * harm.curve.fraction(count) for count in (ends, above))

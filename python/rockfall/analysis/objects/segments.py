@@ -240,8 +240,7 @@ def _pieces(stretch: _Stretch, step: float | None, path: str) -> Iterator[_Piece
 
 def strips_along(whole: Any, axes: Sequence[Any], width: float) -> list[Any]:
     """Strips of ground along pieces of a line, with straight ends, that together cover the whole
-    strip: the outer gap in a bend belongs to the first piece.
-    """
+    strip: the outer gap in a bend belongs to the first piece."""
     import shapely
 
     strips = [shapely.buffer(axis, width / 2, cap_style="flat") for axis in axes]
@@ -264,8 +263,7 @@ def _sources_on(grounds: Sequence[Any], scene: Scene) -> int:
 
 def _outlines(ground: Any) -> Iterator[Any]:
     """Curves that a boulder touches first: the axis, or the outline of a strip; for a closed road
-    also the inner outline, since boulders may come from inside.
-    """
+    also the inner outline, since boulders may come from inside."""
     for part in getattr(ground, "geoms", [ground]):
         yield from (part.exterior, *part.interiors) if part.geom_type == "Polygon" else (part,)
 

@@ -146,8 +146,7 @@ def observed_files(case: Case) -> list[Path]:
 
 def site_observations(site: xr.Dataset | Scene) -> Observed | None:
     """Observations named by the case of a result or scene; None without any. Raises a RockfallError
-    for unreadable files, and for observations of another site.
-    """
+    for unreadable files, and for observations of another site."""
     case = site.case if isinstance(site, Scene) else case_of(site)
     if not (files := observed_files(case)):
         return None
@@ -168,8 +167,7 @@ def _check_lines(seen: Observed, names: list[str]) -> None:
 
 def disagreement(comparison: Comparison) -> Text:
     """Number of compared values that differ beyond the sampling error of both. If there are more
-    than chance explains, the value with the largest error is given, preferably a mean.
-    """
+    than chance explains, the value with the largest error is given, preferably a mean."""
     tested, differing = 0, []
     tables = [name for name in TABLES if name != "passing" or not len(comparison.run_out)]
     for name in tables:  # fractions at all stopping distances come from one sample
@@ -318,8 +316,7 @@ def _ks(
     share: np.ndarray,
 ) -> pd.DataFrame:
     """Two-sample Kolmogorov-Smirnov tests, and published tests of the method (paper, table 4).
-    `share` weights the simulated boulders in the test of distances.
-    """
+    `share` weights the simulated boulders in the test of distances."""
     import pandas as pd
 
     own = seen.tests[seen.tests["method"] == method]

@@ -60,8 +60,7 @@ def stops_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
     """Table of impacts: x, y, reach_probability; speed and height [m/s, m] where known, with the
-    corresponding maps of the result; and other columns of the file.
-    """
+    corresponding maps of the result; and other columns of the file."""
     import pandas as pd
 
     if seen.contacts is None or not {*REACH} & set(result):

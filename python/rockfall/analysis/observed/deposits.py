@@ -60,8 +60,7 @@ ALL = ""  # name of the unknown source of blocks
 class Blocks(NamedTuple):
     """Blocks mapped at rest, from one known source or none: places (n, 2) [m]; volumes [m3], NaN if
     unknown; mapped area (shapely), None for everywhere; block shapes, 0 if unknown, None if no
-    block has one.
-    """
+    block has one."""
 
     source: str
     place: np.ndarray
@@ -86,8 +85,7 @@ class Rest(NamedTuple):
 class Kernel(NamedTuple):
     """Parameters of the kernels: the number of neighbours that sets the width and the number of
     boulders it applies to; the width in log volume (infinite if volumes do not count); the deposit
-    area [m2]; the cell size [m]; and whether block shapes count.
-    """
+    area [m2]; the cell size [m]; and whether block shapes count."""
 
     neighbours: float
     boulders: int
@@ -223,8 +221,7 @@ def _neighbours(kernel: Kernel, n: int) -> float:
 
 def kernel_widths(kernel: Kernel, rest: Rest) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Kernel widths [m] of boulders, the widths if a nearer boulder is left out, and the squared
-    distance [m2] up to which a boulder counts as nearer: (boulders,).
-    """
+    distance [m2] up to which a boulder counts as nearer: (boulders,)."""
     from scipy.spatial import KDTree
 
     n = len(rest.place)
@@ -265,8 +262,7 @@ def log_densities_again(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
     """Sums of log-densities (times,) over random boulders of a run, as many as blocks and of
-    similar volumes, each given the others.
-    """
+    similar volumes, each given the others."""
     if not len(rest.place):
         return np.full(times, np.log(kernel.floor) * len(blocks.place))
     chosen = _like(kernel, blocks, rest, times, random)
@@ -320,8 +316,7 @@ def kernel_values(
     kernel: Kernel, blocks: Blocks | Rest, rest: Rest, widths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weights of boulders by volume and shape, and kernels of these widths [m], multiplied by the
-    weights [m-2]: (blocks, boulders).
-    """
+    weights [m-2]: (blocks, boulders)."""
     alike = like_weights(kernel, blocks, rest)
     return alike, alike * _normal(_squares(blocks.place, rest), widths)
 
@@ -338,8 +333,7 @@ def outside(kernel: Kernel, near: np.ndarray) -> np.ndarray:
 
 class Agreement(NamedTuple):
     """Comparison of blocks at rest of a source with a result: mean log-density at the blocks and at
-    the same number of simulated boulders, its 5 % quantile, and the blocks outside all deposits.
-    """
+    the same number of simulated boulders, its 5 % quantile, and the blocks outside all deposits."""
 
     source: str
     blocks: int
@@ -353,8 +347,7 @@ class Agreement(NamedTuple):
 def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
     """Blocks at rest without a known release, compared with the boulders of a result, by source;
     empty if too few boulders came to rest. Half of the boulders form the density; the other half
-    are the reference, because like the blocks they did not contribute to it.
-    """
+    are the reference, because like the blocks they did not contribute to it."""
     random, agreements = np.random.default_rng(0), []
     for blocks in witnesses(result, seen):
         rest = at_rest(result, blocks)
@@ -381,8 +374,7 @@ def _densities(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> tuple[np.nd
 
 def grid_for(result: xr.Dataset, given: Iterable[str | Path | Observed]) -> Grid | None:
     """Grid for reading layers: cells of the result's terrain, in its CRS, from the north-western
-    corner to the extent of the boulders; None if no observation is a layer.
-    """
+    corner to the extent of the boulders; None if no observation is a layer."""
     if not any(is_point_layer(item) for item in given if not isinstance(item, Observed)):
         return None
     from rasterio.crs import CRS

@@ -50,8 +50,7 @@ PREFIX = "mark"
 class Mark:
     """A mark: place [m], height of its middle [m], diameter of the trunk [m], azimuth of the side
     that was hit [degree] (NaN if unknown), the number of marks that it exceeds or equals, and its
-    line in a case.
-    """
+    line in a case."""
 
     where: str
     x: float
@@ -94,8 +93,7 @@ def read_marks(seen: Observed) -> list[Mark]:
 
 def with_lines_at(scene: Scene, marks: list[Mark]) -> tuple[Scene, list[Mark]]:
     """Scene with a line at each mark, and the marks with the names of their lines. The scene is run
-    once to find the widths of the lines and the directions of the boulders.
-    """
+    once to find the widths of the lines and the directions of the boulders."""
     if not marks:
         return scene, marks
     given = list(scene.case.line)
@@ -152,8 +150,7 @@ def _line(
 
 def passing_at(result: xr.Dataset, mark: Mark) -> Passing:
     """Heights of the boulders of a run that cross the line of a mark; if its side is known, only of
-    boulders that move towards that side.
-    """
+    boulders that move towards that side."""
     k = line_names(result).index(mark.line)
     heights = values_at(result, "passing_height", k)
     able = np.ones(heights.size, bool)

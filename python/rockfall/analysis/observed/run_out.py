@@ -201,8 +201,7 @@ def _in_frame(ways: Sample, across: np.ndarray) -> Sample:
 
 class Starts(NamedTuple):
     """Starts of boulders as observers can distinguish them: a feature of the source layer, a cliff
-    (adjacent source cells), or a point.
-    """
+    (adjacent source cells), or a point."""
 
     group: np.ndarray  # of each boulder, from 0
     names: list[str]  # of the groups
@@ -249,8 +248,7 @@ def cell_of(result: xr.Dataset) -> float:
 
 def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
     """Mask of the boulders of a result to compare with observed stopping places or distances: those
-    from the same starts, or all if starts are unknown; and its description.
-    """
+    from the same starts, or all if starts are unknown; and its description."""
     total = result.sizes["boulder"]
     if seen.stops is None or seen.starts is None:
         return np.ones(total, bool), ""
@@ -269,8 +267,7 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
 
 def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
     """Observed boulders: stopping distance, lateral offset [m] where places are known, and source
-    number; None if the distances are unknown.
-    """
+    number; None if the distances are unknown."""
     origins = starts(result)
     if seen.stops is None or (seen.starts is None and len(origins.places) > 1):
         if seen.distances is None:
@@ -425,8 +422,7 @@ def passing(
     result: xr.Dataset, distance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Distances [m], and the fraction of boulders that travel at least this far with its 95 %
-    limits, from the `distance` of each boulder.
-    """
+    limits, from the `distance` of each boulder."""
     source = sources(result)
     shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)
     fraction = [fraction_interval(distance >= limit, source) for limit in shown]

@@ -44,8 +44,7 @@ class Rocks:
 def rocks_of(scene: Scene) -> Iterator[Rocks]:
     """Zones that occur in some cell, in the order of their table. For raster sizes: the fifths of
     the cells with the smallest, middle and largest rocks by R_m or Rg70, each with its median
-    sizes. Absorbing cells, and ground that does not use the case's impact sets, are left out.
-    """
+    sizes. Absorbing cells, and ground that does not use the case's impact sets, are left out."""
     surface, ground = scene.case.surface, scene.ground
     scale = radius_over_rg(scene.case) if surface["method"] == "A" else 1.0
     usual = _follows_sets(scene)

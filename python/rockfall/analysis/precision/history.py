@@ -25,8 +25,7 @@ STEPS = 24  # number of sizes
 
 def sizes(source: Sources) -> list[int]:
     """Numbers of boulders, evenly spaced in their logarithm, up to all; multiples of a full cycle
-    of sources if there are enough.
-    """
+    of sources if there are enough."""
     source_count, boulders = source.count, source.number.size
     n = np.geomspace(min(FIRST, boulders), boulders, STEPS).round().astype(int)
     n = np.where(n > source_count, n // source_count * source_count, n)
@@ -48,8 +47,7 @@ def mixed(source: Sources) -> np.ndarray:
 
 def known_of(number: np.ndarray, source: Sources) -> Sources:
     """Sources of the first boulders of `mixed`: strata only if all sources have the same number;
-    otherwise the selection of sources is random.
-    """
+    otherwise the selection of sources is random."""
     whole = number.size == source.number.size
     if source.sampled or whole or not np.ptp(np.bincount(number, minlength=source.count)):
         return Sources.of(number, source.sampled)

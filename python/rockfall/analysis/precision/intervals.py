@@ -44,8 +44,7 @@ WITHHELD = math.nan, math.nan  # limits for too few boulders
 @dataclass(frozen=True)
 class Sources:
     """Sources of boulders. A selection (`sources[which]`) keeps the released numbers, because the
-    number of selected boulders is random too.
-    """
+    number of selected boulders is random too."""
 
     number: np.ndarray  # source of each boulder, from 0
     stratum: np.ndarray  # source, with sources of a single boulder merged with another
@@ -144,8 +143,7 @@ class Sums:
     ) -> tuple[float, float]:
         """Limits of the interval of the mean, less the mean, for values of this shape; NaN for
         fewer than `fewest` values (or sources, if these are sampled). See `hall` for the other
-        arguments.
-        """
+        arguments."""
         n = self.size
         if shape.apart < fewest:
             return WITHHELD
@@ -260,8 +258,7 @@ def hall(
 
 def limits_of_printed(mean: float, std: float, n: float, signed: bool) -> tuple[float, float]:
     """Limits of the interval of a mean of n values, from mean and standard deviation alone; values
-    are not negative unless `signed`. NaN for too few.
-    """
+    are not negative unless `signed`. NaN for too few."""
     if not n >= MIN_FOR_MEAN:
         return WITHHELD
     below = mean / std if std > 0 and mean > 0 and not signed else math.inf
@@ -341,8 +338,7 @@ def student(freedom: float) -> float:
 def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[float, float]:
     """Order statistics that enclose a quantile, interpolated between ranks, because intervals of
     small samples would otherwise be too wide; NaN beyond the sample. (SciPy's quantile_test does
-    not interpolate, and has no strata.)
-    """
+    not interpolate, and has no strata.)"""
     n = ordered.size
     low, high = np.interp(
         ranks_around(n, level, effective), np.arange(1, n + 1), ordered, np.nan, np.nan
@@ -354,8 +350,7 @@ def quantile(
     values: np.ndarray, level: float, source: Sources | Weighted
 ) -> tuple[float, float, float]:
     """Quantile and its 95 % interval as in line statistics, or for weighted boulders; NaN without
-    values, or for an unknown level.
-    """
+    values, or for an unknown level."""
     if not values.size or np.isnan(level):
         return np.nan, np.nan, np.nan
     if isinstance(source, Weighted):
@@ -374,8 +369,7 @@ def ranks_around(n: int, level: float, effective: float) -> np.ndarray:
 
 def half_width(row: Mapping[str, float], name: str) -> float:
     """Half-width of a confidence interval relative to its number: 0 for equal values, inf if the
-    number is 0, NaN without an interval.
-    """
+    number is 0, NaN without an interval."""
     value = row.get(name, np.nan)
     if name != "fraction" and row.get("std") == 0 and row["n"] >= CROSSED:
         return 0.0
@@ -388,8 +382,7 @@ def half_width(row: Mapping[str, float], name: str) -> float:
 def boulders_needed(boulders: float, width: float, limit: float, crossed: float = np.inf) -> float:
     """Number of boulders for an interval of `limit`, given an interval of `width` from `boulders`:
     the width falls as 1/sqrt(n). If `crossed`, the number past the line, is given, the interval
-    counts from `CROSSED` on.
-    """
+    counts from `CROSSED` on."""
     return boulders * max((width / limit) ** 2, CROSSED / crossed if crossed else np.inf)
 
 

@@ -50,8 +50,7 @@ def mean_of(values: np.ndarray, fewest: int = MIN_FOR_MEAN) -> Estimate:
 
 def quantile_of(values: np.ndarray, level: float = LEVEL) -> Estimate:
     """Quantile of the known values (not NaN). Its influence uses the density between the order
-    statistics that enclose it (Woodruff 1952).
-    """
+    statistics that enclose it (Woodruff 1952)."""
     has = ~np.isnan(values)
     if not has.any():
         return Estimate(math.nan)
@@ -84,8 +83,7 @@ def mean_difference(apart: np.ndarray, source: Sources) -> Difference:
 
 def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
     """Difference of the means over the boulders that have a value in each run. Each mean is a ratio
-    of means over all boulders; the interval is linearised (Cochran 1977).
-    """
+    of means over all boulders; the interval is linearised (Cochran 1977)."""
     ours, theirs = mean_of(here, fewest=2), mean_of(before, fewest=2)
     value = ours.value - theirs.value
     if ours.influence is None or theirs.influence is None:
@@ -98,8 +96,7 @@ def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -
 
 def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
     """Difference of the fractions of chosen boulders. If boulders change sides in one direction
-    only, it is the fraction that changed, with an interval that stays between 0 and 1.
-    """
+    only, it is the fraction that changed, with an interval that stays between 0 and 1."""
     gained, lost = here & ~before, before & ~here
     if gained.any() and lost.any():
         return mean_difference(here * 1.0 - before, source)
@@ -124,8 +121,7 @@ def relative_changes(
     whole: np.ndarray, before: np.ndarray, parts: np.ndarray, parts_before: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Relative changes of numbers (...) over all boulders, and standard errors from the numbers of
-    parts (..., parts). NaN for changes from 0.
-    """
+    parts (..., parts). NaN for changes from 0."""
     before = np.where(before == 0, np.nan, before)
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Degrees of freedom")  # no boulder crossed

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Samples for statistics: values of each boulder, or the bins, sums and largest values that a run
-keeps instead (rockfall.result.samples).
-"""
+keeps instead (rockfall.result.samples)."""
 
 from __future__ import annotations
 
@@ -60,8 +59,7 @@ class Sample(ABC):
     def fitted_between(self, level: float, effective: float) -> tuple[float, float]:
         """Estimates of the order statistics that enclose a quantile, from many more values around
         them, whose logarithms are fitted by normal scores. In a tail the distance of two order
-        statistics has twice the error of the fitted one.
-        """
+        statistics has twice the error of the fitted one."""
         ranks = np.clip(ranks_around(self.n, level, effective), 0.5, self.n + 0.5)
         middle = 1 + level * (self.n - 1)
         ends = np.clip(middle + FITTED * (ranks - middle), 1, self.n)
@@ -195,8 +193,7 @@ class Counts(Sample):
         sampled: bool,
     ) -> None:
         """Counts in bins; words (parts, 5) of sums; coarse counts of each group with its released
-        number; units per unit of the quantity; the largest values, None without a tail.
-        """
+        number; units per unit of the quantity; the largest values, None without a tail."""
         used = np.flatnonzero(bins)
         self._bins, self._low, self._width = bins[used], LOW[used], WIDTH[used]
         self._coarse = used // (bins.size // SAMPLE_COARSE)

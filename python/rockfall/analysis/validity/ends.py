@@ -66,8 +66,7 @@ def _radius(volumes: np.ndarray) -> np.ndarray:
 def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on boulders that count as released but do not represent the slope: left the known
     terrain before a line, reached the limit of contacts, or stayed at their source. They bias
-    fractions and frequencies low. If no rows are kept, a remark notes that they are unknown.
-    """
+    fractions and frequencies low. If no rows are kept, a remark notes that they are unknown."""
     if "status" not in values:
         return
     if not (status := np.asarray(values["status"])).size:
@@ -96,8 +95,7 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iterator[Text]:
     """Lines where few boulders cross, compared with boulders that ended while moving and would have
     crossed on a straight path: counting these, the fraction would exceed its 95 % interval.
-    Far-travelling boulders are also those that leave the terrain.
-    """
+    Far-travelling boulders are also those that leave the terrain."""
     if not (is_moving.any() and case.lines and "row_size" in values):
         return
     n = is_moving.size

@@ -48,8 +48,7 @@ class Extrapolation(NamedTuple):
 
 def fractions_outside(values: Variables) -> dict[str, float]:
     """Fractions of the rebounds by impact sets or tables outside the fitted ranges of R_b/R_m,
-    speed and angle; `values` as for `extrapolations`.
-    """
+    speed and angle; `values` as for `extrapolations`."""
     rebounds = max(1.0, _stochastic(values))
     return {what: sum_of(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
 
@@ -83,8 +82,7 @@ def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolat
 
 def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, Any]]:
     """Message and values for rebounds outside the size ratios of their impact sets or tables; the
-    ratios are those of a shipped table.
-    """
+    ratios are those of a shipped table."""
     followed = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
     tables = [ground.name for ground in followed if ground.model == RATIO_TABLE]
     if not tables:

@@ -65,8 +65,7 @@ def ground_part(rebounds: GroundRebounds) -> Text:
 
 def followed_text(values: Variables, case_set: str) -> str:
     """Grounds on which boulders rebounded, with models and fractions, most frequent first; without
-    grounds, the impact sets of the case.
-    """
+    grounds, the impact sets of the case."""
     grounds = sorted(rebounds_by_ground(values), key=lambda ground: -ground.rebounds)
     if not grounds:
         return say("inputs.impact_sets", impact_set=case_set)
@@ -113,8 +112,7 @@ def _set_errors(name: str, method: str) -> dict[str, int]:
 
 def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on the fraction of rebounds by impact tables, on their field validation, and on
-    boulders much larger than the simulated blocks; none without tables.
-    """
+    boulders much larger than the simulated blocks; none without tables."""
     if not (tables := table_grounds(values)):
         return
     names = [table.name for table in tables]

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
 def model_remarks(values: Variables, case: Case) -> list[Remark]:
     """All remarks on the model, each once and ordered by grade, from the case and the variables of
-    a result or of boulders, by name.
-    """
+    a result or of boulders, by name."""
     remarks = dict.fromkeys(_found(values, case))
     return sorted(remarks, key=lambda remark: GRADES.index(remark.grade))
 

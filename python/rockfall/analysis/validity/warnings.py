@@ -33,8 +33,7 @@ def joint_warnings(results: Mapping[str, Held]) -> list[Text]:
 
 def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
     """Warnings of several results by name, each once, with the numbers of the first result
-    concerned; the concerned results are named unless all are.
-    """
+    concerned; the concerned results are named unless all are."""
     texts: dict[tuple[str, ...], Text] = {}
     names: dict[tuple[str, ...], list[str]] = {}
     for name, own in by_name.items():

@@ -86,8 +86,7 @@ class Site:
         variant: str = "",
     ) -> Document:
         """Copy of a document with layers and groups replaced by those from the page; `variant` is
-        the variant it is based on. Refuses invalid values.
-        """
+        the variant it is based on. Refuses invalid values."""
         if not isinstance(variant, str) or variant not in ("", *self.variants.documents):
             raise Refused(say("app.server_wrong_type", name="variant"))
         new_layers, new_settings = dict(document.layers), dict(document.settings)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Forms for editing a document: fields for keys of the case by group and for attributes of features
-by layer, with units and ranges from the kernel's table; and checks of values.
-"""
+by layer, with units and ranges from the kernel's table; and checks of values."""
 
 from functools import cache
 from typing import Any, NamedTuple

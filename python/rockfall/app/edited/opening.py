@@ -256,8 +256,7 @@ def _typed(kind: str, value: Any) -> Any:
 
 def _zones(inputs: Inputs, form: Form, surface: dict[str, Any]) -> Iterator[Feature]:
     """Features of the zone polygons. Zones written by this window to fill the rest of the terrain
-    become the uniform ground of the case again.
-    """
+    become the uniform ground of the case again."""
     import shapely
 
     own = inputs.case.surface

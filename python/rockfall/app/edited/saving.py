@@ -40,8 +40,7 @@ def check_name(name: object) -> str:
 
 def check_free(folder: Path, names: list[str], overwrite: bool) -> None:
     """Refuse names of existing files or folders unless they are to be replaced. Links to folders
-    are refused, because files elsewhere would be replaced.
-    """
+    are refused, because files elsewhere would be replaced."""
     taken = [name for name in names if os.path.lexists(folder / name)]
     for name in taken:
         if (folder / name).is_symlink() and (folder / name).is_dir():
@@ -83,8 +82,7 @@ def _with_variants(
     site: Site, document: Document, made: Runnable, file: str
 ) -> tuple[Case, set[str], str]:
     """Case with the &variant groups of the site, and its inline layers, so that these groups can
-    name features; without the groups, and with a remark, if their meaning would change.
-    """
+    name features; without the groups, and with a remark, if their meaning would change."""
     groups = site.variants.groups
     if not groups:
         return made.named(file), set(), ""

@@ -44,8 +44,7 @@ def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
 
 def packing_note(path: str | Path) -> list[str]:
     """Remark on stored numbers that a companion file scales or offsets, which the raster alone does
-    not show. Packing in netCDF files is explicit.
-    """
+    not show. Packing in netCDF files is explicit."""
     remarks: list[str] = []
     with open_raster(path) as raster:
         add_packing_note(raster, remarks)

@@ -94,8 +94,7 @@ class GdalCells:
 
 class AsciiSource:
     """Replacement for GDAL's dataset, for ESRI ASCII grids without companion files: importing GDAL
-    takes longer than reading a small grid.
-    """
+    takes longer than reading a small grid."""
 
     crs, units, dtypes = None, (None,), ("float64",)
 
@@ -143,8 +142,7 @@ class RasterFile:
 
     def warp(self, suffix: str, options: str, factor: float = 1.0) -> str:
         """Command that resamples this file into dem_suffix.tif, with holes as nodata instead of 0.
-        Values are multiplied by a factor and unpacked, which `rio warp` does not do.
-        """
+        Values are multiplied by a factor and unpacked, which `rio warp` does not do."""
         if self.source.nodata is None:
             dtype = np.dtype(self.source.dtypes[0])
             mark = np.iinfo(dtype).max if dtype.kind == "u" else -9999
@@ -159,8 +157,7 @@ class RasterFile:
     def in_metres(self, plan: str | None, factor: float) -> str:
         """Command that writes dem_utm.tif in another plan CRS, or dem_m.tif in the same one, with
         elevations multiplied by a factor. The vertical CRS is dropped, because readers would
-        convert again.
-        """
+        convert again."""
         if plan is not None:
             return self.warp("utm", f"--dst-crs {plan} --resampling bilinear", factor)
         out, values = self._beside("m"), self._expression(factor)

@@ -74,8 +74,7 @@ class Part(NamedTuple):
 
 class Drawing(NamedTuple):
     """Entities of the model space, the unit ("" for metres or none), and the number of paper-space
-    entities of each layer, by case-insensitive name.
-    """
+    entities of each layer, by case-insensitive name."""
 
     parts: list[Part]
     unit: str
@@ -147,8 +146,7 @@ def _taken_apart(
     entities: Any, layer: str, depth: int, of_blocks: Iterator[int]
 ) -> Iterator[tuple[str, DXFEntity]]:
     """Layers and entities, with inserted blocks exploded; layer 0 in a block becomes the layer of
-    the insertion. `of_blocks` counts entities from blocks.
-    """
+    the insertion. `of_blocks` counts entities from blocks."""
     if depth > MAX_DEPTH:
         raise RockfallError(f"blocks within blocks, more than {MAX_DEPTH} deep")
     for entity in entities:
@@ -222,8 +220,7 @@ def _chords(curve: Any, where: str) -> np.ndarray:
 
 def without_outlines(parts: list[Part]) -> list[Part]:
     """Parts without the closed lines around hatches or around holes in them: these areas would
-    count twice, and holes as areas.
-    """
+    count twice, and holes as areas."""
     hatched = [_measures(ring) for part in parts for ring in part.rings]
     if not hatched:
         return parts

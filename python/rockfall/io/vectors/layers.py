@@ -81,8 +81,7 @@ def burn_polygons(
 ) -> np.ndarray:
     """Integer `field` of the polygon that contains each cell centre (int32, `NO_ID` outside), or
     its value in `numbers`; the last polygon where they overlap. Other arguments as in
-    `_on_terrain`.
-    """
+    `_on_terrain`."""
     remarks, read = [] if remarks is None else remarks, [field] if numbers is None else []
     need("polygons need", "vector", "pyogrio", "shapely")
     import shapely
@@ -132,8 +131,7 @@ def numbered_polygons(
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Part of a polygon, from 1, that contains each cell centre (0: none; the last where they
     overlap); the feature, from 1, of each part, after a leading 0; and the attributes of all
-    features. Other arguments as in `_on_terrain`.
-    """
+    features. Other arguments as in `_on_terrain`."""
     polygons = _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)
     note_outside(str(path), polygons.shapes, grid, SLIVER, remarks)
     cells, owner, parts = _numbered(polygons, grid)
@@ -148,8 +146,7 @@ def _numbered(
     polygons: _Features, grid: Grid, order: int = 1
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Part of a polygon that contains each cell: the last one, or the first for order -1; the
-    feature of each part; and the parts.
-    """
+    feature of each part; and the parts."""
     import shapely
 
     parts, owner = shapely.get_parts(polygons.shapes, return_index=True)
@@ -302,8 +299,7 @@ def _drawn(
 ) -> np.ndarray:
     """Shapes of a layer of a drawing, which has no attributes and no CRS. Closed lines and hatches
     become polygons if polygons are allowed. Entities such as texts are left out with a remark; a
-    line where a polygon is required is refused.
-    """
+    line where a polygon is required is refused."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import shapely
 

@@ -115,8 +115,7 @@ def _joined(chunks: Iterable[np.ndarray]) -> np.ndarray:
 
 def _averaged(chunks: Iterable[np.ndarray], side: float) -> np.ndarray:
     """Mean of the points in each square that has any: independent of the chunk size except for
-    rounding. A plane stays a plane.
-    """
+    rounding. A plane stays a plane."""
     squares, sums = _sums(np.empty(0, np.int64), np.empty((0, 4)))
     waiting: list[tuple[np.ndarray, np.ndarray]] = []
     for chunk in chunks:
@@ -168,8 +167,7 @@ def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
 
 def _laser_crs(path: str | Path) -> CRS | None:
     """CRS of a LAS file, None if it has none. Contradictory records are refused: laspy uses the
-    last, other readers use the first or join them.
-    """
+    last, other readers use the first or join them."""
     from rasterio.crs import CRS
 
     with _Laser(path) as reader:
@@ -218,8 +216,7 @@ def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any])
 
 def _in_metres(path: Path, factor: str) -> str:
     """Command that writes a cloud with heights multiplied by a factor, without its CRS, because
-    readers would convert again: --crs gives the plan CRS.
-    """
+    readers would convert again: --crs gives the plan CRS."""
     made = str(path.with_name(f"{path.stem}_m{path.suffix}"))
     code = f"import laspy; p = laspy.read({str(path)!r}); p.z = p.z * {factor}; p.vlrs = []; "
     code += f"p.evlrs = []; p.write({made!r})"

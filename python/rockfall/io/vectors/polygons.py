@@ -81,8 +81,7 @@ def note_outside(
 
 def empty_polygons(cells: np.ndarray, shapes: np.ndarray, grid: Grid) -> np.ndarray:
     """Mark polygons that contain no cell centre, given the polygon number (from 1) of each cell.
-    Most polygons are found in a few cells, the others are searched within their bounds.
-    """
+    Most polygons are found in a few cells, the others are searched within their bounds."""
     import shapely
 
     held = np.zeros(len(shapes) + 1, bool)

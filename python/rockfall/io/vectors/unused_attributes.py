@@ -31,8 +31,7 @@ def note_unused(
     plain: Callable[[str], str] = str.lower,
 ) -> None:
     """Add a remark on columns that are not among the `used` names, which shapefiles truncate. It
-    includes a used name that the column resembles, unless the file has that column.
-    """
+    includes a used name that the column resembles, unless the file has that column."""
     names = [plain(name) for name in used]
     expected = {*names, *(name[:SHORT] for name in names)}
     own = {plain(name): name for name in columns}

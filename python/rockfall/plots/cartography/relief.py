@@ -37,8 +37,7 @@ class Contours(NamedTuple):
 
 def shade(z: np.ndarray, cell: float) -> np.ndarray:
     """Brightness of a terrain lit mostly from the north-west, with steep ground darker; nodata is
-    white. Shared by the maps of a page.
-    """
+    white. Shared by the maps of a page."""
     return _shade(z.tobytes(), z.dtype.str, z.shape, cell)
 
 
@@ -83,8 +82,7 @@ def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
 
 def draw_contours(axes: Axes, contours: Contours) -> None:
     """Draw contours, labelled ones thicker. All contours of a kind form one curve with gaps, which
-    Matplotlib simplifies and readers draw at once.
-    """
+    Matplotlib simplifies and readers draw at once."""
     from matplotlib.lines import Line2D
 
     gap = np.full((1, 2), np.nan)

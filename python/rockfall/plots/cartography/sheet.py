@@ -99,8 +99,7 @@ def new_sheet(
     room: Room = PAGE,
 ) -> Sheet:
     """New sheet as wide as its space, with a map at a round scale, this legend, and the given space
-    above it [inch]; the map background is drawn.
-    """
+    above it [inch]; the map background is drawn."""
     from matplotlib.figure import Figure
 
     west, east, south, north = extent

@@ -23,8 +23,7 @@ FINEST, COARSEST = 1000.0, 5000.0  # denominators of its scale
 @styled
 def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure:
     """Map of the zones, lines, barriers and objects of a hazard, at 1:1,000 to 1:5,000. If the
-    complete map needs a smaller scale, only the part around objects and lines is shown.
-    """
+    complete map needs a smaller scale, only the part around objects and lines is shown."""
     key = zone_key(hazard)
     wide, high = inner_size(room, key)
     extent = extent_of(hazard, terrain)

@@ -41,8 +41,7 @@ LOOKS = {False: LINE, True: NET}  # of lines; of barriers
 
 def hazard_figures(hazard: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
     """Figures of the zones of a hazard, of the intensity for each return period, of the risk of
-    exposed objects, and of each segmented road.
-    """
+    exposed objects, and of each segmented road."""
     minimum_area = case_in(hazard.attrs).hazard["minimum_area"]
     key = "hazard.classes_of_area" if minimum_area else "hazard.classes"
     shown = [

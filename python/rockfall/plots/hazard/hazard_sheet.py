@@ -89,8 +89,7 @@ def hazard_sheet(
 
 def _place_on_paper(sheet: Sheet) -> None:
     """Move the map, which fills a figure, to the lower left of the paper. Elements placed in inches
-    keep their position; the others keep their size.
-    """
+    keep their position; the others keep their size."""
     figure = sheet.figure
     wide, high = figure.get_size_inches()
     places = {axes: axes.get_position() for axes in figure.axes}
@@ -242,8 +241,7 @@ def _write_sources(block: _Block, hazard: xr.Dataset, sheet: Sheet) -> None:
 
 def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
     """Write the number of warnings, where the full list is, and as many complete warnings as fit: a
-    cut warning might lose the words "errs low".
-    """
+    cut warning might lose the words "errs low"."""
     if not warnings:
         return
     block.write(say("sheet.warnings", n=len(warnings)), NORMAL, "bold")

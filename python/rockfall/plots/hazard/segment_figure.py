@@ -37,8 +37,7 @@ def roads_of_segments(hazard: xr.Dataset) -> list[str]:
 def segment_figure(hazard: xr.Dataset, road: str) -> Figure:
     """Figure of the segments of a road: hazard class, annual frequencies with 95 % bands, and 95 %
     quantiles of the energy and upper-edge height of boulders that touch them. Hatched where too few
-    boulders give no upper limit.
-    """
+    boulders give no upper limit."""
     rows = segment_table(hazard)
     rows = rows[rows["road"] == road].sort_values("chainage_from")
     thresholds = hazard["threshold"].values.tolist()

@@ -28,8 +28,7 @@ def difference_figure(
     maps: Mapping[str, xr.DataArray], variant: str, terrain: Terrain | None = None
 ) -> Figure:
     """Map of cells where fewer or more boulders pass in a variant, from `difference_maps`; grey
-    where the verdict is undecided.
-    """
+    where the verdict is undecided."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 

@@ -24,8 +24,7 @@ LIMIT: dict[str, Any] = {"color": VERMILION, "lw": 0.9, "linestyle": (0, (5, 2))
 @styled
 def siting_figure(siting: Siting) -> Figure:
     """Energy, height and boulders at each alignment with 95 % intervals, and limits as lines. The
-    best alignment is marked, with those not significantly different.
-    """
+    best alignment is marked, with those not significantly different."""
     figure = new_figure(WIDE, 6.2)
     energy, high, round_it = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 1])
     _draw(energy, siting.table, "energy_q95", 1e-3, BLUE, "95 % quantile, total")

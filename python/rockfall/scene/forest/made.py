@@ -149,8 +149,7 @@ def _factors(
     table: Species,
 ) -> np.ndarray:  # fmt: skip
     """Toughness factor of each stem, drawn by its uniform number `u`: a species of its stand, or
-    conifer by the fraction in its cell or stand.
-    """
+    conifer by the fraction in its cell or stand."""
     unmixed, factors = np.arange(u.size), np.empty(u.size)
     if stands is not None and stand is not None:
         unmixed = np.flatnonzero(~stands.draw_species(stand, u, factors))

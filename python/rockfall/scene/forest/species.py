@@ -16,8 +16,7 @@ _SHIPPED = Path(str(importlib.resources.files("rockfall") / "data" / "species.cs
 
 class Species:
     """Toughness factors by the name of a species or its genus: `spruce`, `Picea abies`, `Fichte`;
-    case and accents are ignored.
-    """
+    case and accents are ignored."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

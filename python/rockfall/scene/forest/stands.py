@@ -71,8 +71,7 @@ class Stands(NamedTuple):
 
     def draw_species(self, stand: np.ndarray, u: np.ndarray, factors: np.ndarray) -> np.ndarray:
         """Set the toughness factors of stems in stands with given species, by a uniform number for
-        each; return a mask of these stems.
-        """
+        each; return a mask of these stems."""
         drawn = np.zeros(u.size, bool)
         for k, mixture in enumerate(self.mixtures):
             if mixture is not None:
@@ -134,8 +133,7 @@ def _note_units(
     names: Sequence[str],
 ) -> None:
     """Add a remark on each value that is likely in another unit in some stands; units wrong in all
-    stands are detected with the trees.
-    """
+    stands are detected with the trees."""
     for key, smallest in SMALLEST.items():
         own = np.where(with_trees, values.get(key, 0.0), 0.0)
         odd = np.flatnonzero((own > 0) & (own <= smallest))

@@ -15,8 +15,7 @@ SPEEDS = 1001  # tried at a time
 class Splits(NamedTuple):
     """Fragments of blocks: area ratios (n,); volumes [m3] of their fragments (n, max_fragments), 0
     beyond them, and of fines (n,); whether `&breakage max_fragments` limited them (n,). An unbroken
-    block is its only fragment.
-    """
+    block is its only fragment."""
 
     area_ratio: np.ndarray
     volumes: np.ndarray

@@ -67,8 +67,7 @@ def draws_in(path: Path, turning: str) -> list[SetFile]:
 
 def covariance_root(covariance: np.ndarray, name: str = "covariance") -> np.ndarray:
     """Root L (n, n) of a covariance C (n, n) in the unit of C: C = L L^T, by the kernel's rule
-    (theory, chapter 5). Raises a RockfallError that starts with `name` if C is not a covariance.
-    """
+    (theory, chapter 5). Raises a RockfallError that starts with `name` if C is not a covariance."""
     root, code, message = _core.covariance_root(name, covariance)
     check_kernel(code, message)
     return root

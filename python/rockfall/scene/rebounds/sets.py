@@ -22,8 +22,7 @@ DRAWS = 4000  # of the matrix A, for means of R_t and R_n
 @dataclass(frozen=True)
 class Lateral:
     """Quantiles (k, 13) of the absolute lateral deviation [degrees] in k incidence classes, the
-    class limits (k - 1,) [degrees], and the number of impacts in each (k,).
-    """
+    class limits (k - 1,) [degrees], and the number of impacts in each (k,)."""
 
     incidence: np.ndarray
     quantiles: np.ndarray

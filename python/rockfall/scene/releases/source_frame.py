@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 def source_frame(scene: Scene) -> GeoDataFrame:
     """Source points with their release attributes, named as in docs/releases.md: name, volume and
     its parameters, density, drop height, velocity, block shape and frequency, where the layer gives
-    them.
-    """
+    them."""
     need("GeoDataFrames need", "vector", "geopandas", "shapely")
     import shapely
     from geopandas import GeoDataFrame

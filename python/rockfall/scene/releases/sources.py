@@ -117,8 +117,7 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
 @dataclass
 class Unknown:
     """Cells declared as sources by a raster or polygons, and the number of these where no boulder
-    can start: no elevation there, or too few around.
-    """
+    can start: no elevation there, or too few around."""
 
     part: int = 0
     n: int = 0
@@ -126,8 +125,7 @@ class Unknown:
 
 class Polygons(NamedTuple):
     """Parts of source polygons: the part in each cell (0: none), the feature of each part (both
-    from 1), and the attributes of features.
-    """
+    from 1), and the attributes of features."""
 
     cells: np.ndarray
     owner: np.ndarray
@@ -178,8 +176,7 @@ def _with_attributes(
     part: np.ndarray | None = None,
 ) -> Sources:
     """Sources with the release attributes of features, given the feature of each source; for cells
-    also the polygon part, and the feature of each part.
-    """
+    also the polygon part, and the feature of each part."""
     features, frequency = read_attributes(inputs.case, table, feature)
     note_unused(inputs.remarks, table.path, table.columns, table.asked)
     note_marks(inputs.remarks, table.path, table.columns, table.asked)
@@ -230,8 +227,7 @@ def _note_lost(
     part: np.ndarray,
 ) -> None:
     """Remark on polygon parts without a source: parts narrower than a cell, outside the known
-    terrain, covered by later parts, or not steep. They release no boulders.
-    """
+    terrain, covered by later parts, or not steep. They release no boulders."""
     is_lost = np.bincount(part, minlength=owner.size) == 0
     is_lost[0] = False
     if not is_lost.any():
@@ -287,8 +283,7 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
 
 def _block_shapes(inputs: Inputs, axes: np.ndarray) -> np.ndarray | None:
     """Number of the block shape nearest to the axes (3, n) of each source's boulders. None if the
-    case gives shapes, with a remark if these differ.
-    """
+    case gives shapes, with a remark if these differ."""
     case, given = inputs.case, inputs.case.boulder["block_shape"]
     shape = _core.shapes_of_axes(axes)
     if BY_SOURCE in given:
@@ -334,8 +329,7 @@ def _cells(
     unknown: Unknown,
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Blocks of rows of a box, positive in source cells; their values are recorded, and those where
-    no boulder can start are counted.
-    """
+    no boulder can start are counted."""
     release, parts = inputs.case.release, list(row_blocks(box.shape))
     if polygons is not None:
         blocks = ((rows, polygons[rows]) for rows in parts)

@@ -200,8 +200,7 @@ def _stops(scene: Scene) -> Iterator[InputWarning]:
 
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
     """Normal distributions whose mean changes when truncated at zero, and lognormal distributions
-    wider than allowed for normal ones; of features, the one with the largest relative spread.
-    """
+    wider than allowed for normal ones; of features, the one with the largest relative spread."""
     widest_of: dict[str, tuple[float, str, float, float]] = {}
     for group, where, keys in _distributions(scene):
         mean, std = keys.get("volume_mean"), keys.get("volume_std")
@@ -251,8 +250,7 @@ def _rocks(scene: Scene) -> Iterator[InputWarning]:
 
 def _order(scene: Scene) -> Iterator[InputWarning]:
     """Rg values in the wrong order nearly everywhere: larger values for more frequent obstacles.
-    Published tables have this in some zones (Bourrier et al. 2009, table 1).
-    """
+    Published tables have this in some zones (Bourrier et al. 2009, table 1)."""
     ground = scene.ground
     if scene.case.surface["method"] == "B":
         return
@@ -290,8 +288,7 @@ def _shapes(scene: Scene) -> Iterator[InputWarning]:
 
 def _rests(scene: Scene) -> Iterator[InputWarning]:
     """Ground without rocks where boulders rest as on talus, because the case gives one angle for
-    all grounds or the user's row gives none.
-    """
+    all grounds or the user's row gives none."""
     given = scene.case.impact.get("rest_angle")
     angle = repose() if given is None else given
     smooth = [

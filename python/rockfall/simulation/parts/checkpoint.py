@@ -64,8 +64,7 @@ class Checkpoint:
 
     def restore(self, tally: Tally) -> None:
         """Resume from the file, if it exists. Damaged files are refused, and files with another
-        case, input, version or range of boulders.
-        """
+        case, input, version or range of boulders."""
         if not self.found():
             return
         part = read_part(self.path)

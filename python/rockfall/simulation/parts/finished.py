@@ -21,8 +21,7 @@ FINISHED = "is finished already, from the same case; nothing was changed"
 
 def is_finished(path: Path, origin: Origin, boulders: range) -> bool:
     """Return True if a file has exactly these boulders (from 1) of a run: the result if these are
-    all, or a part. False for any other or damaged file.
-    """
+    all, or a part. False for any other or damaged file."""
     try:
         with open_netcdf(path) as file:
             attrs = {name: file.getncattr(name) for name in file.ncattrs()}

@@ -331,8 +331,7 @@ def _table(
     case: Case, boulders: int, grounds: int, features: bool, shapes: bool
 ) -> tuple[dict[str, tuple[Any, tuple[str, ...]]], dict[str, int]]:
     """Type and dimensions of every variable in a part of a case, and lengths that do not depend on
-    the part, from the arrays of an empty run.
-    """
+    the part, from the arrays of an empty run."""
     run = Run.joined(
         case, (boulders, 0, 0), Box(0, 0, 0, 0), grounds, features, shapes, *np.zeros((2, 1), "i4")
     )
@@ -353,8 +352,7 @@ def _check_shapes(
     size: int | None,
 ) -> None:
     """Check that all variables of the case are present with their types and lengths, in a file of
-    sufficient `size` [bytes]; other variables are dropped.
-    """
+    sufficient `size` [bytes]; other variables are dropped."""
     origin = part.origin
     has = origin.features is not None, bool(origin.shapes)
     table, known_lengths = _table(origin.case, origin.boulders, len(origin.grounds), *has)

@@ -13,8 +13,7 @@ SHARED = ("shared_cell", "shared_source", "shared_boulders")  # sources cut by a
 
 def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
     """Count each split source once per cell, with all its boulders: the counts of the parts are
-    removed from the stack, and a joint count is added.
-    """
+    removed from the stack, and a joint count is added."""
     plan = plan_of(case).counts
     cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in SHARED)
     layers = counts.reshape(len(counts), -1)

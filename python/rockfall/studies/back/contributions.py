@@ -27,8 +27,7 @@ AGREES, CONFLICT, UNDECIDED = "agrees", "conflict", "undecided"
 
 class Contribution(NamedTuple):
     """Weights of the members by one set of data, its loss with the others and standard error, and
-    the verdict ("" for a single set).
-    """
+    the verdict ("" for a single set)."""
 
     alone: np.ndarray
     loss: float

@@ -100,8 +100,7 @@ class Deposited(Witnesses):
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """Log-density of an equal number of boulders of the same run minus that of the blocks (a
-        parameter-dependent discrepancy, Gelman, Meng and Stern 1996).
-        """
+        parameter-dependent discrepancy, Gelman, Meng and Stern 1996)."""
         near, _, boulders = self._sums(runs[picked])
         densities = np.log((near + self._floor) / (boulders + ANYWHERE)).sum(axis=1)
         which = random.integers(self.AGAIN, size=picked.size)

@@ -178,8 +178,7 @@ class Printed:
 
     def _standing(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Expected mean and log standard deviation (runs, 1 or 2), and the joint sampling errors of
-        observed and simulated values (Bonett 2006, to first order).
-        """
+        observed and simulated values (Bonett 2006, to first order)."""
         size, mean, std, kurtosis = runs.T
         fewer = 1 / self.n + 1 / (self.worth * np.maximum(size, 1))
         expected = np.stack([mean, np.log(std)], axis=1)
@@ -217,8 +216,7 @@ def evidence(
     result: xr.Dataset, seen: Observed, marks: list[Mark]
 ) -> tuple[list[Evidence], list[str]]:
     """Sets of data for a back-analysis, and notes on data that cannot be used; `result` is a run of
-    the case with a line at each mark.
-    """
+    the case with a line at each mark."""
     notes: list[str] = []
     data = [
         *_of_stops(result, seen, notes),
@@ -331,8 +329,7 @@ def predictive_p(
     data: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
 ) -> float:
     """Posterior predictive probability that the same number of simulated boulders deviates from the
-    prediction at least as much as the observed ones (Gelman, Meng and Stern 1996).
-    """
+    prediction at least as much as the observed ones (Gelman, Meng and Stern 1996)."""
     picked = random.choice(weight.size, REPLICATES, p=weight)
     observed, again = data.discrepancy(runs, picked, weight, random)
     if np.array_equal(observed, again):  # nothing to compare

@@ -91,8 +91,7 @@ class Marked(Witnesses):
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """Log-density of an equal number of simulated hits minus that of the marks, where at least
-        two boulders of the run pass.
-        """
+        two boulders of the run pass."""
         which = random.integers(Marked.AGAIN, size=picked.size)
         both = runs[:, -2 * Marked.AGAIN :].reshape(len(runs), 2, Marked.AGAIN)[picked, :, which]
         return -both[:, 0], -both[:, 1]

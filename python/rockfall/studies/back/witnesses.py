@@ -19,8 +19,7 @@ def worth_of(times: float) -> float:
 class Witnesses:
     """Base class for data of witnesses; see `evidence.Counted` for the methods. Data kept of a run
     are sums over boulders for each witness, and log-densities of the run's own boulders, for the
-    noise.
-    """
+    noise."""
 
     SUMS: ClassVar[int]  # over boulders, of each witness
     AGAIN: ClassVar[int]  # samples of equal size from each run, for predictive probabilities

@@ -116,8 +116,7 @@ class Uncertain:
     def _operators(self) -> list[Operator]:
         """Random operators of the names in `sets`, one per draw. Impact sets replace the case's
         set; tables replace its grounds: for `talus` each draw of `talus-ensemble`, for the default
-        ground any other table.
-        """
+        ground any other table."""
         case, files = self.scene.case, list[SetFile]()
         stand_ins: dict[str, list[GroundRule]] = {}
         for name in self.given.get("sets", []):
@@ -161,8 +160,7 @@ class Uncertain:
 
     def _check_factors(self) -> None:
         """Refuse factors on values that a source layer does not give (the kernel does so for cases
-        without a layer), and on rocks absent from all zones.
-        """
+        without a layer), and on rocks absent from all zones."""
         scene = self.scene
         of_case, features = {**scene.case.boulder, **scene.case.release}, scene.features
         for name in ("volume_std", "drop_height") if features is not None else ():
@@ -226,14 +224,12 @@ class Uncertain:
 
     def draw(self, name: str, run: int, side: int) -> Draw:
         """An input of a run, as in A (side 0) or B (side 1). It depends on the case's seed, the
-        input, run and side, not on the number of runs or other uncertain inputs.
-        """
+        input, run and side, not on the number of runs or other uncertain inputs."""
         return self.at(name, self.design[run, side], 2 * run + side)
 
     def at(self, name: str, point: np.ndarray, number: int) -> Draw:
         """An input at a point of the unit cube (uniform numbers of all inputs). `number` seeds the
-        rest: terrain errors, repeated shifts.
-        """
+        rest: terrain errors, repeated shifts."""
         k = INPUTS.index(name)
         numbers = point[self.ends[k] : self.ends[k + 1]]
         if name in STREAMS:
@@ -254,8 +250,7 @@ class Uncertain:
 
     def _radius(self, numbers: np.ndarray) -> Draw:
         """One factor per row of the zone table, on R_m or on its three Rg; a single factor if
-        rasters or one value give the sizes.
-        """
+        rasters or one value give the sizes."""
         return self._radii_by(self._factor(numbers, "radius_factor"))
 
     def _radii_by(self, factor: np.ndarray) -> Draw:
