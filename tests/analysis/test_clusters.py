@@ -10,7 +10,8 @@ import scenes
 from made import make_layer
 from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.analysis.precision.clusters import Clusters
-from rockfall.analysis.precision.intervals import Sources
+from rockfall.analysis.precision.intervals import Sources, fraction_interval
+from rockfall.analysis.precision.weighted import Weighted
 from rockfall.kernel_rules import count_limits, fraction_limits
 from rockfall.limits import MIN_FOR_MEAN
 from rockfall.studies.dossier import read_dossier, run_dossier
@@ -45,12 +46,42 @@ def test_it_is_the_largest_design_effect_of_any_level(between):
     assert at(source, numbers, above=-1) == pytest.approx(max(1, *effects), rel=1e-9)
 
 
+def test_a_fraction_of_sampled_sources_by_hand():
+    """Of 12 sources with 5 boulders each, 16 boulders of 7 sources are chosen: 6 degrees of freedom
+    (t = 2.446912). Of fewer than 10 chosen boulders, each source counts as one."""
+    source, z, t = sample(12, 5), 1.959964, 2.446912
+    chosen = np.array([4, 3, 3, 2, 2, 1, 1, 0, 0, 0, 0, 0])
+    holds = np.arange(60) % 5 < np.repeat(chosen, 5)
+    p = 16 / 60
+    variance = (np.sum((chosen - 5 * p) ** 2) * 12 / 11) / 60**2
+    effective = z**2 * p * (1 - p) / (t**2 * variance)
+    assert effective == pytest.approx(18.27, rel=1e-3)
+    assert source.effective_number(holds) == pytest.approx(effective, rel=1e-6)
+    first = np.arange(60) < 5
+    assert fraction_interval(holds & first, source) == (4 / 60, *fraction_limits(4 / 60, 12))
+    assert fraction_interval(first & ~first, source)[2] == pytest.approx(
+        z**2 / (12 + z**2), rel=1e-6
+    )
+
+
+def test_boulders_that_are_alike_in_all_scenarios_count_once():
+    """Runs share random numbers: three of the same boulders tell no more than one."""
+    random = np.random.default_rng(4)
+    holds = np.tile(random.random(2000) < 0.3, 3)
+    pooled = Weighted(np.full(6000, 0.5), np.tile(np.arange(2000), 3))
+    alike = pooled.fraction(holds)
+    assert alike == pytest.approx((holds.mean(), *fraction_limits(holds.mean(), 2000)), rel=2e-3)
+    apart = pooled.fraction(random.random(6000) < 0.3)
+    assert apart[2] - apart[1] == pytest.approx((alike[2] - alike[1]) / 3**0.5, rel=0.05)
+    one = pooled.quantile(np.tile(random.random(2000), 3), 0.95)
+    assert one[2] - one[1] == pytest.approx(2 * 1.96 * (0.95 * 0.05 / 2000) ** 0.5, rel=0.3)
+
+
 def test_its_bounds():
     random = np.random.default_rng(2)
     source = sample(1000, 20)
     alike = np.repeat(random.normal(size=1000), 20)
     assert at(source, alike, most=20) == 20
-    assert at(source, alike) == pytest.approx(20, rel=0.5)  # with the chance of few sources
     assert 1 <= at(source, values(random, 1000, 20, 0.0)) < 1.6
     few = np.full(20000, -1.0)
     few[: MIN_FOR_MEAN - 1] = 1.0

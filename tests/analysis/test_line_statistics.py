@@ -9,7 +9,8 @@ import rockfall
 from crossed import crossed
 from known_law import SAMPLE, made
 from rockfall.analysis.line_statistics import QUANTITIES, line_numbers, sample_numbers
-from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources, student
+from rockfall.analysis.precision.design_effect import student
+from rockfall.analysis.precision.intervals import Sources, fraction_interval, sources
 from rockfall.analysis.precision.samples import Values
 from rockfall.kernel_rules import fraction_limits
 from rockfall.result.crossings import at_lines, line_values

@@ -210,7 +210,7 @@ def test_equal_weights_are_those_of_line_statistics():
     found = quantile_interval(values, np.full(400, 0.3), 0.95)
     assert found[0] == pytest.approx(np.quantile(values, 0.95, method="hazen"), rel=1e-12)
     assert found[1:] == pytest.approx(between_ranks(np.sort(values), 0.95, 400), rel=1e-12)
-    few = quantile_interval(values, np.full(400, 0.3), 0.95, per_cluster=10)
+    few = quantile_interval(values, np.full(400, 0.3), 0.95, unit=3.0)
     assert few[0] == found[0] and few[1] < found[1] and not few[2] < found[2]
 
 

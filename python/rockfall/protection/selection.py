@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -75,11 +77,12 @@ def least_heights(
     is_enough: Callable[[int, int], bool],
     costs: Costs | None,
 ) -> list[Choice]:
-    """Barrier of each class with the lowest sufficient height of a rising list [m]."""
-    first = (next((k for k in range(len(heights)) if is_enough(own, k)), None) for own in classes)
+    """Barrier of each class with the lowest sufficient height of a rising list [m]; a higher one
+    lets fewer boulders pass."""
+    numbers, ends = range(len(heights)), [*heights, math.nan]
     return [
-        Choice.of(own, math.nan if k is None else heights[k], costs)
-        for own, k in zip(classes, first, strict=True)
+        Choice.of(own, ends[bisect_left(numbers, True, key=partial(is_enough, own))], costs)
+        for own in classes
     ]
 
 

@@ -13,12 +13,11 @@ import xarray as xr
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.analysis.precision.weighted import Weighted
-from rockfall.case import Case, case_of
+from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.protection.alignments import Alignment
 from rockfall.protection.crossings import Crossings, crossings
 from rockfall.result.crossings import has_crossed, line_names, line_values
-from rockfall.result.maps.clusters import boulders_per_cluster
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM
 from rockfall.studies.study import ROWS_ONLY
@@ -40,7 +39,6 @@ class AtAlignment(NamedTuple):
     comes: np.ndarray
     around: np.ndarray
     source: Sources | Weighted  # of all boulders
-    per_cluster: int  # number of boulders that count as one
 
 
 def sited_case(case: Case) -> Case:
@@ -63,10 +61,9 @@ def boulders_at(result: xr.Dataset, line: str, alignment: str) -> AtAlignment:
     names = line_names(result)
     number, protected = names.index(alignment), names.index(line)
     there, before = (line_values(result, "time", k) for k in (protected, number))
-    starts = (result[f"start_{axis}"].values for axis in "xy")
     return AtAlignment(
         crossings(result, number), has_crossed(result, number), np.isfinite(there),
-        ~(before <= there), sources(result), boulders_per_cluster(case_of(result), *starts),
+        ~(before <= there), sources(result),
     )  # fmt: skip
 
 
@@ -83,18 +80,21 @@ def pooled(each: Sequence[AtAlignment], yearly: Sequence[float]) -> AtAlignment:
     if len(each) == 1:
         return each[0]
     weights = [often / at.crossed.size for at, often in zip(each, yearly, strict=True)]
-    per_cluster = max(at.per_cluster for at in each)
+    released = [at.source for at in each if isinstance(at.source, Sources)]
+    clusters = [own.number if own.sampled else np.arange(own.number.size) for own in released]
 
-    def weighted(sizes: Sequence[int]) -> Weighted:
-        return Weighted(np.repeat(weights, sizes), per_cluster)
+    def weighted(which: Sequence[np.ndarray]) -> Weighted:
+        sizes = [np.count_nonzero(mask) for mask in which]
+        own = (cluster[mask] for cluster, mask in zip(clusters, which, strict=True))
+        return Weighted(np.repeat(weights, sizes), np.concatenate([*own]))
 
     values = (np.concatenate(parts) for parts in zip(*(at.came[1:] for at in each), strict=True))
-    came = Crossings(weighted([at.came.n for at in each]), *values)
+    came = Crossings(weighted([at.crossed for at in each]), *values)
     crossed, comes, around = (
         np.concatenate(parts) for parts in zip(*(at[1:4] for at in each), strict=True)
     )
-    source = weighted([at.crossed.size for at in each])
-    return AtAlignment(came, crossed, comes, around, source, per_cluster)
+    source = weighted([np.full(at.crossed.size, True) for at in each])
+    return AtAlignment(came, crossed, comes, around, source)
 
 
 def in_batches(

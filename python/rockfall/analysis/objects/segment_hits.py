@@ -76,11 +76,12 @@ def _numbers(runs: Sequence[Weighted], segment: int) -> dict[str, float]:
     weights = np.repeat(
         [run.weight for run in runs], [run.hits[segment].energy.size for run in runs]
     )
-    per_cluster = max(run.hits[segment].per_cluster for run in runs)
+    # boulders of a number may behave alike in all runs, which share random numbers
+    unit = sum(run.weight * run.hits[segment].per_cluster for run in runs)
     numbers: dict[str, float] = {"boulders": weights.size}
     for name in QUANTITIES:
         values = np.concatenate([getattr(run.hits[segment], name) for run in runs])
         numbers[f"{name}_mean"] = float(weights @ values / weights.sum()) if values.size else np.nan
-        limits = quantile_interval(values, weights, LEVEL, per_cluster)
+        limits = quantile_interval(values, weights, LEVEL, unit)
         numbers |= {f"{name}_q95{end}": limit for end, limit in zip(ENDS, limits, strict=True)}
     return numbers

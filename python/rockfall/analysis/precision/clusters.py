@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from rockfall.analysis.precision.intervals import Sources, sources, student
+from rockfall.analysis.precision.design_effect import informative_clusters, student
+from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.case import case_of
 from rockfall.kernel_rules import Z
 from rockfall.limits import MIN_FOR_MEAN
@@ -42,7 +43,7 @@ class Clusters:
 
     def _effect(self, boulders: np.ndarray, counts: np.ndarray) -> float:
         """Largest design effect of the fraction of the first boulders, however many; `counts` are
-        boulders by source. The variance is that of `Sums.effective_number`."""
+        boulders by source. The rule is that of `independent_boulders`."""
         number, n, m = self.source.number[boulders], counts.sum(), counts.size
         by_source = np.argsort(number, kind="stable")
         grouped = number[by_source]
@@ -51,8 +52,13 @@ class Clusters:
         fraction = np.arange(1, number.size + 1) / n
         squares = np.cumsum(2 * before + 1) - 2 * fraction * np.cumsum(counts[number])
         squares += fraction**2 * (counts @ counts)
-        levels = slice(MIN_FOR_MEAN - 1, int(n) - 1)
+        levels = slice(MIN_FOR_MEAN - 1, int(n) - MIN_FOR_MEAN)
+        with_others = m - np.cumsum(before + 1 == counts[number])[levels]
+        informative = informative_clusters(np.cumsum(before == 0)[levels], with_others)
+        numbers, places = np.unique(informative, return_inverse=True)
+        scales = np.array(
+            [(student(k - 1) / Z) ** 2 if k > 1 else np.inf for k in numbers.tolist()]
+        )
         variance = squares[levels] * m / (m - 1) / n**2
         independent = fraction[levels] * (1 - fraction[levels]) / n
-        scale = (student(m - 1) / Z) ** 2
-        return scale * float((variance / independent).max(initial=0.0))
+        return float((scales[places] * variance / independent).max(initial=0.0))

@@ -13,12 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.precision.weighted import Weighted, quantile_interval
+from rockfall.analysis.precision.design_effect import independent_boulders, student
+from rockfall.analysis.precision.weighted import Weighted
 from rockfall.case import case_of
 from rockfall.kernel_rules import Z, fraction_limits, limit_ranks
 from rockfall.limits import MIN_FOR_MEAN
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 TARGETS = (0.05, 0.02, 0.01)  # relative half-widths of an interval to plan for
-SIMPSON = np.r_[1, np.tile([4, 2], 199), 4, 1] / 1200.0  # weights of 401 values
-STEPS = np.arange(SIMPSON.size, dtype=float)
 DENSE = 1_000_000  # numbers of sources below which a table of them is short
 CROSSED = 500  # boulders past the line from which intervals of anything but a fraction are used
 #: Skewness over the coefficient of variation: exact for gamma distributions. Few values seldom show
@@ -169,7 +168,7 @@ class Sums:
 
     def effective_number(self, fraction: float) -> float:
         """Effective number of independent boulders for the fraction of an indicator (Korn and
-        Graubard 1998).
+        Graubard 1998); of sampled sources, see `independent_boulders`.
 
         With few boulders, sources in which all behaved alike would seem too certain. The variance
         therefore includes Z**2 more boulders of uncertain outcome, and is at most that without
@@ -177,8 +176,8 @@ class Sums:
         """
         n = self.size
         if self.sampled:
-            half = self._half_of_clusters()
-            return min(float(n), Z**2 * fraction * (1 - fraction) / half**2) if half else float(n)
+            has = self.n > 0
+            return independent_boulders(self.n[has], (self.total + self.n * fraction)[has])
         anywhere = n * fraction * (1 - fraction)
         if not anywhere:
             return float(n)
@@ -190,12 +189,6 @@ class Sums:
         n = self.released
         scatter = np.maximum(self.squares - self.total**2 / np.maximum(n, 1), 0)
         return scatter * (n / np.maximum(n - 1, 1)) * (1 - 1 / n.sum())
-
-    def _half_of_clusters(self) -> float:
-        """Half-width of the interval of a mean from the variation between clusters; 0 for a single
-        one. For few clusters it uses Student's distribution with their number less one."""
-        clusters = int(np.count_nonzero(self.n))
-        return student(clusters - 1) * self._error_of_clusters() if clusters > 1 else 0.0
 
     def _error_of_clusters(self) -> float:
         """Standard error of a mean from its clusters, two or more (linearised; Cochran 1977)."""
@@ -317,24 +310,6 @@ def passing_percent(result: Held, line: int) -> tuple[int, float, float, float]:
     return int(crossed.sum()), 100 * fraction, 100 * low, 100 * high
 
 
-@lru_cache(maxsize=256)
-def student(freedom: float) -> float:
-    """97.5 % quantile of Student's t for n >= 1: the density of t = sqrt(n) tan(a) in a is
-    cos(a)**(n - 1), which is integrated (Simpson); the quantile is found by Newton's method, from
-    below. Importing scipy.special takes as long as a small run."""
-    half = freedom / 2
-    density = math.exp(math.lgamma(half + 0.5) - math.lgamma(half)) / math.sqrt(math.pi)
-    angle = math.atan(Z / math.sqrt(freedom))
-    for _ in range(8):
-        angles = STEPS * (angle / STEPS[-1])
-        angles[-1] = angle
-        values = density * np.cos(angles) ** (freedom - 1)
-        before, angle = angle, angle + (0.475 - angle * (SIMPSON @ values)) / values[-1]
-        if angle == before:
-            break
-    return math.sqrt(freedom) * math.tan(angle)
-
-
 def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[float, float]:
     """Order statistics that enclose a quantile, interpolated between ranks, because intervals of
     small samples would otherwise be too wide; NaN beyond the sample. (SciPy's quantile_test does
@@ -354,7 +329,7 @@ def quantile(
     if not values.size or np.isnan(level):
         return np.nan, np.nan, np.nan
     if isinstance(source, Weighted):
-        return quantile_interval(values, source.weight, level, source.per_cluster)
+        return source.quantile(values, level)
     ordered = np.sort(values)
     value = float(np.quantile(ordered, level))
     effective = source.effective_number(values <= value)

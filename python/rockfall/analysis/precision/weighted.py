@@ -8,26 +8,36 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rockfall.analysis.precision.design_effect import independent_boulders
 from rockfall.kernel_rules import Z, fraction_limits
 
 
 @dataclass(frozen=True)
 class Weighted:
-    """Boulders of several runs: their weights, and how many of them count as one."""
+    """Boulders of several runs with common random numbers: their weights, and clusters, from 0: the
+    number of a boulder, common to runs, or its place if sources are sampled."""
 
     weight: np.ndarray
-    per_cluster: int = 1
+    cluster: np.ndarray
 
     def __getitem__(self, which: np.ndarray) -> Weighted:
-        return Weighted(self.weight[which], self.per_cluster)
+        return Weighted(self.weight[which], self.cluster[which])
 
     def fraction(self, holds: np.ndarray) -> tuple[float, float, float]:
         """Fraction of the weight for which `holds` (boulders,) is True, and the limits of its 95 %
-        interval (Wilson 1927), for the number of boulders as in `quantile_interval`."""
-        total = float(self.weight.sum())
-        fraction = float(self.weight[holds].sum()) / total
-        number = total / float(self.weight.max()) / self.per_cluster
-        return fraction, *fraction_limits(fraction, number)
+        interval (Wilson 1927)."""
+        fraction = float(self.weight[holds].sum() / self.weight.sum())
+        return fraction, *fraction_limits(fraction, self._independent(holds))
+
+    def quantile(self, values: np.ndarray, level: float) -> tuple[float, float, float]:
+        """Quantile of values of the boulders, and its limits, as in `quantile_interval`."""
+        number = self._independent(values <= value_at(values, self.weight, level))
+        return quantile_interval(values, self.weight, level, float(self.weight.sum()) / number)
+
+    def _independent(self, holds: np.ndarray) -> float:
+        n = np.bincount(self.cluster, self.weight)
+        held = np.bincount(self.cluster[holds], self.weight[holds], n.size)
+        return independent_boulders(n[n > 0], held[n > 0], float(self.weight.max()))
 
 
 def value_at(values: np.ndarray, weights: np.ndarray, level: float) -> float:
@@ -38,7 +48,7 @@ def value_at(values: np.ndarray, weights: np.ndarray, level: float) -> float:
 
 
 def quantile_interval(
-    values: np.ndarray, weights: np.ndarray, level: float, per_cluster: float = 1
+    values: np.ndarray, weights: np.ndarray, level: float, unit: float | None = None
 ) -> tuple[float, float, float]:
     """Quantile and the limits of its 95 % interval: order statistics that enclose it, as
     `between_ranks` has them for equal weights. NaN without values; a limit is NaN where the values
@@ -46,14 +56,14 @@ def quantile_interval(
 
     Each value is treated as if it had the largest weight, which bounds the variance of the fraction
     below the quantile, w_max p (1 - p)/sum(w), whichever values lie beyond it; limits by the mean
-    weight (Kish 1965) would be too narrow if heavy values lie beyond it. `per_cluster` values count
-    as one. Values of given sources vary less (stratification), so the limits are never too narrow
-    for them.
+    weight (Kish 1965) would be too narrow if heavy values lie beyond it. `unit` is the weight that
+    counts as one value, by default the largest. Values of given sources vary less (stratification),
+    so the limits are never too narrow for them.
     """
     if not values.size:
         return math.nan, math.nan, math.nan
     ordered, middles = _steps(values, weights)
-    effective = weights.sum() / weights.max() / per_cluster
+    effective = weights.sum() / (weights.max() if unit is None else unit)
     half = Z * math.sqrt(level * (1 - level) / effective)
     value = float(np.interp(level, middles, ordered))
     low, high = np.interp([level - half, level + half], middles, ordered, np.nan, np.nan)
