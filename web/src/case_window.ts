@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The window of a case or a result: its parts, and what passes between them.
-import { CompareView } from './compare';
 import type { Connection } from './connection';
-import { button } from './dom';
 import { DocumentStore, type Difference } from './document';
 import { Drawer, TOOLS, type Tool } from './draw';
 import { GroundDialog } from './ground_choice';
@@ -10,8 +8,9 @@ import { Hazard } from './hazard';
 import { Legend } from './legend';
 import { mapButtons } from './map/furniture';
 import { MapView, type Shown } from './map/map_view';
-import { download, drawPicture } from './map/picture';
+import { captionOf, download, drawPicture } from './map/picture';
 import { propertiesOf } from './new_features';
+import { Notices } from './notices';
 import { isLong, Output } from './output';
 import { DisplayPanel } from './panels/display';
 import { FeaturePanel } from './panels/features';
@@ -19,11 +18,10 @@ import { MessagePanel } from './panels/messages';
 import { SettingsPanel } from './panels/settings';
 import { StatisticsPanel } from './panels/statistics';
 import { Tabs, type Tab } from './panels/tabs';
-import { VariantPanel } from './panels/variants';
 import {
   isOf,
   variantOf,
-  type BatchMessage,
+  type Position,
   type Binary,
   type CaseDocument,
   type CaseError,
@@ -42,13 +40,13 @@ import { Shell, type Mode } from './shell';
 import { say } from './texts';
 import { Toolbar } from './toolbar';
 import { TopBar } from './top_bar';
-import { unrun, withResults, type Snapshot } from './variants';
-import type { Frame } from './view3d/view3d';
+import type { Snapshot } from './variants';
+import { VariantList } from './variant_list';
 
 const OPACITY = 0.85; // of results, at first
 
 export class CaseWindow {
-  private readonly store = new DocumentStore();
+  readonly store = new DocumentStore();
   private readonly sender: Sender;
   private readonly shell: Shell;
   private readonly view: MapView;
@@ -59,57 +57,50 @@ export class CaseWindow {
   private readonly legend: Legend;
   private readonly statistics = new StatisticsPanel(
     (name) => this.selectLine(name),
-    (lines) => this.chooser && this.want({ ...this.wanted, lines }),
+    (lines) => this.chooser && this.want({ lines }),
   );
   private readonly section = new SectionPanel(
-    () => this.want({ ...this.wanted, section: [] }),
+    () => this.want({ section: [] }),
     (place) => this.view.section.mark(place),
   );
   private readonly messages = new MessagePanel((error) => this.showError(error));
   private readonly hazard: Hazard;
   private readonly features: FeaturePanel;
   private readonly settings: SettingsPanel;
-  private readonly variantPanel: VariantPanel;
   private readonly display: DisplayPanel;
   private readonly tabs: Tabs;
   private readonly output: Output;
   private readonly grounds: GroundDialog;
-  private readonly compare = new CompareView(
-    () => this.show('map'),
-    (chosen) => this.runVariant(chosen),
-  );
+  private readonly variants: VariantList;
+  private readonly notices: Notices;
   private readonly topBar: TopBar;
   private readonly scene: ScenePane;
-  private readonly results: Results;
+  readonly results: Results;
   private readonly ended = new AbortController();
 
   private chooser: boolean; // may choose the map; in a case also edit
   private state: State = { type: 'state', revision: 0, errors: [], warnings: [] };
-  private variants: Snapshot[];
-  private unfinished: readonly { name: string; boulders: number }[] = [];
-  private mode: Mode = 'map';
-  private wanted: Wanted;
+  mode: Mode = 'map';
+  wanted: Wanted;
 
   constructor(
     parent: HTMLElement,
     private readonly welcome: Welcome,
-    private readonly connection: Connection,
+    readonly connection: Connection,
     kept: Snapshot[] | null,
   ) {
-    this.variants = kept ?? welcome.variants.map(unrun);
     const { forms, mode } = welcome;
     this.chooser = welcome.writer && !connection.standalone;
     this.wanted = welcome.view;
     this.sender = new Sender(this.store, connection, () => this.refresh());
     this.shell = new Shell(parent);
     this.view = new MapView(this.shell.mapTarget);
-    this.tools =
-      mode === 'start' || connection.standalone ? [] : (Object.keys(TOOLS) as Tool[]).filter((tool) => this.canDraw(tool));
+    this.tools = connection.standalone ? [] : (Object.keys(TOOLS) as Tool[]).filter((tool) => this.canDraw(tool));
     this.drawer = new Drawer(this.view, this.store, {
       onTool: (tool) => this.onTool(tool),
       onSelect: (id) => this.onSelect(id),
       propertiesOf: (layer) => propertiesOf(layer, forms, this.store, this.results.cell),
-      onSection: (section) => this.want({ ...this.wanted, section }),
+      onSection: (section) => this.want({ section }),
       onBeside: (pixel) => this.hazard.choose(this.view.objectAt(pixel)),
       onReplaced: (count) => this.shell.say(say('app.replaced', { n: count })),
     });
@@ -118,17 +109,10 @@ export class CaseWindow {
       this.drawer.use(tool);
       this.shell.mapTarget.focus({ preventScroll: true });
     });
-    this.runBar = new RunBar(
-      {
-        run: () => connection.send({ type: 'run' }),
-        stop: () => connection.send({ type: 'stop' }),
-        more: () => this.tenfold(),
-      },
-      mode === 'case' && !connection.standalone,
-    );
-    this.legend = new Legend(welcome.maps, welcome.view.map, (map) => this.want({ ...this.wanted, map }));
+    this.runBar = new RunBar((type) => connection.send({ type }), () => this.tenfold(), mode === 'case' && !connection.standalone);
+    this.legend = new Legend(welcome.maps, welcome.view.map, (map) => this.want({ map }));
     this.hazard = new Hazard(welcome.scenarios, this.view, {
-      want: (change) => this.want({ ...this.wanted, ...change }),
+      want: (change) => this.want(change),
       wanted: () => this.wanted,
       onClasses: (classes) => {
         this.setVisible('overlay', classes === null && this.display.isShown('overlay'));
@@ -140,34 +124,22 @@ export class CaseWindow {
       zoom: (id) => this.view.fitFeature(id),
       remove: (id) => this.store.remove(id),
     }, this.hazard.check);
+    this.variants = new VariantList(this, welcome, kept ?? undefined);
     this.settings = new SettingsPanel(this.store, forms);
-    this.display = new DisplayPanel(
-      {
-        visible: (name, on) => this.setVisible(name, on),
-        opacity: (value) => this.view.setOverlayOpacity(value),
-        trajectories: (number) => this.want({ ...this.wanted, trajectories: number }),
-        bySpeed: (on) => this.results.colourBySpeed(on),
-        basemap: (basemap) => this.want({ ...this.wanted, basemap }),
-        objects: (objects) => this.want({ ...this.wanted, objects }),
-      },
-      welcome.view,
-      welcome.offers,
-      OPACITY,
-    );
-    this.variantPanel = new VariantPanel({
-      keep: (name) => this.keep(name),
-      compare: (k) => this.openCompare(k + 1),
-      restore: (k) => this.restore(k),
-      forget: (k) => this.forget(k),
-      base: () => welcome.base && this.take(welcome.base),
-    });
+    const onDisplay = {
+      visible: (name: Shown, on: boolean) => this.setVisible(name, on),
+      opacity: (value: number) => this.view.setOverlayOpacity(value),
+      bySpeed: (on: boolean) => this.results.colourBySpeed(on),
+      want: (change: Partial<Wanted>) => this.want(change),
+    };
+    this.display = new DisplayPanel(onDisplay, welcome.view, welcome.offers, OPACITY);
     const tab = (name: string, content: HTMLElement): Tab => ({ name, title: say(`app.tab.${name}`), content });
     const hazard = welcome.scenarios && !connection.standalone ? [tab('hazard', this.hazard.panel.root)] : [];
     const [features, display] = [tab('features', this.features.root), tab('display', this.display.root)];
     this.tabs = new Tabs(
       say('app.panel'),
       mode === 'case'
-        ? [features, tab('settings', this.settings.root), display, ...hazard, tab('variants', this.variantPanel.root)]
+        ? [features, tab('settings', this.settings.root), display, ...hazard, tab('variants', this.variants.panel.root)]
         : [display, features],
     );
     this.display.offer('drawn_zones', forms.layers.zones !== undefined);
@@ -176,13 +148,14 @@ export class CaseWindow {
     this.display.offer('wms', welcome.wms !== null);
     if (welcome.wms) this.view.addWebMap(welcome.wms);
     this.output = new Output(connection, welcome.file.replace(/\.[^.]*$/, '') || 'case', welcome.folder);
+    this.notices = new Notices(this.shell, connection, this.output);
     this.grounds = new GroundDialog(welcome.grounds, ({ name, radius }) => this.store.setGround(name, radius));
     this.topBar = new TopBar(this.shell.top, welcome, this.runBar.root, !connection.standalone, {
       show: (mode) => this.show(mode),
       undo: () => this.store.undo(),
       redo: () => this.store.redo(),
       write: (task) => this.output.open(task),
-      picture: () => this.picture(),
+      picture: () => download(this.drawPicture(), `${welcome.file.replace(/\.[^.]*$/, '') || 'map'}.png`),
       speak: (language) => connection.speak(language),
     });
     this.scene = new ScenePane(this.shell.scenePane, () => ({
@@ -198,9 +171,9 @@ export class CaseWindow {
       {
         onBatch: () => {
           this.refresh();
-          this.updateCompare();
+          this.variants.updateCompare();
         },
-        onLines: (all) => all && this.updateCompare(),
+        onLines: (all) => all && this.variants.updateCompare(),
         onSection: (message) => {
           const before = JSON.stringify(this.section.message?.vertices);
           this.view.section.show(message.header.vertices);
@@ -216,35 +189,29 @@ export class CaseWindow {
     this.load(welcome);
   }
 
-  // For tests
-
-  get revision(): number {
-    return this.sender.revision;
-  }
-  get shownBatch(): BatchMessage | null {
-    return this.results.header;
-  }
-  get document(): CaseDocument {
-    return this.store.document;
-  }
-  get shownTrajectories(): number {
-    return this.results.trajectories?.boulder.length ?? 0;
-  }
-  get contours(): unknown {
-    return this.view.contours.shown;
-  }
-  elevation(place: [number, number]): number | null {
-    return this.view.elevation(...place);
-  }
-  get frames(): readonly Frame[] {
-    return this.scene.frames;
+  /** What tests and benchmarks read, as `window.rockfall`. */
+  get handles(): object {
+    const { sender, preliminary, results, store, view, scene } = this;
+    return {
+      revision: sender.revision,
+      preliminary,
+      batch: results.header,
+      document: store.document,
+      trajectories: results.trajectories?.boulder.length ?? 0,
+      frames: scene.frames,
+      get contours() {
+        return view.contours.shown;
+      },
+      elevation: ([x, y]: Position) => view.elevation(x, y),
+      pixelOf: (place: Position) => this.pixelOf(place),
+    };
   }
   /** Variants kept, if a window of the same file takes the place of this one. */
   variantsFor({ file, folder, mode }: Welcome): Snapshot[] | null {
     const same = file === this.welcome.file && folder === this.welcome.folder && mode === this.welcome.mode;
-    return same ? this.variants : null;
+    return same ? this.variants.kept : null;
   }
-  pixelOf(place: [number, number]): [number, number] | null {
+  private pixelOf(place: Position): Position | null {
     const [x, y] = this.view.map.getPixelFromCoordinate(place) ?? [];
     if (x === undefined || y === undefined) return null;
     const { left, top } = this.shell.mapTarget.getBoundingClientRect();
@@ -294,8 +261,7 @@ export class CaseWindow {
         this.view.fitAtFirst();
         return;
       case 'unfinished':
-        this.unfinished = message.runs;
-        this.offerUnfinished();
+        this.notices.offer(message.runs, this.writer);
         return;
       case 'refused':
         if (message.task === 'save' || message.task === 'resume' || isLong(message.task)) this.output.refused(message.text, message.exists);
@@ -318,9 +284,7 @@ export class CaseWindow {
       return;
     }
     if (!variantOf(message)) return this.results.receive(message);
-    this.variants = withResults(this.variants, message);
-    this.refresh();
-    this.updateCompare();
+    this.variants.receive(message);
   }
 
   // What is shown
@@ -331,44 +295,27 @@ export class CaseWindow {
     const otherMap = this.chooser && batch?.overlay ? batch.overlay.name !== this.wanted.map : false;
     return !batch || batch.revision !== this.sender.revision || this.sender.pending || otherMap;
   }
-  private get writer(): boolean {
+  get writer(): boolean {
     return this.chooser && this.welcome.mode === 'case';
   }
-  private get errors(): readonly CaseError[] {
-    return this.state.errors;
-  }
   private refresh(): void {
-    const { preliminary, errors } = this;
+    const { preliminary, state: { errors }, results: { header } } = this;
     const failed = errors.length > 0 && !this.sender.pending && this.state.revision >= this.sender.revision;
     const empty = failed && this.results.batch === null && this.store.layer('sources').length === 0;
-    this.runBar.update(
-      this.results.header,
-      preliminary,
-      failed ? say(empty ? 'app.run.no_sources' : 'app.run.failed') : '',
-      this.writer,
-      this.state.running === false,
-    );
+    const reason = failed ? say(empty ? 'app.run.no_sources' : 'app.run.failed') : '';
+    this.runBar.update(header, preliminary, reason, this.writer, this.state.running === false);
     this.shell.mark(!this.results.batch ? '' : failed ? say('app.not_current') : preliminary ? say('app.preliminary') : '');
-    this.shell.hint(
-      this.drawer.tool !== 'select' ? say(`app.hint.${this.drawer.tool}`) : empty ? say('app.hint.begin') : '',
-    );
+    this.shell.hint(this.drawer.tool !== 'select' ? say(`app.hint.${this.drawer.tool}`) : empty ? say('app.hint.begin') : '');
     this.view.dim(preliminary || failed);
-    this.shell.fitDock(this.results.header?.lines.length || this.store.layer('lines').length, this.section.message !== null);
+    this.shell.fitDock(header?.lines.length || this.store.layer('lines').length, this.section.message !== null);
     // Without sources the hint shows what to do; with errors the warnings are those of an older state.
-    this.messages.update(empty ? [] : errors, failed ? [] : (this.results.header?.warnings ?? []), this.state.warnings);
+    this.messages.update(empty ? [] : errors, failed ? [] : (header?.warnings ?? []), this.state.warnings);
     this.features.update(errors, this.writer);
     this.settings.update(errors, this.writer);
-    this.tabs.mark(
-      'features',
-      errors.some(({ id }) => id !== undefined),
-    );
-    this.tabs.mark(
-      'settings',
-      errors.some(({ group, id }) => group !== undefined && id === undefined),
-    );
+    this.tabs.mark('features', errors.some(({ id }) => id !== undefined));
+    this.tabs.mark('settings', errors.some(({ group, id }) => group !== undefined && id === undefined));
     this.topBar.allow(this.writer && this.store.canUndo, this.writer && this.store.canRedo);
-    const based = this.welcome.base ? this.store.document.variant : null;
-    this.variantPanel.update(this.variants, this.results.batch !== null && !preliminary, this.writer, based);
+    this.variants.refresh();
   }
 
   private setVisible(name: Shown, on: boolean): void {
@@ -376,9 +323,9 @@ export class CaseWindow {
     if (name === 'overlay') this.scene.update('drape');
   }
 
-  private want(wanted: Wanted): void {
-    this.wanted = wanted;
-    this.connection.send({ type: 'view', ...wanted });
+  private want(change: Partial<Wanted>): void {
+    this.wanted = { ...this.wanted, ...change };
+    this.connection.send({ type: 'view', ...this.wanted });
     this.refresh();
   }
 
@@ -414,9 +361,7 @@ export class CaseWindow {
   }
 
   private selectLine(name: string): void {
-    const feature = [...this.store.layer('lines'), ...this.store.layer('barriers')].find(
-      ({ properties }) => properties['name'] === name,
-    );
+    const feature = [...this.store.layer('lines'), ...this.store.layer('barriers')].find(({ properties }) => properties['name'] === name);
     if (feature) this.drawer.select(feature.id);
     else this.statistics.select(name);
   }
@@ -437,70 +382,10 @@ export class CaseWindow {
     this.shell.side.querySelector<HTMLElement>('[aria-invalid="true"]')?.focus();
   }
 
-  // Variants
-
-  private states(): Snapshot[] {
-    const now = this.snapshot(say('app.variants.present'));
-    return now ? [now, ...this.variants] : this.variants;
-  }
-
-  private updateCompare(): void {
-    if (this.mode === 'compare') this.compare.update(this.states());
-  }
-
-  private snapshot(name: string): Snapshot | null {
-    if (!this.results.batch) return null;
-    return {
-      name,
-      document: this.store.document,
-      batch: this.results.batch.header,
-      overlay: this.results.batch.f4('overlay'),
-      trajectories: this.results.trajectories,
-      background: this.results.background,
-    };
-  }
-
-  private keep(name: string): boolean {
-    const kept = this.snapshot(name);
-    if (!kept || this.preliminary) return false;
-    this.variants = [...this.variants, kept];
-    this.refresh();
-    return true;
-  }
-
-  /** Run a variant of the case, unless it has results of the map that is shown. */
-  private runVariant({ name, document, batch }: Snapshot): void {
-    if (name === document.variant && !(batch && (batch.overlay?.name ?? '') === this.wanted.map))
-      this.connection.send({ type: 'compare', variant: name });
-  }
-
-  private restore(index: number): void {
-    const variant = this.variants[index];
-    if (variant) this.take(variant.document);
-  }
-
-  private take(document: CaseDocument): void {
-    this.store.change(document);
-    this.show('map');
-  }
-
-  private forget(index: number): void {
-    this.variants = this.variants.filter((_, k) => k !== index);
-    this.refresh();
-  }
-
-  private openCompare(index: number): void {
-    if (!this.results.terrain) return;
-    this.show('compare');
-    this.compare.open(this.results.terrain, this.results.shade, this.states(), index, 0);
-  }
-
-  // Three views of the same
-
-  private show(mode: Mode): void {
+  show(mode: Mode): void {
     this.mode = mode;
     this.shell.show(mode);
-    this.shell.fillDock(...(mode === 'compare' ? [this.compare.table] : [this.section.root, this.messages.root, this.statistics.root]));
+    this.shell.fillDock(...(mode === 'compare' ? [this.variants.compare.table] : [this.section.root, this.messages.root, this.statistics.root]));
     this.topBar.showMode(mode);
     if (mode === 'scene') this.scene.show();
     else this.scene.hide();
@@ -513,7 +398,7 @@ export class CaseWindow {
     if (this.tools.length) this.shell.tools.append(this.toolbar.root);
     this.shell.root.classList.toggle('without-tools', this.tools.length === 0);
     this.shell.mapPane.append(this.legend.root, mapButtons(this.view));
-    this.shell.comparePane.append(this.compare.root);
+    this.shell.comparePane.append(this.variants.compare.root);
     this.shell.side.append(this.tabs.root);
     this.shell.root.append(this.output.dialog, this.grounds.dialog);
     this.show('map');
@@ -554,42 +439,13 @@ export class CaseWindow {
     if (!any && this.writer) this.grounds.open();
   }
 
-  /** Offer to continue stopped runs. */
-  private offerUnfinished(): void {
-    const known = new Set(this.unfinished.map(({ name }) => `unfinished ${name}`));
-    this.shell.clearNotices((name) => name.startsWith('unfinished ') && !known.has(name));
-    if (!this.writer) return;
-    for (const { name, boulders } of this.unfinished)
-      this.shell.notice(
-        `unfinished ${name}`,
-        'amber',
-        say('app.unfinished', { name, n: boulders }),
-        button(say('app.resume'), () => this.output.resume(name), { attributes: { 'data-action': 'resume' } }),
-      );
-  }
-
   private showRole(): void {
     this.legend.enable(this.chooser);
     this.display.enable(this.chooser);
     this.hazard.enable(this.chooser);
     this.drawer.enable(this.writer, this.chooser);
     this.toolbar.show(this.drawer.tool, (one) => this.drawer.may(one));
-    const reads = this.welcome.mode === 'case' && !this.writer && !this.connection.standalone;
-    if (reads)
-      this.shell.notice(
-        'role',
-        'amber',
-        say('app.reader'),
-        button(say('app.take_over'), () => this.connection.send({ type: 'take_over' }), {
-          attributes: { 'data-action': 'take-over' },
-        }),
-      );
-    else this.shell.clearNotice('role');
-    this.offerUnfinished();
-  }
-
-  private picture(): void {
-    download(this.drawPicture(), `${this.welcome.file.replace(/\.[^.]*$/, '') || 'map'}.png`);
+    this.notices.show(this.welcome.mode === 'case' && !this.writer, this.writer);
   }
 
   /** Put a picture of the map on the sheet, whatever is shown; the browser prints it with the table. */
@@ -604,19 +460,7 @@ export class CaseWindow {
   }
 
   private drawPicture(): HTMLCanvasElement {
-    const { title, file } = this.welcome;
-    const batch = this.results.header;
-    const notes = [
-      batch ? say('app.run.of_result', { n: batch.boulders }) : '',
-      this.preliminary ? say('app.preliminary') : '',
-      new Date().toLocaleDateString(this.welcome.language, { dateStyle: 'long' }),
-    ];
-    return drawPicture(this.view, {
-      title: title || file,
-      notes: [notes.filter(Boolean).join(' · ')],
-      result: batch?.overlay ?? null,
-      classes: this.hazard.shownClasses,
-      north: say('app.map.north_letter'),
-    });
+    const { hazard, preliminary, results: { header }, welcome } = this;
+    return drawPicture(this.view, captionOf(welcome, header, preliminary, hazard.shownClasses));
   }
 }

@@ -17,51 +17,26 @@ export const LAYER_COLOURS: Readonly<Record<Layer | 'trees' | 'stands' | 'object
   trajectories: '#1f2937',
 };
 
+/** A colour of six hexadecimal digits after a `#`. */
+export function rgbOf(colour: string): Rgb {
+  const number = parseInt(colour.slice(1), 16);
+  return [number >> 16, (number >> 8) & 255, number & 255];
+}
+
+function paletteOf(colours: string): Rgb[] {
+  return colours.split(' ').map((colour) => rgbOf(`#${colour}`));
+}
+
 /** Colours of zones: pale, for a translucent layer on grey. */
-export const ZONE_COLOURS: readonly Rgb[] = [
-  [230, 159, 0],
-  [86, 180, 233],
-  [0, 158, 115],
-  [240, 228, 66],
-  [204, 121, 167],
-  [0, 114, 178],
-  [213, 94, 0],
-  [136, 136, 136],
-];
+export const ZONE_COLOURS = paletteOf('e69f00 56b4e9 009e73 f0e442 cc79a7 0072b2 d55e00 888888');
 
 // Every sixteenth colour of viridis.
-const VIRIDIS: readonly Rgb[] = [
-  [68, 1, 84],
-  [72, 26, 108],
-  [71, 47, 125],
-  [65, 68, 135],
-  [57, 86, 140],
-  [49, 104, 142],
-  [42, 120, 142],
-  [35, 136, 142],
-  [31, 152, 139],
-  [34, 168, 132],
-  [53, 183, 121],
-  [84, 197, 104],
-  [122, 209, 81],
-  [165, 219, 54],
-  [210, 226, 27],
-  [253, 231, 37],
-];
+const VIRIDIS = paletteOf(
+  '440154 481a6c 472f7d 414487 39568c 31688e 2a788e 23888e 1f988b 22a884 35b779 54c568 7ad151 a5db36 d2e21b fde725',
+);
 
 // Every eighth of the brighter part of plasma, for speeds of trajectories that lie on a map in viridis.
-const PLASMA: readonly Rgb[] = [
-  [126, 3, 168],
-  [156, 23, 158],
-  [181, 47, 140],
-  [204, 71, 120],
-  [222, 95, 101],
-  [237, 121, 83],
-  [248, 149, 64],
-  [253, 180, 47],
-  [251, 213, 36],
-  [240, 249, 33],
-];
+const PLASMA = paletteOf('7e03a8 9c179e b52f8c cc4778 de5f65 ed7953 f89540 fdb42f fbd524 f0f921');
 
 /** A colour for each place from 0 to 1. */
 export type Palette = (place: number) => Rgb;
@@ -78,6 +53,11 @@ function between(colours: readonly Rgb[], place: number): Rgb {
 
 export function css([r, g, b]: Rgb, opacity = 1): string {
   return `rgb(${r} ${g} ${b} / ${opacity})`;
+}
+
+/** A palette from left to right, as a background. */
+export function gradient(palette: Palette): string {
+  return `linear-gradient(to right, ${Array.from({ length: 16 }, (_, k) => css(palette(k / 15))).join(', ')})`;
 }
 
 /** Classes of speed by which trajectories are drawn. */

@@ -8,7 +8,7 @@ import { estimate, percent, QUANTITIES } from './panels/statistics';
 import { hasStatistics, type BackgroundMessage, type Binary, type Estimate, type LineStatistics, type OverlayHeader } from './protocol';
 import { decimal, rounded, say, sayOr, supportedDecimals } from './texts';
 import { difference, type Snapshot } from './variants';
-import type { Shade, Terrain } from './view3d/view3d';
+import type { Shade, Terrain } from './terrain';
 
 class Side {
   readonly root = element('div', { class: 'compare-side' });
@@ -76,7 +76,7 @@ export class CompareView {
       right.view.map.setView(left.view.map.getView());
       const close = button(say('app.compare.close'), this.onClose, {
         class: 'compare-close',
-        attributes: { 'data-action': 'close-compare' },
+        action: 'close-compare',
       });
       this.root.append(left.root, right.root, this.legend.root, close);
     }

@@ -1,14 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The document that is edited: snapshots that share what did not change, with undo and redo.
-import {
-  LAYERS,
-  type CaseDocument,
-  type Feature,
-  type Group,
-  type Layer,
-  type SettingValue,
-  type Value,
-} from './protocol';
+import { LAYERS, type CaseDocument, type Feature, type Group, type Layer, type SettingValue, type Value } from './protocol';
 
 const KEPT = 200; // steps back
 const EMPTY: CaseDocument = {
@@ -62,10 +54,8 @@ export class DocumentStore {
       this.past.push(before);
       if (this.past.length > KEPT) this.past.shift();
     }
-    this.gesture = gesture;
     this.future = [];
-    this.now = next;
-    this.tell(difference(before, next));
+    this.show(next, gesture);
   }
 
   undo(): void {
@@ -95,26 +85,17 @@ export class DocumentStore {
     this.setLayer(layer, [...kept, feature]);
   }
   replace(layer: Layer, feature: Feature, gesture = ''): void {
-    this.setLayer(
-      layer,
-      this.layer(layer).map((one) => (one.id === feature.id ? feature : one)),
-      gesture,
-    );
+    this.setLayer(layer, this.layer(layer).map((one) => (one.id === feature.id ? feature : one)), gesture);
   }
   remove(id: string): void {
     const found = this.feature(id);
-    if (found)
-      this.setLayer(
-        found.layer,
-        this.layer(found.layer).filter((one) => one.id !== id),
-      );
+    if (found) this.setLayer(found.layer, this.layer(found.layer).filter((one) => one.id !== id));
   }
 
   /** Set a property; undefined leaves it to its default. */
   setProperty(id: string, name: string, value: Value | undefined): void {
     const found = this.feature(id);
-    if (found)
-      this.replace(found.layer, { ...found.feature, properties: withValue(found.feature.properties, name, value) });
+    if (found) this.replace(found.layer, { ...found.feature, properties: withValue(found.feature.properties, name, value) });
   }
   /** Set a key of the case; undefined leaves it to its default. */
   setSetting(group: string, key: string, value: SettingValue | undefined): void {
@@ -139,14 +120,14 @@ export class DocumentStore {
   private step(from: CaseDocument[], to: CaseDocument[]): void {
     const next = from.pop();
     if (!next) return;
-    const before = this.now;
-    to.push(before);
-    this.gesture = '';
-    this.now = next;
-    this.tell(difference(before, next));
+    to.push(this.now);
+    this.show(next, '');
   }
 
-  private tell(changed: Difference): void {
+  private show(next: CaseDocument, gesture: string): void {
+    const changed = difference(this.now, next);
+    this.now = next;
+    this.gesture = gesture;
     for (const listener of this.listeners) listener(changed);
   }
 }

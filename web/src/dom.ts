@@ -1,14 +1,24 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Elements made by calls. Texts never pass through innerHTML, so names need no escaping.
 
-type Child = Node | string | null | false;
-interface Options {
+type Child = Node | string | null | undefined | false;
+export interface Options {
   class?: string;
   id?: string;
   title?: string;
   hidden?: boolean;
+  style?: string;
+  /** Name of what a control does, and its label without a text to see. */
+  action?: string;
+  label?: string;
   /** Attributes as they are: aria-..., data-..., role, for. */
-  attributes?: Record<string, string>;
+  attributes?: Record<string, string | number>;
+}
+
+function fill(made: Element, { action, label, attributes }: Options, children: readonly Child[]): void {
+  const all = { ...attributes, ...(action && { 'data-action': action }), ...(label && { 'aria-label': label }) };
+  for (const [name, value] of Object.entries(all)) made.setAttribute(name, String(value));
+  made.append(...children.filter((child): child is Node | string => typeof child === 'string' || child instanceof Node));
 }
 
 export function element<Tag extends keyof HTMLElementTagNameMap>(
@@ -21,8 +31,8 @@ export function element<Tag extends keyof HTMLElementTagNameMap>(
   if (options.id) made.id = options.id;
   if (options.title) made.title = options.title;
   if (options.hidden) made.hidden = true;
-  for (const [name, value] of Object.entries(options.attributes ?? {})) made.setAttribute(name, value);
-  made.append(...children.filter((child): child is Node | string => child !== null && child !== false));
+  if (options.style) made.style.cssText = options.style;
+  fill(made, options, children);
   return made;
 }
 
@@ -36,47 +46,43 @@ export function button(label: Child | Child[], action: () => void, options: Opti
 export function svg<Tag extends keyof SVGElementTagNameMap>(
   tag: Tag,
   attributes: Record<string, string | number>,
-  ...children: Node[]
+  ...children: Child[]
 ): SVGElementTagNameMap[Tag] {
   const made = document.createElementNS('http://www.w3.org/2000/svg', tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, String(value));
-  made.append(...children);
+  fill(made, { attributes }, children);
   return made;
 }
 
-/** A select box; `choices` are pairs of value and text. */
+/** Options of a list; `choices` are pairs of value and text. */
+export function options(choices: readonly (readonly [string, string])[]): HTMLOptionElement[] {
+  return choices.map(([value, text]) => element('option', { attributes: { value } }, text));
+}
+
+/** A select box. */
 export function select(
   choices: readonly (readonly [string, string])[],
   chosen: string,
   action: (value: string) => void,
-  options: Options = {},
+  given: Options = {},
 ): HTMLSelectElement {
-  const made = element(
-    'select',
-    options,
-    ...choices.map(([value, text]) => element('option', { attributes: { value } }, text)),
-  );
+  const made = element('select', given, ...options(choices));
   made.value = chosen;
   made.addEventListener('change', () => action(made.value));
   return made;
 }
 
 /** A check box with its label. */
-export function checkbox(
-  text: Child,
-  checked: boolean,
-  action: (checked: boolean) => void,
-  options: Options = {},
-): HTMLLabelElement {
-  const box = element('input', { attributes: { type: 'checkbox', ...options.attributes } });
+export function checkbox(text: Child, checked: boolean, action: (checked: boolean) => void, given: Options = {}): HTMLLabelElement {
+  const box = element('input', { ...given, class: '', attributes: { type: 'checkbox', ...given.attributes } });
   box.checked = checked;
   box.addEventListener('change', () => action(box.checked));
-  return element(
-    'label',
-    { class: `check ${options.class ?? ''}` },
-    box,
-    typeof text === 'string' ? element('span', {}, text) : text,
-  );
+  return element('label', { class: `check ${given.class ?? ''}` }, box, typeof text === 'string' ? element('span', {}, text) : text);
+}
+
+/** A control with its label before it; `wide`: below the label. */
+export function labelled(text: string, control: HTMLElement, wide = false): HTMLElement {
+  control.id ||= uniqueId('control');
+  return element('div', { class: wide ? 'field wide' : 'field' }, element('label', { attributes: { for: control.id } }, text), control);
 }
 
 /** A number of the page that only one element has. */

@@ -67,11 +67,7 @@ export class Drawer {
     private readonly listener: DrawListener,
   ) {
     const { map, features } = view;
-    this.translate = new Translate({
-      features: this.chosen,
-      hitTolerance: 6,
-      condition: (event) => !this.isNearHandle(event),
-    });
+    this.translate = new Translate({ features: this.chosen, hitTolerance: 6, condition: (event) => !this.isNearHandle(event) });
     this.modify = new Modify({
       features: this.chosen,
       pixelTolerance: NEAR,
@@ -119,18 +115,13 @@ export class Drawer {
     if (tool === 'section') {
       this.draw = new Draw({ type: 'LineString', style: SECTION_STYLE, stopClick: true, maxPoints: 2 });
       this.draw.on('drawend', ({ feature }) => this.cut(feature));
-      map.addInteraction(this.draw);
     } else if (drawing.layer !== null) {
       this.select('');
-      this.draw = new Draw({
-        type: drawing.type,
-        style: sketchStyle(drawing.layer),
-        stopClick: true,
-        minPoints: drawing.type === 'Polygon' ? 3 : 2,
-      });
+      const { type, layer } = drawing;
+      this.draw = new Draw({ type, style: sketchStyle(layer), stopClick: true, minPoints: type === 'Polygon' ? 3 : 2 });
       this.draw.on('drawend', ({ feature }) => this.finish(drawing, feature));
-      map.addInteraction(this.draw);
     }
+    if (this.draw) map.addInteraction(this.draw);
     if (this.enabled) this.snaps.forEach((snap) => map.addInteraction(snap)); // last: they are queried first
     this.view.target.dataset['tool'] = tool;
     this.activate();
@@ -196,9 +187,6 @@ export class Drawer {
   }
 
   private get drawing(): boolean {
-    return (this.draw?.getOverlay().getSource()?.getFeatures().length ?? 0) > 0 && this.sketching;
-  }
-  private get sketching(): boolean {
     const sketch = this.draw?.getOverlay().getSource()?.getFeatures() ?? [];
     return sketch.some((feature) => feature.getGeometry()?.getType() !== 'Point');
   }
@@ -275,18 +263,9 @@ export class Drawer {
 
   private featureAt(pixel: number[]): string | undefined {
     const { map } = this.view;
-    let best: string | undefined;
-    map.forEachFeatureAtPixel(
-      pixel,
-      (found) => {
-        const data = 'getId' in found ? found.getId() : undefined;
-        if (data === undefined) return false;
-        best = String(data);
-        return true;
-      },
-      { hitTolerance: 6, layerFilter: (layer) => this.view.features.all.some((one) => one === layer) },
-    );
-    return best;
+    const layerFilter = (layer: unknown): boolean => this.view.features.all.some((one) => one === layer);
+    const found = map.forEachFeatureAtPixel(pixel, (one) => ('getId' in one ? one.getId() : undefined), { hitTolerance: 6, layerFilter });
+    return found === undefined ? undefined : String(found);
   }
 
   private isNearHandle(event: MapBrowserEvent): boolean {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Forms made from the server's table of keys: a row for each field, with unit, default, range, meaning, and its error.
-import { element, uniqueId } from './dom';
+import { element, options, uniqueId } from './dom';
 import type { Field, SettingValue, Value } from './protocol';
 import { decimal, say, sayOr, unitText } from './texts';
 
@@ -18,18 +18,10 @@ export function labelOf(field: Field): string {
 
 /** What is allowed, and what is meant. */
 function describe(field: Field): string {
-  const number = (value: number): string => decimal(value);
   const { min, max, unit } = field;
-  const range =
-    min !== null && max !== null
-      ? `${number(min)} – ${number(max)}`
-      : min !== null
-        ? `≥ ${number(min)}`
-        : max !== null
-          ? `≤ ${number(max)}`
-          : field.choices && !field.list
-            ? ''
-            : field.allowed;
+  const [low, high] = [min, max].map((limit) => limit !== null && decimal(limit));
+  const words = field.choices && !field.list ? '' : field.allowed;
+  const range = low && high ? `${low} – ${high}` : low ? `≥ ${low}` : high ? `≤ ${high}` : words;
   return [`${field.name}${unit ? ` [${unitText(unit)}]` : ''}`, field.meaning, range].filter(Boolean).join('\n');
 }
 
@@ -67,11 +59,7 @@ class Row {
   readonly root: HTMLElement;
   private readonly control: Control;
   private unreadable = ''; // what is wrong with a text that is no value
-  private readonly message = element('p', {
-    class: 'field-error',
-    id: uniqueId('error'),
-    attributes: { role: 'alert' },
-  });
+  private readonly message = element('p', { class: 'field-error', id: uniqueId('error'), attributes: { role: 'alert' } });
 
   constructor(
     private readonly field: Field,
@@ -84,22 +72,11 @@ class Row {
     this.control.addEventListener('change', () => this.commit());
     const label = element('label', { attributes: { for: this.control.id } }, labelOf(field));
     const unit = element('span', { class: 'unit' }, unitText(field.unit));
-    this.root = element(
-      'div',
-      { class: `field ${field.kind}`, title: describe(field) },
-      label,
-      this.control,
-      unit,
-      this.message,
-    );
+    this.root = element('div', { class: `field ${field.kind}`, title: describe(field) }, label, this.control, unit, this.message);
     this.message.hidden = true;
-    if (this.field.choices && this.control.tagName === 'INPUT') this.suggest(this.field.choices);
-  }
-
-  /** Suggest words where a list is typed. */
-  private suggest(words: readonly string[]): void {
-    const options = words.map((one) => element('option', { attributes: { value: one } }));
-    const list = element('datalist', { id: uniqueId('words') }, ...options);
+    if (!field.choices || this.control.tagName !== 'INPUT') return;
+    const words = options(field.choices.map((one) => [one, '']));
+    const list = element('datalist', { id: uniqueId('words') }, ...words); // suggested where a list is typed
     this.control.setAttribute('list', list.id);
     this.root.append(list);
   }
@@ -111,12 +88,9 @@ class Row {
     else if (control instanceof HTMLSelectElement) {
       const text = shown(value);
       if (text && ![...control.options].some((option) => option.value === text))
-        control.append(element('option', { attributes: { value: text } }, text));
+        control.append(...options([[text, text]]));
       control.value = text;
-    } else if (
-      control.dataset['committed'] !== shown(value) ||
-      (control !== document.activeElement && !this.unreadable)
-    ) {
+    } else if (control.dataset['committed'] !== shown(value) || (control !== document.activeElement && !this.unreadable)) {
       this.unreadable = '';
       control.value = shown(value);
       control.dataset['committed'] = control.value;
@@ -133,13 +107,7 @@ class Row {
     if (field.kind === 'logical') return element('input', { attributes: { type: 'checkbox' } });
     if (field.choices && !field.list) {
       const byDefault = field.default === null ? '–' : say('app.form.default', { value: shown(field.default) });
-      return element(
-        'select',
-        {},
-        ...[['', byDefault] as const, ...field.choices.map((one) => [one, one] as const)].map(([value, text]) =>
-          element('option', { attributes: { value } }, text),
-        ),
-      );
+      return element('select', {}, ...options([['', byDefault], ...field.choices.map((one) => [one, one] as const)]));
     }
     const input = element('input', { attributes: { type: 'text', autocomplete: 'off', spellcheck: 'false' } });
     input.placeholder = shown(field.default);
@@ -184,8 +152,7 @@ class Row {
     const text = this.control.value || shown(this.field.default);
     const now = parsed(text || '0', false);
     if (!Number.isFinite(now)) return;
-    const size =
-      this.field.kind === 'integer' ? 1 : 10 ** (now ? Math.floor(Math.log10(Math.abs(now)) + 1e-9) - 1 : -1);
+    const size = this.field.kind === 'integer' ? 1 : 10 ** (now ? Math.floor(Math.log10(Math.abs(now)) + 1e-9) - 1 : -1);
     const next = now + direction * size * (event.shiftKey ? 10 : 1);
     const bounded = Math.max(this.field.min ?? -Infinity, Math.min(this.field.max ?? Infinity, next));
     this.control.value = shown(Number(bounded.toPrecision(12)));
@@ -217,10 +184,9 @@ export class Form {
   filter(keep: (field: Field) => boolean): number {
     let number = 0;
     for (const field of this.fields) {
-      const row = this.rows.get(field.name);
-      if (!row) continue;
-      row.root.hidden = !keep(field);
-      if (!row.root.hidden) number++;
+      const kept = keep(field);
+      (this.rows.get(field.name) as Row).root.hidden = !kept;
+      if (kept) number++;
     }
     return number;
   }

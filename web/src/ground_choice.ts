@@ -9,20 +9,14 @@ export class GroundDialog {
 
   constructor(grounds: readonly GroundChoice[], choose: (ground: GroundChoice) => void) {
     const title = element('h2', { id: uniqueId('dialog') }, say('app.ground.title'));
-    const choices = grounds.map((ground) =>
-      element(
-        'li',
-        {},
-        button(
-          [element('b', {}, ground.name), element('small', {}, say(`app.ground.${ground.name}`))],
-          () => {
-            this.dialog.close();
-            choose(ground);
-          },
-          { class: 'recent', attributes: { 'data-ground': ground.name } },
-        ),
-      ),
-    );
+    const choices = grounds.map((ground) => {
+      const about = [element('b', {}, ground.name), element('small', {}, say(`app.ground.${ground.name}`))];
+      const take = (): void => {
+        this.dialog.close();
+        choose(ground);
+      };
+      return element('li', {}, button(about, take, { class: 'recent', attributes: { 'data-ground': ground.name } }));
+    });
     this.dialog.setAttribute('aria-labelledby', title.id);
     this.dialog.append(title, element('p', { class: 'hint' }, say('app.ground.hint')), element('ul', {}, ...choices));
   }

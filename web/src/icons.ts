@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Icons of the page, drawn on a square of 20: strokes, and what is filled.
-import { svg } from './dom';
+import { button, svg, type Options } from './dom';
 
 const STROKES = {
   select: 'M5 3v13l3.6-3.4 2.3 5 2-.9-2.3-4.9H15.4Z',
@@ -35,4 +35,9 @@ export type Icon = keyof typeof STROKES;
 
 export function icon(name: Icon): SVGSVGElement {
   return svg('svg', { viewBox: '0 0 20 20', class: 'icon', 'aria-hidden': 'true' }, svg('path', { d: STROKES[name] }));
+}
+
+/** A button of an icon only; `title` where its label is not enough. */
+export function iconButton(sign: Icon | SVGElement, label: string, action: () => void, options: Options = {}): HTMLButtonElement {
+  return button(typeof sign === 'string' ? icon(sign) : sign, action, { class: 'icon-button', title: label, label, ...options });
 }

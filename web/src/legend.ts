@@ -7,7 +7,7 @@ import type { MapName, OverlayHeader } from './protocol';
 import { decimal, say, sayOr, unitText } from './texts';
 
 export class Legend {
-  readonly root = element('section', { class: 'legend card', attributes: { 'aria-label': say('app.legend.title') } });
+  readonly root = element('section', { class: 'legend card', label: say('app.legend.title') });
   private readonly choice: HTMLSelectElement;
   private readonly ramp = element('div', { class: 'ramp-box' });
   private readonly classes = element('div', { class: 'class-box', hidden: true });

@@ -14,48 +14,7 @@ let current: CaseWindow | null = null;
 
 const connection = new Connection({ text: receive, binary, lost });
 
-/** Read-only handles for tests and benchmarks. */
-export interface Handles {
-  pixelOf(place: [number, number]): [number, number] | null;
-  readonly revision: number;
-  readonly preliminary: boolean;
-  readonly batch: unknown;
-  readonly document: unknown;
-  readonly trajectories: number;
-  readonly contours: unknown;
-  elevation(place: [number, number]): number | null;
-  readonly frames: unknown; // of the view in three dimensions
-}
-declare global {
-  interface Window {
-    rockfall: Handles;
-  }
-}
-window.rockfall = Object.freeze({
-  pixelOf: (place: [number, number]) => current?.pixelOf(place) ?? null,
-  get revision() {
-    return current?.revision ?? 0;
-  },
-  get preliminary() {
-    return current?.preliminary ?? true;
-  },
-  get batch() {
-    return current?.shownBatch ?? null;
-  },
-  get document() {
-    return current?.document ?? null;
-  },
-  get trajectories() {
-    return current?.shownTrajectories ?? 0;
-  },
-  get contours() {
-    return current?.contours ?? [];
-  },
-  elevation: (place: [number, number]) => current?.elevation(place) ?? null,
-  get frames() {
-    return current?.frames ?? [];
-  },
-});
+Object.defineProperty(window, 'rockfall', { get: () => current?.handles ?? { preliminary: true, revision: 0 } });
 
 function receive(message: Text): void {
   if (message.type === 'welcome') welcome(message);

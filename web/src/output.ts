@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Dialogs of what is written: the case, its report, its layers; with progress, and a question before a file is replaced.
 import type { Connection } from './connection';
-import { button, element, uniqueId } from './dom';
+import { button, element, labelled, uniqueId } from './dom';
 import type { LongTask, Progress, Task } from './protocol';
 import { duration, say } from './texts';
 
@@ -26,20 +26,8 @@ export class Output {
     private readonly folder: string,
   ) {
     this.name.value = name;
-    const form = element(
-      'form',
-      {},
-      this.title,
-      element(
-        'div',
-        { class: 'field wide' },
-        element('label', { attributes: { for: this.name.id } }, say('app.output.name')),
-        this.name,
-      ),
-      this.files,
-      this.message,
-      this.buttons,
-    );
+    const field = labelled(say('app.output.name'), this.name, true);
+    const form = element('form', {}, this.title, field, this.files, this.message, this.buttons);
     form.addEventListener('submit', (event) => {
       event.preventDefault();
       this.send(false);
@@ -70,14 +58,8 @@ export class Output {
     this.name.readOnly = false;
     this.tell(element('p', { class: `alert ${exists || this.cancelled ? 'amber' : 'red'}` }, text));
     this.cancelled = false;
-    this.offer(
-      exists
-        ? button(say('app.output.overwrite'), () => this.send(true), {
-            class: 'danger',
-            attributes: { 'data-action': 'overwrite' },
-          })
-        : this.submit(),
-    );
+    const overwrite = button(say('app.output.overwrite'), () => this.send(true), { class: 'danger', action: 'overwrite' });
+    this.offer(exists ? overwrite : this.submit());
   }
 
   progress({ task, phase, done, total, seconds_left }: Progress): void {
@@ -107,10 +89,7 @@ export class Output {
       ...(this.remark ? [element('p', { class: 'alert amber' }, this.remark)] : []),
     );
     this.buttons.replaceChildren(
-      button(say('app.close'), () => this.dialog.close(), {
-        class: 'primary',
-        attributes: { 'data-action': 'close-dialog' },
-      }),
+      button(say('app.close'), () => this.dialog.close(), { class: 'primary', action: 'close-dialog' }),
     );
   }
 
@@ -140,33 +119,22 @@ export class Output {
 
   /** A button that cancels the task, which continues until its present step is done. */
   private stop(): HTMLButtonElement {
-    const made = button(
-      say('app.cancel'),
-      () => {
-        this.cancelled = true;
-        made.disabled = true;
-        this.connection.send({ type: 'cancel' });
-        this.tell(element('p', { class: 'hint' }, say('app.output.cancelling')));
-      },
-      { attributes: { 'data-action': 'cancel' } },
-    );
+    const cancel = (): void => {
+      this.cancelled = true;
+      made.disabled = true;
+      this.connection.send({ type: 'cancel' });
+      this.tell(element('p', { class: 'hint' }, say('app.output.cancelling')));
+    };
+    const made = button(say('app.cancel'), cancel, { action: 'cancel' });
     return made;
   }
 
   private submit(): HTMLButtonElement {
-    const made = element(
-      'button',
-      { class: 'primary', attributes: { type: 'submit', 'data-action': 'write' } },
-      say(`app.output.${this.task}`),
-    );
-    return made;
+    return element('button', { class: 'primary', action: 'write', attributes: { type: 'submit' } }, say(`app.output.${this.task}`));
   }
 
   private offer(action: HTMLButtonElement): void {
-    this.buttons.replaceChildren(
-      button(say('app.cancel'), () => this.dialog.close()),
-      action,
-    );
+    this.buttons.replaceChildren(button(say('app.cancel'), () => this.dialog.close()), action);
   }
 
   private tell(...children: HTMLElement[]): void {

@@ -14,10 +14,8 @@ interface Shaped<Type extends string, Coordinates> {
   readonly coordinates: Coordinates;
   readonly properties: Readonly<Record<string, Value>>;
 }
-export type PointFeature = Shaped<'Point', Position>;
 export type LineFeature = Shaped<'LineString', Position[]>;
-export type PolygonFeature = Shaped<'Polygon', Position[][]>;
-export type Feature = PointFeature | LineFeature | PolygonFeature;
+export type Feature = Shaped<'Point', Position> | LineFeature | Shaped<'Polygon', Position[][]>;
 
 export type Group = Readonly<Record<string, SettingValue>>;
 export type Settings = Readonly<Record<string, Group>>;
@@ -123,7 +121,6 @@ export interface Welcome {
   offers: { objects: string[]; basemaps: string[] };
   wms: WebMap | null;
   view: Wanted;
-  limits: Record<string, number>;
 }
 export interface CaseError {
   text: string;
@@ -158,7 +155,7 @@ export type Text =
   | { type: 'net'; net: string; revision: number; tables: TableEntry[] }
   | { type: 'hazard_begun'; revision: number }
   | { type: 'hazard_refused'; revision: number; text: string }
-  | { type: 'objects'; chosen: string; objects: Shape[]; remarks: string[] }
+  | { type: 'objects'; chosen: string; objects: Shape[] }
   | { type: 'unfinished'; runs: { name: string; boulders: number }[] } // that can be resumed
   | { type: 'refused'; task: string; text: string; exists: boolean }
   | { type: 'saved'; files: string[]; remark: string; document_revision: number }
@@ -172,11 +169,7 @@ export interface TerrainMessage {
   nx: number;
   ny: number;
   crs: string;
-  z_min: number;
-  z_max: number;
-  full_cell: number;
-  full_nx: number;
-  full_ny: number;
+  full_cell: number; // of the simulated terrain [m]
   shade_cell: number;
 }
 export interface BackgroundMessage {
@@ -190,7 +183,7 @@ export interface BackgroundMessage {
 /** A shape with a name that is not edited; its geometry is that of GeoJSON. */
 export interface Shape {
   name: string;
-  geometry: object;
+  geometry: { type: string; coordinates: unknown };
 }
 /** A value with its 95 % interval; null where withheld. */
 export type Estimate = [number | null, number | null, number | null];
@@ -242,7 +235,6 @@ export interface BatchMessage {
   seconds_left: number | null;
   warnings: string[];
   ended: Record<string, number>;
-  statuses: Record<string, number>; // numbers of `stop_status` by name
   lines: (Line | LineStatistics)[]; // where they are many, only those in view have statistics at first
   overlay: OverlayHeader | null;
 }

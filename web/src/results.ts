@@ -10,8 +10,8 @@ import type { ScenePane } from './scene_pane';
 import type { Sender } from './sender';
 import type { Shell } from './shell';
 import { decimal, sayOr } from './texts';
-import { extended } from './trajectories';
-import type { Shade, Terrain, Trajectories } from './view3d/view3d';
+import type { Shade, Terrain } from './terrain';
+import { extended, type Trajectories } from './trajectories';
 
 export interface Parts {
   readonly shell: Shell;

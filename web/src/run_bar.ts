@@ -1,21 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // State of the run: how many boulders, how long; pause, resume, ten times as many.
 import { button, element } from './dom';
-import { icon } from './icons';
+import { icon, iconButton } from './icons';
 import type { BatchMessage } from './protocol';
 import { duration, say } from './texts';
 
-interface Actions {
-  run(): void;
-  stop(): void;
-  more(): void;
-}
-
 export class RunBar {
-  readonly root = element('div', {
-    class: 'run-bar',
-    attributes: { role: 'group', 'aria-label': say('app.run.label') },
-  });
+  readonly root = element('div', { class: 'run-bar', label: say('app.run.label'), attributes: { role: 'group' } });
   private readonly text = element('span', { class: 'run-text', attributes: { 'aria-live': 'off' } });
   private readonly bar = element('progress', { attributes: { max: '1', 'aria-label': say('app.run.label') } });
   private readonly toggle: HTMLButtonElement;
@@ -23,17 +14,12 @@ export class RunBar {
   private running = false;
 
   constructor(
-    actions: Actions,
+    turn: (to: 'run' | 'stop') => void,
+    more: () => void,
     private readonly live: boolean,
   ) {
-    this.toggle = button([icon('pause')], () => (this.running ? actions.stop() : actions.run()), {
-      class: 'icon-button',
-      attributes: { 'data-action': 'pause' },
-    });
-    this.tenfold = button('×10', () => actions.more(), {
-      title: say('app.run.tenfold'),
-      attributes: { 'data-action': 'tenfold' },
-    });
+    this.toggle = iconButton('pause', '', () => turn(this.running ? 'stop' : 'run'), { action: 'pause' });
+    this.tenfold = button('×10', more, { title: say('app.run.tenfold'), action: 'tenfold' });
     this.root.append(element('div', { class: 'run-state' }, this.text, this.bar));
     if (live) this.root.append(this.toggle, this.tenfold);
   }
@@ -43,17 +29,8 @@ export class RunBar {
     const failed = reason !== '';
     const current = batch !== null && !preliminary;
     this.running = current ? batch.running : !failed && !paused;
-    const state = failed
-      ? 'failed'
-      : !current
-        ? paused
-          ? 'paused'
-          : 'waiting'
-        : batch.complete
-          ? 'complete'
-          : batch.running
-            ? 'running'
-            : 'paused';
+    const done = current && batch.complete ? 'complete' : 'paused';
+    const state = failed ? 'failed' : current ? (batch.running && !batch.complete ? 'running' : done) : paused ? done : 'waiting';
     this.root.dataset['state'] = this.live ? state : 'complete';
     this.text.textContent = failed ? reason : current ? this.describe(batch) : say(paused ? 'app.run.paused' : 'app.run.waiting');
     if (current) this.bar.value = batch.total ? batch.boulders / batch.total : 0;

@@ -1,24 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The view in three dimensions: made when it is first shown, and fed only while it is.
-import type { Extent } from './map/plot_layer';
-import type { Layers } from './protocol';
-import { say } from './texts';
-import { View3d, type Frame, type Line3d, type Shade, type Terrain, type Trajectories } from './view3d/view3d';
-
-/** Present content of a scene. */
-export interface SceneContent {
-  terrain: Terrain | null;
-  shade: Shade | null;
-  trajectories: Trajectories | null;
-  drape: { image: HTMLCanvasElement; extent: Extent } | null;
-  layers: Layers;
-}
-
-const KINDS = { lines: 'line', barriers: 'barrier', dams: 'dam' } as const;
+import { makeView, type Frame, type SceneContent, type View3d } from './view3d/view3d';
 
 export class ScenePane {
-  private view: View3d | null = null;
-  private terrain: Terrain | null = null;
+  private view: View3d | null | undefined; // null: the browser cannot draw it
   private shown = false;
 
   constructor(
@@ -27,10 +12,10 @@ export class ScenePane {
   ) {}
 
   show(): void {
-    this.view ??= new View3d(this.parent, say);
+    if (this.view === undefined) this.view = makeView(this.parent);
     this.shown = true;
-    this.view.show();
-    this.update('terrain', 'trajectories', 'drape', 'layers');
+    this.view?.show();
+    this.update('trajectories', 'drape', 'layers');
   }
 
   /** Times of the last frames, for benchmarks. */
@@ -49,23 +34,6 @@ export class ScenePane {
 
   /** Take over what has changed; nothing while the map is shown. */
   update(...changed: (keyof SceneContent)[]): void {
-    if (!this.view || !this.shown) return;
-    const { terrain, shade, trajectories, drape, layers } = this.content();
-    if (terrain && terrain !== this.terrain) this.view.setTerrain(terrain, shade);
-    this.terrain = terrain;
-    if (changed.includes('trajectories')) this.view.setTrajectories(trajectories);
-    if (changed.includes('drape')) this.view.setDrape(drape?.image ?? null, drape?.extent ?? [0, 0, 0, 0]);
-    if (changed.includes('layers')) this.view.setLines(linesOf(layers));
+    if (this.shown) this.view?.update(this.content(), changed);
   }
-}
-
-function linesOf(layers: Layers): Line3d[] {
-  return (['lines', 'barriers', 'dams'] as const).flatMap((layer) =>
-    layers[layer].flatMap((feature): Line3d[] => {
-      if (feature.type !== 'LineString') return [];
-      const { name = '', height = 0 } = feature.properties;
-      const [x, y] = [0, 1].map((k) => feature.coordinates.map((position) => position[k] ?? 0)) as [number[], number[]];
-      return [{ name: String(name), kind: KINDS[layer], x, y, height: Number(height) }];
-    }),
-  );
 }

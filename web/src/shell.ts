@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Frame of the window: bar on top, tools, map, statistics below it, panel next to it.
-import { button, element } from './dom';
-import { icon } from './icons';
+import { element } from './dom';
+import { icon, iconButton } from './icons';
 import { say } from './texts';
 
 export type Mode = 'map' | 'scene' | 'compare';
@@ -11,22 +11,10 @@ export class Shell {
   readonly top = element('header', { class: 'top' });
   readonly notices = element('div', { class: 'notices' });
   readonly tools = element('div', { class: 'tool-strip' });
-  readonly mapTarget = element('div', {
-    class: 'map',
-    id: 'map',
-    attributes: { tabindex: '0', role: 'application', 'aria-label': say('app.map.label') },
-  });
+  readonly mapTarget = element('div', { class: 'map', id: 'map', label: say('app.map.label'), attributes: { tabindex: '0', role: 'application' } });
   readonly mapPane = element('section', { class: 'pane map-pane' }, this.mapTarget);
-  readonly scenePane = element('section', {
-    class: 'pane scene-pane',
-    hidden: true,
-    attributes: { 'aria-label': say('app.view.scene') },
-  });
-  readonly comparePane = element('section', {
-    class: 'pane compare-pane',
-    hidden: true,
-    attributes: { 'aria-label': say('app.view.compare') },
-  });
+  readonly scenePane = element('section', { class: 'pane scene-pane', hidden: true, label: say('app.view.scene') });
+  readonly comparePane = element('section', { class: 'pane compare-pane', hidden: true, label: say('app.view.compare') });
   readonly stage = element('main', { class: 'stage' }, this.mapPane, this.scenePane, this.comparePane);
   readonly dock = element('section', { class: 'dock', attributes: { 'aria-labelledby': 'dock-title' } });
   readonly side = element('aside', { class: 'side' });
@@ -39,30 +27,14 @@ export class Shell {
   private timer = 0;
 
   constructor(parent: HTMLElement) {
-    const fold = button(
-      icon('down'),
-      () => {
-        const folded = this.root.classList.toggle('dock-folded');
-        fold.replaceChildren(icon(folded ? 'up' : 'down'));
-        fold.setAttribute('aria-expanded', String(!folded));
-      },
-      {
-        class: 'icon-button',
-        title: say('app.statistics.fold'),
-        attributes: { 'aria-label': say('app.statistics.fold'), 'aria-expanded': 'true' },
-      },
-    );
-    this.dock.append(
-      element(
-        'header',
-        {},
-        element('h2', { id: 'dock-title' }, say('app.statistics.title')),
-        this.dockTag,
-        this.dockNote,
-        fold,
-      ),
-      this.dockBody,
-    );
+    const folds = (): void => {
+      const folded = this.root.classList.toggle('dock-folded');
+      fold.replaceChildren(icon(folded ? 'up' : 'down'));
+      fold.setAttribute('aria-expanded', String(!folded));
+    };
+    const fold = iconButton('down', say('app.statistics.fold'), folds, { attributes: { 'aria-expanded': 'true' } });
+    const title = element('h2', { id: 'dock-title' }, say('app.statistics.title'));
+    this.dock.append(element('header', {}, title, this.dockTag, this.dockNote, fold), this.dockBody);
     this.mapPane.append(this.tag);
     this.root.append(this.top, this.notices, this.tools, this.stage, this.sheet, this.dock, this.side, this.toast);
     parent.replaceChildren(this.root);
@@ -127,10 +99,7 @@ export class Shell {
         icon('warning'),
         element('span', {}, text),
         action,
-        button(icon('close'), () => this.clearNotice(name), {
-          class: 'icon-button',
-          attributes: { 'aria-label': say('app.close') },
-        }),
+        iconButton('close', say('app.close'), () => this.clearNotice(name), { title: '' }),
       ),
     );
   }

@@ -21,13 +21,7 @@ const ARROWS: Readonly<Record<string, readonly [number, number]>> = {
 };
 
 /** Listen to keys until the signal is aborted. */
-export function listenToKeys(
-  drawer: Drawer,
-  map: HTMLElement,
-  tools: readonly Tool[],
-  actions: Actions,
-  signal: AbortSignal,
-): void {
+export function listenToKeys(drawer: Drawer, map: HTMLElement, tools: readonly Tool[], actions: Actions, signal: AbortSignal): void {
   const letters = new Map(tools.map((tool) => [TOOLS[tool].letter.toLowerCase(), tool]));
   document.addEventListener(
     'keydown',
@@ -38,16 +32,9 @@ export function listenToKeys(
         event.target.closest('input:not([type=checkbox]):not([type=range]), textarea, select') !== null;
       const key = event.key.toLowerCase();
       if (event.ctrlKey || event.metaKey) {
-        const action =
-          key === 's'
-            ? actions.save
-            : typing
-              ? null
-              : key === 'y' || (key === 'z' && event.shiftKey)
-                ? actions.redo
-                : key === 'z'
-                  ? () => drawer.undoVertex() || actions.undo()
-                  : null;
+        const undo = (): unknown => drawer.undoVertex() || actions.undo();
+        const edits = typing ? {} : { y: actions.redo, z: event.shiftKey ? actions.redo : undo };
+        const action = ({ s: actions.save, ...edits } as Record<string, (() => unknown) | undefined>)[key];
         if (!action) return;
         event.preventDefault();
         action();

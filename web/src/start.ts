@@ -5,16 +5,10 @@ import type { Welcome } from './protocol';
 import { say } from './texts';
 
 export function startPage({ recent, version }: Welcome, open: (index: number) => void): HTMLElement {
-  const items = recent.map(({ name, folder }, k) =>
-    element(
-      'li',
-      {},
-      button([element('b', {}, name), element('small', {}, folder)], () => open(k), {
-        class: 'recent',
-        attributes: { 'data-recent': String(k) },
-      }),
-    ),
-  );
+  const items = recent.map(({ name, folder }, k) => {
+    const about = [element('b', {}, name), element('small', {}, folder)];
+    return element('li', {}, button(about, () => open(k), { class: 'recent', attributes: { 'data-recent': k } }));
+  });
   return element(
     'main',
     { class: 'start' },

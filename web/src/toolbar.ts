@@ -6,7 +6,7 @@ import { icon } from './icons';
 import { say } from './texts';
 
 export class Toolbar {
-  readonly root = element('nav', { class: 'tools', attributes: { 'aria-label': say('app.tools') } });
+  readonly root = element('nav', { class: 'tools', label: say('app.tools') });
   private readonly buttons = new Map<Tool, HTMLButtonElement>();
 
   constructor(tools: readonly Tool[], use: (tool: Tool) => void) {
@@ -15,7 +15,8 @@ export class Toolbar {
       const text = say(`app.tool.${tool}`);
       const made = button([icon(tool), element('kbd', {}, letter)], () => use(tool), {
         title: `${text} (${letter})`,
-        attributes: { 'aria-label': text, 'aria-keyshortcuts': letter, 'aria-pressed': 'false', 'data-tool': tool },
+        label: text,
+        attributes: { 'aria-keyshortcuts': letter, 'aria-pressed': 'false', 'data-tool': tool },
       });
       this.buttons.set(tool, made);
       this.root.append(made);

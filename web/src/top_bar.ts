@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Bar on top: which case, state of its run, map or 3-D, undo and redo, what is written, language.
 import { button, element, select } from './dom';
-import { icon } from './icons';
+import { icon, iconButton } from './icons';
 import type { Task, Welcome } from './protocol';
 import { menu, type Mode } from './shell';
 import { say } from './texts';
@@ -41,25 +41,14 @@ export class TopBar {
     const save = button([icon('save'), say('app.output.save')], () => actions.write('save'), {
       class: 'primary',
       title: `${say('app.output.title.save')} (Ctrl+S)`,
-      attributes: { 'data-action': 'save' },
+      action: 'save',
     });
+    const name = element('h1', {}, title || file || 'rockfall');
+    const edits = editing ? [this.undo, this.redo, save] : [];
     bar.append(
-      element(
-        'div',
-        { class: 'case-name', title: folder },
-        element('h1', {}, title || file || 'rockfall'),
-        element('small', {}, file),
-      ),
+      element('div', { class: 'case-name', title: folder }, name, element('small', {}, file)),
       runBar,
-      element(
-        'div',
-        { class: 'top-actions' },
-        views,
-        editing && this.undo,
-        editing && this.redo,
-        editing && save,
-        menu(say('app.more'), ...this.more(welcome, live)),
-      ),
+      element('div', { class: 'top-actions' }, views, ...edits, menu(say('app.more'), ...this.more(welcome, live))),
     );
   }
 
@@ -83,34 +72,20 @@ export class TopBar {
   /** Actions that are needed less often. */
   private more({ mode, language, languages }: Welcome, live: boolean): HTMLElement[] {
     const { write, picture, speak } = this.actions;
-    const action = (name: string, text: string, act: () => void): HTMLButtonElement =>
-      button(text, act, { attributes: { 'data-action': name } });
-    const found: HTMLElement[] = [action('picture', say('app.picture'), picture)];
-    if (!live) return found;
-    if (mode === 'case')
-      found.unshift(
-        action('simulate', say('app.output.simulate'), () => write('simulate')),
-        action('report', say('app.output.report'), () => write('report')),
-        action('export', say('app.output.export'), () => write('export')),
-      );
+    const shot = button(say('app.picture'), picture, { action: 'picture' });
+    if (!live) return [shot];
+    const tasks: Task[] = mode === 'case' ? ['simulate', 'report', 'export'] : [];
     const names = new Intl.DisplayNames([language], { type: 'language' });
     const choices = languages.map((one) => [one, names.of(one) ?? one] as const);
     return [
-      ...found,
-      element(
-        'label',
-        {},
-        say('app.language'),
-        select(choices, language, speak, { attributes: { 'data-action': 'language' } }),
-      ),
+      ...tasks.map((task) => button(say(`app.output.${task}`), () => write(task), { action: task })),
+      shot,
+      element('label', {}, say('app.language'), select(choices, language, speak, { action: 'language' })),
     ];
   }
 }
 
-function step(name: 'undo' | 'redo', text: string, keys: string, action: () => void): HTMLButtonElement {
-  return button(icon(name), action, {
-    class: 'icon-button',
-    title: `${text} (${keys.replace('Control', 'Ctrl')})`,
-    attributes: { 'aria-label': text, 'aria-keyshortcuts': keys, 'data-action': name },
-  });
+function step(name: 'undo' | 'redo', label: string, keys: string, action: () => void): HTMLButtonElement {
+  const title = `${label} (${keys.replace('Control', 'Ctrl')})`;
+  return iconButton(name, label, action, { title, action: name, attributes: { 'aria-keyshortcuts': keys } });
 }

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Trajectories of a message, those of several messages of the same run as one, and the motion between two of their points.
 import type { Binary, TrajectoriesMessage } from './protocol';
-import type { Trajectories } from './view3d/view3d';
+
+/** Points (n, COLUMNS): x - west, y - south, z [m], time since release [s], speed [m/s], and gravity on the way to the next point [m/s2]: 0 on
+ * the ground and at rest; masses [kg]. */
+export interface Trajectories { points: Float32Array; first: Uint32Array; boulder: Uint32Array; mass: Float32Array }
 
 /** Numbers of a point: x, y, z, time, speed, gravity. */
 export const COLUMNS = 6;

@@ -9,8 +9,7 @@ import {
   type CaseDocument,
   type Estimate,
 } from './protocol';
-import { extended } from './trajectories';
-import type { Trajectories } from './view3d/view3d';
+import { extended, type Trajectories } from './trajectories';
 
 /** A state of the page that can be looked at. */
 export interface Snapshot {

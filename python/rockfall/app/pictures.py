@@ -23,7 +23,7 @@ from rockfall.result.maps.classes import map_unit, shown_as
 from rockfall.result.maps.map_labels import map_label
 from rockfall.result.samples import has_rows
 from rockfall.result.trajectories import POINTS, Trajectory, ended
-from rockfall.result.variables import MAP, STATUS, TYPES
+from rockfall.result.variables import MAP, TYPES
 from rockfall.scene.scene import Scene
 
 MAX_HEIGHTS, MAX_SHADE = 1001, 2001  # cells along a side, for the view in 3-D and the map
@@ -67,15 +67,13 @@ class Ground:
 
     def message(self) -> bytes:
         """Message `terrain`."""
-        grid, heights = self.grid, self.heights[np.isfinite(self.heights)]
-        low, high = (heights.min(), heights.max()) if heights.size else (np.nan, np.nan)
+        grid = self.grid
         return binary_message(
             "terrain",
             {"heights": self.heights.astype("f4"), "shade": self.shade.astype("u1")},
             west=grid.west, north=grid.north, cell=grid.cell, nx=grid.nx, ny=grid.ny,
-            crs=crs_name(self.full.crs) if self.full.crs else "", z_min=float(low),
-            z_max=float(high), full_cell=self.full.cell, full_nx=self.full.nx,
-            full_ny=self.full.ny, shade_cell=self.shade_grid.cell,
+            crs=crs_name(self.full.crs) if self.full.crs else "", full_cell=self.full.cell,
+            shade_cell=self.shade_grid.cell,
         )  # fmt: skip
 
     def relative(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -143,9 +141,8 @@ def batch_message(
         with speaking(language):
             overlay, arrays["overlay"] = _overlay(result, shown)
     return binary_message(
-        "batch", arrays, **fields, warnings=warnings, ended=ended(result), statuses=STATUS,
-        overlay=overlay,
-    )  # fmt: skip
+        "batch", arrays, **fields, warnings=warnings, ended=ended(result), overlay=overlay
+    )
 
 
 def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:

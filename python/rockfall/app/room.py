@@ -9,7 +9,6 @@ from threading import RLock
 from typing import Any, TypeAlias
 
 from rockfall.app.edited.document import Document
-from rockfall.app.edited.features import MAX_FEATURES, MAX_VERTICES
 from rockfall.app.edited.forms import Form
 from rockfall.app.edited.opening import ground_choices, is_result, open_site
 from rockfall.app.edited.places import without_files
@@ -17,7 +16,6 @@ from rockfall.app.edited.saving import Exists, check_free, check_name, save
 from rockfall.app.exhibit import Exhibit
 from rockfall.app.live import Live
 from rockfall.app.messages import (
-    MAX_BYTES,
     Message,
     Refused,
     fault_message,
@@ -25,7 +23,7 @@ from rockfall.app.messages import (
     text_message,
 )
 from rockfall.app.outbox import Client
-from rockfall.app.pictures import MAX_TRAJECTORIES, View, map_choices
+from rockfall.app.pictures import View, map_choices
 from rockfall.app.recent import note_recent, recent_files
 from rockfall.app.surroundings import Given, Offers
 from rockfall.app.tasks import EXPORT, REPORT, SIMULATE, Task, outputs, unfinished
@@ -207,14 +205,10 @@ class Room:
         """Send a page everything it needs to start."""
         client.recent = recent_files()
         recent = [{"name": path.name, "folder": str(path.parent)} for path in client.recent]
-        limits = {
-            "features": MAX_FEATURES, "vertices": MAX_VERTICES, "bytes": MAX_BYTES,
-            "trajectories": MAX_TRAJECTORIES,
-        }  # fmt: skip
         fields = {
             "offers": self._offers.labels, "wms": self._wms, "writer": client is self._writer,
             "version": __version__, "recent": recent,
-            "language": client.language, "languages": LANGUAGES, "limits": limits,
+            "language": client.language, "languages": LANGUAGES,
             "texts": texts_of(client.language, "app"),
         }  # fmt: skip
         fields |= about_shown(self._shown, client.language)

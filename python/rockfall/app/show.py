@@ -49,7 +49,7 @@ def show(result: xr.Dataset | str | Path, language: str = "en") -> View:
     exhibit.language = language
     welcome = {
         "type": "welcome", "writer": False, "version": __version__, "language": language,
-        "languages": [language], "texts": texts_of(language, "app"), "recent": [], "limits": {},
+        "languages": [language], "texts": texts_of(language, "app"), "recent": [],
         "offers": {"objects": [], "basemaps": []}, "wms": None, **about_shown(exhibit, language),
     }  # fmt: skip
     return View([json.dumps(welcome), *(message for _, message in exhibit.messages())])

@@ -3,7 +3,7 @@
 import { contours } from 'd3-contour';
 import { ticks } from '../colours';
 import { decimal } from '../texts';
-import type { Terrain } from '../view3d/view3d';
+import { rangeOf, type Terrain } from '../terrain';
 import { PlotLayer, type Plan } from './plot_layer';
 
 const [COLOUR, HALO] = ['#7a5a36', 'rgb(255 255 255 / 0.85)'];
@@ -27,11 +27,7 @@ export function intervalOf(low: number, high: number): number {
 
 /** Contours between the centres of cells; none along the edges of what is known. */
 export function contoursOf({ heights, nx, ny, cell }: Terrain): Contour[] {
-  let [low, high] = [Infinity, -Infinity];
-  for (const height of heights) {
-    if (height < low) low = height;
-    if (height > high) high = height;
-  }
+  const { low, high } = rangeOf(heights) ?? { low: 0, high: 0 };
   if (!(high > low)) return [];
   const interval = intervalOf(low, high);
   const levels = Array.from({ length: Math.floor(high / interval) - Math.ceil(low / interval) + 1 }, (_, k) => (Math.ceil(low / interval) + k) * interval);

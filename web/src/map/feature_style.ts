@@ -3,7 +3,7 @@
 import type OlFeature from 'ol/Feature';
 import { LineString, MultiPoint, Point, Polygon } from 'ol/geom';
 import { Circle, Fill, RegularShape, Stroke, Style, Text } from 'ol/style';
-import { LAYER_COLOURS } from '../colours';
+import { css, LAYER_COLOURS, rgbOf } from '../colours';
 import type { Layer, Value } from '../protocol';
 
 const HALO = 'rgb(255 255 255 / 0.85)';
@@ -20,28 +20,20 @@ const LABEL_COLOURS: Readonly<Record<Layer, string>> = {
   dams: '#6b4600',
   zones: '#00664a',
 };
-const LABEL_HALO = stroke('rgb(255 255 255 / 0.9)', 3.5);
+
+/** A name in a white halo. */
+export function nameText(text: string, colour: string, offsetY: number, font = '600 12px system-ui, sans-serif'): Text {
+  const halo = stroke('rgb(255 255 255 / 0.9)', 3.5);
+  return new Text({ text, font, offsetY, overflow: true, fill: new Fill({ color: colour }), stroke: halo });
+}
 
 function label(name: Value | undefined, layer: Layer, offsetY: number): Style[] {
   if (name === undefined || name === '') return [];
-  const text = new Text({
-    text: String(name),
-    font: '600 12px system-ui, sans-serif',
-    offsetY,
-    overflow: true,
-    fill: new Fill({ color: LABEL_COLOURS[layer] }),
-    stroke: LABEL_HALO,
-  });
-  return [new Style({ text, zIndex: 5 })];
+  return [new Style({ text: nameText(String(name), LABEL_COLOURS[layer], offsetY), zIndex: 5 })];
 }
 
 function translucent(colour: string, percent: number): string {
-  return (
-    colour +
-    Math.round(2.55 * percent)
-      .toString(16)
-      .padStart(2, '0')
-  );
+  return css(rgbOf(colour), percent / 100);
 }
 
 /** Width of a dam at its foot [m]. */

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Features of the document as layers of the map.
 import OlFeature from 'ol/Feature';
-import { LineString, Point, Polygon, type Geometry } from 'ol/geom';
+import GeoJSON from 'ol/format/GeoJSON';
+import type { Geometry } from 'ol/geom';
 import VectorLayer from 'ol/layer/Vector';
 import VectorSource from 'ol/source/Vector';
 import type { Style } from 'ol/style';
-import { LAYERS, type Feature, type Layer, type Layers, type Position } from '../protocol';
+import { LAYERS, type Feature, type Layer, type Layers } from '../protocol';
 import { featureStyles, selectedStyles } from './feature_style';
 
+const format = new GeoJSON();
 const DATA = 'rockfall'; // property of a map's feature that holds the document's
 
 const LABELLED = 300; // features of a layer in view, above which their names would hide the map
@@ -153,33 +155,11 @@ export function setData(feature: OlFeature, data: Feature): void {
   feature.set(DATA, data, true);
 }
 
-function geometryOf(feature: Feature): Geometry {
-  switch (feature.type) {
-    case 'Point':
-      return new Point(feature.coordinates);
-    case 'LineString':
-      return new LineString(feature.coordinates);
-    case 'Polygon':
-      return new Polygon(feature.coordinates);
-  }
+export function geometryOf(shape: { type: string; coordinates: unknown }): Geometry {
+  return format.readGeometry(shape) as Geometry;
 }
 
 /** A feature of the document with a geometry of the map, to the millimetre. */
 export function featureOf(id: string, properties: Feature['properties'], geometry: Geometry): Feature {
-  const position = ([x = 0, y = 0]: readonly number[]): Position => [
-    Math.round(x * 1000) / 1000,
-    Math.round(y * 1000) / 1000,
-  ];
-  if (geometry instanceof Point)
-    return { id, type: 'Point', coordinates: position(geometry.getCoordinates()), properties };
-  if (geometry instanceof LineString)
-    return { id, type: 'LineString', coordinates: geometry.getCoordinates().map(position), properties };
-  if (geometry instanceof Polygon)
-    return {
-      id,
-      type: 'Polygon',
-      coordinates: geometry.getCoordinates().map((ring) => ring.map(position)),
-      properties,
-    };
-  throw new TypeError(`no feature is a ${geometry.getType()}`);
+  return { id, ...format.writeGeometryObject(geometry, { decimals: 3 }), properties } as Feature;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What lies on and below a map: zoom and fit, north, scale bar, coordinates and elevation under the pointer.
-import { button, element, svg } from '../dom';
-import { icon, type Icon } from '../icons';
+import { element, svg } from '../dom';
+import { iconButton, type Icon } from '../icons';
 import { decimal, say } from '../texts';
 import type { MapView } from './map_view';
 import { scaleBar } from './scale';
@@ -9,23 +9,21 @@ import { scaleBar } from './scale';
 /** Buttons on the map, and its north arrow. */
 export function mapButtons(view: MapView): HTMLElement {
   const made = (name: Icon, key: string, action: () => void): HTMLButtonElement =>
-    button(icon(name), action, { title: say(key), attributes: { 'aria-label': say(key), 'data-action': name } });
+    iconButton(name, say(key), action, { class: '', action: name });
   const arrow = svg(
     'svg',
     { viewBox: '0 0 28 40', class: 'north', role: 'img', 'aria-label': say('app.map.north') },
     svg('path', { d: 'M14 12 21.5 37 14 32 6.5 37Z', class: 'needle' }),
     svg('path', { d: 'M14 12V32L6.5 37Z', class: 'half' }),
+    svg('text', { x: 14, y: 9.5, 'text-anchor': 'middle' }, say('app.map.north_letter')),
   );
-  const letter = svg('text', { x: 14, y: 9.5, 'text-anchor': 'middle' });
-  letter.textContent = say('app.map.north_letter');
-  arrow.append(letter);
   return element(
     'div',
     { class: 'map-buttons' },
     arrow,
     element(
       'div',
-      { class: 'card', attributes: { role: 'group', 'aria-label': say('app.map.buttons') } },
+      { class: 'card', label: say('app.map.buttons'), attributes: { role: 'group' } },
       made('plus', 'app.map.zoom_in', () => view.zoom(1)),
       made('minus', 'app.map.zoom_out', () => view.zoom(-1)),
       made('fit_terrain', 'app.map.fit_terrain', () => view.fitTerrain()),

@@ -2,6 +2,7 @@
 // Hazard classes, and the cells from which boulders come to a place.
 import { LAYER_COLOURS } from '../colours';
 import type { Binary, HazardMessage, OriginsMessage } from '../protocol';
+import { extentOf } from '../terrain';
 import { PlotLayer, RasterLayer, type Plan } from './plot_layer';
 import { classRaster } from './rasters';
 
@@ -13,11 +14,11 @@ export class HazardLayer extends RasterLayer {
 
   show(message: Binary<HazardMessage> | null): void {
     const classes = message?.u1('classes');
-    if (!message || !classes) return this.display(null, [0, 0, 1, 1]);
+    if (!message || !classes) return this.display(null);
     const { west, north, cell } = message.header;
     const [ny = 0, nx = 0] = classes.shape;
     const colours = message.header.classes.map(([, colour]) => colour);
-    this.display(classRaster(classes.values, nx, ny, colours), [west, north - ny * cell, west + nx * cell, north]);
+    this.display(classRaster(classes.values, nx, ny, colours), extentOf(west, north, cell, classes.shape));
   }
 }
 

@@ -5,40 +5,26 @@ import View from 'ol/View';
 import { defaults as defaultInteractions } from 'ol/interaction/defaults';
 import type Geometry from 'ol/geom/Geometry';
 import { buffer, containsExtent, createEmpty, extend, getHeight, getWidth, isEmpty } from 'ol/extent';
-import type BaseLayer from 'ol/layer/Base';
+import ImageLayer from 'ol/layer/Image';
+import type ImageWMS from 'ol/source/ImageWMS';
 import Projection from 'ol/proj/Projection';
 import { LAYER_COLOURS, type ColourScale } from '../colours';
 import { element } from '../dom';
 import type { BackgroundMessage, BasemapMessage, Binary, Layers, OverlayHeader, WebMap } from '../protocol';
-import type { Shade, Terrain, Trajectories } from '../view3d/view3d';
+import { elevationAt, extentOf, type Extent, type Shade, type Terrain } from '../terrain';
+import type { Trajectories } from '../trajectories';
 import { ContourLayer } from './contour_layer';
 import { FeatureLayers } from './features';
 import { HazardLayer, OriginLayer } from './hazard_layer';
-import { type Extent, RasterLayer } from './plot_layer';
-import { hillshade, picture, resultRaster, zoneRaster } from './rasters';
+import { RasterLayer } from './plot_layer';
+import { hillshade, paintResult, picture, zoneRaster } from './rasters';
 import { SectionLayer } from './section_layer';
 import { ShapeLayer } from './surroundings';
-import { webMapLayer } from './web_map';
+import { webMapSource } from './web_map';
 import { DotLayer, TrajectoryLayer } from './trajectory_layer';
 
 /** What can be switched on and off. */
-export type Shown =
-  | 'zones'
-  | 'overlay'
-  | 'trajectories'
-  | 'stops'
-  | 'trees'
-  | 'background_sources'
-  | 'stands'
-  | 'contours'
-  | 'basemap'
-  | 'wms'
-  | 'objects'
-  | 'sources'
-  | 'lines'
-  | 'barriers'
-  | 'dams'
-  | 'drawn_zones';
+export type Shown = keyof MapView['switched'];
 
 const CODE = 'rockfall:terrain'; // of the CRS of the map
 const FIRST = 40; // cells that are in view at least, at first
@@ -53,22 +39,34 @@ export class MapView {
   private readonly shade = new RasterLayer(0, true);
   private readonly zones = new RasterLayer(5, false);
   private readonly overlay = new RasterLayer(10, false);
-  private readonly trees = new DotLayer(12, { colour: LAYER_COLOURS.trees, radius: 1.8, shape: 'circle', halo: false });
-  private readonly sources = new DotLayer(14, {
-    colour: LAYER_COLOURS.sources,
-    radius: 1.4,
-    shape: 'square',
-    halo: false,
-  });
-  private readonly stops = new DotLayer(22, { colour: LAYER_COLOURS.stops, radius: 1.3, shape: 'circle', halo: false });
+  private readonly trees = new DotLayer(12, LAYER_COLOURS.trees, 1.8);
+  private readonly sources = new DotLayer(14, LAYER_COLOURS.sources, 1.4, true);
+  private readonly stops = new DotLayer(22, LAYER_COLOURS.stops, 1.3);
   readonly section = new SectionLayer(45);
   readonly hazard = new HazardLayer(10);
   readonly origins = new OriginLayer(39);
   readonly objects = new ShapeLayer('objects', 24);
   private readonly basemap = new RasterLayer(2, true);
-  private webMap: BaseLayer | null = null;
   readonly contours = new ContourLayer(21);
   private readonly stands = new ShapeLayer('stands', 13);
+  readonly switched = {
+    zones: this.zones,
+    overlay: this.overlay,
+    stands: this.stands,
+    trees: this.trees,
+    contours: this.contours,
+    background_sources: this.sources,
+    trajectories: this.trajectories,
+    stops: this.stops,
+    objects: this.objects,
+    basemap: this.basemap,
+    wms: new ImageLayer<ImageWMS>({ zIndex: 1 }),
+    sources: this.features.layers.sources,
+    lines: this.features.layers.lines,
+    barriers: this.features.layers.barriers,
+    dams: this.features.layers.dams,
+    drawn_zones: this.features.layers.zones,
+  };
   private readonly overlayCanvas = element('canvas');
   private overlayOpacity = 0.85;
   private preliminary = false;
@@ -81,23 +79,7 @@ export class MapView {
       target,
       controls: [],
       interactions: defaultInteractions({ altShiftDragRotate: false, pinchRotate: false, doubleClickZoom: false }),
-      layers: [
-        this.shade,
-        this.basemap,
-        this.zones,
-        this.overlay,
-        this.hazard,
-        this.stands,
-        this.trees,
-        this.contours,
-        this.sources,
-        this.trajectories,
-        this.stops,
-        this.origins,
-        this.objects,
-        ...this.features.all,
-        this.section,
-      ],
+      layers: [this.shade, ...Object.values(this.switched), this.hazard, this.origins, this.features.selection, this.section],
     });
     this.map.on('change:size', () => this.fitAtFirst()); // after a fold of a panel, or a turn of a phone
     this.map.on('moveend', ({ frameState }) => {
@@ -116,12 +98,7 @@ export class MapView {
     this.contours.display(terrain);
     const extent = this.terrainExtent();
     if (shade)
-      this.shade.display(hillshade(shade.values, shade.nx, shade.ny), [
-        terrain.west,
-        extent[3] - shade.ny * shade.cell,
-        terrain.west + shade.nx * shade.cell,
-        extent[3],
-      ]);
+      this.shade.display(hillshade(shade.values, shade.nx, shade.ny), extentOf(terrain.west, extent[3], shade.cell, [shade.ny, shade.nx]));
     const [west, south, east, north] = extent;
     const around = Math.max(east - west, north - south) / 2;
     const projection = new Projection({ code: CODE, units: 'm', extent });
@@ -148,8 +125,8 @@ export class MapView {
     if (message && zones) {
       const [ny = 0, nx = 0] = zones.shape;
       const image = zoneRaster(zones.values, nx, ny, message.header.zones);
-      this.zones.display(image, [west, north - ny * cell, west + nx * cell, north]);
-    } else this.zones.display(null, [0, 0, 1, 1]);
+      this.zones.display(image, extentOf(west, north, cell, zones.shape));
+    } else this.zones.display(null);
     this.sources.display(message?.f8('sources')?.values ?? new Float64Array(), 2);
     this.stands.show(message?.header.stands ?? []);
     this.trees.display(message?.f8('trees')?.values ?? new Float64Array(), 3);
@@ -157,14 +134,13 @@ export class MapView {
 
   /** Add the web map service that the user gave. */
   addWebMap(given: WebMap): void {
-    this.webMap = webMapLayer(given, CODE, 1);
-    this.map.addLayer(this.webMap);
+    this.switched.wms.setSource(webMapSource(given, CODE));
   }
 
   /** Show a picture in place of the hillshade; without one, none. */
   showBasemap(message: Binary<BasemapMessage>): void {
     const rgba = message.u1('rgba');
-    if (!rgba) return this.basemap.display(null, [0, 0, 1, 1]);
+    if (!rgba) return this.basemap.display(null);
     const [west, east, south, north] = message.header.extent;
     this.basemap.display(picture(rgba.values, rgba.shape[1] ?? 0, rgba.shape[0] ?? 0), [west, south, east, north]);
   }
@@ -182,16 +158,12 @@ export class MapView {
   /** Paint the result by another scale than its own. */
   paintResult(scale: ColourScale | null): void {
     if (!this.result || !scale) {
-      this.overlay.display(null, [0, 0, 1, 1]);
+      this.overlay.display(null);
       return;
     }
-    const {
-      header: { west, north, cell },
-      values,
-      shape: [ny = 0, nx = 0],
-    } = this.result;
-    resultRaster(values, nx, ny, scale, this.overlayCanvas);
-    this.overlay.display(this.overlayCanvas, [west, north - ny * cell, west + nx * cell, north]);
+    const { header: { west, north, cell }, values, shape } = this.result;
+    paintResult(values, shape[1] ?? 0, shape[0] ?? 0, scale, this.overlayCanvas);
+    this.overlay.display(this.overlayCanvas, extentOf(west, north, cell, shape));
   }
 
   /** The result as an image, and its extent. */
@@ -225,26 +197,7 @@ export class MapView {
   }
 
   setVisible(name: Shown, visible: boolean): void {
-    const { sources, lines, barriers, dams, zones } = this.features.layers;
-    const layers: Record<Shown, BaseLayer | null> = {
-      zones: this.zones,
-      overlay: this.overlay,
-      trajectories: this.trajectories,
-      stops: this.stops,
-      trees: this.trees,
-      background_sources: this.sources,
-      stands: this.stands,
-      contours: this.contours,
-      basemap: this.basemap,
-      wms: this.webMap,
-      objects: this.objects,
-      sources,
-      lines,
-      barriers,
-      dams,
-      drawn_zones: zones,
-    };
-    layers[name]?.setVisible(visible);
+    this.switched[name].setVisible(visible);
   }
 
   /** Until someone moves the view, it fits where something is: sources, lines, nets, dams, results; without any, the terrain. */
@@ -270,13 +223,7 @@ export class MapView {
     const geometry: Geometry | undefined = this.features.find(id)?.feature.getGeometry();
     this.moved = true;
     if (geometry)
-      this.map
-        .getView()
-        .fit(geometry.getExtent(), {
-          padding: [90, 90, 90, 90],
-          minResolution: (this.terrain?.cell ?? 1) / 6,
-          duration: 250,
-        });
+      this.map.getView().fit(geometry.getExtent(), { padding: [90, 90, 90, 90], minResolution: (this.terrain?.cell ?? 1) / 6, duration: 250 });
   }
   /** Fit a section that is not all in view, once the panels have their room. */
   async fitSection(): Promise<void> {
@@ -290,24 +237,14 @@ export class MapView {
   zoom(steps: number): void {
     this.moved = true;
     const view = this.map.getView();
-    view.animate({
-      resolution: view.getConstrainedResolution((view.getResolution() ?? 1) / 1.6 ** steps) ?? 1,
-      duration: 150,
-    });
+    view.animate({ resolution: view.getConstrainedResolution((view.getResolution() ?? 1) / 1.6 ** steps) ?? 1, duration: 150 });
   }
 
   /** Elevation at a place, between the centres of cells; null where unknown. */
   elevation(x: number, y: number): number | null {
     if (!this.terrain) return null;
-    const { west, south, cell, nx, ny, heights } = this.terrain;
-    const column = Math.max(0, Math.min(nx - 1, (x - west) / cell - 0.5));
-    const row = Math.max(0, Math.min(ny - 1, (south + ny * cell - y) / cell - 0.5));
-    if (x < west || y < south || x > west + nx * cell || y > south + ny * cell) return null;
-    const [i, j] = [Math.min(nx - 2, Math.floor(column)), Math.min(ny - 2, Math.floor(row))];
-    const [u, v] = [column - i, row - j];
-    const at = (di: number, dj: number): number => heights[(j + dj) * nx + i + di] ?? NaN;
-    const value = (1 - v) * ((1 - u) * at(0, 0) + u * at(1, 0)) + v * ((1 - u) * at(0, 1) + u * at(1, 1));
-    return Number.isFinite(value) ? value : null;
+    const value = elevationAt(this.terrain, x - this.terrain.west, y - this.terrain.south);
+    return Number.isNaN(value) ? null : value;
   }
 
   private contentExtent(): Extent | null {
@@ -327,11 +264,7 @@ export class MapView {
   private resultExtent(): Extent | null {
     const shown = this.result;
     if (!shown) return null;
-    const {
-      header: { west, north, cell },
-      values,
-      shape: [ny = 0, nx = 0],
-    } = shown;
+    const { header: { west, north, cell }, values, shape: [ny = 0, nx = 0] } = shown;
     let [left, right, top, bottom] = [nx, -1, ny, -1];
     for (let k = 0; k < values.length; k++) {
       if (Number.isNaN(values[k])) continue;

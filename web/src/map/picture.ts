@@ -2,18 +2,27 @@
 // Picture of the map: its canvases one over the other, with title, legend, scale and north.
 import { css, viridis } from '../colours';
 import { nameOfMap, spread, withUnit } from '../legend';
-import type { HazardMessage, OverlayHeader } from '../protocol';
+import type { BatchMessage, HazardMessage, OverlayHeader, Welcome } from '../protocol';
 import { decimal, say } from '../texts';
 import type { MapView } from './map_view';
 import { scaleBar } from './scale';
 
-export interface Caption {
+interface Caption {
   title: string;
-  notes: readonly string[];
+  note: string;
   result: OverlayHeader | null;
   /** Classes of hazard that are shown in place of the result. */
   classes: HazardMessage['classes'] | null;
-  north: string;
+}
+
+/** What is written below a picture: the case, how many boulders, and when. */
+export function captionOf({ title, file, language }: Welcome, batch: BatchMessage | null, preliminary: boolean, classes: Caption['classes']): Caption {
+  const notes = [
+    batch && say('app.run.of_result', { n: batch.boulders }),
+    preliminary && say('app.preliminary'),
+    new Date().toLocaleDateString(language, { dateStyle: 'long' }),
+  ];
+  return { title: title || file, note: notes.filter(Boolean).join(' · '), result: batch?.overlay ?? null, classes };
 }
 
 const BAND = 84; // height of the caption
@@ -37,13 +46,7 @@ export function drawPicture(view: MapView, caption: Caption): HTMLCanvasElement 
   return picture;
 }
 
-function drawLayers(
-  context: CanvasRenderingContext2D,
-  view: MapView,
-  ratio: number,
-  width: number,
-  height: number,
-): void {
+function drawLayers(context: CanvasRenderingContext2D, view: MapView, ratio: number, width: number, height: number): void {
   context.save();
   context.beginPath();
   context.rect(0, 0, width, height);
@@ -61,19 +64,14 @@ function drawLayers(
   context.restore();
 }
 
-function drawCaption(
-  context: CanvasRenderingContext2D,
-  { title, notes, result, classes, north }: Caption,
-  width: number,
-  resolution: number,
-): void {
+function drawCaption(context: CanvasRenderingContext2D, { title, note, result, classes }: Caption, width: number, resolution: number): void {
   context.fillStyle = '#111827';
   context.textBaseline = 'top';
   context.font = `600 15px ${FONT}`;
   context.fillText(title, MARGIN, 14, width * 0.42);
   context.font = `12px ${FONT}`;
   context.fillStyle = '#4b5563';
-  notes.forEach((note, k) => context.fillText(note, MARGIN, 37 + 17 * k, width * 0.42));
+  context.fillText(note, MARGIN, 37, width * 0.42);
   if (classes) drawClasses(context, classes, width * 0.47);
   else if (result) drawRamp(context, result, width * 0.47, Math.min(280, width * 0.28));
   const bar = scaleBar(resolution, Math.min(140, width * 0.14));
@@ -89,7 +87,7 @@ function drawCaption(
   context.lineTo(x, 45);
   context.lineTo(x - 7, 50);
   context.fill();
-  context.fillText(north, x, 11);
+  context.fillText(say('app.map.north_letter'), x, 11);
 }
 
 function drawClasses(context: CanvasRenderingContext2D, classes: HazardMessage['classes'], left: number): void {

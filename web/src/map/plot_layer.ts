@@ -4,8 +4,7 @@ import Layer from 'ol/layer/Layer';
 import type { FrameState } from 'ol/Map';
 import type Source from 'ol/source/Source';
 import { element } from '../dom';
-
-export type Extent = [west: number, south: number, east: number, north: number];
+import type { Extent } from '../terrain';
 
 /** A canvas in a container of its own, as the map's renderer and its picture expect it. */
 abstract class CanvasLayer extends Layer<Source> {
@@ -46,8 +45,8 @@ export class RasterLayer extends CanvasLayer {
     super(zIndex);
   }
 
-  display(canvas: HTMLCanvasElement | null, extent: Extent): void {
-    this.extent = canvas && extent;
+  display(canvas: HTMLCanvasElement | null, extent: Extent | null = null): void {
+    this.extent = extent;
     if (canvas) this.swapCanvas(canvas);
     this.canvas.classList.toggle('cells', !this.smooth);
     this.canvas.hidden = canvas === null;

@@ -1,19 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Rasters as canvases of one pixel a cell: hillshade, zones, results.
-import { placeOf, viridis, ZONE_COLOURS, type ColourScale, type Rgb } from '../colours';
+import { placeOf, rgbOf, viridis, ZONE_COLOURS, type ColourScale, type Rgb } from '../colours';
 import { element } from '../dom';
 
-/** Little-endian RGBA of a pixel. */
-function pixel([r, g, b]: Rgb, alpha: number): number {
-  return ((alpha << 24) | (b << 16) | (g << 8) | r) >>> 0;
+/** Little-endian RGBA of an opaque pixel. */
+function pixel([r, g, b]: Rgb): number {
+  return ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0;
 }
 
-function paint(
-  width: number,
-  height: number,
-  colourOf: (k: number) => number,
-  canvas = element('canvas'),
-): HTMLCanvasElement {
+function paint(width: number, height: number, colourOf: (k: number) => number, canvas = element('canvas')): HTMLCanvasElement {
   if (canvas.width !== width) canvas.width = width;
   if (canvas.height !== height) canvas.height = height;
   const image = new ImageData(width, height);
@@ -27,7 +22,7 @@ function paint(
 export function hillshade(values: Uint8Array, nx: number, ny: number): HTMLCanvasElement {
   const greys = Uint32Array.from({ length: 256 }, (_, shade) => {
     const grey = Math.round(124 + 131 * (shade / 255) ** 0.85);
-    return shade === 0 ? 0 : pixel([grey, grey, grey], 255);
+    return shade === 0 ? 0 : pixel([grey, grey, grey]);
   });
   return paint(nx, ny, (k) => greys[values[k] as number] as number);
 }
@@ -37,14 +32,9 @@ export function zoneColour(index: number): Rgb {
 }
 
 /** Zones by colour; cells of no zone stay transparent. */
-export function zoneRaster(
-  values: Uint8Array,
-  nx: number,
-  ny: number,
-  zones: readonly { value: number }[],
-): HTMLCanvasElement {
+export function zoneRaster(values: Uint8Array, nx: number, ny: number, zones: readonly { value: number }[]): HTMLCanvasElement {
   const colours = new Uint32Array(256);
-  zones.forEach(({ value }, k) => (colours[value] = pixel(zoneColour(k), 255)));
+  zones.forEach(({ value }, k) => (colours[value] = pixel(zoneColour(k))));
   return paint(nx, ny, (k) => colours[values[k] as number] as number);
 }
 
@@ -58,33 +48,19 @@ export function picture(rgba: Uint8Array, nx: number, ny: number): HTMLCanvasEle
 
 /** Classes by their colours, as texts; the first is transparent. */
 export function classRaster(values: Uint8Array, nx: number, ny: number, colours: readonly string[]): HTMLCanvasElement {
-  const pixels = colours.map((colour) => {
-    const number = parseInt(colour.slice(1), 16);
-    return pixel([number >> 16, (number >> 8) & 255, number & 255], 255);
-  });
+  const pixels = colours.map((colour) => pixel(rgbOf(colour)));
   return paint(nx, ny, (k) => (values[k] ? (pixels[values[k] as number] ?? 0) : 0));
 }
 
 const STEPS = 256;
-const RAMP = Uint32Array.from({ length: STEPS }, (_, k) => pixel(viridis(k / (STEPS - 1)), 255));
+const RAMP = Uint32Array.from({ length: STEPS }, (_, k) => pixel(viridis(k / (STEPS - 1))));
 
-/** A result by the colours of its scale; transparent where there is none. */
-export function resultRaster(
-  values: Float32Array,
-  nx: number,
-  ny: number,
-  scale: ColourScale,
-  canvas: HTMLCanvasElement,
-): HTMLCanvasElement {
-  return paint(
-    nx,
-    ny,
-    (k) => {
-      const value = values[k] as number;
-      if (Number.isNaN(value)) return 0;
-      const place = Math.max(0, Math.min(1, placeOf(value, scale)));
-      return RAMP[Math.round(place * (STEPS - 1))] ?? 0;
-    },
-    canvas,
-  );
+/** Paint a result on a canvas by the colours of its scale; transparent where there is none. */
+export function paintResult(values: Float32Array, nx: number, ny: number, scale: ColourScale, canvas: HTMLCanvasElement): void {
+  const colourOf = (k: number): number => {
+    const value = values[k] as number;
+    if (Number.isNaN(value)) return 0;
+    return RAMP[Math.round(Math.max(0, Math.min(1, placeOf(value, scale))) * (STEPS - 1))] ?? 0;
+  };
+  paint(nx, ny, colourOf, canvas);
 }

@@ -4,8 +4,9 @@ import OlFeature from 'ol/Feature';
 import { LineString, Point } from 'ol/geom';
 import VectorLayer from 'ol/layer/Vector';
 import VectorSource from 'ol/source/Vector';
-import { Circle, Fill, Stroke, Style, Text } from 'ol/style';
+import { Circle, Fill, Stroke, Style } from 'ol/style';
 import type { Position } from '../protocol';
+import { nameText } from './feature_style';
 
 const [INK, WHITE] = ['#111827', 'rgb(255 255 255 / 0.9)'];
 
@@ -35,7 +36,7 @@ export class SectionLayer extends VectorLayer<VectorSource> {
     if (vertices.length < 2) return;
     const ends = [vertices[0], vertices.at(-1)].map((place, k) => {
       const end = new OlFeature(new Point(place ?? [0, 0]));
-      end.setStyle([...SECTION_STYLE, new Style({ text: letter('AB'[k] ?? '') })]);
+      end.setStyle([...SECTION_STYLE, new Style({ text: nameText('AB'[k] ?? '', INK, -14, '700 13px system-ui, sans-serif') })]);
       return end;
     });
     source?.addFeatures([new OlFeature(new LineString(vertices.map((place) => [...place]))), ...ends, this.read]);
@@ -46,14 +47,4 @@ export class SectionLayer extends VectorLayer<VectorSource> {
   mark(place: Position | null): void {
     this.read.setGeometry(place ? new Point(place) : undefined);
   }
-}
-
-function letter(text: string): Text {
-  return new Text({
-    text,
-    font: '700 13px system-ui, sans-serif',
-    offsetY: -14,
-    fill: new Fill({ color: INK }),
-    stroke: new Stroke({ color: WHITE, width: 4 }),
-  });
 }

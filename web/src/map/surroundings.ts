@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What is around the document on the map: houses and other objects, stands of forest, each with its name.
-import GeoJSON from 'ol/format/GeoJSON';
 import OlFeature from 'ol/Feature';
 import VectorLayer from 'ol/layer/Vector';
 import VectorSource from 'ol/source/Vector';
-import { Circle, Fill, Stroke, Style, Text } from 'ol/style';
+import { Circle, Fill, Stroke, Style } from 'ol/style';
 import { LAYER_COLOURS } from '../colours';
 import type { Shape } from '../protocol';
+import { nameText } from './feature_style';
+import { geometryOf } from './features';
 
 const NAMED = 300; // shapes, above which their names would hide the map
-const format = new GeoJSON();
 
 /** Shapes with names that nobody edits here. */
 export class ShapeLayer extends VectorLayer<VectorSource> {
@@ -21,7 +21,7 @@ export class ShapeLayer extends VectorLayer<VectorSource> {
       const name = String(feature.get('name') ?? '');
       if (!name || (this.getSource()?.getFeatures().length ?? 0) > NAMED) return style;
       let label = names.get(name);
-      if (!label) names.set(name, (label = nameStyle(name, kind)));
+      if (!label) names.set(name, (label = new Style({ text: nameText(name, LAYER_COLOURS[kind], kind === 'objects' ? -11 : 0, '600 11.5px system-ui, sans-serif') })));
       return [style, label];
     });
   }
@@ -29,7 +29,7 @@ export class ShapeLayer extends VectorLayer<VectorSource> {
   show(shapes: readonly Shape[]): void {
     const source = this.getSource();
     source?.clear();
-    source?.addFeatures(shapes.map(({ name, geometry }) => new OlFeature({ geometry: format.readGeometry(geometry) ?? undefined, name })));
+    source?.addFeatures(shapes.map(({ name, geometry }) => new OlFeature({ geometry: geometryOf(geometry), name })));
   }
 }
 
@@ -44,16 +44,3 @@ const STYLES = {
     fill: new Fill({ color: 'rgb(0 122 89 / 0.12)' }),
   }),
 } as const;
-
-function nameStyle(name: string, kind: 'objects' | 'stands'): Style {
-  return new Style({
-    text: new Text({
-      text: name,
-      font: '600 11.5px system-ui, sans-serif',
-      overflow: true,
-      offsetY: kind === 'objects' ? -11 : 0,
-      fill: new Fill({ color: LAYER_COLOURS[kind] }),
-      stroke: new Stroke({ color: 'rgb(255 255 255 / 0.9)', width: 3.5 }),
-    }),
-  });
-}

@@ -2,8 +2,7 @@
 // Trajectories in plan, and points of one kind.
 import { createEmpty, extendCoordinate } from 'ol/extent';
 import { css, LAYER_COLOURS, plasma, SPEED_CLASSES } from '../colours';
-import { COLUMNS } from '../trajectories';
-import type { Trajectories } from '../view3d/view3d';
+import { COLUMNS, type Trajectories } from '../trajectories';
 import { PlotLayer, type Plan } from './plot_layer';
 
 const SPEED = 4; // column of a point
@@ -40,47 +39,22 @@ export class TrajectoryLayer extends PlotLayer {
     // Lines of one pixel are drawn many times faster than wider ones.
     context.lineWidth = Math.max(1, Math.floor(plan.pixelRatio));
     context.lineJoin = 'round';
-    if (this.bySpeed)
-      for (let t = 0; t + 1 < this.shown.first.length; t += TOGETHER) this.paintClasses(context, plan, this.shown, t);
-    else this.paintLines(context, plan, this.shown);
+    const number = this.shown.first.length - 1;
+    // By one colour, each has a stroke of its own: where many pass it gets darker. A stroke of very many pieces is slow.
+    const [together, classes] = this.bySpeed ? [TOGETHER, SPEED_CLASSES] : [1, 1];
+    context.globalAlpha = this.bySpeed ? 0.85 : Math.max(0.12, Math.min(0.6, 3.5 / Math.sqrt(number + 1)));
+    for (let t = 0; t < number; t += together)
+      this.pathsOf(this.shown, t, Math.min(t + together, number), classes, plan).forEach((path, k) => {
+        context.strokeStyle = this.bySpeed ? css(plasma(k / (SPEED_CLASSES - 1))) : LAYER_COLOURS.trajectories;
+        context.stroke(path);
+      });
   }
 
-  /** Each by a stroke of its own: where many pass it gets darker. */
-  private paintLines(
-    context: CanvasRenderingContext2D,
-    { scale, x0, y0 }: Plan,
-    { points, first }: Trajectories,
-  ): void {
-    const number = first.length - 1;
-    context.strokeStyle = LAYER_COLOURS.trajectories;
-    context.globalAlpha = Math.max(0.12, Math.min(0.6, 3.5 / Math.sqrt(number + 1)));
-    for (let t = 0; t < number; t++) {
-      const end = (first[t + 1] ?? 0) * COLUMNS;
-      let lastX = NaN;
-      let lastY = NaN;
-      context.beginPath();
-      for (let k = (first[t] ?? 0) * COLUMNS; k < end; k += COLUMNS) {
-        const x = x0 + (points[k] as number) * scale;
-        const y = y0 - (points[k + 1] as number) * scale;
-        if (Math.abs(x - lastX) + Math.abs(y - lastY) < SHORTEST && k + COLUMNS < end) continue;
-        context.lineTo(x, y);
-        lastX = x;
-        lastY = y;
-      }
-      context.stroke();
-    }
-  }
-
-  /** Pieces of some trajectories, those of a class of speed by one stroke; a stroke of very many pieces is slow. */
-  private paintClasses(
-    context: CanvasRenderingContext2D,
-    { scale, x0, y0 }: Plan,
-    { points, first }: Trajectories,
-    begin: number,
-  ): void {
-    const paths = Array.from({ length: SPEED_CLASSES }, () => new Path2D());
-    const perClass = this.fastest / SPEED_CLASSES || 1;
-    for (let t = begin; t < Math.min(begin + TOGETHER, first.length - 1); t++) {
+  /** Pieces of some trajectories, as one path for each class of speed. */
+  private pathsOf({ points, first }: Trajectories, begin: number, behind: number, classes: number, { scale, x0, y0 }: Plan): Path2D[] {
+    const paths = Array.from({ length: classes }, () => new Path2D());
+    const perClass = this.fastest / classes || 1;
+    for (let t = begin; t < behind; t++) {
       const end = (first[t + 1] ?? 0) * COLUMNS;
       let lastX = NaN;
       let lastY = NaN;
@@ -89,26 +63,15 @@ export class TrajectoryLayer extends PlotLayer {
         const x = x0 + (points[k] as number) * scale;
         const y = y0 - (points[k + 1] as number) * scale;
         if (Math.abs(x - lastX) + Math.abs(y - lastY) < SHORTEST && k + COLUMNS < end) continue;
-        const now = Math.min(SPEED_CLASSES - 1, Math.floor((points[k + SPEED] as number) / perClass));
+        const now = Math.min(classes - 1, Math.floor((points[k + SPEED] as number) / perClass));
         const path = paths[now] as Path2D;
         if (now !== last) path.moveTo(Number.isNaN(lastX) ? x : lastX, Number.isNaN(lastY) ? y : lastY);
         path.lineTo(x, y);
         [lastX, lastY, last] = [x, y, now];
       }
     }
-    context.globalAlpha = 0.85;
-    paths.forEach((path, k) => {
-      context.strokeStyle = css(plasma(k / (SPEED_CLASSES - 1)));
-      context.stroke(path);
-    });
+    return paths;
   }
-}
-
-export interface DotStyle {
-  colour: string;
-  radius: number;
-  shape: 'circle' | 'square';
-  halo: boolean;
 }
 
 /** Points in rows of numbers; the first two are metres east and north of an origin. */
@@ -118,7 +81,9 @@ export class DotLayer extends PlotLayer {
 
   constructor(
     zIndex: number,
-    private readonly style: DotStyle,
+    private readonly colour: string,
+    private readonly radius: number, // [CSS pixel]
+    private readonly square = false,
   ) {
     super(zIndex);
   }
@@ -139,28 +104,21 @@ export class DotLayer extends PlotLayer {
     return whole;
   }
 
-  protected override paint(
-    context: CanvasRenderingContext2D,
-    { scale, x0, y0, width, height, pixelRatio }: Plan,
-  ): void {
-    const { colour, radius, shape, halo } = this.style;
-    const r = radius * pixelRatio;
+  protected override paint(context: CanvasRenderingContext2D, { scale, x0, y0, width, height, pixelRatio }: Plan): void {
+    const r = this.radius * pixelRatio;
     const path = new Path2D();
     for (let k = 0; k + 1 < this.rows.length; k += this.columns) {
       const x = x0 + (this.rows[k] as number) * scale;
       const y = y0 - (this.rows[k + 1] as number) * scale;
       if (x < -r || y < -r || x > width + r || y > height + r) continue;
-      if (shape === 'square') path.rect(x - r, y - r, 2 * r, 2 * r);
+      if (this.square) path.rect(x - r, y - r, 2 * r, 2 * r);
       else {
         path.moveTo(x + r, y);
         path.arc(x, y, r, 0, 2 * Math.PI);
       }
     }
     context.globalAlpha = 0.8;
-    context.fillStyle = colour;
-    context.strokeStyle = 'rgb(255 255 255 / 0.9)';
-    context.lineWidth = pixelRatio;
-    if (halo) context.stroke(path);
+    context.fillStyle = this.colour;
     context.fill(path);
   }
 }

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A web map service that the user added: without one, no request leaves the machine.
-import ImageLayer from 'ol/layer/Image';
 import ImageWMS from 'ol/source/ImageWMS';
 import type { WebMap } from '../protocol';
 
-/** Layer of a service in the CRS of the terrain, which the map knows by a code of its own. */
-export function webMapLayer({ url, layers, crs }: WebMap, code: string, zIndex: number): ImageLayer<ImageWMS> {
-  const source = new ImageWMS({
+/** A service in the CRS of the terrain, which the map knows by a code of its own. */
+export function webMapSource({ url, layers, crs }: WebMap, code: string): ImageWMS {
+  return new ImageWMS({
     url,
     params: { LAYERS: layers, VERSION: '1.1.1', FORMAT: 'image/png' }, // x before y in every CRS
     ratio: 1,
@@ -17,5 +16,4 @@ export function webMapLayer({ url, layers, crs }: WebMap, code: string, zIndex: 
       (image.getImage() as HTMLImageElement).src = asked.href;
     },
   });
-  return new ImageLayer({ source, zIndex });
 }

@@ -1,24 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What the map shows: layers on and off, opacity of the result, number and colour of trajectories.
-import { checkbox, element, select, uniqueId } from '../dom';
+import { LAYER_COLOURS } from '../colours';
+import { checkbox, element, labelled, select } from '../dom';
 import type { Shown } from '../map/map_view';
 import type { Wanted, Welcome } from '../protocol';
 import { decimal, say } from '../texts';
 import { swatch } from './features';
 
 const RESULTS: readonly Shown[] = ['overlay', 'trajectories', 'stops'];
-const CASE: readonly Shown[] = [
-  'sources',
-  'lines',
-  'barriers',
-  'dams',
-  'drawn_zones',
-  'background_sources',
-  'zones',
-  'trees',
-  'stands',
-  'objects',
-];
+const CASE: readonly Shown[] = ['sources', 'lines', 'barriers', 'dams', 'drawn_zones', 'background_sources', 'zones', 'trees', 'stands', 'objects'];
 const GROUND: readonly Shown[] = ['contours', 'basemap', 'wms'];
 const HIDDEN_AT_FIRST: readonly Shown[] = ['stops', 'contours'];
 const NUMBERS = [0, 20, 50, 100, 200, 500, 1000];
@@ -26,10 +16,8 @@ const NUMBERS = [0, 20, 50, 100, 200, 500, 1000];
 interface Actions {
   visible(name: Shown, on: boolean): void;
   opacity(value: number): void;
-  trajectories(number: number): void;
   bySpeed(on: boolean): void;
-  objects(label: string): void;
-  basemap(label: string): void;
+  want(change: Partial<Wanted>): void;
 }
 
 export class DisplayPanel {
@@ -49,50 +37,32 @@ export class DisplayPanel {
       this.rows.set(name, made);
       return made;
     };
-    const slider = element('input', {
-      id: uniqueId('opacity'),
-      attributes: { type: 'range', min: '0.1', max: '1', step: '0.05', value: String(opacity) },
-    });
+    const slider = element('input', { attributes: { type: 'range', min: '0.1', max: '1', step: '0.05', value: opacity } });
     slider.addEventListener('input', () => actions.opacity(Number(slider.value)));
     const known = [...new Set([...NUMBERS, trajectories])].sort((a, b) => a - b);
     this.number = select(
       known.map((n) => [String(n), decimal(n)] as const),
       String(trajectories),
-      (value) => actions.trajectories(Number(value)),
-      { id: uniqueId('number'), attributes: { 'data-action': 'trajectories' } },
+      (value) => actions.want({ trajectories: Number(value) }),
+      { action: 'trajectories' },
     );
-    const choice = (name: 'objects' | 'basemap', labels: readonly string[]): HTMLSelectElement =>
-      select([['', say('app.display.none')], ...labels.map((label) => [label, label] as const)], view[name], actions[name], {
-        id: uniqueId(name),
-        attributes: { 'data-action': name },
-      });
+    const choice = (action: 'objects' | 'basemap', labels: readonly string[]): HTMLSelectElement =>
+      select([['', say('app.display.none')], ...labels.map((label) => [label, label] as const)], view[action], (label) => actions.want({ [action]: label }), { action });
     this.objects = choice('objects', offers.objects);
     this.basemap = choice('basemap', offers.basemaps);
-    const named = (key: string, box: HTMLSelectElement): HTMLElement =>
-      element('div', { class: 'field wide' }, element('label', { attributes: { for: box.id } }, say(key)), box);
     this.root.append(
       element('h2', {}, say('app.display.results')),
       ...RESULTS.map(row),
-      element(
-        'div',
-        { class: 'field' },
-        element('label', { attributes: { for: slider.id } }, say('app.display.opacity')),
-        slider,
-      ),
-      element(
-        'div',
-        { class: 'field' },
-        element('label', { attributes: { for: this.number.id } }, say('app.display.trajectories')),
-        this.number,
-      ),
+      labelled(say('app.display.opacity'), slider),
+      labelled(say('app.display.trajectories'), this.number),
       checkbox(say('app.display.by_speed'), false, actions.bySpeed, { attributes: { 'data-show': 'by_speed' } }),
       element('h2', {}, say('app.display.ground')),
       ...GROUND.map(row),
-      named('app.display.basemap', this.basemap),
+      labelled(say('app.display.basemap'), this.basemap, true),
       element('p', { class: 'hint' }, say('app.display.basemap_hint')),
       element('h2', {}, say('app.display.case')),
       ...CASE.map(row),
-      named('app.display.objects', this.objects),
+      labelled(say('app.display.objects'), this.objects, true),
       element('p', { class: 'hint' }, say('app.display.objects_hint')),
     );
   }
@@ -127,18 +97,6 @@ export class DisplayPanel {
 }
 
 function colourOf(name: Shown): HTMLElement | null {
-  switch (name) {
-    case 'drawn_zones':
-      return swatch('zones');
-    case 'background_sources':
-      return swatch('sources');
-    case 'zones':
-    case 'overlay':
-    case 'contours':
-    case 'basemap':
-    case 'wms':
-      return null;
-    default:
-      return swatch(name);
-  }
+  const layer = name === 'background_sources' ? 'sources' : name === 'drawn_zones' ? 'zones' : name;
+  return name !== 'zones' && layer in LAYER_COLOURS ? swatch(layer as keyof typeof LAYER_COLOURS) : null;
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What is drawn: a list by layer, and the properties of what is selected.
+import { LineString, Polygon } from 'ol/geom';
 import { LAYER_COLOURS } from '../colours';
 import { button, element } from '../dom';
 import type { DocumentStore } from '../document';
@@ -86,31 +87,21 @@ export class FeaturePanel {
     this.buttons.clear();
     this.list.classList.toggle('long', shown.some((layer) => this.store.layer(layer).length > LONG));
     const sections = shown.map((layer) => {
-      const title = element(
-        'h3',
-        {},
-        swatch(layer),
-        say(`app.layer.${layer}`),
-        element('span', { class: 'count' }, decimal(this.store.layer(layer).length)),
-      );
+      const count = element('span', { class: 'count' }, decimal(this.store.layer(layer).length));
+      const title = element('h3', {}, swatch(layer), say(`app.layer.${layer}`), count);
       const items = this.store.layer(layer).map(({ id }) => element('li', {}, this.item(id)));
       return element('section', {}, title, element('ul', {}, ...items));
     });
-    this.list.replaceChildren(
-      ...(sections.length ? sections : [element('p', { class: 'empty' }, say('app.features.none'))]),
-    );
+    this.list.replaceChildren(...(sections.length ? sections : [element('p', { class: 'empty' }, say('app.features.none'))]));
     if (focused) this.buttons.get(focused)?.focus();
   }
 
   private item(id: string): HTMLButtonElement {
-    const made = button(
-      [],
-      () => {
-        this.actions.select(id);
-        this.actions.zoom(id);
-      },
-      { attributes: { 'data-feature': id, 'aria-pressed': 'false' } },
-    );
+    const show = (): void => {
+      this.actions.select(id);
+      this.actions.zoom(id);
+    };
+    const made = button([], show, { attributes: { 'data-feature': id, 'aria-pressed': 'false' } });
     this.buttons.set(id, made);
     return made;
   }
@@ -127,11 +118,7 @@ export class FeaturePanel {
     if (this.form?.id !== feature.id || this.form.layer !== layer) this.makeForm(layer, feature);
     const errors = this.errors.filter((error) => error.id === feature.id);
     const fields = new Set(this.forms.layers[layer]?.map(({ name }) => name));
-    this.form?.form.update(
-      feature.properties,
-      new Map(errors.map((error) => [error.key ?? '', error.text])),
-      this.editable,
-    );
+    this.form?.form.update(feature.properties, new Map(errors.map(({ key = '', text }) => [key, text])), this.editable);
     this.form?.form.filter(({ name }) => applies(name, feature.properties, String(feature.properties['volume'] ?? '')));
     if (this.form) this.form.size.textContent = sizeOf(feature);
     const others = errors
@@ -147,16 +134,9 @@ export class FeaturePanel {
     });
     const size = element('span', { class: 'size' });
     const heading = element('h2', {}, swatch(layer), say(`app.layer.one.${layer}`), size);
-    const actions = element(
-      'div',
-      { class: 'actions' },
-      button([icon('target'), say('app.zoom_to')], () => this.actions.zoom(feature.id)),
-      this.editable &&
-        button([icon('trash'), say('app.delete')], () => this.actions.remove(feature.id), {
-          class: 'danger',
-          attributes: { 'data-action': 'delete' },
-        }),
-    );
+    const zoom = button([icon('target'), say('app.zoom_to')], () => this.actions.zoom(feature.id));
+    const remove = button([icon('trash'), say('app.delete')], () => this.actions.remove(feature.id), { class: 'danger', action: 'delete' });
+    const actions = element('div', { class: 'actions' }, zoom, this.editable && remove);
     this.form = { id: feature.id, layer, form, size };
     this.properties.replaceChildren(heading, form.root, actions);
   }
@@ -167,9 +147,7 @@ function sameIds(before: readonly Feature[] | undefined, after: readonly Feature
 }
 
 export function swatch(layer: keyof typeof LAYER_COLOURS): HTMLElement {
-  const made = element('span', { class: `swatch ${layer}` });
-  made.style.setProperty('--colour', LAYER_COLOURS[layer]);
-  return made;
+  return element('span', { class: `swatch ${layer}`, style: `--colour: ${LAYER_COLOURS[layer]}` });
 }
 
 export function nameOf(layer: Layer, feature: Feature, index: number): string {
@@ -177,20 +155,10 @@ export function nameOf(layer: Layer, feature: Feature, index: number): string {
   return name === undefined || name === '' ? `${say(`app.layer.one.${layer}`)} ${index + 1}` : String(name);
 }
 
-/** Length or area of a shape. */
+/** Place, length or area of a shape. */
 function sizeOf(feature: Feature): string {
   if (feature.type === 'Point') return feature.coordinates.map((value) => decimal(value, 1)).join(' / ');
-  if (feature.type === 'LineString') {
-    const length = feature.coordinates
-      .slice(1)
-      .reduce(
-        (sum, [x, y], k) =>
-          sum + Math.hypot(x - (feature.coordinates[k]?.[0] ?? 0), y - (feature.coordinates[k]?.[1] ?? 0)),
-        0,
-      );
-    return `${decimal(length, length < 100 ? 1 : 0)} m`;
-  }
-  const ring = feature.coordinates[0] ?? [];
-  const doubled = ring.slice(1).reduce((sum, [x, y], k) => sum + (ring[k]?.[0] ?? 0) * y - x * (ring[k]?.[1] ?? 0), 0);
-  return `${decimal(Math.abs(doubled) / 2, 0)} m²`;
+  if (feature.type === 'Polygon') return `${decimal(new Polygon(feature.coordinates).getArea(), 0)} m²`;
+  const length = new LineString(feature.coordinates).getLength();
+  return `${decimal(length, length < 100 ? 1 : 0)} m`;
 }

@@ -23,7 +23,7 @@ export class HazardPanel {
     scenarios: number,
     private readonly actions: Actions,
   ) {
-    const run = checkbox(say('app.hazard.run', { n: scenarios }), false, actions.run, { attributes: { 'data-action': 'hazard' } });
+    const run = checkbox(say('app.hazard.run', { n: scenarios }), false, actions.run, { action: 'hazard' });
     const show = checkbox(say('app.hazard.classes'), true, actions.classes, { attributes: { 'data-show': 'hazard' } });
     this.runs = run.querySelector('input') as HTMLInputElement;
     this.shows = show.querySelector('input') as HTMLInputElement;

@@ -37,19 +37,9 @@ export class MessagePanel {
   private strip(colour: 'red' | 'amber', messages: readonly Message[], open: boolean): HTMLElement | null {
     const [first, ...others] = messages;
     if (!first) return null;
-    const head = element(
-      'summary',
-      { title: first.text },
-      icon('warning'),
-      this.line(first),
-      others.length > 0 && element('span', { class: 'count' }, `+${others.length}`),
-    );
-    const strip = element(
-      'details',
-      { class: `alert ${colour}` },
-      head,
-      ...others.map((message) => this.line(message)),
-    );
+    const count = others.length > 0 && element('span', { class: 'count' }, `+${others.length}`);
+    const head = element('summary', { title: first.text }, icon('warning'), this.line(first), count);
+    const strip = element('details', { class: `alert ${colour}` }, head, ...others.map((message) => this.line(message)));
     strip.open = open;
     return strip;
   }

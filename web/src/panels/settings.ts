@@ -9,10 +9,7 @@ import { applies } from '../volume_keys';
 
 // Keys most used, in the order in which an engineer fills them in.
 const COMMON: readonly (readonly [group: string, keys: readonly string[]])[] = [
-  [
-    'boulder',
-    ['volume', 'volume_mean', 'volume_std', 'volume_min', 'volume_max', 'volume_exponent', 'volumes', 'density'],
-  ],
+  ['boulder', ['volume', 'volume_mean', 'volume_std', 'volume_min', 'volume_max', 'volume_exponent', 'volumes', 'density']],
   ['release', ['drop_height']],
   ['surface', ['ground', 'uniform_mean_radius', 'uniform_rg', 'method']],
   ['impact', ['table', 'sets']],
@@ -49,14 +46,9 @@ export class SettingsPanel {
       return rest.length ? [this.section(group, rest, 'details')] : [];
     });
     this.search.addEventListener('input', () => this.filter());
-    const all = element(
-      'details',
-      { class: 'all-settings' },
-      element('summary', {}, say('app.settings.all')),
-      this.search,
-      ...this.others.map(({ root }) => root),
-    );
-    this.root.append(...this.common.map(({ root }) => root), all);
+    const [common, others] = [this.common, this.others].map((sections) => sections.map(({ root }) => root)) as [HTMLElement[], HTMLElement[]];
+    const all = element('details', { class: 'all-settings' }, element('summary', {}, say('app.settings.all')), this.search, ...others);
+    this.root.append(...common, all);
   }
 
   update(errors: readonly CaseError[], editable: boolean): void {
@@ -65,9 +57,7 @@ export class SettingsPanel {
     if (now.every((one, k) => one === this.shown[k])) return; // while shapes are dragged
     this.shown = now;
     for (const { group, form, root } of [...this.common, ...this.others]) {
-      const found = errors
-        .filter((error) => error.group === group && error.key)
-        .map((error) => [error.key ?? '', error.text] as const);
+      const found = errors.filter((error) => error.group === group && error.key).map(({ key = '', text }) => [key, text] as const);
       form.update(settings[group] ?? {}, new Map(found), editable);
       if (root instanceof HTMLDetailsElement && found.some(([key]) => form.fields.some(({ name }) => name === key))) {
         root.open = true;

@@ -21,11 +21,7 @@ export class Tabs {
         id: `tab-${name}`,
         attributes: { role: 'tab', 'aria-controls': `page-${name}`, 'data-tab': name },
       });
-      const page = element(
-        'div',
-        { class: 'tab-page', id: `page-${name}`, attributes: { role: 'tabpanel', 'aria-labelledby': tab.id } },
-        content,
-      );
+      const page = element('div', { class: 'tab-page', id: `page-${name}`, attributes: { role: 'tabpanel', 'aria-labelledby': tab.id } }, content);
       this.buttons.set(name, tab);
       this.pages.set(name, page);
       list.append(tab);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // List of the variants kept: keep, compare, go back, forget.
 import { button, element } from '../dom';
-import { icon } from '../icons';
+import { icon, iconButton } from '../icons';
 import { say } from '../texts';
 import type { Snapshot } from '../variants';
 
@@ -25,10 +25,7 @@ export class VariantPanel {
   private listed = '';
 
   constructor(private readonly actions: Actions) {
-    this.keepButton = button([icon('bookmark'), say('app.variants.keep')], () => this.keep(), {
-      class: 'primary',
-      attributes: { 'data-action': 'keep-variant' },
-    });
+    this.keepButton = button([icon('bookmark'), say('app.variants.keep')], () => this.keep(), { class: 'primary', action: 'keep-variant' });
     this.name.addEventListener('keydown', (event) => {
       if (event.key === 'Enter') this.keep();
     });
@@ -51,7 +48,7 @@ export class VariantPanel {
       'li',
       { class: based === '' ? 'present' : '', attributes: { 'data-variant': '' } },
       element('span', { class: 'variant-name' }, say('app.variants.base')),
-      canRestore && button(say('app.variants.restore'), () => this.actions.base(), { attributes: { 'data-action': 'base' } }),
+      canRestore && button(say('app.variants.restore'), () => this.actions.base(), { action: 'base' }),
     );
     const isPresent = ({ name, document }: Snapshot): boolean => based !== '' && name === document.variant && name === based;
     this.list.replaceChildren(
@@ -61,19 +58,9 @@ export class VariantPanel {
           'li',
           { class: isPresent(variant) ? 'present' : '', attributes: { 'data-variant': variant.name } },
           element('span', { class: 'variant-name' }, variant.name),
-          button(say('app.variants.compare'), () => this.actions.compare(k), {
-            attributes: { 'data-action': 'compare' },
-          }),
-          canRestore &&
-            button(say('app.variants.restore'), () => this.actions.restore(k), {
-              title: say('app.variants.restore_hint'),
-              attributes: { 'data-action': 'restore' },
-            }),
-          button(icon('close'), () => this.actions.forget(k), {
-            class: 'icon-button',
-            title: say('app.variants.forget'),
-            attributes: { 'aria-label': say('app.variants.forget') },
-          }),
+          button(say('app.variants.compare'), () => this.actions.compare(k), { action: 'compare' }),
+          canRestore && button(say('app.variants.restore'), () => this.actions.restore(k), { title: say('app.variants.restore_hint'), action: 'restore' }),
+          iconButton('close', say('app.variants.forget'), () => this.actions.forget(k)),
         ),
       ),
     );

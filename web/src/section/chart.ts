@@ -2,27 +2,11 @@
 // Curves over the distance along a section: axes with round numbers, bands, steps and marks.
 import { ticks } from '../colours';
 import { svg } from '../dom';
+import type { Range } from '../terrain';
 import { decimal } from '../texts';
 
 type Numbers = ArrayLike<number>;
-export interface Range {
-  low: number;
-  high: number;
-}
-
 const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 16, 18]; // of the axes [px]
-
-/** Lowest and highest of numbers, without NaN; null without any. */
-export function rangeOf(...all: readonly Numbers[]): Range | null {
-  const range = { low: Infinity, high: -Infinity };
-  for (const numbers of all)
-    for (let k = 0; k < numbers.length; k++) {
-      const value = numbers[k] as number;
-      if (value < range.low) range.low = value;
-      if (value > range.high) range.high = value;
-    }
-  return range.low <= range.high ? range : null;
-}
 
 /** A drawing with axes; the curves are added to it. */
 export class Chart {
@@ -119,9 +103,7 @@ export class Chart {
   }
 
   private text(x: number, y: number, text: string, anchor: string, style = ''): void {
-    const made = svg('text', { x, y, 'text-anchor': anchor, class: style });
-    made.textContent = text;
-    this.root.append(made);
+    this.root.append(svg('text', { x, y, 'text-anchor': anchor, class: style }, text));
   }
 
   private points(x: Numbers, y: Numbers, begin: number, end: number): string {

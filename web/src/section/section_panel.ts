@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Section by two clicks: profile with trajectories and nets, and speeds, energies and heights along it.
-import { button, element } from '../dom';
-import { icon } from '../icons';
+import { LineString } from 'ol/geom';
+import { element } from '../dom';
+import { iconButton } from '../icons';
 import { withUnit } from '../legend';
 import type { Binary, Position, SectionMessage } from '../protocol';
+import { rangeOf } from '../terrain';
 import { decimal, rounded, say } from '../texts';
-import { Chart, rangeOf } from './chart';
+import { Chart } from './chart';
 
 const [WIDTH, PROFILE, SMALL] = [520, 300, 104]; // of the drawings [px]
 const ENLARGED = [1, 2, 5, 10]; // by how much a flat profile may be enlarged
 const LEAST = 0.25; // of the room that a profile fills in height
 
 export class SectionPanel {
-  readonly root = element('section', { class: 'section-panel', hidden: true, attributes: { 'aria-label': say('app.section.title') } });
+  readonly root = element('section', { class: 'section-panel', hidden: true, label: say('app.section.title') });
   private readonly title = element('h3');
   private readonly reading = element('p', { class: 'reading', attributes: { 'data-read': 'section' } });
   private readonly drawings = element('div', { class: 'drawings' });
@@ -23,11 +25,7 @@ export class SectionPanel {
     close: () => void,
     private readonly onPlace: (place: Position | null) => void,
   ) {
-    const end = button(icon('close'), close, {
-      class: 'icon-button',
-      title: say('app.section.close'),
-      attributes: { 'aria-label': say('app.section.close'), 'data-action': 'close-section' },
-    });
+    const end = iconButton('close', say('app.section.close'), close, { action: 'close-section' });
     this.root.append(element('header', {}, this.title, this.reading, end), this.drawings);
     this.drawings.addEventListener('pointermove', ({ target, clientX }) => {
       const chart = this.charts.find(({ root }) => target instanceof Node && root.contains(target));
@@ -48,7 +46,7 @@ export class SectionPanel {
     this.charts = [];
     if (!message || !vertices.length) return;
     const { error, within } = message.header;
-    const length = vertices.slice(1).reduce((sum, [x, y], k) => sum + Math.hypot(x - (vertices[k]?.[0] ?? 0), y - (vertices[k]?.[1] ?? 0)), 0);
+    const length = new LineString([...vertices]).getLength();
     this.title.textContent = say('app.section.about', { length: decimal(length, 0), within });
     if (!error) this.charts = [this.profile(message, length), ...this.quantities(message, length)];
     const [first, ...others] = this.charts.map(({ root }) => root);

@@ -5,10 +5,9 @@ import {
   RedFormat, ShaderMaterial, Vector3, Vector4, type Ray, type Texture,
 } from 'three';
 import { scaleEnd } from './colours';
-import type { Extent, Shade, Terrain } from './types';
+import { elevationAt, rangeOf, type Extent, type Shade, type Terrain } from '../terrain';
 
 const MAX_SIDE = 500; // vertices of the mesh along its longer side
-const LIGHT = new Vector3(-1, 1, 1.4).normalize(); // from the north-west
 const FLAT_SHADE = 180;
 const CONTOURS = 30; // about, between the lowest and the highest point
 
@@ -46,27 +45,22 @@ const FRAGMENT = /* glsl */ `
 
 /** Terrain of the scene. */
 export class Ground {
-  readonly mesh: Mesh<BufferGeometry, ShaderMaterial>;
+  readonly root: Mesh<BufferGeometry, ShaderMaterial>;
   readonly width: number;
   readonly depth: number;
-  low = Infinity;
-  high = -Infinity;
+  readonly low: number;
+  readonly high: number;
   /** Distance [m] of the vertices of the mesh. */
   readonly spacing: number;
 
-  constructor(readonly terrain: Terrain, shade: Shade | null) {
+  constructor(readonly terrain: Terrain, shade: Shade) {
     const { cell, nx, ny, heights } = terrain;
     this.width = nx * cell;
     this.depth = ny * cell;
-    for (const height of heights) {
-      if (height < this.low) this.low = height;
-      if (height > this.high) this.high = height;
-    }
-    if (!(this.low <= this.high)) this.low = this.high = 0;
+    ({ low: this.low, high: this.high } = rangeOf(heights) ?? { low: 0, high: 0 });
     const step = Math.ceil(Math.max(nx, ny) / MAX_SIDE);
     this.spacing = step * cell;
-    const lit = shade ?? hillshade(terrain);
-    const shadeTexture = new DataTexture(lit.values.map((value) => value || FLAT_SHADE), lit.nx, lit.ny, RedFormat);
+    const shadeTexture = new DataTexture(shade.values.map((value) => value || FLAT_SHADE), shade.nx, shade.ny, RedFormat);
     Object.assign(shadeTexture, {
       magFilter: LinearFilter, minFilter: LinearMipmapLinearFilter, generateMipmaps: true, anisotropy: 4, unpackAlignment: 1, needsUpdate: true,
     });
@@ -76,7 +70,7 @@ export class Ground {
       side: DoubleSide,
       uniforms: {
         shade: { value: shadeTexture },
-        shadeSize: { value: [lit.nx * lit.cell, lit.ny * lit.cell] },
+        shadeSize: { value: [shade.nx * shade.cell, shade.ny * shade.cell] },
         corner: { value: [0, this.depth] },
         drape: { value: null as Texture | null },
         drapeBox: { value: new Vector4(0, 0, 1, 1) },
@@ -84,13 +78,13 @@ export class Ground {
         interval: { value: scaleEnd((this.high - this.low) / CONTOURS) },
       },
     });
-    this.mesh = new Mesh(this.surface(step), material);
-    this.mesh.frustumCulled = false;
+    this.root = new Mesh(this.surface(step), material);
+    this.root.frustumCulled = false;
   }
 
   /** Drape a picture over an extent of the terrain, or take it away. */
   setDrape(image: HTMLCanvasElement | null, [west, south, east, north]: Extent): void {
-    const { drape, drapeBox, draped } = this.mesh.material.uniforms;
+    const { drape, drapeBox, draped } = this.root.material.uniforms;
     (drape!.value as Texture | null)?.dispose();
     const texture = image && image.width > 0 && image.height > 0 ? new CanvasTexture(image) : null;
     if (texture) Object.assign(texture, { colorSpace: NoColorSpace, premultiplyAlpha: true, anisotropy: 4 });
@@ -102,18 +96,7 @@ export class Ground {
 
   /** Elevation [m] at metres from the south-west corner, NaN where it is unknown. */
   elevation(x: number, y: number): number {
-    const { cell, nx, ny, heights } = this.terrain;
-    if (!(x >= 0 && y >= 0 && x <= this.width && y <= this.depth)) return NaN;
-    const column = Math.min(Math.max(x / cell - 0.5, 0), nx - 1);
-    const row = Math.min(Math.max(ny - 0.5 - y / cell, 0), ny - 1);
-    const left = Math.min(Math.floor(column), Math.max(nx - 2, 0));
-    const upper = Math.min(Math.floor(row), Math.max(ny - 2, 0));
-    const right = column - left;
-    const down = row - upper;
-    const at = upper * nx + left;
-    const below = ny > 1 ? at + nx : at;
-    const next = nx > 1 ? 1 : 0;
-    return (1 - down) * ((1 - right) * heights[at]! + right * heights[at + next]!) + down * ((1 - right) * heights[below]! + right * heights[below + next]!);
+    return elevationAt(this.terrain, x, y);
   }
 
   /** About a thousand points of the known terrain. */
@@ -144,11 +127,11 @@ export class Ground {
   }
 
   dispose(): void {
-    const { shade, drape } = this.mesh.material.uniforms;
+    const { shade, drape } = this.root.material.uniforms;
     (shade!.value as Texture).dispose();
     (drape!.value as Texture | null)?.dispose();
-    this.mesh.geometry.dispose();
-    this.mesh.material.dispose();
+    this.root.geometry.dispose();
+    this.root.material.dispose();
   }
 
   /** Every `step`th height, without the quadrangles that have an unknown corner, on walls down to a common base. */
@@ -217,22 +200,4 @@ export class Ground {
     geometry.setIndex(new BufferAttribute(indices, 1));
     return geometry;
   }
-}
-
-/** Hillshade of a terrain that came without one. */
-function hillshade({ cell, nx, ny, heights }: Terrain): Shade {
-  const values = new Uint8Array(nx * ny);
-  for (let row = 0; row < ny; row++) {
-    const north = Math.max(row - 1, 0) * nx;
-    const south = Math.min(row + 1, ny - 1) * nx;
-    for (let column = 0; column < nx; column++) {
-      const west = Math.max(column - 1, 0);
-      const east = Math.min(column + 1, nx - 1);
-      const dx = (heights[row * nx + east]! - heights[row * nx + west]!) / (Math.max(east - west, 1) * cell);
-      const dy = (heights[north + column]! - heights[south + column]!) / (Math.max((south - north) / nx, 1) * cell);
-      const light = (LIGHT.z - LIGHT.x * dx - LIGHT.y * dy) / Math.sqrt(1 + dx * dx + dy * dy);
-      values[row * nx + column] = Number.isNaN(light) ? 0 : 1 + 254 * Math.min(Math.max(0.32 + 0.68 * light, 0), 1);
-    }
-  }
-  return { cell, nx, ny, values };
 }

@@ -3,10 +3,11 @@
 import {
   BufferAttribute, BufferGeometry, CanvasTexture, DoubleSide, Group, Mesh, ShaderMaterial, Sprite, SpriteMaterial, SRGBColorSpace,
 } from 'three';
-import { KINDS } from './colours';
+import { LAYER_COLOURS, rgbOf } from '../colours';
+import type { Feature, Layers, LineFeature } from '../protocol';
+import { KINDS, type Kind } from './colours';
 import type { Ground } from './ground';
 import { Ribbons } from './ribbons';
-import type { Line3d } from './types';
 
 const POST_SPACING = 10; // [m] about
 const LABEL = 13; // [CSS pixel], size of the letters
@@ -37,33 +38,34 @@ interface Stretch { x: number; y: number; ground: number; along: number }
 
 /** All drawn lines of the scene. */
 export class Lines {
-  readonly group = new Group();
-  readonly kinds: (keyof typeof KINDS)[];
+  readonly root = new Group();
+  readonly kinds: Kind[];
   private readonly ribbons: Ribbons[] = [];
   private readonly labels: Sprite[] = [];
   private readonly fences: Mesh<BufferGeometry, ShaderMaterial>[] = [];
 
-  constructor(lines: Line3d[], ground: Ground) {
-    this.kinds = (['line', 'barrier', 'dam'] as const).filter((kind) => lines.some((line) => line.kind === kind));
+  constructor(layers: Layers, ground: Ground) {
+    this.kinds = KINDS.filter((kind) => layers[kind].some(isLine));
     for (const kind of this.kinds) {
       const strokes: number[] = [];
       const posts: number[] = [];
-      for (const line of lines.filter((each) => each.kind === kind)) {
-        const height = kind === 'line' ? 0 : Math.max(line.height, 0);
+      for (const line of layers[kind].filter(isLine)) {
+        const height = kind === 'lines' ? 0 : Math.max(Number(line.properties['height'] ?? 0), 0);
         const parts = draped(line, ground);
         for (const part of parts) {
           part.forEach((point, k) => strokes.push(point.x, point.y, point.ground + height, k, 0));
           if (height > 0) this.addFence(part, height, kind);
-          if (kind === 'barrier') addPosts(part, height, posts);
+          if (kind === 'barriers') addPosts(part, height, posts);
         }
         const longest = parts.reduce((best, part) => (part.length > best.length ? part : best), parts[0] ?? []);
         const middle = longest[Math.floor(longest.length / 2)];
-        if (middle && line.name) this.addLabel(line.name, middle, height, ground.spacing, KINDS[kind]);
+        const name = String(line.properties['name'] ?? '');
+        if (middle && name) this.addLabel(name, middle, height, ground.spacing, LAYER_COLOURS[kind]);
       }
-      const order = kind === 'line' ? 2 : 5;
+      const order = kind === 'lines' ? 2 : 5;
       this.addRibbons(strokes, order, '#ffffff', 4.5, 0.0045, 0.85);
-      this.addRibbons(strokes, order, KINDS[kind], 2.5, 0.005);
-      this.addRibbons(posts, order, KINDS[kind], 2, 0.005);
+      this.addRibbons(strokes, order, LAYER_COLOURS[kind], 2.5, 0.005);
+      this.addRibbons(posts, order, LAYER_COLOURS[kind], 2, 0.005);
     }
   }
 
@@ -94,27 +96,27 @@ export class Lines {
     const ribbons = new Ribbons(Float32Array.from(points), { width, closer, colour, opacity });
     ribbons.renderOrder = order;
     this.ribbons.push(ribbons);
-    this.group.add(ribbons);
+    this.root.add(ribbons);
   }
 
-  private addFence(part: Stretch[], height: number, kind: keyof typeof KINDS): void {
+  private addFence(part: Stretch[], height: number, kind: Kind): void {
     const geometry = new BufferGeometry();
     const positions = part.flatMap(({ x, y, ground }) => [x, y, ground - 0.5, x, y, ground + height]);
     geometry.setAttribute('position', new BufferAttribute(Float32Array.from(positions), 3));
     geometry.setAttribute('place', new BufferAttribute(Float32Array.from(part.flatMap(({ along }) => [along, 0, along, height])), 2));
     geometry.setIndex(part.slice(1).flatMap((_, k) => [2 * k, 2 * k + 2, 2 * k + 1, 2 * k + 1, 2 * k + 2, 2 * k + 3]));
-    const colour = [1, 3, 5].map((at) => parseInt(KINDS[kind].slice(at, at + 2), 16) / 255);
+    const colour = rgbOf(LAYER_COLOURS[kind]).map((part) => part / 255);
     const fence = new Mesh(geometry, new ShaderMaterial({
       vertexShader: FENCE_VERTEX,
       fragmentShader: FENCE_FRAGMENT,
-      uniforms: { colour: { value: colour }, mesh: { value: kind === 'barrier' ? Math.max(height / 4, 0.5) : 0 } },
+      uniforms: { colour: { value: colour }, mesh: { value: kind === 'barriers' ? Math.max(height / 4, 0.5) : 0 } },
       transparent: true,
       depthWrite: false,
       side: DoubleSide,
     }));
     fence.renderOrder = 4; // after the trajectories, which would hide it
     this.fences.push(fence);
-    this.group.add(fence);
+    this.root.add(fence);
   }
 
   private addLabel(name: string, { x, y, ground }: Stretch, height: number, lift: number, colour: string): void {
@@ -127,12 +129,16 @@ export class Lines {
     sprite.renderOrder = 6;
     sprite.userData = { w, h };
     this.labels.push(sprite);
-    this.group.add(sprite);
+    this.root.add(sprite);
   }
 }
 
+function isLine(feature: Feature): feature is LineFeature {
+  return feature.type === 'LineString';
+}
+
 /** Pieces of a line on known ground, with a point at least each vertex of the ground. */
-function draped(line: Line3d, ground: Ground): Stretch[][] {
+function draped(line: LineFeature, ground: Ground): Stretch[][] {
   const parts: Stretch[][] = [];
   let part: Stretch[] = [];
   let along = 0;
@@ -144,8 +150,8 @@ function draped(line: Line3d, ground: Ground): Stretch[][] {
       part = [];
     }
   };
-  const xs = line.x.map((x) => x - ground.terrain.west);
-  const ys = line.y.map((y) => y - ground.terrain.south);
+  const xs = line.coordinates.map(([x]) => x - ground.terrain.west);
+  const ys = line.coordinates.map(([, y]) => y - ground.terrain.south);
   for (let k = 0; k + 1 < xs.length; k++) {
     const length = Math.hypot(xs[k + 1]! - xs[k]!, ys[k + 1]! - ys[k]!);
     const pieces = Math.min(Math.max(Math.ceil(length / ground.terrain.cell), 1), 5000);

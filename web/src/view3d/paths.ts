@@ -5,11 +5,10 @@ import {
   type PerspectiveCamera,
 } from 'three';
 import { plasma } from '../colours';
-import { between, COLUMNS } from '../trajectories';
+import { between, COLUMNS, type Trajectories } from '../trajectories';
 import { scaleEnd, type Quantity } from './colours';
 import type { Ground } from './ground';
 import { Ribbons, STRIDE } from './ribbons';
-import type { Trajectories } from './types';
 
 const DENSITY = 2700; // [kg/m3], for the size in which a boulder is drawn
 const SAG = 0.06; // [m] between a parabola and the chords that are drawn for it
@@ -23,7 +22,7 @@ const MOST = 0.995; // quantile of the values that the palette spans
 
 /** Trajectories with points where their motion needs them, and where boulders are at a time. */
 export class Paths {
-  readonly group = new Group();
+  readonly root = new Group();
   readonly duration: number;
   readonly highest: number = -Infinity; // z [m] of a point drawn
   /** Some points [m] of the trajectories, and the sum of the vectors from their starts to their ends. */
@@ -40,7 +39,7 @@ export class Paths {
   private readonly coloured: Float32Array;
   private end = 1;
 
-  constructor(trajectories: Trajectories, private readonly ground: Ground) {
+  constructor(private readonly trajectories: Trajectories, private readonly ground: Ground) {
     const { points, speed, first } = resampled(trajectories);
     this.points = points;
     this.speed = speed;
@@ -71,12 +70,12 @@ export class Paths {
     this.coloured = new Float32Array(3 * Math.max(first.length - 1, 1));
     this.boulders.instanceColor = new InstancedBufferAttribute(this.coloured, 3);
     this.boulders.frustumCulled = false;
-    this.group.add(this.boulders, this.ribbons);
+    this.root.add(this.boulders, this.ribbons);
   }
 
   /** Colour by a quantity; returns the upper end of its scale, and whether values exceed it. */
-  colourBy(quantity: Quantity, mass: Float32Array): { end: number; exceeded: boolean } {
-    const { points, speed, first } = this;
+  colourBy(quantity: Quantity): { end: number; exceeded: boolean } {
+    const { points, speed, first, trajectories: { mass } } = this;
     const values = new Float32Array(speed.length);
     for (let path = 0; path + 1 < first.length; path++) {
       for (let k = first[path]!; k < first[path + 1]!; k++) {

@@ -1,37 +1,33 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Buttons and slider of the time in which boulders move.
-import { icon, type IconName } from './icons';
-import type { Say } from './types';
+import { element, select } from '../dom';
+import { icon, iconButton } from '../icons';
+import { decimal, say } from '../texts';
 
 const PACES = [0.25, 0.5, 1, 2, 4];
 
 /** Time of the view: runs, rests, or is at the end, where whole trajectories show. */
 export class Player {
-  readonly element = document.createElement('div');
   playing = false;
   private time = 0; // [s]
   private duration = 0;
-  private readonly button = document.createElement('button');
-  private readonly slider = document.createElement('input');
-  private readonly clock = document.createElement('output');
-  private readonly format = new Intl.NumberFormat(document.documentElement.lang || undefined, { minimumFractionDigits: 1, maximumFractionDigits: 1 });
-  private readonly pace = document.createElement('select');
+  private readonly toggler = iconButton('play', '', () => this.toggle());
+  private readonly slider = element('input', { attributes: { type: 'range', min: '0', max: '1', step: 'any' }, label: say('app.view3d_time') });
+  private readonly clock = element('output');
+  private readonly pace = select(
+    PACES.map((pace) => [String(pace), pace < 1 ? `1/${1 / pace} ×` : `${pace} ×`] as const),
+    '1',
+    () => undefined,
+    { title: say('app.view3d_pace'), label: say('app.view3d_pace') },
+  );
+  readonly root = element('div', { class: 'view3d-player card' }, this.toggler, this.slider, this.clock, this.pace);
 
-  constructor(private readonly say: Say, private readonly moved: () => void) {
-    this.element.className = 'view3d-player view3d-card';
-    this.button.type = 'button';
-    this.button.addEventListener('click', () => this.toggle());
-    Object.assign(this.slider, { type: 'range', min: '0', max: '1', step: 'any' });
-    this.slider.setAttribute('aria-label', say('app.view3d_time'));
+  constructor(private readonly moved: () => void) {
     this.slider.addEventListener('input', () => {
       this.playing = false;
       this.time = Number(this.slider.value);
       this.refresh();
     });
-    this.pace.setAttribute('aria-label', say('app.view3d_pace'));
-    this.pace.title = say('app.view3d_pace');
-    for (const pace of PACES) this.pace.add(new Option(pace < 1 ? `1/${1 / pace} ×` : `${pace} ×`, String(pace), pace === 1, pace === 1));
-    this.element.append(this.button, this.slider, this.clock, this.pace);
     this.setDuration(0);
   }
 
@@ -47,7 +43,7 @@ export class Player {
     this.time = atEnd ? duration : Math.min(this.time, duration);
     if (duration === 0) this.playing = false;
     this.slider.max = String(duration);
-    this.element.hidden = duration === 0;
+    this.root.hidden = duration === 0;
     this.refresh();
   }
 
@@ -69,14 +65,14 @@ export class Player {
 
   private refresh(): void {
     const word = this.playing ? 'pause' : 'play';
-    if (this.button.dataset.word !== word) {
-      this.button.dataset.word = word;
-      this.button.replaceChildren(icon(word satisfies IconName));
-      this.button.title = this.say(`app.view3d_${word}`);
-      this.button.setAttribute('aria-label', this.button.title);
+    const title = say(`app.view3d_${word}`);
+    if (this.toggler.title !== title) {
+      this.toggler.replaceChildren(icon(word));
+      this.toggler.title = title;
+      this.toggler.setAttribute('aria-label', title);
     }
     this.slider.value = String(this.time);
-    this.clock.textContent = `${this.format.format(this.time)} s`;
+    this.clock.textContent = `${decimal(this.time, 1)} s`;
     this.slider.setAttribute('aria-valuetext', this.clock.textContent);
     this.moved();
   }

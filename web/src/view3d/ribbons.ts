@@ -5,6 +5,7 @@ import {
   BufferAttribute, BufferGeometry, DataTexture, DoubleSide, InterleavedBuffer, InterleavedBufferAttribute, LinearFilter, Mesh, ShaderMaterial,
   Sphere, Vector2,
 } from 'three';
+import { rgbOf } from '../colours';
 import { paletteBytes } from './colours';
 
 /** Numbers of each point: x, y, z [m], time [s], value. Where time falls, a new line begins. */
@@ -79,7 +80,7 @@ export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
         viewport: { value: new Vector2(1, 1) },
         width: { value: style.width },
         closer: { value: style.closer },
-        colour: { value: rgb(style.colour ?? '#000000') },
+        colour: { value: rgbOf(style.colour ?? '#000000').map((part) => part / 255) },
         opacity: { value: style.opacity ?? 1 },
         now: { value: 0 },
         fading: { value: 0 },
@@ -162,8 +163,4 @@ function segments(points: Float32Array, apart: number): BufferAttribute {
     kept = k;
   }
   return new BufferAttribute(index.slice(0, used), 1);
-}
-
-function rgb(colour: string): [number, number, number] {
-  return [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16) / 255) as [number, number, number];
 }

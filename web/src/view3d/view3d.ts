@@ -2,79 +2,38 @@
 // View of the terrain in three dimensions: trajectories, moving boulders, lines, nets and dams.
 import './view3d.css';
 import { DirectionalLight, HemisphereLight, Scene, WebGLRenderer } from 'three';
+import { element, svg } from '../dom';
+import { iconButton, type Icon } from '../icons';
+import type { Layers } from '../protocol';
+import type { Extent, Shade, Terrain } from '../terrain';
+import { say } from '../texts';
+import type { Trajectories } from '../trajectories';
 import { Camera } from './camera';
 import { Legend, type Quantity } from './colours';
 import { Ground } from './ground';
-import { icon, type IconName } from './icons';
 import { Lines } from './lines';
 import { Paths } from './paths';
 import { Player } from './player';
-import type { Extent, Line3d, Say, Shade, Terrain, Trajectories } from './types';
 
-export type { Line3d, Shade, Terrain, Trajectories } from './types';
+/** What a scene shows. */
+export interface SceneContent {
+  terrain: Terrain | null;
+  shade: Shade | null;
+  trajectories: Trajectories | null;
+  drape: { image: HTMLCanvasElement; extent: Extent } | null;
+  layers: Layers;
+}
 
 const FRAMES = 120; // whose times are kept
 const MAX_RATIO = 2; // pixels of the picture in a CSS pixel
 
-/** View that fills its parent. Hidden at first; draws only while shown, and only when something moved. */
-export class View3d {
-  private readonly root = document.createElement('div');
-  private readonly stage: Stage | null;
-
-  constructor(parent: HTMLElement, say: Say) {
-    this.root.className = 'view3d';
-    this.root.hidden = true;
-    parent.append(this.root);
-    const canvas = document.createElement('canvas');
-    const context = canvas.getContext('webgl2', { alpha: true, antialias: true, powerPreference: 'high-performance' });
-    if (context) {
-      this.root.append(canvas);
-      this.stage = new Stage(this.root, canvas, context, say);
-    } else {
-      this.stage = null;
-      this.root.classList.add('view3d-missing');
-      this.root.textContent = say('app.view3d_no_webgl');
-    }
-  }
-
-  setTerrain(terrain: Terrain, shade: Shade | null): void {
-    this.stage?.setTerrain(terrain, shade);
-  }
-
-  setDrape(image: HTMLCanvasElement | null, extent: Extent): void {
-    this.stage?.setDrape(image, extent);
-  }
-
-  setLines(lines: Line3d[]): void {
-    this.stage?.setLines(lines);
-  }
-
-  setTrajectories(trajectories: Trajectories | null): void {
-    this.stage?.setTrajectories(trajectories);
-  }
-
-  setColouring(by: Quantity): void {
-    this.stage?.setColouring(by);
-  }
-
-  get frames(): readonly Frame[] {
-    return this.stage?.frames ?? [];
-  }
-
-  show(): void {
-    this.root.hidden = false;
-    this.stage?.show();
-  }
-
-  hide(): void {
-    this.root.hidden = true;
-    this.stage?.hide();
-  }
-
-  dispose(): void {
-    this.stage?.dispose();
-    this.root.remove();
-  }
+/** Make a view that fills its parent, or explain there that the browser cannot draw it (null). */
+export function makeView(parent: HTMLElement): View3d | null {
+  const canvas = element('canvas', { attributes: { tabindex: '0', role: 'img', 'aria-label': say('app.view3d_keys') } });
+  const context = canvas.getContext('webgl2', { alpha: true, antialias: true, powerPreference: 'high-performance' });
+  const root = element('div', { class: `view3d ${context ? '' : 'view3d-missing'}` }, context ? canvas : say('app.view3d_no_webgl'));
+  parent.append(root);
+  return context && new View3d(root, canvas, context);
 }
 
 /** Milliseconds of the script for a frame, the time at which the frame began, and the highest point [m] of the trajectories drawn. */
@@ -84,24 +43,21 @@ export interface Frame {
   highest: number;
 }
 
-type Part = 'ground' | 'drape' | 'lines' | 'paths' | 'colours';
+type Part = keyof SceneContent | 'colours';
 
-/** What a view is made of where the browser can draw it. */
-class Stage {
+/** View of a terrain; it draws only while shown, and only when something moved. */
+export class View3d {
   private readonly renderer: WebGLRenderer;
   private readonly scene = new Scene();
   private readonly camera: Camera;
   private readonly player: Player;
   private readonly legend: Legend;
-  private readonly needle: HTMLElement;
+  private readonly needle: SVGElement;
   private readonly resized = new ResizeObserver(() => this.resize());
   private ground: Ground | null = null;
   private lines: Lines | null = null;
   private paths: Paths | null = null;
-  private terrain: { terrain: Terrain; shade: Shade | null } | null = null;
-  private drape: { image: HTMLCanvasElement | null; extent: Extent } = { image: null, extent: [0, 0, 1, 1] };
-  private drawn: Line3d[] = [];
-  private trajectories: Trajectories | null = null;
+  private content: SceneContent | null = null;
   private colouring: Quantity = 'speed';
   private readonly due = new Set<Part>();
   private shown = false;
@@ -109,35 +65,30 @@ class Stage {
   readonly frames: Frame[] = [];
   private before: number | null = null; // [ms] of the last frame of a movement
 
-  constructor(private readonly root: HTMLElement, private readonly canvas: HTMLCanvasElement, context: WebGL2RenderingContext, say: Say) {
-    canvas.tabIndex = 0;
-    canvas.setAttribute('role', 'img');
-    canvas.setAttribute('aria-label', say('app.view3d_keys'));
+  constructor(private readonly root: HTMLElement, private readonly canvas: HTMLCanvasElement, context: WebGL2RenderingContext) {
     this.renderer = new WebGLRenderer({ canvas, context, antialias: true, alpha: true });
     canvas.addEventListener('webglcontextrestored', () => this.request());
     const sun = new DirectionalLight('#fff6e5', 2.6);
     sun.position.set(-1, 1, 1.4);
     this.scene.add(sun, new HemisphereLight('#dfeaf5', '#a59a8a', 2.2));
     this.camera = new Camera(canvas, () => this.request());
-    this.player = new Player(say, () => this.request());
-    this.legend = new Legend(say, (quantity) => this.setColouring(quantity));
-    const tools = document.createElement('div');
-    tools.className = 'view3d-tools view3d-card';
-    const button = (name: IconName, press: () => void): HTMLButtonElement => {
-      const element = document.createElement('button');
-      element.type = 'button';
-      element.title = say(`app.view3d_${name}`);
-      element.setAttribute('aria-label', element.title);
-      element.append(icon(name));
-      element.addEventListener('click', press);
-      tools.append(element);
-      return element;
-    };
-    button('zoom_in', () => this.camera.zoom(0.7));
-    button('zoom_out', () => this.camera.zoom(1 / 0.7));
-    this.needle = button('north', () => this.camera.faceNorth());
-    button('whole', () => this.camera.showWhole());
-    root.append(this.legend.element, tools, this.player.element);
+    this.player = new Player(() => this.request());
+    this.legend = new Legend((quantity) => {
+      this.colouring = quantity;
+      this.make('colours');
+    });
+    const needle = svg('svg', { viewBox: '0 0 24 24', 'aria-hidden': 'true' }, svg('path', { d: 'M12 2l5 10H7z', fill: '#c2185b' }), svg('path', { d: 'M12 22l5-10H7z', fill: '#9aa3ad' }));
+    const tool = (name: string, sign: Icon | SVGElement, press: () => void): HTMLButtonElement => iconButton(sign, say(`app.view3d_${name}`), press);
+    const tools = element(
+      'div',
+      { class: 'view3d-tools card' },
+      tool('zoom_in', 'plus', () => this.camera.zoom(0.7)),
+      tool('zoom_out', 'minus', () => this.camera.zoom(1 / 0.7)),
+      tool('north', needle, () => this.camera.faceNorth()),
+      tool('whole', 'fit_terrain', () => this.camera.showWhole()),
+    );
+    this.needle = needle;
+    root.append(this.legend.root, tools, this.player.root);
     root.addEventListener('keydown', (event) => {
       if (event.key !== ' ' || event.target !== canvas) return;
       event.preventDefault();
@@ -145,29 +96,12 @@ class Stage {
     });
   }
 
-  setTerrain(terrain: Terrain, shade: Shade | null): void {
-    this.terrain = { terrain, shade };
-    this.make('ground', 'drape', 'lines', 'paths', 'colours');
-  }
-
-  setDrape(image: HTMLCanvasElement | null, extent: Extent): void {
-    this.drape = { image, extent };
-    this.make('drape');
-  }
-
-  setLines(lines: Line3d[]): void {
-    this.drawn = lines;
-    this.make('lines');
-  }
-
-  setTrajectories(trajectories: Trajectories | null): void {
-    this.trajectories = trajectories;
-    this.make('paths', 'colours');
-  }
-
-  setColouring(by: Quantity): void {
-    this.colouring = by;
-    this.make('colours');
+  /** Take over what has changed; a new terrain changes all. */
+  update(content: SceneContent, changed: readonly Part[]): void {
+    const before = this.content?.terrain;
+    this.content = content;
+    if (content.terrain === before) this.make(...changed);
+    else this.make('terrain', 'drape', 'layers', 'trajectories');
   }
 
   show(): void {
@@ -212,55 +146,41 @@ class Stage {
   }
 
   private makeDue(): void {
-    if (!this.terrain || this.due.size === 0) return;
+    if (!this.content?.terrain || this.due.size === 0) return;
+    const { terrain, shade, trajectories, drape, layers } = this.content;
     const due = new Set(this.due);
     this.due.clear();
-    if (due.has('ground')) this.makeGround(this.terrain.terrain, this.terrain.shade);
-    if (due.has('drape')) this.ground!.setDrape(this.drape.image, this.drape.extent);
-    if (due.has('lines')) this.makeLines(this.ground!);
-    if (due.has('paths')) this.makePaths(this.ground!);
-    if (due.has('colours')) this.colour();
+    if (due.has('terrain') && shade) {
+      this.ground = this.swap(this.ground, new Ground(terrain, shade));
+      this.camera.setGround(this.ground);
+    }
+    if (!this.ground) return;
+    if (due.has('drape')) this.ground.setDrape(drape?.image ?? null, drape?.extent ?? [0, 0, 1, 1]);
+    if (due.has('layers')) {
+      this.lines = this.swap(this.lines, new Lines(layers, this.ground));
+      this.legend.showKinds(this.lines.kinds);
+    }
+    if (due.has('trajectories')) {
+      const first = this.paths === null;
+      this.paths = this.swap(this.paths, trajectories && trajectories.first.length > 1 ? new Paths(trajectories, this.ground) : null);
+      if (first && this.paths) this.camera.propose(this.paths.sample, this.paths.fall);
+      this.player.setDuration(this.paths?.duration ?? 0);
+    }
+    if (due.has('trajectories') || due.has('colours')) {
+      const { end, exceeded } = this.paths?.colourBy(this.colouring) ?? { end: 0, exceeded: false };
+      this.legend.showScale(end, exceeded);
+    }
     this.setViewports();
   }
 
-  private makeGround(terrain: Terrain, shade: Shade | null): void {
-    if (this.ground) {
-      this.scene.remove(this.ground.mesh);
-      this.ground.dispose();
+  /** Put a part into the scene in the place of an older one. */
+  private swap<P extends Ground | Lines | Paths | null>(old: P | null, made: P): P {
+    if (old) {
+      this.scene.remove(old.root);
+      old.dispose();
     }
-    this.ground = new Ground(terrain, shade);
-    this.scene.add(this.ground.mesh);
-    this.camera.setGround(this.ground);
-  }
-
-  private makeLines(ground: Ground): void {
-    if (this.lines) {
-      this.scene.remove(this.lines.group);
-      this.lines.dispose();
-    }
-    this.lines = new Lines(this.drawn, ground);
-    this.scene.add(this.lines.group);
-    this.legend.showKinds(this.lines.kinds);
-  }
-
-  private makePaths(ground: Ground): void {
-    const first = this.paths === null;
-    if (this.paths) {
-      this.scene.remove(this.paths.group);
-      this.paths.dispose();
-      this.paths = null;
-    }
-    if (this.trajectories && this.trajectories.first.length > 1) {
-      this.paths = new Paths(this.trajectories, ground);
-      this.scene.add(this.paths.group);
-      if (first) this.camera.propose(this.paths.sample, this.paths.fall);
-    }
-    this.player.setDuration(this.paths?.duration ?? 0);
-  }
-
-  private colour(): void {
-    const { end, exceeded } = this.paths && this.trajectories ? this.paths.colourBy(this.colouring, this.trajectories.mass) : { end: 0, exceeded: false };
-    this.legend.showScale(this.colouring, end, exceeded);
+    if (made) this.scene.add(made.root);
+    return made;
   }
 
   private setViewports(): void {
@@ -286,7 +206,7 @@ class Stage {
     this.before = playing ? now : null;
     const moving = this.camera.update(now);
     this.paths?.setTime(this.player.shown, this.camera.eye, this.canvas.clientHeight);
-    (this.needle.firstElementChild as SVGElement).style.transform = `rotate(${-this.camera.heading}rad)`;
+    this.needle.style.transform = `rotate(${-this.camera.heading}rad)`;
     this.noteCost(performance.now() - begun, now);
     this.renderer.render(this.scene, this.camera.eye);
     if (moving || this.player.playing) this.request();
