@@ -29,7 +29,8 @@ module rockfall_f2py
    use rockfall_scratch, only: scratch_t
    use rockfall_run_loop, only: save_rest, first_chunk, chunk_crossings
    use rockfall_bounds, only: check_sources, boulder_count, max_volumes, max_tree_hits
-   use rockfall_scene, only: feature_fields, object_reach
+   use rockfall_scene_arrays, only: feature_fields, scene_array_text
+   use rockfall_scene, only: object_reach
    use rockfall_flights, only: lanes
    use rockfall_impact_table, only: yielding_ground_t, largest_of_table => largest_block, max_held_speed, &
                                     usual_density, usual_weight
@@ -1152,8 +1153,8 @@ contains
    end subroutine barrier_outcomes
 
    !> Row k of the table of keys (group|key|kind|most|default|allowed|unit|meaning|file), of a ground's parameters (the
-   !> same, then |models), of its models (name|rocks, as in rockfall_grounds), or of result variables (as in
-   !> variable_text); blank past the end.
+   !> same, then |models), of its models (name|rocks, as in rockfall_grounds), of result variables (as in
+   !> variable_text), or of arrays of a scene (as in scene_array_text); blank past the end.
    subroutine table_row(table, k, text)
       character(len=*), intent(in) :: table
       integer(c_int), intent(in) :: k
@@ -1165,6 +1166,7 @@ contains
       if (table == "ground_models" .and. k >= 1 .and. k <= size(model_names)) &
          text = trim(model_names(k))//"|"//integer_text(rocks_of_model(k))
       if (table == "variables") text = variable_text(k)
+      if (table == "scene") text = scene_array_text(k)
    end subroutine table_row
 
    !> Root L of a covariance C = L L^T, used for all draws.

@@ -24,7 +24,8 @@ module rockfall_scene_file
    use rockfall_same_run, only: differing_key, keys_of
    use rockfall_scene_type, only: scene_t
    use rockfall_grounds, only: max_grounds
-   use rockfall_scene, only: scene_arrays_t, feature_fields, is_borrowed, build_scene_of_case
+   use rockfall_scene_arrays, only: scene_arrays_t, scene_array_t, scene_array_of, feature_fields, is_borrowed
+   use rockfall_scene, only: build_scene_of_case
    implicit none
    private
    public :: inputs_t, read_scene
@@ -37,6 +38,7 @@ module rockfall_scene_file
       type(netcdf_file_t) :: file              !! open: its `crs` is copied to results
       integer :: crs = -1                      !! id of that variable
       type(axis_t) :: cells(2)                 !! x, y
+      integer :: sizes = 1                     !! of the rocks of a material; 3 by method A
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
       character(len=:), allocatable :: feature_names  !! of the layer of sources, one line each
       character(len=:), allocatable :: input_warnings, dams, stands  !! JSON, for the result; "" if absent in the file
@@ -153,7 +155,7 @@ contains
       logical :: any_known, good
 
       associate (file => inputs%file, ny => inputs%arrays%grid%ny)
-         call take(inputs, "elevation", merge("f4", "f8", kind_of(file, "elevation") == nf90_float), inputs%cells)
+         call take(inputs, "elevation")
          if (.not. is_ok(file)) return
          any_known = .false.
          good = .true.
@@ -167,22 +169,27 @@ contains
       end associate
    end subroutine read_elevations
 
-   !> Read an array along given axes, and pass it to the scene.
-   subroutine take(inputs, name, kind, axes, positive)
+   !> Read an array, as in the table of arrays, and pass it to the scene.
+   subroutine take(inputs, name, positive)
       type(inputs_t), intent(inout) :: inputs
-      character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
-      type(axis_t), intent(in) :: axes(:)
+      character(len=*), intent(in) :: name
       logical, intent(in), optional :: positive  !! reals must be positive
       real(wp), pointer, contiguous :: values(:)
       integer, parameter :: kinds(*) = [nf90_byte, nf90_short, nf90_int, nf90_float, nf90_double]
       integer, parameter :: width(*) = [1, 2, 4, 4, 8]
       integer(i1), pointer, contiguous :: block(:)
+      type(scene_array_t) :: row
       type(definition_t) :: definition
+      type(axis_t), allocatable :: axes(:)
       integer(i8) :: length(3)
       integer :: k, status
 
-      k = findloc(["i1", "i2", "i4", "f4", "f8"], kind, dim=1)
+      row = scene_array_of(name)
+      if (name == "elevation") row%kind = merge("f4", "f8", kind_of(inputs%file, name) == nf90_float)
+      if (name == "zone") row%kind = merge("i2", "i1", length_of(inputs%file, "material") > huge(1_i1))
+      k = findloc(["i1", "i2", "i4", "f4", "f8"], row%kind, dim=1)
       definition = definition_t(name, kinds(k))
+      axes = axes_of(inputs, row%dimensions)
       call check_shape(inputs%file, definition, axes)
       if (.not. is_ok(inputs%file)) return
       length = 1
@@ -195,9 +202,34 @@ contains
          call c_f_pointer(c_loc(block), values, length(:1))
          if (.not. all(is_place(values) .and. above_zero(values))) call mark_damaged(inputs%file, name)
       end if
-      call inputs%arrays%set_array(name, kind, length, c_loc(block))
+      call inputs%arrays%set_array(name, row%kind, length, c_loc(block))
       if (.not. is_borrowed(name)) deallocate (block)
    end subroutine take
+
+   !> Axes of an array, the one that varies fastest first, with the lengths that the kernel expects or the file has.
+   function axes_of(inputs, dimensions) result(axes)
+      type(inputs_t), intent(in) :: inputs
+      character(len=*), intent(in) :: dimensions
+      type(axis_t), allocatable :: axes(:)
+      type(axis_t) :: axis
+      integer :: first, last
+
+      allocate (axes(0))
+      last = len_trim(dimensions)
+      do while (last > 0)
+         first = index(dimensions(:last), " ", back=.true.) + 1
+         axis%name = dimensions(first:last)
+         select case (axis%name)
+         case ("size"); axis%length = inputs%sizes
+         case ("block_shape"); axis%length = n_block_shapes
+         case ("feature_field"); axis%length = size(feature_fields)
+         case ("material"); axis%length = max(1, length_of(inputs%file, "material"))
+         case default; axis%length = length_of(inputs%file, trim(axis%name))
+         end select
+         axes = [axes, axis]
+         last = first - 2
+      end do
+   end function axes_of
 
    !> Elevations of a row; NaN for no data.
    pure function row_of(inputs, j) result(z)
@@ -223,21 +255,17 @@ contains
    !> Read ground types, if not only the case's impact sets apply; everywhere, or by material or cell.
    subroutine read_grounds(inputs)
       type(inputs_t), intent(inout) :: inputs
-      type(axis_t) :: ground(1), material(1)
-      integer, allocatable :: length(:), index(:)
+      integer, allocatable :: index(:)
       integer :: n, j
 
       associate (file => inputs%file, arrays => inputs%arrays)
          if (kind_of(file, "ground_length") == 0) return
          n = length_of(file, "ground")
-         ground = [axis_t("ground", int(n, i8))]
-         material = [axis_t("material", int(max(1, length_of(file, "material")), i8))]
          if (n < 1 .or. n > n_block_shapes*max_grounds) call mark_damaged(file, "its number of grounds")
          if (.not. is_ok(file)) return
-         allocate (length(n), source=0)
-         call transfer(file, definition_t("ground_length", nf90_int), ground, length)
-         call take_texts(inputs, length)
-         if (kind_of(file, "ground_table") /= 0 .and. is_ok(file)) call read_tables(inputs, ground)
+         call take(inputs, "ground_length")
+         if (is_ok(file)) call take_texts(inputs)
+         if (kind_of(file, "ground_table") /= 0 .and. is_ok(file)) call read_tables(inputs)
          if (.not. is_ok(file)) return
          if (kind_of(file, "shape_ground") /= 0 .and. is_ok(file)) then
             call read_shape_grounds(inputs, n)
@@ -245,13 +273,13 @@ contains
             n = size(arrays%shape_ground, 1)
          end if
          if (kind_of(file, "material_ground") /= 0 .and. is_ok(file)) then
-            call take(inputs, "material_ground", "i1", material)
+            call take(inputs, "material_ground")
             if (.not. is_ok(file)) return
             if (any(arrays%material_ground < 1 .or. arrays%material_ground > n)) call mark_damaged(file, &
                "material_ground")
          end if
          if (kind_of(file, "cell_ground") == 0 .or. .not. is_ok(file)) return
-         call take(inputs, "cell_ground", "i1", inputs%cells)
+         call take(inputs, "cell_ground")
          if (.not. is_ok(file)) return
          do j = 1, arrays%grid%ny
             index = arrays%cell_ground(:, j)
@@ -261,29 +289,18 @@ contains
    end subroutine read_grounds
 
    !> Read the tables of impacts of the grounds; their arrays are checked with the scene.
-   subroutine read_tables(inputs, ground)
+   subroutine read_tables(inputs)
       type(inputs_t), intent(inout) :: inputs
-      type(axis_t), intent(in) :: ground(1)
-      type(axis_t) :: table
 
-      call take(inputs, "ground_table", "i4", ground)
-      table = axis("table")
-      call take(inputs, "table_shape", "i4", [axis("table_count"), table])
-      call take(inputs, "table_scale", "f8", [axis("table_number"), table])
-      call take(inputs, "table_size", "f8", [axis("table_column")])
-      call take(inputs, "table_relief", "f8", [axis("table_row")])
-      if (kind_of(inputs%file, "table_edge") /= 0) call take(inputs, "table_edge", "f8", [axis("table_edges")])
-      call take(inputs, "table_first", "i4", [axis("table_bin_end")])
-      call take(inputs, "table_map", "f8", [axis("map_field"), axis("table_bin")])
-      call take(inputs, "table_record", "f4", [axis("record_field"), axis("contact")])
-
-   contains
-
-      type(axis_t) function axis(name)
-         character(len=*), intent(in) :: name
-
-         axis = axis_t(name, int(length_of(inputs%file, name), i8))
-      end function axis
+      call take(inputs, "ground_table")
+      call take(inputs, "table_shape")
+      call take(inputs, "table_scale")
+      call take(inputs, "table_size")
+      call take(inputs, "table_relief")
+      if (kind_of(inputs%file, "table_edge") /= 0) call take(inputs, "table_edge")
+      call take(inputs, "table_first")
+      call take(inputs, "table_map")
+      call take(inputs, "table_record")
    end subroutine read_tables
 
    !> Read the ground of each shape on each ground of the cells, which come first among all `n`.
@@ -296,24 +313,21 @@ contains
          of_cells = length_of(file, "base_ground")
          if (of_cells < 1 .or. of_cells > min(n, max_grounds)) call mark_damaged(file, "shape_ground")
          if (.not. is_ok(file)) return
-         call take(inputs, "shape_ground", "i4", [axis_t("base_ground", int(of_cells, i8)), &
-                                                  axis_t("block_shape", int(n_block_shapes, i8))])
+         call take(inputs, "shape_ground")
          if (.not. is_ok(file)) return
          if (any(arrays%shape_ground < 1 .or. arrays%shape_ground > n)) call mark_damaged(file, "shape_ground")
       end associate
    end subroutine read_shape_grounds
 
    !> Read the texts of the grounds, concatenated in the file, with their names.
-   subroutine take_texts(inputs, length)
+   subroutine take_texts(inputs)
       type(inputs_t), intent(inout) :: inputs
-      integer, intent(in) :: length(:)
 
-      associate (file => inputs%file, arrays => inputs%arrays)
+      associate (file => inputs%file, arrays => inputs%arrays, length => inputs%arrays%ground_length)
          call read_letters(file, "ground_text", arrays%ground_text, arrays%ground_names, "names")
          if (.not. is_ok(file)) return
          if (any(length < 0) .or. sum(int(length, i8)) /= len(arrays%ground_text)) &
             call mark_damaged(file, "ground_length")
-         if (is_ok(file)) arrays%ground_length = length
       end associate
    end subroutine take_texts
 
@@ -322,21 +336,19 @@ contains
    subroutine read_surface(inputs, case)
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
-      type(axis_t) :: size_axis
-      integer :: n, materials
+      integer :: materials
 
-      n = merge(3, 1, case%method == method_a)
-      size_axis = axis_t("size", int(n, i8))
+      inputs%sizes = merge(3, 1, case%method == method_a)
       associate (file => inputs%file, arrays => inputs%arrays)
          materials = max(1, length_of(file, "material"))
          if (materials > huge(1_i2)) call mark_damaged(file, "its number of materials")
          if (.not. is_ok(file)) return
          if (kind_of(file, "cell_size") /= 0) then
-            allocate (arrays%sizes(n, materials), source=0.0_wp)
-            call take(inputs, "cell_size", "f4", [inputs%cells, size_axis])
-            if (is_ok(file)) call check_values(inputs, n)
+            allocate (arrays%sizes(inputs%sizes, materials), source=0.0_wp)
+            call take(inputs, "cell_size")
+            if (is_ok(file)) call check_values(inputs)
          else
-            call take(inputs, "material_size", "f8", [size_axis, axis_t("material", int(materials, i8))])
+            call take(inputs, "material_size")
             if (.not. is_ok(file)) return
             if (kind_of(file, "zone") /= 0) then
                call read_zones(inputs, materials)
@@ -372,7 +384,7 @@ contains
       logical :: good(0:materials), here(inputs%arrays%grid%nx)
 
       associate (file => inputs%file, arrays => inputs%arrays)
-         call take(inputs, "zone", merge("i2", "i1", materials > huge(1_i1)), inputs%cells)
+         call take(inputs, "zone")
          if (.not. is_ok(file)) return
          good(0) = .false.
          good(1:) = [(all(is_size(inputs, arrays%sizes(:, j))), j=1, materials)]
@@ -387,12 +399,11 @@ contains
       end associate
    end subroutine read_zones
 
-   subroutine check_values(inputs, n)
+   subroutine check_values(inputs)
       type(inputs_t), intent(inout) :: inputs
-      integer, intent(in) :: n
       integer :: j, k
 
-      do k = 1, n
+      do k = 1, inputs%sizes
          do j = 1, inputs%arrays%grid%ny
             if (any(is_known(inputs, j) .and. .not. is_size(inputs, real(inputs%arrays%values(:, j, k), wp)))) &
                call mark_damaged(inputs%file, "cell_size")
@@ -403,54 +414,49 @@ contains
    subroutine read_sources(inputs, case)
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
-      type(axis_t) :: source(1)
 
       associate (file => inputs%file, arrays => inputs%arrays)
-         source = [axis_t("source", int(length_of(file, "source"), i8))]
-         if (source(1)%length < 1) call mark_damaged(file, "its number of sources")
-         call take(inputs, "source_x", "f8", source)
-         call take(inputs, "source_y", "f8", source)
+         if (length_of(file, "source") < 1) call mark_damaged(file, "its number of sources")
+         call take(inputs, "source_x")
+         call take(inputs, "source_y")
          if (.not. is_ok(file)) return
          if (.not. all(is_place(arrays%source_x) .and. is_place(arrays%source_y))) &
             call mark_damaged(file, "source_x, or source_y,")
-         if (case%by_source) call take(inputs, "source_volume", "f8", source, positive=.true.)
-         if (case%by_source) call take(inputs, "source_inertia", "f8", source, positive=.true.)
-         if (case%source_density) call take(inputs, "source_density", "f8", source, positive=.true.)
-         if (case%by_area) call take(inputs, "area_ratio", "f8", source, positive=.true.)
+         if (case%by_source) call take(inputs, "source_volume", positive=.true.)
+         if (case%by_source) call take(inputs, "source_inertia", positive=.true.)
+         if (case%source_density) call take(inputs, "source_density", positive=.true.)
+         if (case%by_area) call take(inputs, "area_ratio", positive=.true.)
          if (kind_of(file, "source_frequency") /= 0) &
-            call take(inputs, "source_frequency", "f8", source, positive=.true.)
-         if (kind_of(file, "source_shape") /= 0) call take(inputs, "source_shape", "i1", source)
+            call take(inputs, "source_frequency", positive=.true.)
+         if (kind_of(file, "source_shape") /= 0) call take(inputs, "source_shape")
          if (.not. (sum(case%shape_share) > 0 .or. allocated(arrays%source_shape))) call mark_damaged(file, &
             "source_shape")
          if (allocated(arrays%source_shape)) then
             if (any(arrays%source_shape < 0 .or. arrays%source_shape > n_block_shapes)) &
                call mark_damaged(file, "source_shape")
          end if
-         if (kind_of(file, "source_feature") /= 0) call read_features(inputs, source)
+         if (kind_of(file, "source_feature") /= 0) call read_features(inputs)
       end associate
    end subroutine read_sources
 
    !> Read the feature of each source, and the attributes of the features.
-   subroutine read_features(inputs, source)
+   subroutine read_features(inputs)
       type(inputs_t), intent(inout) :: inputs
-      type(axis_t), intent(in) :: source(1)
-      type(axis_t) :: feature(1)
       integer :: n
 
       associate (file => inputs%file, arrays => inputs%arrays)
          if (.not. is_ok(file)) return
          inputs%feature_names = text_of(file, nf90_global, "source_features")
          n = length_of(file, "feature")
-         feature = [axis_t("feature", int(n, i8))]
          if (kind_of(file, "feature_law") == 0) n = huge(1)
          if (n < 1) call mark_damaged(file, "its number of features")
          if (.not. is_ok(file)) return
-         call take(inputs, "source_feature", "i4", source)
+         call take(inputs, "source_feature")
          if (.not. is_ok(file)) return
          if (any(arrays%source_feature < 1 .or. arrays%source_feature > n)) call mark_damaged(file, "source_feature")
          if (kind_of(file, "feature_law") == 0 .or. .not. is_ok(file)) return
-         call take(inputs, "feature_law", "i4", feature)
-         call take(inputs, "feature_value", "f8", [axis_t("feature_field", size(feature_fields, kind=i8)), feature])
+         call take(inputs, "feature_law")
+         call take(inputs, "feature_value")
          if (.not. is_ok(file)) return
          if (any(arrays%feature_distribution < 0 &
                  .or. arrays%feature_distribution > list_volume)) call mark_damaged(file, "feature_law")
@@ -464,15 +470,13 @@ contains
    !> Read trees; their diameters and factors are positive.
    subroutine read_trees(inputs)
       type(inputs_t), intent(inout) :: inputs
-      type(axis_t) :: tree(1)
 
       associate (file => inputs%file, arrays => inputs%arrays)
-         tree = [axis_t("tree", int(length_of(file, "tree"), i8))]
-         if (tree(1)%length < 1) call mark_damaged(file, "its number of trees")
-         call take(inputs, "tree_x", "f8", tree)
-         call take(inputs, "tree_y", "f8", tree)
-         call take(inputs, "tree_dbh", "f8", tree, positive=.true.)
-         call take(inputs, "tree_factor", "f8", tree, positive=.true.)
+         if (length_of(file, "tree") < 1) call mark_damaged(file, "its number of trees")
+         call take(inputs, "tree_x")
+         call take(inputs, "tree_y")
+         call take(inputs, "tree_dbh", positive=.true.)
+         call take(inputs, "tree_factor", positive=.true.)
          if (.not. is_ok(file)) return
          if (.not. all(is_place(arrays%tree_x) .and. is_place(arrays%tree_y))) &
             call mark_damaged(file, "tree_x, or tree_y,")

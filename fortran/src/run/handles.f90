@@ -20,7 +20,8 @@ module rockfall_handles
    use rockfall_case_effects, only: mark_defaults
    use rockfall_case, only: case_t, case_of_keys
    use rockfall_bounds, only: boulder_count
-   use rockfall_scene, only: scene_arrays_t, build_scene_of_case
+   use rockfall_scene_arrays, only: scene_arrays_t
+   use rockfall_scene, only: build_scene_of_case
    use rockfall_line_samples, only: layout_t
    use rockfall_state_table, only: array_t, table_t
    use rockfall_run_state, only: run_t, open_run, open_joined_run, continue_run, close_run, arrays_of, &

@@ -82,13 +82,12 @@ contains
       end do
       if (allocated(part%number)) then
          call table%add("kept", "boulder", ["boulder"], part%number)
-         call table%add("sample", "part_last", ["sample_part"], part%layout%part_last)
-         call table%add("sample", "group_part", ["sample_group"], part%layout%group_part)
-         call table%add("sample", "block", ["sample_entry"], part%block)
-         call table%add("sample", "count", [character(len=12) :: "sample_fine", "sample_entry"], &
-                        run%samples%counts(:, :run%samples%blocks))
-         call table%add("sample", "group_bin", ["sample_group_entry"], part%groups%bin)
-         call table%add("sample", "group_count", ["sample_group_entry"], part%groups%count)
+         call table%add("sample", "part_last", values=part%layout%part_last)
+         call table%add("sample", "group_part", values=part%layout%group_part)
+         call table%add("sample", "block", values=part%block)
+         call table%add("sample", "count", values=run%samples%counts(:, :run%samples%blocks))
+         call table%add("sample", "group_bin", values=part%groups%bin)
+         call table%add("sample", "group_count", values=part%groups%count)
       end if
       if (.not. allocated(part%maps%cell)) return
       associate (maps => part%maps)

@@ -663,20 +663,18 @@ contains
    subroutine add_sample_arrays(run, table)
       type(run_t), intent(in), target :: run
       type(table_t), intent(inout) :: table
-      character(len=*), parameter :: by(*) = [character(len=15) :: "sample_quantity", "sample_part", "sample_place"]
       character(len=*), parameter :: blocks(*) = [character(len=15) :: "sample_fine", "sample_entry"], &
-                                     coarse(*) = [character(len=15) :: "sample_coarse", by(1), "sample_group", by(3)], &
-                                     sums(*) = [character(len=15) :: "sample_word", by], &
-                                     largest(*) = [character(len=15) :: "sample_rank", "sample_tail", "sample_line"]
+                                     coarse(*) = [character(len=15) :: "sample_coarse", "sample_quantity", &
+                                                                   "sample_group", "sample_place"]
 
       call table%add("work", "blocks", blocks, run%samples%counts(:, :run%samples%blocks), "i4")
       call table%add("work", "groups", coarse, run%samples%groups, "i4")
-      call table%add("sample", "sums", sums, run%samples%sums)
-      call table%add("sample", "largest", largest, run%samples%largest)
+      call table%add("sample", "sums", values=run%samples%sums)
+      call table%add("sample", "largest", values=run%samples%largest)
       call table%add("work", "known", ["sample_line"], run%samples%known, "i4")
-      call table%add("sample", "ended", ["sample_status"], run%samples%ended)
-      call table%add("sample", "part_last", ["sample_part"], run%layout%part_last)
-      call table%add("sample", "group_part", ["sample_group"], run%layout%group_part)
+      call table%add("sample", "ended", values=run%samples%ended)
+      call table%add("sample", "part_last", values=run%layout%part_last)
+      call table%add("sample", "group_part", values=run%layout%group_part)
    end subroutine add_sample_arrays
 
    !> Add the stacks of maps (columns, rows, layers); files contain the cells reached by boulders. Also add, after

@@ -1,9 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Builds the scene from a case and the arrays that it names, for both programs.
 module rockfall_scene
-   use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
-   use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
+   use rockfall_kinds, only: wp, i4, i8
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, line_of
    use rockfall_random, only: random_key, normal_table
@@ -19,6 +18,7 @@ module rockfall_scene
    use rockfall_ground, only: ground_t, rest_slope_of, is_stochastic
    use rockfall_forest, only: build_forest
    use rockfall_scene_type, only: scene_t
+   use rockfall_scene_arrays, only: scene_arrays_t, feature_fields
    use rockfall_bounds, only: boulder_count, max_radius
    use rockfall_case_keys, only: map_names
    use rockfall_case, only: case_t
@@ -26,12 +26,7 @@ module rockfall_scene
    use rockfall_grounds, only: read_ground, table_ground, read_stochastic, rest_angle_of_rocks
    implicit none
    private
-   public :: scene_arrays_t, feature_fields, is_borrowed, build_scene_of_case, object_reach
-
-   !> Values of a feature, in the units of the keys with these names.
-   character(len=*), parameter :: feature_fields(*) = [character(len=11) :: "volume_mean", "volume_std", "volume_min", &
-                                                       "volume_max", "density", "drop_height", "velocity_x", &
-                                                       "velocity_y", "velocity_z"]
+   public :: build_scene_of_case, object_reach
 
    !> Lines may reach this far from the middle of the terrain [m], and this number of half sides.
    real(wp), parameter :: far_away = 1.0e5_wp, far_sizes = 20
@@ -42,41 +37,6 @@ module rockfall_scene
       character(len=:), allocatable :: text, file  !! as in read_ground, or the row of a table; "": none
       integer :: table = 0                         !! number of its table; 0: none. Neither: the case's impact sets
    end type ground_text_t
-
-   !> Input of a scene in addition to its case, from Python or from a scene file. Arrays of views belong to the caller.
-   type :: scene_arrays_t
-      type(grid_t) :: grid                                       !! of the whole raster
-      integer :: first(2) = 1                                    !! column and row of the first array element
-      real(wp), pointer, contiguous :: z8(:, :) => null()        !! elevations [m], or
-      real(sp), pointer, contiguous :: z4(:, :) => null()        !! in single precision; NaN = no data
-      integer(i1), pointer, contiguous :: zone1(:, :) => null()  !! 1-based column of `sizes`, or
-      integer(i2), pointer, contiguous :: zone2(:, :) => null()  !! for more than 127 materials
-      real(sp), pointer, contiguous :: values(:, :, :) => null() !! or sizes per cell (nx, ny, 1 or 3) [m]
-      real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
-      real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
-      real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, if releases depend on it
-      real(wp), allocatable :: source_frequency(:)               !! in any unit; weights that distribute boulders_total
-      real(wp), allocatable :: source_volume(:), source_inertia(:)  !! of their boulders, if given [m3], [-]
-      real(wp), allocatable :: source_density(:)                 !! density of their boulders, if given [kg/m3]
-      integer(i1), allocatable :: source_shape(:)                !! block shape of their boulders; 0: the case's
-      integer, allocatable :: source_feature(:)                  !! 1-based feature of a layer, if sources come from one
-      integer, allocatable :: feature_distribution(:)            !! volume model (rockfall_boulder); 0: the case's
-      real(wp), allocatable :: feature_value(:, :)               !! (feature_fields, features); NaN: the case's
-      real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
-      real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
-      real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
-      character(len=:), allocatable :: sets_text, sets_name      !! file of impact sets, and its name for messages
-      integer :: draw = 0                                        !! draw to read; 0: the file must have only one
-      character(len=:), allocatable :: ground_text, ground_names  !! as in grounds_of, with
-      integer, allocatable :: ground_length(:)                   !! if not only the case's impact sets apply,
-      integer, allocatable :: ground_table(:)                    !! number of the table of each ground, from 1; 0: none
-      type(table_arrays_t) :: tables                             !! tables of impacts
-      integer(i1), allocatable :: material_ground(:)             !! with the 1-based ground of each material, or
-      integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; default: the first
-      integer, allocatable :: shape_ground(:, :)                 !! as in shape_mix_t, if tables differ by shape
-   contains
-      procedure :: set_array
-   end type scene_arrays_t
 
 contains
 
@@ -118,81 +78,6 @@ contains
       if (.not. allocated(error)) call set_impacts(case, arrays, scene, error)
       if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
    end subroutine build_scene_of_case
-
-   !> Set a component by its name in scene files to a contiguous array in memory; the kind selects the component for
-   !> elevations and zones. Rasters and trees remain the caller's, others are copied.
-   subroutine set_array(arrays, name, kind, length, at)
-      class(scene_arrays_t), intent(inout) :: arrays
-      character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
-      integer(i8), intent(in) :: length(3)        !! of its dimensions, the first varies fastest; 1 beyond the last
-      type(c_ptr), intent(in) :: at
-      real(wp), pointer, contiguous :: reals(:), table(:, :)
-      integer(i4), pointer, contiguous :: integers(:), numbers(:, :)
-      integer(i1), pointer, contiguous :: bytes(:)
-
-      call c_f_pointer(at, reals, length(:1))
-      call c_f_pointer(at, table, length(:2))
-      call c_f_pointer(at, integers, length(:1))
-      call c_f_pointer(at, numbers, length(:2))
-      call c_f_pointer(at, bytes, length(:1))
-      select case (name)
-      case ("elevation")
-         if (kind == "f8") call c_f_pointer(at, arrays%z8, length(:2))
-         if (kind == "f4") call c_f_pointer(at, arrays%z4, length(:2))
-      case ("zone")
-         if (kind == "i1") call c_f_pointer(at, arrays%zone1, length(:2))
-         if (kind == "i2") call c_f_pointer(at, arrays%zone2, length(:2))
-      case ("cell_size"); call c_f_pointer(at, arrays%values, length)
-      case ("material_size"); arrays%sizes = table
-      case ("source_x"); arrays%source_x = reals
-      case ("source_y"); arrays%source_y = reals
-      case ("area_ratio"); arrays%area_ratio = reals
-      case ("source_frequency"); arrays%source_frequency = reals
-      case ("source_volume"); arrays%source_volume = reals
-      case ("source_inertia"); arrays%source_inertia = reals
-      case ("source_density"); arrays%source_density = reals
-      case ("source_shape"); arrays%source_shape = bytes
-      case ("source_feature"); arrays%source_feature = integers
-      case ("feature_law"); arrays%feature_distribution = integers
-      case ("feature_value"); arrays%feature_value = table
-      case ("tree_x"); arrays%tree_x => reals
-      case ("tree_y"); arrays%tree_y => reals
-      case ("tree_dbh"); arrays%tree_dbh => reals
-      case ("tree_factor"); arrays%tree_factor => reals
-      case ("impact_sets"); arrays%sets_text = text_of(bytes)
-      case ("impact_sets_file"); arrays%sets_name = text_of(bytes)
-      case ("ground_length"); arrays%ground_length = integers
-      case ("ground_table"); arrays%ground_table = integers
-      case ("table_shape"); arrays%tables%shape => numbers
-      case ("table_scale"); arrays%tables%scale => table
-      case ("table_size"); arrays%tables%size => reals
-      case ("table_relief"); arrays%tables%relief => reals
-      case ("table_edge"); arrays%tables%edge => reals
-      case ("table_first"); arrays%tables%first => integers
-      case ("table_map"); arrays%tables%map => table
-      case ("table_record"); call c_f_pointer(at, arrays%tables%record, length(:2))
-      case ("ground_text"); arrays%ground_text = text_of(bytes)
-      case ("ground_names"); arrays%ground_names = text_of(bytes)
-      case ("material_ground"); arrays%material_ground = bytes
-      case ("shape_ground"); arrays%shape_ground = numbers
-      case ("cell_ground"); call c_f_pointer(at, arrays%cell_ground, length(:2))
-      end select
-   end subroutine set_array
-
-   !> Return whether an array with this name remains the caller's.
-   pure logical function is_borrowed(name)
-      character(len=*), intent(in) :: name
-
-      is_borrowed = any(name == [character(len=11) :: "elevation", "zone", "cell_size", "cell_ground"]) &
-                    .or. index(name, "tree_") == 1 .or. index(name, "table_") == 1
-   end function is_borrowed
-
-   pure function text_of(bytes) result(text)
-      integer(i1), intent(in) :: bytes(:)
-      character(len=size(bytes)) :: text
-
-      text = transfer(bytes, text)
-   end function text_of
 
    !> Split grounds: texts are concatenated, and `ground_names` has two lines for each, its name and its file.
    pure function parsed_grounds(arrays) result(grounds)

@@ -29,11 +29,11 @@ module rockfall_state_table
 contains
 
    !> Add an array, which must be contiguous and must not be moved. Its kind is taken from the table of variables,
-   !> or is `kind` if the table lacks it.
+   !> or is `kind` if the table lacks it; so are the dimensions of a sample.
    subroutine add(this, group, name, axes, values, kind)
       class(table_t), intent(inout) :: this
       character(len=*), intent(in) :: group, name
-      character(len=*), intent(in) :: axes(:)  !! names of dimensions
+      character(len=*), intent(in), optional :: axes(:)  !! names of dimensions
       type(*), intent(in), target :: values(..)
       character(len=*), intent(in), optional :: kind
       type(array_t) :: row
@@ -41,7 +41,6 @@ contains
 
       row%rank = rank(values)
       do k = 1, row%rank
-         row%axis(k) = axes(k)
          row%length(k) = size(values, k, i8)
       end do
       if (product(row%length) > 0) row%at = c_loc(values)
@@ -53,9 +52,30 @@ contains
          row%variable = variable_of(group, name)
          row%kind = stored_as(row%variable)
       end if
+      if (present(axes)) then
+         row%axis(:row%rank) = axes(:row%rank)
+      else
+         row%axis = sample_axes(row%variable)
+      end if
       if (.not. allocated(this%row)) allocate (this%row(0))
       this%row = [this%row, row]
    end subroutine add
+
+   !> Names of the dimensions of a sample, the first varies fastest.
+   pure function sample_axes(variable) result(axis)
+      type(variable_t), intent(in) :: variable
+      character(len=40) :: axis(max_rank)
+      integer :: k, first, last
+
+      axis = ""
+      last = len_trim(variable%axes)
+      do k = 1, max_rank
+         if (last < 1) exit
+         first = index(variable%axes(:last), " ", back=.true.) + 1
+         axis(k) = "sample_"//variable%axes(first:last)
+         last = first - 2
+      end do
+   end function sample_axes
 
    !> Format a row as text: group, name, name in files, kind, dimensions.
    pure function row_text(row) result(text)

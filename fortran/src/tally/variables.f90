@@ -32,6 +32,7 @@ module rockfall_variables
       character(len=80) :: long_name
       character(len=80) :: comment = ""
       character(len=2) :: stored = "" !! type in part files: i1, i4, f4; default f8, or i8 for integers
+      character(len=24) :: axes = ""  !! of a sample: its dimensions after sample_, the last varies fastest
    end type variable_t
 
    character(len=*), parameter :: ends = "the first and the last bin also hold what lies beyond"
@@ -253,15 +254,22 @@ module rockfall_variables
       variable_t("tally", "shared_source", "integer", "1", "number of that source", stored="i4"), &
       variable_t("tally", "shared_boulders", "integer", "1", "its boulders in the part", stored="i4"), &
       variable_t("kept", "boulder", "integer", "1", "number of the boulder"), &
-      variable_t("sample", "block", "integer", "1", "block of bins of place, part, quantity that is not empty"), &
-      variable_t("sample", "count", "integer", "1", "boulders in the bins of a block", stored="i4"), &
-      variable_t("sample", "group_bin", "integer", "1", "coarse bin of place, group, quantity that is not empty"), &
-      variable_t("sample", "group_count", "integer", "1", "boulders in the coarse bin", stored="i4"), &
-      variable_t("sample", "sums", "integer", "1", "sums, sums of squares, maxima, in units"), &
-      variable_t("sample", "largest", "real", "1", "largest numbers at lines, rising, then 0", stored="f4"), &
-      variable_t("sample", "ended", "integer", "1", "boulders by status"), &
-      variable_t("sample", "part_last", "integer", "1", "last feature or source of each part", stored="i4"), &
-      variable_t("sample", "group_part", "integer", "1", "part of each group of sources", stored="i4"), &
+      variable_t("sample", "block", "integer", "1", &
+                 "block of bins of place, part, quantity that is not empty", axes="entry"), &
+      variable_t("sample", "count", "integer", "1", &
+                 "boulders in the bins of a block", stored="i4", axes="entry fine"), &
+      variable_t("sample", "group_bin", "integer", "1", &
+                 "coarse bin of place, group, quantity that is not empty", axes="group_entry"), &
+      variable_t("sample", "group_count", "integer", "1", &
+                 "boulders in the coarse bin", stored="i4", axes="group_entry"), &
+      variable_t("sample", "sums", "integer", "1", &
+                 "sums, sums of squares, maxima, in units", axes="place part quantity word"), &
+      variable_t("sample", "largest", "real", "1", &
+                 "largest numbers at lines, rising, then 0", stored="f4", axes="line tail rank"), &
+      variable_t("sample", "ended", "integer", "1", "boulders by status", axes="status"), &
+      variable_t("sample", "part_last", "integer", "1", &
+                 "last feature or source of each part", stored="i4", axes="part"), &
+      variable_t("sample", "group_part", "integer", "1", "part of each group of sources", stored="i4", axes="group"), &
       variable_t("status", "stopped", "word", "", "slower than the stop speed after a rebound"), &
       variable_t("status", "absorbed", "word", "", "met material that absorbs"), &
       variable_t("status", "left_domain", "word", "", "left the terrain between its outer cell centres"), &
@@ -348,7 +356,8 @@ contains
       end select
    end function name_in_files
 
-   !> Format a row of the table as text: group|name|type in part files|units|long_name|comment; "" past the end.
+   !> Format a row of the table as text: group|name|type in part files|axes|units|long_name|comment; ""
+   !> past the end.
    pure function variable_text(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
@@ -357,7 +366,7 @@ contains
       text = ""
       if (k < 1 .or. k > size(variable_table)) return
       row = variable_table(k)
-      text = trim(row%group)//"|"//trim(row%name)//"|"//stored_as(row)//"|"//trim(row%units)//"|" &
-             //trim(row%long_name)//"|"//trim(row%comment)
+      text = trim(row%group)//"|"//trim(row%name)//"|"//stored_as(row)//"|"//trim(row%axes)//"|" &
+             //trim(row%units)//"|"//trim(row%long_name)//"|"//trim(row%comment)
    end function variable_text
 end module rockfall_variables

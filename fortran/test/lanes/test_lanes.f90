@@ -8,7 +8,6 @@ program test_lanes
    use rockfall_line, only: line
    use rockfall_impact, only: impact_set
    use rockfall_direction, only: past_aspect, to_aspect, by_lab
-   use rockfall_ground, only: ground_t
    use rockfall_histogram, only: bins, quantities
    use rockfall_maps, only: maps_t
    use rockfall_scene_type, only: scene_t, goes_in_lanes, one_by_one, narrow_lanes, masked_lanes

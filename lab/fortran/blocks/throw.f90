@@ -3,7 +3,6 @@
 module lab_throw
    use rockfall_kinds, only: wp
    use lab_block, only: block_t
-   use lab_rotation, only: rotation_matrix
    use lab_yielding_ground, only: relief_t
    use lab_pressure, only: law_t
    use lab_block_motion, only: motion_t, start_motion, advance, feel_ground, free_step, contact_step, spin_of, &

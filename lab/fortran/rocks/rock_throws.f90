@@ -8,7 +8,7 @@ module lab_rock_throws
    use lab_contact, only: material_t
    use lab_rotation, only: any_orientation
    use lab_packing, only: packing_t, layer_t
-   use lab_contact_record, only: throw_t, thrown_t
+   use lab_contact_record, only: thrown_t
    use lab_throw_range, only: throw_range_t, draw_throw
    use lab_rock_throw, only: boulder_t, follow_on_rocks
    implicit none

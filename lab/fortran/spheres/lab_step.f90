@@ -7,8 +7,7 @@ module lab_step
       batch_t, batch_size, put_contact, touch_in, press_batch, &
       collision_time, rayleigh_time, cross, in_plane
    use lab_clump, only: move_clump, place_spheres, accelerate_clump
-   use lab_bodies, only: bodies_t, sphere_mass, update_spheres, in_clump, kinetic_energy, mass_moment, body_mass, &
-      body_velocity
+   use lab_bodies, only: bodies_t, sphere_mass, update_spheres, in_clump, kinetic_energy, mass_moment, body_mass
    use lab_neighbours, only: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair
    implicit none
    private

@@ -6,7 +6,6 @@ program test_lab_blocks
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
    use rockfall_random, only: random_key, random_words, uniform
-   use lab_contact, only: cross
    use lab_block, only: block_t, make_block, solid_t, solid_of
    use lab_rotation, only: rotation_matrix, rotate_free
    use lab_yielding_ground, only: ground_t, relief_t, make_relief, look_up

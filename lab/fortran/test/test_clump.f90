@@ -7,9 +7,9 @@ program test_lab_clump
    use rockfall_math, only: pi
    use rockfall_random, only: random_key
    use lab_contact, only: material_t
-   use lab_rotation, only: any_orientation, rotation_matrix
+   use lab_rotation, only: any_orientation
    use lab_clump, only: clump_t, clump_shape_t, tetrahedral_clump, block_clump, make_clump, move_clump, set_motion, &
-      clump_energy, shape_names, sphere_shape
+      clump_energy, shape_names
    use lab_bodies, only: bodies_t, bodies, set_clumps, kinetic_energy, total_mass, body_position, body_velocity
    use lab_neighbours, only: box_t
    use lab_packing, only: packing_t, layer_t, pack_layer, rocks_at_rest

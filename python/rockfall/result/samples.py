@@ -47,20 +47,6 @@ def check_all_rows(result: Held, what: str) -> None:
         raise RockfallError(f"{what}: needs rows of all boulders: &output kept = 'all'")
 
 
-#: Dimensions of arrays in files, after "sample_".
-DIMS: dict[str, tuple[str, ...]] = {
-    "block": ("entry",), "count": ("entry", "fine"),
-    "group_bin": ("group_entry",), "group_count": ("group_entry",),
-    "sums": ("place", "part", "quantity", "word"), "largest": ("line", "tail", "rank"),
-    "ended": ("status",), "part_last": ("part",), "group_part": ("group",),
-}  # fmt: skip
-
-
-def sample_dims(name: str) -> tuple[str, ...]:
-    """Dimensions of a variable of samples in a file."""
-    return tuple(f"sample_{dim}" for dim in DIMS[name])
-
-
 def is_ensemble(result: Held) -> bool:
     """Return True if a result is an ensemble, which includes the result of the unchanged case."""
     return "ensemble_runs" in result.attrs

@@ -14,7 +14,6 @@ from rockfall.errors import RockfallError
 from rockfall.io.rasters.grid import Box, Grid
 from rockfall.result import variables
 from rockfall.result.run_arrays import RunArrays
-from rockfall.result.samples import sample_dims
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -116,7 +115,7 @@ def _groups() -> Iterator[_Group]:
     vertex: _Group = {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
     yield {"trajectory_leg": vertex.pop("trajectory_leg")}  # variable that older versions lack
     yield vertex
-    yield {f"sample_{name}": sample_dims(name) for name in variables.SAMPLE}
+    yield {f"sample_{name}": variables.SAMPLE_DIMS[name] for name in variables.SAMPLE}
     yield {axis: (axis,) for axis in ("x", "y")}
     yield {"threshold": ("threshold",)}
     for name in variables.HISTOGRAM:

@@ -7,11 +7,14 @@ from rockfall._core import rockfall_f2py as _core
 
 _TABLE: dict[str, dict[str, dict[str, str]]] = {}  # in the order of the kernel's
 TYPES: dict[str, dict[str, str]] = {}  # group -> name -> type in part files
+SAMPLE_DIMS: dict[str, tuple[str, ...]] = {}  # of samples, in files
 while _text := _core.table_row("variables", sum(map(len, TYPES.values())) + 1).decode().strip():
-    _group, _name, _type, *_rest = _text.split("|")
+    _group, _name, _type, _axes, *_rest = _text.split("|")
     _about = zip(("units", "long_name", "comment"), _rest, strict=True)
     _TABLE.setdefault(_group, {})[_name] = {key: value for key, value in _about if value}
     TYPES.setdefault(_group, {})[_name] = _type
+    if _axes:
+        SAMPLE_DIMS[_name] = tuple(f"sample_{axis}" for axis in _axes.split())
 
 BOULDER = _TABLE["boulder"]
 COUNT = _TABLE["count"]  # over all boulders

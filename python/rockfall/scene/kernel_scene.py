@@ -16,14 +16,9 @@ from rockfall.grounds.impact_tables import table_arrays
 from rockfall.io.rasters.grid import Box
 from rockfall.scene.parts import Rasters
 
-#: Of the arrays of a scene that are not float64; "": of more than one, or of texts.
-KINDS = {
-    "cell_size": "f4", "source_feature": "i4", "feature_law": "i4", "ground_length": "i4",
-    "source_shape": "i1", "shape_ground": "i4", "material_ground": "i1", "cell_ground": "i1",
-    "ground_table": "i4", "table_shape": "i4", "table_first": "i4", "table_record": "f4",
-    **dict.fromkeys(("elevation", "zone", "impact_sets", "impact_sets_file"), ""),
-    "ground_text": "", "ground_names": "",
-}  # fmt: skip
+ARRAYS: dict[str, list[str]] = {}  # of a scene: type, or "" for one of two; dimensions, units, name
+while _text := _core.table_row("scene", len(ARRAYS) + 1).decode().strip():
+    _name, *ARRAYS[_name] = _text.split("|")
 NO_TERRAIN = np.zeros((1, 1), "f4")  # of a scene that has windows
 
 
@@ -103,7 +98,7 @@ def raster_arrays(rasters: Rasters) -> dict[str, np.ndarray]:
 def kernel_arrays(arrays: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Arrays, without those that are None, in the kernel's types."""
     return {
-        name: np.require(array, KINDS.get(name, "f8") or None, ["C", "A"])
+        name: np.require(array, ARRAYS[name][0] or None if name in ARRAYS else None, ["C", "A"])
         for name, array in arrays.items()
         if array is not None
     }

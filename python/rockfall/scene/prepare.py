@@ -20,6 +20,7 @@ from rockfall.result.dataset import (
     provenance,
     put_netcdf,
 )
+from rockfall.scene.kernel_scene import ARRAYS
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import input_warnings
 from rockfall.scene.scene import Scene
@@ -27,50 +28,6 @@ from rockfall.version import __version__
 
 LAYOUT = int(_core.constant("scene_layout"))  # layout version of the file
 MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
-ABOUT = {  # dimensions, units, long name
-    "elevation": ("y x", "m", "elevation of cell centres"),
-    "zone": ("y x", "1", "material of the cell, counted from 1; 0: none"),
-    "cell_size": ("size y x", "m",
-        "mean rock radius, or Rg70, Rg20, Rg10, of the cell; infinite: it absorbs"),
-    "material_size": ("material size", "m",
-        "mean rock radius, or Rg70, Rg20, Rg10; infinite: it absorbs"),
-    "source_x": ("source", "m", "easting of the release"),
-    "source_y": ("source", "m", "northing of the release"),
-    "area_ratio": ("source", "1", "surface over plan area of the cell of the source"),
-    "source_frequency": ("source", "1/year", "how often boulders come from the source"),
-    "source_feature": ("source", "1", "polygon or point of the layer, counted from 1"),
-    "feature_law": ("feature", "1",
-        "distribution of its volumes: fixed, normal, uniform, lognormal; 0: the case's"),
-    "feature_value": ("feature feature_field", "1",
-        "mean, std, min, max of volumes, density, drop height, velocity east, north, up"),
-    "source_volume": ("source", "m3", "volume of the boulders of the source"),
-    "source_inertia": ("source", "1", "their moment of inertia over mass and squared radius"),
-    "source_shape": ("source", "1",
-        "block shape of its boulders: compact, elongated, platy; 0: the case's"),
-    "source_density": ("source", "kg/m3", "their density"),
-    "ground_length": ("ground", "1", "bytes of the text of each ground; 0: the case's impact sets"),
-    "ground_table": ("ground", "1", "table of impacts of the ground, counted from 1; 0: none"),
-    "table_shape": ("table table_count", "1",
-        "columns; rows; bins of the keys of flights, and of rolls; records"),
-    "table_scale": ("table table_number", "1",
-        "I/(m R_b^2) of the blocks; rest_angle, strength, strength_sigma, strength_radius, relief, "
-        "relief_radius, hurst of the ground"),
-    "table_size": ("table_column", "1",
-        "R_b/R_m, or rho_b g R_b over the strength of ground that yields"),
-    "table_relief": ("table_row", "degree", "slope of the relief"),
-    "table_edge": ("table_edges", "1", "edges of the bins"),
-    "table_first": ("table_bin_end", "1", "first record of each bin, counted from 1, and end"),
-    "table_map": ("table_bin map_field", "1", "map of the bin, and range of its inputs"),
-    "table_record": ("contact record_field", "1", "contacts by bin"),
-    "shape_ground": ("block_shape base_ground", "1",
-        "ground with the table of a block shape in place of a ground, both counted from 1"),
-    "material_ground": ("material", "1", "ground of the material, counted from 1"),
-    "cell_ground": ("y x", "1", "ground of the cell, counted from 1; 0: none"),
-    "tree_x": ("tree", "m", "easting of the stem"),
-    "tree_y": ("tree", "m", "northing of the stem"),
-    "tree_dbh": ("tree", "cm", "diameter of the stem at breast height"),
-    "tree_factor": ("tree", "1", "energy that the species takes over that of silver fir"),
-}  # fmt: skip
 
 
 def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
@@ -104,7 +61,7 @@ def _scene_file(scene: Scene) -> Contents:
         "crs": ((), np.int32(0), georeference(scene.grid)),
         **centre_variables(scene.grid.x, scene.grid.y),
     }
-    for name, (dims, units, long_name) in ABOUT.items():
+    for name, (_, dims, units, long_name) in ARRAYS.items():
         if name in arrays:
             texts = {"units": units, "long_name": long_name}
             texts |= {"grid_mapping": "crs"} if dims.endswith("y x") else {}

@@ -1,0 +1,202 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Arrays of a scene, for both programs: their table, and a component for each.
+module rockfall_scene_arrays
+   use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
+   use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
+   use rockfall_grid, only: grid_t
+   use rockfall_table_arrays, only: table_arrays_t
+   implicit none
+   private
+   public :: scene_arrays_t, scene_array_t, scene_table, scene_array_of, scene_array_text, feature_fields, is_borrowed
+
+   !> Values of a feature, in the units of the keys with these names.
+   character(len=*), parameter :: feature_fields(*) = [character(len=11) :: "volume_mean", "volume_std", "volume_min", &
+                                                       "volume_max", "density", "drop_height", "velocity_x", &
+                                                       "velocity_y", "velocity_z"]
+
+   !> Array of a scene, in memory and in scene files.
+   type :: scene_array_t
+      character(len=16) :: name
+      character(len=2) :: kind         !! i1, i4, f4, f8; "": one of two
+      character(len=23) :: dimensions  !! as in a file: the last varies fastest
+      character(len=6) :: units
+      character(len=124) :: long_name
+   end type scene_array_t
+
+   type(scene_array_t), parameter :: scene_table(*) = [ &
+      scene_array_t("elevation", "", "y x", "m", "elevation of cell centres"), &
+      scene_array_t("zone", "", "y x", "1", "material of the cell, counted from 1; 0: none"), &
+      scene_array_t("cell_size", "f4", "size y x", "m", &
+                    "mean rock radius, or Rg70, Rg20, Rg10, of the cell; infinite: it absorbs"), &
+      scene_array_t("material_size", "f8", "material size", "m", &
+                    "mean rock radius, or Rg70, Rg20, Rg10; infinite: it absorbs"), &
+      scene_array_t("source_x", "f8", "source", "m", "easting of the release"), &
+      scene_array_t("source_y", "f8", "source", "m", "northing of the release"), &
+      scene_array_t("area_ratio", "f8", "source", "1", "surface over plan area of the cell of the source"), &
+      scene_array_t("source_frequency", "f8", "source", "1/year", "how often boulders come from the source"), &
+      scene_array_t("source_feature", "i4", "source", "1", "polygon or point of the layer, counted from 1"), &
+      scene_array_t("feature_law", "i4", "feature", "1", &
+                    "distribution of its volumes: fixed, normal, uniform, lognormal; 0: the case's"), &
+      scene_array_t("feature_value", "f8", "feature feature_field", "1", &
+                    "mean, std, min, max of volumes, density, drop height, velocity east, north, up"), &
+      scene_array_t("source_volume", "f8", "source", "m3", "volume of the boulders of the source"), &
+      scene_array_t("source_inertia", "f8", "source", "1", "their moment of inertia over mass and squared radius"), &
+      scene_array_t("source_shape", "i1", "source", "1", &
+                    "block shape of its boulders: compact, elongated, platy; 0: the case's"), &
+      scene_array_t("source_density", "f8", "source", "kg/m3", "their density"), &
+      scene_array_t("ground_length", "i4", "ground", "1", &
+                    "bytes of the text of each ground; 0: the case's impact sets"), &
+      scene_array_t("ground_table", "i4", "ground", "1", "table of impacts of the ground, counted from 1; 0: none"), &
+      scene_array_t("table_shape", "i4", "table table_count", "1", &
+                    "columns; rows; bins of the keys of flights, and of rolls; records"), &
+      scene_array_t("table_scale", "f8", "table table_number", "1", &
+                    "I/(m R_b^2) of the blocks; rest_angle, strength, strength_sigma, strength_radius, "// &
+                    "relief, relief_radius, hurst of the ground"), &
+      scene_array_t("table_size", "f8", "table_column", "1", &
+                    "R_b/R_m, or rho_b g R_b over the strength of ground that yields"), &
+      scene_array_t("table_relief", "f8", "table_row", "degree", "slope of the relief"), &
+      scene_array_t("table_edge", "f8", "table_edges", "1", "edges of the bins"), &
+      scene_array_t("table_first", "i4", "table_bin_end", "1", "first record of each bin, counted from 1, and end"), &
+      scene_array_t("table_map", "f8", "table_bin map_field", "1", "map of the bin, and range of its inputs"), &
+      scene_array_t("table_record", "f4", "contact record_field", "1", "contacts by bin"), &
+      scene_array_t("shape_ground", "i4", "block_shape base_ground", "1", &
+                    "ground with the table of a block shape in place of a ground, both counted from 1"), &
+      scene_array_t("material_ground", "i1", "material", "1", "ground of the material, counted from 1"), &
+      scene_array_t("cell_ground", "i1", "y x", "1", "ground of the cell, counted from 1; 0: none"), &
+      scene_array_t("tree_x", "f8", "tree", "m", "easting of the stem"), &
+      scene_array_t("tree_y", "f8", "tree", "m", "northing of the stem"), &
+      scene_array_t("tree_dbh", "f8", "tree", "cm", "diameter of the stem at breast height"), &
+      scene_array_t("tree_factor", "f8", "tree", "1", "energy that the species takes over that of silver fir")]
+
+   !> Input of a scene in addition to its case, from Python or from a scene file. Arrays of views belong to the caller.
+   type :: scene_arrays_t
+      type(grid_t) :: grid                                       !! of the whole raster
+      integer :: first(2) = 1                                    !! column and row of the first array element
+      real(wp), pointer, contiguous :: z8(:, :) => null()        !! elevations [m], or
+      real(sp), pointer, contiguous :: z4(:, :) => null()        !! in single precision; NaN = no data
+      integer(i1), pointer, contiguous :: zone1(:, :) => null()  !! 1-based column of `sizes`, or
+      integer(i2), pointer, contiguous :: zone2(:, :) => null()  !! for more than 127 materials
+      real(sp), pointer, contiguous :: values(:, :, :) => null() !! or sizes per cell (nx, ny, 1 or 3) [m]
+      real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
+      real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
+      real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, if releases depend on it
+      real(wp), allocatable :: source_frequency(:)               !! in any unit; weights that distribute boulders_total
+      real(wp), allocatable :: source_volume(:), source_inertia(:)  !! of their boulders, if given [m3], [-]
+      real(wp), allocatable :: source_density(:)                 !! density of their boulders, if given [kg/m3]
+      integer(i1), allocatable :: source_shape(:)                !! block shape of their boulders; 0: the case's
+      integer, allocatable :: source_feature(:)                  !! 1-based feature of a layer, if sources come from one
+      integer, allocatable :: feature_distribution(:)            !! volume model (rockfall_boulder); 0: the case's
+      real(wp), allocatable :: feature_value(:, :)               !! (feature_fields, features); NaN: the case's
+      real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
+      real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
+      real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
+      character(len=:), allocatable :: sets_text, sets_name      !! file of impact sets, and its name for messages
+      integer :: draw = 0                                        !! draw to read; 0: the file must have only one
+      character(len=:), allocatable :: ground_text, ground_names  !! as in grounds_of, with
+      integer, allocatable :: ground_length(:)                   !! if not only the case's impact sets apply,
+      integer, allocatable :: ground_table(:)                    !! number of the table of each ground, from 1; 0: none
+      type(table_arrays_t) :: tables                             !! tables of impacts
+      integer(i1), allocatable :: material_ground(:)             !! with the 1-based ground of each material, or
+      integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; default: the first
+      integer, allocatable :: shape_ground(:, :)                 !! as in shape_mix_t, if tables differ by shape
+   contains
+      procedure :: set_array
+   end type scene_arrays_t
+
+contains
+
+   !> Row of the table of this name, which must have it.
+   pure type(scene_array_t) function scene_array_of(name) result(row)
+      character(len=*), intent(in) :: name
+
+      row = scene_table(findloc(scene_table%name == name, .true., dim=1))
+   end function scene_array_of
+
+   !> Row k of the table as text, "name|kind|dimensions|units|long name"; blank past its end.
+   pure function scene_array_text(k) result(text)
+      integer, intent(in) :: k
+      character(len=:), allocatable :: text
+      type(scene_array_t) :: row
+
+      text = ""
+      if (k < 1 .or. k > size(scene_table)) return
+      row = scene_table(k)
+      text = trim(row%name)//"|"//trim(row%kind)//"|"//trim(row%dimensions)//"|"//trim(row%units)//"|" &
+             //trim(row%long_name)
+   end function scene_array_text
+
+   !> Set a component by its name in scene files to a contiguous array in memory; the kind selects the component for
+   !> elevations and zones. Rasters and trees remain the caller's, others are copied.
+   subroutine set_array(arrays, name, kind, length, at)
+      class(scene_arrays_t), intent(inout) :: arrays
+      character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
+      integer(i8), intent(in) :: length(3)        !! of its dimensions, the first varies fastest; 1 beyond the last
+      type(c_ptr), intent(in) :: at
+      real(wp), pointer, contiguous :: reals(:), table(:, :)
+      integer(i4), pointer, contiguous :: integers(:), numbers(:, :)
+      integer(i1), pointer, contiguous :: bytes(:)
+
+      call c_f_pointer(at, reals, length(:1))
+      call c_f_pointer(at, table, length(:2))
+      call c_f_pointer(at, integers, length(:1))
+      call c_f_pointer(at, numbers, length(:2))
+      call c_f_pointer(at, bytes, length(:1))
+      select case (name)
+      case ("elevation")
+         if (kind == "f8") call c_f_pointer(at, arrays%z8, length(:2))
+         if (kind == "f4") call c_f_pointer(at, arrays%z4, length(:2))
+      case ("zone")
+         if (kind == "i1") call c_f_pointer(at, arrays%zone1, length(:2))
+         if (kind == "i2") call c_f_pointer(at, arrays%zone2, length(:2))
+      case ("cell_size"); call c_f_pointer(at, arrays%values, length)
+      case ("material_size"); arrays%sizes = table
+      case ("source_x"); arrays%source_x = reals
+      case ("source_y"); arrays%source_y = reals
+      case ("area_ratio"); arrays%area_ratio = reals
+      case ("source_frequency"); arrays%source_frequency = reals
+      case ("source_volume"); arrays%source_volume = reals
+      case ("source_inertia"); arrays%source_inertia = reals
+      case ("source_density"); arrays%source_density = reals
+      case ("source_shape"); arrays%source_shape = bytes
+      case ("source_feature"); arrays%source_feature = integers
+      case ("feature_law"); arrays%feature_distribution = integers
+      case ("feature_value"); arrays%feature_value = table
+      case ("tree_x"); arrays%tree_x => reals
+      case ("tree_y"); arrays%tree_y => reals
+      case ("tree_dbh"); arrays%tree_dbh => reals
+      case ("tree_factor"); arrays%tree_factor => reals
+      case ("impact_sets"); arrays%sets_text = text_of(bytes)
+      case ("impact_sets_file"); arrays%sets_name = text_of(bytes)
+      case ("ground_length"); arrays%ground_length = integers
+      case ("ground_table"); arrays%ground_table = integers
+      case ("table_shape"); arrays%tables%shape => numbers
+      case ("table_scale"); arrays%tables%scale => table
+      case ("table_size"); arrays%tables%size => reals
+      case ("table_relief"); arrays%tables%relief => reals
+      case ("table_edge"); arrays%tables%edge => reals
+      case ("table_first"); arrays%tables%first => integers
+      case ("table_map"); arrays%tables%map => table
+      case ("table_record"); call c_f_pointer(at, arrays%tables%record, length(:2))
+      case ("ground_text"); arrays%ground_text = text_of(bytes)
+      case ("ground_names"); arrays%ground_names = text_of(bytes)
+      case ("material_ground"); arrays%material_ground = bytes
+      case ("shape_ground"); arrays%shape_ground = numbers
+      case ("cell_ground"); call c_f_pointer(at, arrays%cell_ground, length(:2))
+      end select
+   end subroutine set_array
+
+   !> Return whether an array with this name remains the caller's.
+   pure logical function is_borrowed(name)
+      character(len=*), intent(in) :: name
+
+      is_borrowed = any(name == [character(len=11) :: "elevation", "zone", "cell_size", "cell_ground"]) &
+                    .or. index(name, "tree_") == 1 .or. index(name, "table_") == 1
+   end function is_borrowed
+
+   pure function text_of(bytes) result(text)
+      integer(i1), intent(in) :: bytes(:)
+      character(len=size(bytes)) :: text
+
+      text = transfer(bytes, text)
+   end function text_of
+end module rockfall_scene_arrays
