@@ -65,6 +65,7 @@ export class DisplayPanel {
       labelled(say('app.display.objects'), this.objects, true),
       element('p', { class: 'hint' }, say('app.display.objects_hint')),
     );
+    for (const name of ['zones', 'background_sources', 'trees', 'stands'] as const) this.offer(name, false); // until they come
   }
 
   /** Let the number of trajectories and the layer of objects be chosen. */
