@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import shutil
 import sqlite3
 import tempfile
@@ -13,7 +14,7 @@ from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from rockfall.files.trajectory_layers import (
 from rockfall.files.vector_style import STYLES, Style, put_styles
 from rockfall.io.atomic import atomic_folder, atomic_write
 from rockfall.io.coordinates.crs import in_plan, plan_wkt
+from rockfall.io.decimal_text import csv_rows, real_column, whole_column, word_column
 from rockfall.io.output_files import why_unwritten
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.io.rasters.geotiff import write_geotiff
@@ -94,9 +96,9 @@ def export(
     `formats` are some of tif (<map>_<unit>.tif for each variable on (y, x), energies in kJ, nodata
     where no boulder passed, with a QGIS style .qml for each), gpkg (rockfall.gpkg with the layers
     sources, stops, lines, crossings, trajectories and flights, if the result has them, energies in
-    kJ, and their styles), csv (in SI boulders.csv, and line_<name>.csv for each line), kml and dxf
-    (sources, stops, lines, trajectories). Parabolas are drawn to `tolerance` [m]. Writes all of
-    them or, with a RockfallError, none.
+    kJ, and their styles), csv (in SI boulders.csv, and line_<name>.csv for each line, in single
+    precision, from 1,000 on to four decimals), kml and dxf (sources, stops, lines, trajectories).
+    Parabolas are drawn to `tolerance` [m]. Writes all of them or, with a RockfallError, none.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -247,15 +249,13 @@ def _numbers(data: xr.Dataset, dim: str) -> np.ndarray:
     return data[dim].values if dim in data.coords else np.arange(1, data.sizes[dim] + 1)
 
 
-def _words(data: xr.DataArray) -> xr.DataArray:
-    """A CF flag variable as words; any other variable unchanged."""
-    if "flag_meanings" not in data.attrs:
-        return data
-    import xarray as xr
-
+def _flag_words(data: xr.DataArray) -> tuple[list[str], np.ndarray]:
+    """Words of a CF flag variable, and the index of that of each value."""
     stored, flags = _stored(data)[0], flags_of(data)
-    conditions = [stored == flag for flag in flags.values()]
-    return xr.DataArray(np.select(conditions, list(flags), "unknown"), dims=data.dims)
+    which = np.full(stored.shape, len(flags))
+    for k, flag in enumerate(flags.values()):
+        which[stored == flag] = k
+    return [*flags, "unknown"], which
 
 
 def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
@@ -305,27 +305,33 @@ def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
 
 def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
     """Write tables with the same columns below each other; missing values are left empty."""
-    with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
+    with atomic_write(path) as part, open(part, "wb") as file:
         for k, columns in enumerate(tables):
             if k == 0:
-                writer.writerow(map(spreadsheet_text, columns))
-            writer.writerows(zip(*map(_cells, columns.values()), strict=True))
+                file.write((",".join(map(_cell, columns)) + "\n").encode())
+            file.write(csv_rows([*map(_column, columns.values())]))
     step()
     return path
 
 
-def _cells(column: xr.DataArray) -> list[Any]:
-    """Values in the fewest digits that restore them, or doubles, which `csv` writes in a third of
-    the time; missing values are empty."""
-    values, fill = _stored(_words(column))
-    if values.dtype.kind not in "iufb":
-        return [spreadsheet_text(text) for text in values.astype(str).tolist()]
-    missing = np.isnan(values) if values.dtype.kind == "f" else values == fill
-    cells: list[Any] = (values if values.itemsize == 8 else values.astype(str)).tolist()
-    for k in np.flatnonzero(missing):
-        cells[k] = ""
-    return cells
+def _column(column: xr.DataArray) -> np.ndarray:
+    """Column of a table; missing values are empty."""
+    values, fill = _stored(column)
+    if "flag_meanings" in column.attrs:
+        words, which = _flag_words(column)
+        return word_column([_cell(word) for word in words], which)
+    if values.dtype.kind == "f":
+        return real_column(values)
+    if values.dtype.kind in "iub":
+        return whole_column(values, False if fill is None else values == fill)
+    texts, which = np.unique(values.astype(str), return_inverse=True)
+    return word_column([_cell(text) for text in texts.tolist()], which)
+
+
+def _cell(text: str) -> str:
+    """Text as a cell of CSV, quoted where needed."""
+    csv.writer(cell := io.StringIO(), lineterminator="").writerow([spreadsheet_text(text)])
+    return cell.getvalue()
 
 
 def export_layers(data: xr.Dataset, tolerance: float = TOLERANCE) -> Layers:
@@ -439,7 +445,10 @@ def _joined(parts: Sequence[Features]) -> Features:
 
 def _field(name: str, column: xr.DataArray) -> tuple[str, np.ndarray]:
     """A column in a type supported by GeoPackage, energies in kJ, and its name with the unit."""
-    values, _ = _stored(_words(column))
+    if "flag_meanings" in column.attrs:
+        words, which = _flag_words(column)
+        return name, np.array(words, dtype=object)[which]
+    values, _ = _stored(column)
     kind = {"i": np.int64, "u": np.int64, "b": np.int64, "f": np.float64}
     name, factor = _exported(name, column.attrs.get("units", "1"))
     values = values.astype(kind.get(values.dtype.kind, object))

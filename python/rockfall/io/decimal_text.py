@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Columns of numbers as rows of CSV, many at a time: NumPy and `csv` take seven times as long.
+
+A column of n texts is an array (n, width) of bytes, in which 0 stands for no letter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+GROUP = 4  # digits looked up at a time
+FOUR = np.frombuffer(b"".join(b"%04d" % k for k in range(10**GROUP)), "u4")
+DIGITS = 9  # that restore any number in single precision
+MAX_DECIMALS = 16
+TEN = 10 ** np.arange(MAX_DECIMALS + 1)
+DECIMALS, COARSE = 4, 1000.0  # of a double from which on single precision is as coarse
+LARGE = 1e15  # from here on, and if infinite, as NumPy writes it
+ZERO, MINUS, POINT, COMMA, NEWLINE = b"0-.,\n"
+
+
+def csv_rows(columns: Sequence[np.ndarray]) -> bytes:
+    """Rows of columns of texts (n, width)."""
+    parts = []
+    for column in columns:
+        parts += [column, np.full((len(column), 1), COMMA, "u1")]
+    parts[-1][:] = NEWLINE
+    return np.concatenate(parts, axis=1).tobytes().translate(None, b"\0")
+
+
+def word_column(words: Sequence[str], which: np.ndarray) -> np.ndarray:
+    """Column (n, width) of words by their index."""
+    letters = np.array([word.encode() for word in words])
+    return letters.view("u1").reshape(len(words), -1)[which]
+
+
+def whole_column(numbers: np.ndarray, missing: np.ndarray | bool = False) -> np.ndarray:
+    """Column (n, width) of integers; blank where `missing`."""
+    numbers = np.where(missing, 0, numbers).astype("i8")
+    column = np.hstack([_sign(numbers < 0), _whole(np.abs(numbers))])
+    column[np.broadcast_to(missing, numbers.shape)] = 0
+    return column
+
+
+def real_column(numbers: np.ndarray) -> np.ndarray:
+    """Column (n, width) of reals in the fewest digits that restore them in single precision, or of
+    doubles to four decimals, whichever is finer; blank for NaN."""
+    missing = np.isnan(numbers)
+    exact = np.where(missing, 0, np.abs(numbers)).astype("f8")
+    if not (exact < LARGE).all():
+        words = np.where(missing, "", numbers.astype("f4").astype(str))
+        return word_column(words.tolist(), np.arange(words.size))
+    whole, places = _shortest(exact.astype("f4"))
+    if numbers.dtype == np.float64:
+        is_coarse = exact >= COARSE
+        places[is_coarse] = DECIMALS
+        whole[is_coarse] = np.rint(exact[is_coarse] * TEN[DECIMALS])
+    groups = max(1, -(-int(places.max(initial=0)) // GROUP))
+    above = whole // TEN[places]
+    below = (whole - above * TEN[places]) * TEN[GROUP * groups - places]
+    after = _digits(below, groups)
+    zeros = np.where(below == 0, GROUP * groups - 1, np.argmax(after[:, ::-1] != ZERO, axis=1))
+    after *= _up_to(GROUP * groups)[::-1] >= zeros.astype("u1")[:, None]
+    point = np.full((exact.size, 1), POINT, "u1")
+    column = np.hstack([_sign(np.signbit(numbers)), _whole(above), point, after])
+    if missing.any():
+        column[missing] = 0
+    return column
+
+
+def _shortest(single: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Integers, and the number of their decimals, that restore reals >= 0."""
+    exact = single.astype("f8")
+    place = np.floor(np.log10(np.where(exact > 0, exact, 1))).astype(int)
+    places = np.clip(DIGITS - 1 - place, 0, MAX_DECIMALS)
+    whole = np.rint(exact * TEN[places])
+    for fewer in (1, 2):  # with still fewer digits, there are zeros at the end
+        scale = TEN[np.maximum(places - fewer, 0)]
+        shorter = np.rint(exact * scale)
+        restored = (shorter / scale).astype("f4") == single
+        whole = np.where(restored, shorter * (TEN[places] // scale), whole)
+    return whole.astype("i8"), places
+
+
+def _sign(negative: np.ndarray) -> np.ndarray:
+    return np.where(negative, MINUS, 0).astype("u1")[:, None]
+
+
+def _whole(numbers: np.ndarray) -> np.ndarray:
+    """Digits (n, width) of integers >= 0, from the first that is not 0."""
+    digits = _digits(numbers, -(-len(str(numbers.max(initial=0))) // GROUP))
+    first = np.where(numbers == 0, digits.shape[1] - 1, np.argmax(digits != ZERO, axis=1))
+    digits *= _up_to(digits.shape[1]) >= first.astype("u1")[:, None]
+    return digits
+
+
+def _up_to(width: int) -> np.ndarray:
+    return np.arange(width, dtype="u1")
+
+
+def _digits(numbers: np.ndarray, groups: int) -> np.ndarray:
+    """Last digits (n, 4 groups) of integers >= 0."""
+    digits = np.empty((numbers.size, groups), "u4")
+    for k in reversed(range(groups)):
+        rest = numbers // 10**GROUP
+        digits[:, k] = FOUR[numbers - rest * 10**GROUP]
+        numbers = rest
+    return digits.view("u1")
