@@ -160,7 +160,8 @@ HOSTILE = {
     "unknown line": (SAMPLES + "N,speed,m/s,3\nT,speed,m/s,3\n",
         "o.csv: line 3: line T: is not in the result, which has N, S"),
     "of the other method": (NUMBERS + "N,speed,m/s,5,1,9,8,A\n",
-        "nothing to compare: no row is observed, or of the result's method B."),
+        "o.csv: line 2: nothing to compare: row of method A, result of method B: run it with "
+        "&surface method = 'A', or give observed rows."),
 }  # fmt: skip
 
 

@@ -389,7 +389,7 @@ def test_what_cannot_be_is_refused(tmp_path):
     with refused(f"{points}: feature 1: is a Point, lines are needed"):
         hazard(case, points)
     with refused("case: &output kept = 'none': objects with a width, lines, polygons and segments "
-                 "of roads need rows of all boulders: kept = 'all'"):  # fmt: skip
+                 "of roads need the rows of all boulders: kept = 'all'"):  # fmt: skip
         hazard(case.replace(output={"kept": "none"}), road)
     many = tmp_path / "many.gpkg"
     for layer in ("a", "b"):

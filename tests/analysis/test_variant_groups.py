@@ -330,8 +330,20 @@ def test_a_comparison_needs_two_variants_and_all_boulders(tmp_path):
     case = site(tmp_path, GROUPS[:1])
     with refused("&variant: 1 of them; a comparison needs two or more"):
         rockfall.run_variants(case)
-    with refused("&output kept = 'none': variants are compared boulder by boulder"):
-        rockfall.run_variants(case.replace(variant=GROUPS, output={"kept": "none"}))
+    for kept, shown in ("none", "'none'"), (50, "50"):
+        needs = f"&output kept = {shown}: a comparison of variants needs the rows of all boulders"
+        with refused(f"{needs}: kept = 'all'"):
+            rockfall.run_variants(case.replace(variant=GROUPS, output={"kept": kept}))
+
+
+def test_a_quote_in_a_name_is_written_as_in_a_case(tmp_path):
+    case = site(tmp_path, [{"name": "Paul's"}, {"name": "Ann's"}])
+    with refused("&variant name = 'Ann''s': equals variant 'Paul''s': change a key, or leave"):
+        variants(case)
+    with refused(
+        """&variant name = 'a "b"': is that of a file, too: no dot or blank at its ends"""
+    ):
+        case.replace(variant=[{"name": 'a "b"'}])
 
 
 def test_other_heights_of_release_can_be_compared(tmp_path):

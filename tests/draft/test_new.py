@@ -167,6 +167,15 @@ def test_what_is_not_known_is_left_out_and_said(capsys):
         assert line in said and line in Path("case.nml").read_text()
 
 
+@pytest.mark.parametrize("name", ["haeuser", "Häuser", "bâtiments", "case"])
+def test_houses_are_for_the_commands_of_hazard(name, capsys):
+    make_layer(f"{name}.gpkg", [CLIFF], name=["1"])
+    make_layer("cliff.gpkg", [CLIFF])
+    assert new(f"{name}.gpkg", "cliff.gpkg", "-o", "site.nml") == 0
+    said = capsys.readouterr().out
+    assert f"{name}.gpkg: objects (for `rockfall hazard --objects {name}.gpkg`" in said
+
+
 def shifted(shapes):
     """Shapes in the neighbouring zone of UTM."""
     pyproj = pytest.importorskip("pyproj", reason="the vector extra is not installed")

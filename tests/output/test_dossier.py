@@ -19,6 +19,7 @@ from rockfall.case.variants import variants
 from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
 from rockfall.language import LANGUAGES, speaking
+from rockfall.result.dataset import write_result
 from rockfall.studies.dossier import Dossier, Second, read_dossier, run_dossier
 from rockfall.studies.yearly_variants import yearly_table
 from rockfall.tables.dossier import (
@@ -237,6 +238,8 @@ def test_bad_input_is_refused_in_one_line_before_a_run(case, tmp_path, monkeypat
         rockfall.dossier(case.replace(line=[], barrier=[], variant=[]), tmp_path / "new", **PLACE)
     with refused("case: a hazard needs a &scenario: a class of boulders with its frequency"):
         rockfall.dossier(case.replace(scenario=[]), tmp_path / "new", **PLACE)
+    with refused("case: &output kept = 90: a dossier needs the rows of all boulders: kept = 'all'"):
+        rockfall.dossier(case.replace(output={"kept": 90}), tmp_path / "new", **PLACE)
     assert not [*tmp_path.iterdir()]
 
 
@@ -263,6 +266,12 @@ def test_lines_design_and_report_take_a_hazard(made, tmp_path, monkeypatch, caps
                   ["report", path, "--limits", "kJ=1"]):  # fmt: skip
         assert main(words) == 2
         assert "is for results OUT.nc" in capsys.readouterr().err
+    write_result(rockfall.run(case.replace(variant=[]), **PLACE), tmp_path / "out.nc")
+    for words in ([path, str(tmp_path / "out.nc")], [str(tmp_path / "out.nc"), path]):
+        assert main(["design", *words]) == 2
+        said = capsys.readouterr().err
+        assert "out.nc: has no frequencies, unlike the hazard " in said
+        assert ": design each by itself" in said
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

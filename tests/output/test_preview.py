@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rasterio import crs
 
 from rockfall.grounds import band, shipped_rows
 from rockfall.scene.read import read_scene
 from rockfall.simulation import pilot
 from rockfall.simulation.simulate import run_scene
 from rockfall.text import preview
+from rockfall.text.summary import summary
 from scenes import grid, make_case, rough, sets
 
 Z = rough(nx=150, ny=200)
@@ -63,6 +65,18 @@ def test_rows_too_many_for_a_file_are_said_before_the_run(tmp_path, monkeypatch)
         scene = scene_of(tmp_path, 8, 2000, line=lines)
         assert (words in preview._memory(scene, pilot.pilot_run(scene))) == is_said
         assert ("18, 19, 20, ... (40)" in preview.preview(scene)) == is_said
+
+
+def test_a_terrain_without_a_crs_is_said_with_what_follows_and_the_cure(tmp_path):
+    note = "the DEM has no CRS: layers are taken to have its coordinates, results have none: "
+    note += "rockfall dem DEM --crs EPSG:2056 -o NEW"
+    scene = scene_of(tmp_path, 8, 10)
+    assert preview.preview(scene).splitlines()[-1] == f"  note         {note}"
+    result = run_scene(scene)
+    assert f"  note: {note}" in summary(result).splitlines()
+    known = scene.replace(grid=replace(scene.grid, crs=crs.CRS.from_epsg(2056)))
+    for text in preview.preview(known), summary(run_scene(known)):
+        assert "no CRS" not in text
 
 
 def test_what_is_not_asked_for_takes_nothing(tmp_path):

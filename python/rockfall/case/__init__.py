@@ -9,6 +9,7 @@ from rockfall.case.case import (
     Facts,
     case_in,
     case_of,
+    check_all_kept,
     facts,
     given_groups,
     given_in_lists,

@@ -13,6 +13,7 @@ from rockfall.case.rules import first_fault
 from rockfall.case.text import (
     KernelValues,
     changed_values,
+    literal,
     namelist_text,
     plain_values,
     read_values,
@@ -274,6 +275,15 @@ def in_kernel(case: Case) -> KernelValues:
     """A case as the kernel has read it, with values changed in place since."""
     changes = case._changes_in_place()
     return case._changed(changes) if changes else case._values
+
+
+def check_all_kept(case: Case, needs: str) -> None:
+    """Refuse a case whose runs do not keep the rows of all boulders; `needs`: "X needs"."""
+    if (kept := case.output["kept"]) != "all":
+        raise RockfallError(
+            f"{case.name}: &output kept = {literal(kept)}: {needs} the rows of all boulders: "
+            "kept = 'all'"
+        )
 
 
 def is_given(case: Case, group: str, key: str) -> bool:

@@ -130,8 +130,8 @@ def _variant(variants: list[Groups], number: int) -> Broken:
     if name[0] in ". " or name[-1] in ". " or {*name} & {*'/\\:*?"<>|,='}:
         yield (
             "name",
-            "is that of a file, too: it must not begin or end with a dot or a blank, or contain "
-            'one of / \\ : * ? " < > | , =',
+            "is that of a file, too: no dot or blank at its ends, and none of "
+            '/ \\ : * ? " < > | , =',
         )
     if _lower(name) == BASE.encode():
         yield "name", "is that of the case without its variants: choose another name"

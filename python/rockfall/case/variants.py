@@ -12,7 +12,7 @@ from typing import Any
 from rockfall.case.case import Case, given_groups
 from rockfall.case.keys import REPEATABLE, varied_key
 from rockfall.case.rules import BASE, CHOSEN
-from rockfall.case.text import namelist_text
+from rockfall.case.text import literal, namelist_text
 from rockfall.errors import RockfallError
 
 
@@ -37,8 +37,8 @@ def variants(case: Case) -> dict[str, Case]:
         first = names.setdefault(_contents(made), name)
         if first != name:
             raise RockfallError(
-                f"{case.name}: &variant name = '{name}': equals variant '{first}': change a key, "
-                "or leave out one of the two"
+                f"{case.name}: &variant name = {literal(name)}: equals variant {literal(first)}: "
+                "change a key, or leave out one of the two"
             )
         cases[name] = made
     return cases
@@ -72,7 +72,7 @@ def check_single(case: Case) -> None:
 
 def _variant(case: Case, given: Mapping[str, Any]) -> Case:
     """The case that a group makes."""
-    where = f"{case.name}: &variant name = '{given['name']}'"
+    where = f"{case.name}: &variant name = {literal(given['name'])}"
     title = case.case["title"]
     changes: dict[str, Any] = {"variant": []}
     changes["case"] = {"title": f"{title}: {given['name']}" if title else given["name"]}
@@ -106,7 +106,7 @@ def naming_variant(case: Case, name: str) -> Iterator[None]:
         yield
     except RockfallError as error:
         rule = str(error).removeprefix(f"{case.name}: ")
-        where = f"{case.name}: &variant name = '{name}'"
+        where = f"{case.name}: &variant name = {literal(name)}"
         raise RockfallError(f"{where}: {rule}", error.code) from error
 
 

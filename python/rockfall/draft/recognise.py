@@ -36,8 +36,8 @@ WORDS = {  # prefixes of names: English, German, French, Italian
              "depos", "fermi", "cadut"),
     SCARS: ("scar", "impact", "witness", "silent", "narbe", "schlagmarke", "blessure", "cicatri",
             "impatt", "ferit"),
-    OBJECTS: ("object", "house", "building", "objekt", "haus", "geb", "maison", "batiment",
-              "edific", "casa"),
+    OBJECTS: ("object", "house", "building", "objekt", "haus", "häus", "haeus", "geb",
+              "maison", "batiment", "bâtiment", "edific", "casa", "case"),
 }  # fmt: skip
 AVAFRAME = re.compile(r"rel(?!ief)", re.IGNORECASE)  # beginning of the names of its release areas
 #: Attributes of sources.

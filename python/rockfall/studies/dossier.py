@@ -16,7 +16,7 @@ from rockfall.analysis.hazard.combined import HazardInputs, ScenarioRun, combine
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
 from rockfall.analysis.objects.at_risk import NOTHING, AtRisk
 from rockfall.analysis.objects.objects import object_hits
-from rockfall.case import Case
+from rockfall.case import Case, check_all_kept
 from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
 from rockfall.language import say
@@ -90,11 +90,7 @@ def read_dossier(
     `rockfall.studies.hazard.read_study`. With `one_model` no second model is run."""
     base_case(case)  # refuses a case without scenarios
     arrays = {"stages": KeptStages()} | arrays  # what the variants have in common is read once
-    if case.output["kept"] != "all":
-        raise RockfallError(
-            f"{case.name}: &output kept = '{case.output['kept']}': a dossier needs the boulders at "
-            "lines and objects; must be 'all'"
-        )
+    check_all_kept(case, "a dossier needs")
     cases = variants(case) or {"": case}
     remarks = list(check_variant_scenes(case, **arrays)) if len(cases) > 1 else []
     studies = {}

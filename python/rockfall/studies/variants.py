@@ -24,7 +24,8 @@ from rockfall.analysis.precision.paired import (
     quantile_of,
 )
 from rockfall.analysis.validity.warnings import warn_each, with_model_warnings
-from rockfall.case import Case, case_of
+from rockfall.case import Case, case_of, check_all_kept
+from rockfall.case.text import literal
 from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
 from rockfall.language import say
@@ -104,11 +105,7 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
         raise RockfallError(
             f"{case.name}: &variant: {len(cases)} of them; a comparison needs two or more"
         )
-    if case.output["kept"] != "all":
-        raise RockfallError(
-            f"{case.name}: &output kept = '{case.output['kept']}': variants are compared boulder "
-            "by boulder; must be 'all'"
-        )
+    check_all_kept(case, "a comparison of variants needs")
     remarks: list[str] = []
     first: tuple[str, dict[str, Any]] | None = None
     ours: tuple[float, ...] = ()
@@ -119,8 +116,8 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
         first = first or (name, starts)
         if differing := [key for key, value in starts.items() if not _same(value, first[1][key])]:
             raise RockfallError(
-                f"{case.name}: &variant name = '{name}': its {differing[0]} are not those of "
-                f"'{first[0]}', the first variant, boulder by boulder"
+                f"{case.name}: &variant name = {literal(name)}: its {differing[0]} are not those "
+                f"of {literal(first[0])}, the first variant, boulder by boulder"
             )
         for line in implausible(scene):
             remarks.append(f"variant {name}: {line.removeprefix(f'{case.name}: ')}")

@@ -28,7 +28,7 @@ from rockfall.simulation.pilot import Pilot, cpu_seconds, memory, pilot_run
 from rockfall.table import as_text
 from rockfall.tables.run import dam_tables, stand_tables
 from rockfall.text.breakage import breakage_lines
-from rockfall.text.summary import MOST_STANDS
+from rockfall.text.summary import MOST_STANDS, NO_CRS
 
 MAX_LINES = 20  # maximum number of names that `check` lists
 LARGE_RESULT = 2e9  # bytes of rows of boulders above which their size in the file is printed
@@ -71,6 +71,7 @@ def preview(scene: Scene) -> str:
         for remark in model_remarks(values, case)
         if remark.is_warning
     ]
+    warnings += [("note", NO_CRS)] if scene.grid.crs is None else []
     facts, warned = ([f"  {name:13}{text}" for name, text in part] for part in (rows, warnings))
     tables = (*dam_tables(scene.dams), *stand_tables(scene.stands, MOST_STANDS))
     return "\n".join([title, *facts, *map(as_text, tables), *warned])

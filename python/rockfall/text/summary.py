@@ -33,6 +33,11 @@ if TYPE_CHECKING:
 
 MOST_STANDS = 12
 MOST_LINES = 20  # maximum number of evaluation lines on a terminal
+#: Note on a terrain without a coordinate reference system.
+NO_CRS = (
+    "the DEM has no CRS: layers are taken to have its coordinates, results have none: "
+    "rockfall dem DEM --crs EPSG:2056 -o NEW"
+)
 AT_LINES = "speed", "passing_height"
 
 
@@ -91,6 +96,8 @@ def _rebounds(result: Held) -> Iterator[str]:
     if forced:
         yield f"  {forced:,} rebounds limited: they would gain energy or enter the ground"
     yield from remark_lines(result)
+    if not result["crs"].attrs.get("crs_wkt"):
+        yield f"  note: {NO_CRS}"
 
 
 def remark_lines(result: Held) -> Iterator[str]:

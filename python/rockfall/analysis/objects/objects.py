@@ -20,7 +20,7 @@ from rockfall.analysis.objects.attributes import Layer
 from rockfall.analysis.objects.exposure import Exposure, joined, read_exposure
 from rockfall.analysis.objects.object_layers import File, distinct_names
 from rockfall.analysis.objects.vulnerability import SHIPPED, Curve
-from rockfall.case import Case
+from rockfall.case import Case, check_all_kept
 from rockfall.errors import RockfallError
 from rockfall.io.rasters.grid import Grid
 from rockfall.io.vectors.layers import read_features
@@ -205,11 +205,8 @@ def source_remarks(objects: Objects, scene: Scene) -> Iterator[str]:
 
 def check_kept(case: Case, lines: int) -> None:
     """Refuse lines for which a run would not keep all rows, before the run."""
-    if lines and (kept := case.output["kept"]) != "all":
-        raise RockfallError(
-            f"{case.name}: &output kept = {kept!r}: objects with a width, lines, polygons and "
-            "segments of roads need rows of all boulders: kept = 'all'"
-        )
+    if lines:
+        check_all_kept(case, "objects with a width, lines, polygons and segments of roads need")
 
 
 def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:

@@ -134,9 +134,20 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
         notes=(*units, *notes, *_notes(result, seen, source)),
     )
     if not any(len(getattr(done, name)) for name in TABLES):
-        text = f"nothing to compare: no row is observed, or of the result's method {method}."
-        raise RockfallError(" ".join([text, *done.notes]))
+        raise RockfallError(" ".join([_nothing(seen, method), *done.notes]))
     return done
+
+
+def _nothing(seen: Observed, method: str) -> str:
+    """Reason why no row can be compared with a result of this method, and what to do."""
+    others = {*seen.summaries["method"], *seen.tests["method"]} - {"observed", method}
+    if not others:
+        return "nothing to compare: no row has a counterpart in the result: see docs/observed.md."
+    where, other = next(iter(seen.lines.values())), min(others)
+    return (
+        f"{where}: nothing to compare: row of method {other}, result of method {method}: run it "
+        f"with &surface method = '{other}', or give observed rows."
+    )
 
 
 def observed_files(case: Case) -> list[Path]:

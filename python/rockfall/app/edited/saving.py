@@ -13,7 +13,7 @@ from rockfall.app.messages import Refused
 from rockfall.case import Case, Key, file_keys, given_groups, given_in_lists
 from rockfall.case.files import input_files
 from rockfall.case.rules import CHOSEN
-from rockfall.case.text import namelist_text
+from rockfall.case.text import literal, namelist_text
 from rockfall.case.variants import BASE, variants
 from rockfall.errors import RockfallError
 from rockfall.files.export import Layers, write_geopackage
@@ -105,7 +105,7 @@ def _check_layers(site: Site, saved: dict[str, Case]) -> None:
         layer = f"{key.name}_layer"
         before, after = (getattr(cases[name], key.group) for cases in (site.variants.cases, saved))
         if before.get(layer) != after.get(layer):
-            raise RockfallError(f"&variant name = '{name}': {key.group}_{layer} is missing")
+            raise RockfallError(f"&variant name = {literal(name)}: {key.group}_{layer} is missing")
 
 
 def _files_of_variants(site: Site) -> Iterator[tuple[str, Key, str]]:

@@ -55,7 +55,10 @@ ADVISED = "barrier.nml"
 def design_command(arguments: argparse.Namespace) -> int:
     keys = [*OPTIONS, *(field.name for field in fields(Conditions))]
     arguments.results = [*map(in_folder, arguments.results)]
-    if arguments.results and all(map(is_hazard, arguments.results)):
+    if hazards := [path for path in arguments.results if is_hazard(path)]:
+        if others := [path for path in arguments.results if path not in hazards]:
+            reason = "has no frequencies, unlike the hazard"
+            raise RockfallError(f"{others[0]}: {reason} {hazards[0]}: design each by itself")
         return _design_hazards(arguments, [*keys, *design_block.OPTIONS])
     _check_mode(arguments, keys)
     if arguments.return_period is not None:
