@@ -14,7 +14,7 @@ LAB = ROOT / "lab/rockfall_lab"
 LEVELS = [
     ["accessor", "errors", "interrupts", "kernel_rules", "language", "limits", "system", "version"],
     ["io"],
-    ["field", "terrain"],
+    ["terrain"],
     [
         "case",
         "evidence",

@@ -14,7 +14,7 @@ the last digit shown. Means within 10 % of what was observed, and deviations wit
 ✓, those beyond ✗, ? where errors do not decide. Statistics are those of `rockfall validate`.
 
 Data are downloaded (pip install 'rockfall[field]') or taken from FOLDER (see
-rockfall.field.download). Only the calibration half of Tschamut is run unless --half selects
+benchmarks/field_data.py). Only the calibration half of Tschamut is run unless --half selects
 another: docs/archive/field_protocol.md has the choices made before. PYTHON is an interpreter with
 PlatRock (benchmarks.speed.platrock); without it that row is left out, with a note. --write puts the
 tables into docs/archive/field_tables.md, the impacts into docs/validation/field/impacts.md.
@@ -34,6 +34,7 @@ import rasterio
 import xarray as xr
 
 import rockfall
+from benchmarks.field_data import fetch
 from benchmarks.machine import NOTHING, ROOT, machine
 from benchmarks.physics import impacts, platrock_runs
 from benchmarks.physics.laws import Law, add_laws, changed_ground, ground, matrix, table
@@ -42,7 +43,6 @@ from cases.tschamut.make_case import HALVES, make
 from rockfall.analysis.observed.observations import Observed, read_observed
 from rockfall.analysis.observed.run_out import Sample
 from rockfall.errors import RockfallError
-from rockfall.field.download import fetch
 from rockfall.grounds import shipped_rows, yielding_ground
 from rockfall.io.atomic import atomic_write
 from rockfall.quantities import QUANTITIES

@@ -4,7 +4,7 @@ and its table `meadow`, and scars compared with a published formula.
 
     python -m benchmarks.physics.impacts CSV [--throws 300]
 
-Measured by Caviezel et al. (2019, Earth Surface Dynamics 7, 199), in a table that rockfall.field
+Measured by Caviezel et al. (2019, Earth Surface Dynamics 7, 199), in a table that field_data.py
 downloads (chant_sura_esurf2019). Spin was not measured. Prints as Markdown, for each impact, the
 translational energy after over that before: measured; in the laboratory on flat ground with W/V
 drawn from 0 to 1, or 0; with the relief of `meadow` and W/V = 0; and by the table, on flat terrain,

@@ -104,7 +104,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
     parser.add_argument("--only", nargs="+", metavar="PIECE")
-    parser.add_argument("--data", type=Path, help="folder of field data (rockfall.field.download)")
+    parser.add_argument("--data", type=Path, help="folder of field data (benchmarks/field_data.py)")
     parser.add_argument("--slopes", type=int, help="of Vaujany")
     parser.add_argument("--boulders", type=int)
     for option in "--law", "--ground":

@@ -30,12 +30,15 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import RockfallError, need
-from rockfall.field.download import fetch
 from rockfall.io.atomic import atomic_write
 from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
+sys.path.append(str(HERE.parents[1]))
+
+from benchmarks.field_data import fetch  # noqa: E402
+
 ARCHIVE = "mel_de_la_niva_2015"
 TRAJECTORIES, SHAPES, RASTERS = (
     f"{name}_epsg21781_lv03.zip" for name in ("3d_trajectories", "gis_shapes", "sfm_rasters")

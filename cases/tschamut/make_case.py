@@ -20,11 +20,14 @@ from typing import Any
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.field.download import fetch
 from rockfall.io.atomic import atomic_write
 from rockfall.io.tables import Row, read_table
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
+sys.path.append(str(HERE.parents[1]))
+
+from benchmarks.field_data import fetch  # noqa: E402
+
 HALVES = {"calibration": (0, 2), "held-out": (1, 2), "all": (0, 1)}  # first place, step
 BLOCKS = {"1": "compact", "2": "elongated", "4": "platy"}  # shapes by their published sizes
 FARTHEST = 1e6  # [m]

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import ROOT, machine
-from rockfall.analysis.planes.plane_bounce import neutral_slope, resampled_rebound, set_rebound
+from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.errors import RockfallError
 from rockfall_lab.case import LabCase, read_lab_case
 from rockfall_lab.sets.fit import as_rebounds, fit_set, impacts_of
+from rockfall_lab.sets.resampled import resampled_rebound
 from rockfall_lab.spheres.experiment import ENDED, STATES, STATUS, run_impacts
 
 ROCKY_SLOPE = ROOT / "lab/cases/rocky-slope/lab.nml"

@@ -13,7 +13,6 @@ from rockfall.analysis.planes.plane_bounce import (
     Rebound,
     growth,
     neutral_slope,
-    resampled_rebound,
     set_rebound,
 )
 from rockfall_lab.case import COEFFICIENTS
@@ -21,6 +20,7 @@ from rockfall_lab.contact_records import EXITS as CONTACT_EXITS
 from rockfall_lab.sets.contacts import title
 from rockfall_lab.sets.fit import Impacts, as_rebounds, impacts_of, within_points
 from rockfall_lab.sets.lateral import lateral_line
+from rockfall_lab.sets.resampled import resampled_rebound
 from rockfall_lab.spheres.experiment import STATUS
 
 if TYPE_CHECKING:

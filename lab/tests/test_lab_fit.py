@@ -10,12 +10,12 @@ from rockfall import RockfallError
 from rockfall.analysis.planes.plane_bounce import (
     growth,
     neutral_slope,
-    resampled_rebound,
     set_rebound,
 )
 from rockfall.scene.rebounds.rebound import admissible
 from rockfall_lab.sets import fit
 from rockfall_lab.sets.fit import Impacts, as_rebounds, fit_set
+from rockfall_lab.sets.resampled import resampled_rebound
 from rockfall_lab.sets.setfile import write_sets
 
 MEAN = np.array([0.75, 0.0, 0.12, 0.15, -0.4, -0.1, 0.3, 0.0, 0.45])

@@ -18,12 +18,10 @@ import pytest
 from affine import Affine
 
 import rockfall
+from benchmarks.field_data import ARCHIVES, FOLDER, RemoteFile, fetch
 from made import make_layer, make_raster
 from rockfall.analysis.observed.observations import read_observed
 from rockfall.errors import RockfallError
-from rockfall.field import download
-from rockfall.field.archives import ARCHIVES, RemoteFile
-from rockfall.field.download import fetch
 
 ROOT = Path(__file__).parents[2]
 TSCHAMUT, MEL = "tschamut2014", "mel_de_la_niva_2015"
@@ -47,7 +45,7 @@ def terrain_text():
 @pytest.fixture
 def published(tmp_path, monkeypatch):
     """Stand-ins for files of an archive, in a folder, with their addresses and checksums."""
-    monkeypatch.delenv(download.FOLDER, raising=False)
+    monkeypatch.delenv(FOLDER, raising=False)
     folder = tmp_path / "published"
     folder.mkdir()
 
@@ -111,7 +109,7 @@ def test_a_folder_stands_in_for_the_download(tschamut, tmp_path, monkeypatch, be
     monkeypatch.setitem(sys.modules, "pooch", None)
     found = fetch(TSCHAMUT, folder)
     assert found == {name: folder / below / name for name in ARCHIVES[TSCHAMUT].names}
-    monkeypatch.setenv(download.FOLDER, str(folder))
+    monkeypatch.setenv(FOLDER, str(folder))
     assert fetch(TSCHAMUT) == found
 
 

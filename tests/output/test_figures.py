@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from PIL import Image
 
 import rockfall
@@ -22,6 +23,7 @@ from programs import refuses
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.html_report import render
+from rockfall.io.rasters.arrays import north_up
 from rockfall.io.rasters.grid import Grid
 from rockfall.language import speaking
 from rockfall.plots import extent, style, terrain
@@ -325,9 +327,9 @@ def test_the_1_percent_outline_runs_along_the_edges_of_cells():
 @pytest.mark.parametrize("flipped", [False, True])
 def test_a_part_of_a_raster_keeps_its_place(flipped):
     whole = Grid(100.0, 220.0, 5.0, 12, 9)
-    values = 1000 * whole.y[:, None] + whole.x
-    stored = values[::-1] if flipped else values
-    part, cells = rasters.cropped(stored, whole, flipped, (112.0, 139.0, 183.0, 201.0), np.fmax)
+    data = xr.DataArray(1000 * whole.y[:, None] + whole.x, {"y": whole.y, "x": whole.x})
+    stored = north_up(data[::-1] if flipped else data)
+    part, cells = rasters.cropped(*stored, (112.0, 139.0, 183.0, 201.0), np.fmax)
     assert (part == 1000 * cells.y[:, None] + cells.x).all()
     assert (cells.west, cells.east, cells.south, cells.north) == (110.0, 140.0, 180.0, 205.0)
 
@@ -336,9 +338,9 @@ def test_a_thinned_raster_keeps_its_edges(monkeypatch):
     monkeypatch.setattr(rasters, "DOTS", 4)
     whole = Grid(0.0, 50.0, 5.0, 7, 10)
     values = np.arange(70.0).reshape(10, 7)
-    most, cells = rasters.cropped(values, whole, False, (0.0, 35.0, 0.0, 50.0), np.fmax)
+    most, cells = rasters.cropped(values, whole, (0.0, 35.0, 0.0, 50.0), np.fmax)
     assert most.max() == 69 and most.shape == (4, 3) and cells.cell == 15
-    mean, _ = rasters.cropped(values, whole, False, (0.0, 35.0, 0.0, 50.0), np.add)
+    mean, _ = rasters.cropped(values, whole, (0.0, 35.0, 0.0, 50.0), np.add)
     assert mean[0, 0] == values[:3, :3].mean() and mean[-1, -1] == 69
 
 

@@ -16,7 +16,7 @@ from rockfall.app.surroundings import Offer
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.files.hazard_files import HAZARD_COLOURS
-from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.arrays import grid_of, north_up
 from rockfall.language import speaking, word
 from rockfall.plots.cartography.rasters import merged
 from rockfall.plots.hazard.origin_map import COLOURS, parts_and_words
@@ -64,9 +64,7 @@ def hazard_of(case: Case, frames: Mapping[str, Any], offer: Offer | None) -> xr.
 
 def hazard_message(hazard: xr.Dataset, language: str, **fields: Any) -> bytes:
     """Message `hazard`: map of classes, thinned by maxima, tables, and sentences on the nets."""
-    data = hazard["hazard_class"]
-    grid, flipped = grid_of(data)
-    values = data.values[::-1] if flipped else data.values
+    values, grid = north_up(hazard["hazard_class"])
     step = int(max(values.shape) / MAX_CELLS) + 1
     with speaking(language):
         tables, sentences = [scenario_table(hazard)], list[str]()

@@ -12,7 +12,7 @@ from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.app.messages import binary_message
 from rockfall.case import Case
 from rockfall.io.coordinates.crs import crs_name
-from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.arrays import north_up
 from rockfall.io.rasters.grid import Grid
 from rockfall.io.zone_table import Zone
 from rockfall.language import speaking
@@ -56,8 +56,8 @@ class Ground:
     def __init__(self, z: np.ndarray, grid: Grid) -> None:
         extent = grid.west, grid.east, grid.south, grid.north
         self.full = grid
-        self.heights, self.grid = cropped(z, grid, False, extent, np.add, MAX_HEIGHTS)
-        z, self.shade_grid = cropped(z, grid, False, extent, np.add, MAX_SHADE)
+        self.heights, self.grid = cropped(z, grid, extent, np.add, MAX_HEIGHTS)
+        z, self.shade_grid = cropped(z, grid, extent, np.add, MAX_SHADE)
         self.shade = np.where(np.isnan(z), 0, 1 + 254 * shade(z, self.shade_grid.cell))
 
     @property
@@ -158,8 +158,7 @@ def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:
 def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray]:
     """A thinned map in display units, by maxima; NaN where no boulder passed."""
     data = result[shown]
-    (_, factor), (grid, flipped) = shown_as(data), grid_of(data)
-    values = data.values[::-1] if flipped else data.values
+    (_, factor), (values, grid) = shown_as(data), north_up(data)
     values = np.where(values > of_none(result, shown), values * factor, np.nan).astype("f4")
     step = int(max(values.shape) / MAX_OVERLAY) + 1
     values = merged(values, step, np.fmax)

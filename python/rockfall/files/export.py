@@ -36,7 +36,7 @@ from rockfall.io.atomic import atomic_folder, atomic_write
 from rockfall.io.coordinates.crs import in_plan, plan_wkt
 from rockfall.io.decimal_text import csv_rows, real_column, whole_column, word_column
 from rockfall.io.output_files import why_unwritten
-from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.arrays import north_up
 from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.tables import spreadsheet_text
 from rockfall.quantities import SHOWN
@@ -215,16 +215,16 @@ def _exported(name: str, units: str) -> tuple[str, float]:
 
 def write_map(path: Path, data: xr.DataArray) -> Path:
     """Write a map in plan as GeoTIFF, with its attributes as tags."""
-    grid, flipped = grid_of(data)
+    stored, fill = _stored(data)
+    values, grid = north_up(data, stored)
     grid = replace(grid, crs=in_plan(grid.crs) if grid.crs else None)
-    values, fill = _stored(data)
     tags = {
         key: str(value)
         for key, value in data.attrs.items()
         if key not in ("_FillValue", "grid_mapping")
     }
     tags["TIFFTAG_SOFTWARE"] = "rockfall"
-    write_geotiff(path, values[::-1] if flipped else values, grid, fill, **tags)
+    write_geotiff(path, values, grid, fill, **tags)
     return path
 
 

@@ -218,7 +218,7 @@ def _drawn(
     from matplotlib.patches import Patch
 
     assert scene.rasters.zone is not None
-    zone, grid = cropped(scene.rasters.zone, scene.grid, False, extent, np.maximum)
+    zone, grid = cropped(scene.rasters.zone, scene.grid, extent, np.maximum)
     there = [k for k in range(1, len(scene.rasters.sizes) + 1) if (zone == k).any()]
     colours = colormaps["Set3"](np.arange(MATERIALS))
     key = [Patch(color=colours[k - 1], label=names[k - 1]) for k in there]

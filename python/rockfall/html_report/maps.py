@@ -273,7 +273,7 @@ def _relief(terrain: Terrain | None, window: Window) -> Image | None:
     """Shaded relief of the terrain."""
     if terrain is None:
         return None
-    z, grid = cropped(*terrain, False, window.extent, np.add)
+    z, grid = cropped(*terrain, window.extent, np.add)
     (corner,) = window.place(np.array([grid.west]), np.array([grid.north]))
     size = np.array([grid.nx, grid.ny]) * grid.cell / window.cell
     return Image(_png((255 * shade(z, grid.cell)).astype("u1")), *corner, *size)

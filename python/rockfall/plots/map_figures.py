@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.arrays import north_up
 from rockfall.io.rasters.grid import Grid
 from rockfall.language import localised, say, word
 from rockfall.plots.cartography.basemap import Basemap
@@ -137,7 +137,7 @@ def map_values(result: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
 def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None) -> None:
     """Draw a map variable in the colours of its classes, with the colour bar below."""
     values, unit = map_values(result, name)
-    values, grid = cropped(values, *grid_of(result[name]), sheet.extent, np.fmax)
+    values, grid = cropped(*north_up(result[name], values), sheet.extent, np.fmax)
     classes = classes_of(unit, limits)
     attrs = result[name].attrs
     passing = say("axis.boulders_that_pass")
@@ -150,7 +150,7 @@ def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None
     _draw_classes(sheet, values, grid, classes, fill(label, int(sheet.bar[2] / LETTER)))
     thin = thin_cells(result, name)
     if thin is not None:
-        part, _ = cropped(thin, *grid_of(result[name]), sheet.extent, np.logical_and)
+        part, _ = cropped(*north_up(result[name], thin), sheet.extent, np.logical_and)
         _hatch(sheet.axes, (part > 0) & np.isfinite(values), grid)
     if is_fraction(name):
         _draw_outline(sheet.axes, np.nan_to_num(values) >= 100 * LIMIT, grid)

@@ -13,7 +13,7 @@ import xarray as xr
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.outlines import GRID, NEGLIGIBLE, generalised, polygons_of
 from rockfall.case import case_in
-from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.arrays import north_up
 from rockfall.io.rasters.grid import Grid
 from rockfall.io.vectors.polygons import held_cells
 
@@ -102,9 +102,8 @@ def certain_fractions(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 def _north_up(data: xr.DataArray) -> tuple[np.ndarray, Grid]:
     """Classes with rows from the north, and their grid without CRS and path."""
-    grid, flipped = grid_of(data)
-    values = data.values.astype("u1")
-    return (values[::-1] if flipped else values), replace(grid, crs=None, path=None)
+    values, grid = north_up(data)
+    return values.astype("u1"), replace(grid, crs=None, path=None)
 
 
 def _patches(numbers: np.ndarray, grid: Grid) -> Zones:

@@ -12,7 +12,7 @@ import xarray as xr
 
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.lines.stations import Stations
-from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.arrays import north_up
 from rockfall.io.rasters.grid import Grid
 from rockfall.result.maps.passages import passages_of, passed_map, thin_cells
 from rockfall.result.samples import simulated
@@ -79,17 +79,18 @@ def _at(
     result: xr.Dataset, name: str, stations: Stations, values: np.ndarray | None = None
 ) -> np.ndarray:
     """Values of a map, or of another array on its cells, at the stations."""
-    grid, values = _northern_first(result, name, values)
-    return _in_cells(values, grid, stations.place)
+    values, grid = north_up(result[name], values)
+    return grid.at(values, stations.place.real, stations.place.imag)
 
 
 def _max_across(result: xr.Dataset, name: str, stations: Stations) -> np.ndarray:
     """Maximum of a map over the cells that each station crosses."""
-    grid, values = _northern_first(result, name, None)
+    values, grid = north_up(result[name])
     highest = np.full(stations.distance.size, np.nan)
     for k, (place, direction) in enumerate(zip(stations.place, stations.direction, strict=True)):
         half = 1j * direction * stations.within
-        among = _in_cells(values, grid, places_in_cells(grid, place - half, place + half))
+        crossed = places_in_cells(grid, place - half, place + half)
+        among = grid.at(values, crossed.real, crossed.imag)
         highest[k] = np.fmax.reduce(among, initial=np.nan)
     return highest
 
@@ -106,22 +107,3 @@ def places_in_cells(grid: Grid, start: complex, end: complex) -> np.ndarray:
             parts.extend((edges - low) / (high - low))
     parts = np.unique(np.clip(parts, 0.0, 1.0))
     return start + (parts[:-1] + parts[1:]) / 2 * (end - start)
-
-
-def _northern_first(
-    result: xr.Dataset, name: str, values: np.ndarray | None
-) -> tuple[Grid, np.ndarray]:
-    """Grid of a map, and its values (or another array on its cells) with rows from the north."""
-    grid, flipped = grid_of(result[name])
-    values = result[name].values if values is None else values
-    return grid, values[::-1] if flipped else values
-
-
-def _in_cells(values: np.ndarray, grid: Grid, places: np.ndarray) -> np.ndarray:
-    """Values of the cells at these places; NaN outside the grid."""
-    row = np.floor((grid.north - places.imag) / grid.cell)
-    column = np.floor((places.real - grid.west) / grid.cell)
-    among = (row >= 0) & (row < grid.ny) & (column >= 0) & (column < grid.nx)
-    at_places = np.full(places.shape, np.nan)
-    at_places[among] = values[row[among].astype(int), column[among].astype(int)]
-    return at_places

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.observed.observations import CONTACT, Observed
-from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.arrays import north_up
 from rockfall.result.samples import simulated
 from rockfall.result.variables import BLOCK_SHAPE
 
@@ -25,13 +25,8 @@ VALUES = {  # observed -> maps of values in a cell, the maximum last
 
 def at_places(result: xr.Dataset, name: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Values of a map in the cells at places [m]; NaN outside it."""
-    grid, flipped = grid_of(result[name])
-    column, row = (x - grid.west) / grid.cell, (grid.north - y) / grid.cell
-    inside = (column >= 0) & (column < grid.nx) & (row >= 0) & (row < grid.ny)
-    values = result[name].values[::-1] if flipped else result[name].values
-    at_place = np.full(x.size, np.nan)
-    at_place[inside] = values[row[inside].astype(int), column[inside].astype(int)]
-    return at_place
+    values, grid = north_up(result[name])
+    return grid.at(values, x, y)
 
 
 def reach_at(result: xr.Dataset, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders bouncing down an infinite plane, by a set or by resampled impacts.
+"""Boulders bouncing down an infinite plane, by a set.
 
 On a plane a flight between two bounces keeps V_n and W and adds 2 tan(slope) V_n to V_t, whatever
 gravity is; and a rebound is linear in speed. So a bounce is a random map of directions with a
@@ -18,7 +18,6 @@ import numpy as np
 from rockfall.scene.rebounds.coefficients import covariance_root
 from rockfall.scene.rebounds.rebound import MAX_DRAWS, admissible, limited
 
-NEAREST = 20  # impacts among which one is drawn
 FIRST, LAST = 20, 60  # counted bounces, after the start-up phase
 FLATTEST, STEEPEST, NEAR = 5.0, 75.0, 0.05  # search range and tolerance of a neutral slope [degree]
 USUAL, RISE = 34.0, 0.015  # initial neutral slope [degree], and increase of growth per degree there
@@ -68,36 +67,9 @@ def mixed_rebound(rebounds: Sequence[Rebound], weights: np.ndarray) -> Rebound:
     return rebound
 
 
-def resampled_rebound(v_in: np.ndarray, v_out: np.ndarray) -> Rebound:
-    """Rebounds drawn from impacts: one of those nearest in angle and spin, scaled to the speed.
-
-    The least-squares map of all impacts transforms it from its own incidence to that of the
-    boulder: without this, angles and spins would smear, and boulders would lose about 0.02 more of
-    their speed per bounce.
-    """
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(_place(v_in))
-    x, ratio = v_in / _speed(v_in)[:, None], v_out / _speed(v_in)[:, None]
-    slope = np.linalg.lstsq(x, ratio, rcond=None)[0]
-
-    def rebound(now: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-        _, near = tree.query(_place(now), k=min(NEAREST, len(ratio)))
-        pick = near[np.arange(len(now)), generator.integers(0, near.shape[1], len(now))]
-        speed = _speed(now)[:, None]
-        return limited(now, ratio[pick] * speed + (now - x[pick] * speed) @ slope)
-
-    return rebound
-
-
-def _speed(v: np.ndarray) -> np.ndarray:
+def speed_of(v: np.ndarray) -> np.ndarray:
+    """Speed (n,) [m/s] in the plane of V_t and V_n."""
     return np.sqrt(v[:, 0] ** 2 + v[:, 1] ** 2)
-
-
-def _place(v: np.ndarray) -> np.ndarray:
-    """Angle and spin of an impact, scaled so that distances are comparable."""
-    angle = np.arctan2(-v[:, 1], v[:, 0])
-    return np.stack([np.log(np.maximum(angle, 1e-3)), 1.5 * v[:, 2] / _speed(v)], axis=1)
 
 
 def _fly(v: np.ndarray, slope: float) -> np.ndarray:
@@ -114,9 +86,9 @@ def growth(rebound: Rebound, slope: float, boulders: int = 1000, seed: int = 1) 
     v = np.tile([10.0, 2.0, 8.0], (boulders, 1))
     logs = []
     for bounce in range(LAST):
-        before = _speed(v)
+        before = speed_of(v)
         v = rebound(_fly(v, slope), generator)
-        factor = _speed(v) / before
+        factor = speed_of(v) / before
         v /= factor[:, None]  # only directions matter
         if bounce >= FIRST:
             logs.append(np.log(factor))

@@ -109,6 +109,13 @@ def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
     return _exact(grid, mapping), bool(step < 0)
 
 
+def north_up(data: xr.DataArray, values: np.ndarray | None = None) -> tuple[np.ndarray, Grid]:
+    """Values of a DataArray, or others on its cells, with rows from the north; and its grid."""
+    grid, flipped = grid_of(data)
+    values = data.values if values is None else values
+    return values[::-1] if flipped else values, grid
+
+
 def corner_of(attrs: Mapping[str, Any]) -> tuple[float, float, float]:
     """West and north edge, and cell size [m], of the grid mapping of a result."""
     west, cell, _, north, _, _ = map(float, str(attrs["GeoTransform"]).split())

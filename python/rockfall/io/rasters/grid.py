@@ -100,6 +100,14 @@ class Grid:
         row = np.floor((self.north - y) / self.cell).astype(int).clip(0, self.ny - 1)
         return row, np.floor((x - self.west) / self.cell).astype(int).clip(0, self.nx - 1)
 
+    def at(self, values: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Values (ny, nx) of the cells at places [m]; NaN outside the grid."""
+        row, column = (self.north - y) / self.cell, (x - self.west) / self.cell
+        inside = (row >= 0) & (row < self.ny) & (column >= 0) & (column < self.nx)
+        there = np.full(x.shape, np.nan)
+        there[inside] = values[row[inside].astype(int), column[inside].astype(int)]
+        return there
+
     def matches(self, other: Grid) -> bool:
         """Return True if both grids have the same cells, up to `TOLERANCE`, in any CRS."""
         near = TOLERANCE * self.cell

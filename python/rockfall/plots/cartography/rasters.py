@@ -17,11 +17,10 @@ DOTS = 1500  # minimum cells along the longer side of a map; its image has fewer
 
 
 def cropped(
-    values: np.ndarray, grid: Grid, flipped: bool, extent: Extent, merge: np.ufunc, dots: int = 0
+    values: np.ndarray, grid: Grid, extent: Extent, merge: np.ufunc, dots: int = 0
 ) -> tuple[np.ndarray, Grid]:
     """Part of a raster within an extent, with at most `dots` cells per side; several cells are
     merged by the function `merge` (np.add: their mean)."""
-    values = values[::-1] if flipped else values
     west, east, south, north = extent
     columns = _span(west - grid.west, east - grid.west, grid.cell, grid.nx)
     rows = _span(grid.north - north, grid.north - south, grid.cell, grid.ny)

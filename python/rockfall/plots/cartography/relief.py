@@ -62,7 +62,7 @@ def contours_of(terrain: Terrain, extent: Extent) -> Contours:
     """Contours within an extent, at an interval that keeps them apart."""
     from contourpy import contour_generator
 
-    z, grid = cropped(*terrain, False, extent, np.add, CONTOUR_DOTS)
+    z, grid = cropped(*terrain, extent, np.add, CONTOUR_DOTS)
     low, high = (np.nanmin(z), np.nanmax(z)) if np.isfinite(z).any() else (0.0, 0.0)
     interval = next((step for step in INTERVALS if (high - low) / step <= LINES), INTERVALS[-1])
     levels = np.arange(low // interval + 1, high // interval + 1) * interval
@@ -76,7 +76,7 @@ def contours_of(terrain: Terrain, extent: Extent) -> Contours:
 
 def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
     """Draw the shaded terrain within an extent."""
-    z, grid = cropped(*terrain, False, extent, np.add)
+    z, grid = cropped(*terrain, extent, np.add)
     draw_image(axes, shade(z, grid.cell), grid, cmap="gray", vmin=0, vmax=1)
 
 

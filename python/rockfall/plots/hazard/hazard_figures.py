@@ -15,7 +15,7 @@ from rockfall.case import case_in
 from rockfall.files.hazard_files import colours_of
 from rockfall.files.risk_files import has_risk
 from rockfall.files.segment_files import has_segments
-from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.arrays import grid_of, north_up
 from rockfall.language import Number, say, word
 from rockfall.plots.cartography.labels import beside
 from rockfall.plots.cartography.marks import NET, OBJECT, SMALL, draw_line, inside
@@ -122,9 +122,7 @@ def _draw_polygons(axes: Axes, shapes: np.ndarray, **options: Any) -> None:
 @styled
 def _map_figure(hazard: xr.Dataset, data: xr.DataArray, terrain: Terrain | None) -> figure.Figure:
     sheet = begun(hazard, terrain, _key(data))
-    grid, flipped = grid_of(data)
-    values = data.values[::-1] if flipped else data.values
-    _draw_classes(sheet.axes, values, grid, data)
+    _draw_classes(sheet.axes, *north_up(data), data)
     _draw_objects(sheet, hazard)
     finish(sheet, hazard["crs"].attrs)
     return sheet.figure

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from rockfall.io.rasters.arrays import grid_of
+from rockfall.io.rasters.arrays import north_up
 from rockfall.language import word
 from rockfall.plots.cartography.rasters import draw_image
 from rockfall.plots.cartography.sheet import finish, new_sheet
@@ -33,9 +33,9 @@ def difference_figure(
     from matplotlib.patches import Patch
 
     passing, verdict = maps[f"{variant}_passing"], maps[f"{variant}_verdict"]
-    grid, flipped = grid_of(verdict)
     values = verdict.values.astype(float)
     values[(values == 0) & (passing.values == 0)] = np.nan
+    shown, grid = north_up(verdict, values)
     is_known = np.isfinite(values)
     x, y = verdict["x"].values[is_known.any(axis=0)], verdict["y"].values[is_known.any(axis=1)]
     colours = {"less": LESS, "undecided": UNDECIDED, "more": MORE}
@@ -43,7 +43,6 @@ def difference_figure(
     if not is_known.any():
         x, y = verdict["x"].values, verdict["y"].values
     sheet = new_sheet(around(x, y, grid.cell, terrain), terrain, key)
-    shown = values[::-1] if flipped else values
     style = {"vmin": -1.5, "vmax": 1.5, "alpha": 0.7}
     draw_image(sheet.axes, shown, grid, cmap=ListedColormap(list(colours.values())), **style)
     finish(sheet, verdict.attrs if "crs" not in verdict.coords else verdict["crs"].attrs)
