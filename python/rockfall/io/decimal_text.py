@@ -75,7 +75,7 @@ def _shortest(single: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     place = np.floor(np.log10(np.where(exact > 0, exact, 1))).astype(int)
     places = np.clip(DIGITS - 1 - place, 0, MAX_DECIMALS)
     whole = np.rint(exact * TEN[places])
-    for fewer in (1, 2):  # with still fewer digits, there are zeros at the end
+    for fewer in (1, 2, 3):  # with still fewer digits, there are zeros at the end
         scale = TEN[np.maximum(places - fewer, 0)]
         shorter = np.rint(exact * scale)
         restored = (shorter / scale).astype("f4") == single
