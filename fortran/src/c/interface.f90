@@ -9,7 +9,8 @@ module rockfall_c
    use rockfall_case, only: case_t, read_case
    use rockfall_state_table, only: array_t, row_text
    use rockfall_run_state, only: sort_crossings
-   use rockfall_handles, only: scene_handle_t, run_handle_t, scene_at, run_at, new_scene, close_handle
+   use rockfall_handles, only: scene_handle_t, run_handle_t, scene_at, run_at, new_scene, close_handle, &
+                               give, boulders_of
    implicit none
    private
    public :: c_new_scene, c_give, c_build_scene, c_boulders, c_close_scene
@@ -31,10 +32,8 @@ contains
       type(c_ptr), value :: handle, values
       character(kind=c_char), intent(in) :: name(*), kind(*)
       integer(c_int64_t), intent(in) :: length(3)
-      type(scene_handle_t), pointer :: scene
 
-      scene => scene_at(handle)
-      call scene%give(text_of(name), text_of(kind), length, values)
+      call give(scene_at(handle), text_of(name), text_of(kind), length, values)
    end subroutine c_give
 
    integer(c_int) function c_build_scene(handle, text, name, message) result(code) bind(c, name="rockfall_build_scene")
@@ -53,10 +52,8 @@ contains
 
    integer(c_int64_t) function c_boulders(handle) result(boulders) bind(c, name="rockfall_boulders")
       type(c_ptr), value :: handle
-      type(scene_handle_t), pointer :: scene
 
-      scene => scene_at(handle)
-      boulders = scene%boulders()
+      boulders = boulders_of(scene_at(handle))
    end function c_boulders
 
    subroutine c_close_scene(handle) bind(c, name="rockfall_close_scene")

@@ -71,7 +71,7 @@ module rockfall_f2py
    use rockfall_value_rules, only: fault_of_values => value_fault
    use rockfall_same_run, only: identity_t, difference
    use rockfall_handles, only: case_handle_t, scene_handle_t, run_handle_t, case_at, scene_at, run_at, &
-                               empty_scene => new_scene, close_handle
+                               empty_scene => new_scene, close_handle, give, limit, boulders_of
    implicit none
    private
    public :: new_scene, pass_array, build_scene, limit_terrain, close_scene, carry_in_lanes, trajectory, scan_rows, &
@@ -110,10 +110,8 @@ contains
       integer(c_int64_t), intent(in) :: handle, address
       character(len=*), intent(in) :: name, kind
       integer(c_int64_t), intent(in) :: length(3)
-      type(scene_handle_t), pointer :: opened
 
-      opened => scene_of(handle)
-      call opened%give(name, kind, length, pointer_of(address))
+      call give(scene_of(handle), name, kind, length, pointer_of(address))
    end subroutine pass_array
 
    !> Build a scene from a case and the arrays passed; on error it is closed.
@@ -137,10 +135,8 @@ contains
    subroutine limit_terrain(handle, map_at, map_last)
       integer(c_int64_t), intent(in) :: handle
       integer(c_int), intent(in) :: map_at(2), map_last(2)  !! first and last column, row
-      type(scene_handle_t), pointer :: opened
 
-      opened => scene_of(handle)
-      call opened%limit(map_at, map_last)
+      call limit(scene_of(handle), map_at, map_last)
    end subroutine limit_terrain
 
    !> Close a scene; the handle becomes invalid.
@@ -178,8 +174,7 @@ contains
    !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, with maps of a window (first
    !> column and row, numbers of columns and rows).
    subroutine open_run(handle, before, boulders, window, threads, most_columns, run, code, message)
-      integer(c_int64_t), intent(in) :: handle
-      integer(c_int64_t), intent(in) :: before, boulders
+      integer(c_int64_t), intent(in) :: handle, before, boulders
       integer(c_int), intent(in) :: window(4), threads
       integer(c_int64_t), intent(in) :: most_columns  !! maximum columns of bin counts
       integer(c_int64_t), intent(out) :: run  !! 0 on error
@@ -282,12 +277,10 @@ contains
    !> number completed.
    subroutine advance(run, handle, first, step, n, seconds, done, left, code, message)
       !f2py threadsafe
-      integer(c_int64_t), intent(in) :: run, handle
-      integer(c_int64_t), intent(in) :: first, step, n
+      integer(c_int64_t), intent(in) :: run, handle, first, step, n
       real(c_double), intent(in) :: seconds
       integer(c_int64_t), intent(out) :: done
-      integer(c_int), intent(out) :: left
-      integer(c_int), intent(out) :: code
+      integer(c_int), intent(out) :: left, code
       character(len=max_message), intent(out) :: message
       type(scene_handle_t), pointer :: scene
       type(run_handle_t), pointer :: opened
@@ -307,8 +300,7 @@ contains
       integer(c_int64_t), intent(in) :: run
       integer(c_int), intent(in) :: of_part, k
       character(len=max_array_row), intent(out) :: text
-      integer(c_int64_t), intent(out) :: length(4)
-      integer(c_int64_t), intent(out) :: address
+      integer(c_int64_t), intent(out) :: length(4), address
       type(run_handle_t), pointer :: opened
       type(array_t), pointer :: row
 
@@ -509,8 +501,7 @@ contains
 
    !> Count in the maps of a run only the boulders done of partial sources (sign 1), or revert this (-1).
    subroutine settle_sources(run, handle, done, sign)
-      integer(c_int64_t), intent(in) :: run, handle
-      integer(c_int64_t), intent(in) :: done
+      integer(c_int64_t), intent(in) :: run, handle, done
       integer(c_int), intent(in) :: sign
       type(scene_handle_t), pointer :: scene
       type(run_handle_t), pointer :: opened
@@ -601,8 +592,7 @@ contains
    subroutine trajectory(handle, number, vertex, recorded, boulder, counts, max_vertices)
       !f2py threadsafe
       integer(c_int), intent(in) :: max_vertices
-      integer(c_int64_t), intent(in) :: handle
-      integer(c_int64_t), intent(in) :: number
+      integer(c_int64_t), intent(in) :: handle, number
       real(c_double), intent(inout) :: vertex(n_vertex_fields, max_vertices)  !! vertex_fields
       integer(c_int), intent(out) :: recorded
       real(c_double), intent(out) :: boulder(n_boulder_fields)           !! boulder_fields
@@ -643,14 +633,14 @@ contains
       if (code == 0 .and. size(minima) > 1) call update_block_minima(opened%dem, first, last, minima)
    end subroutine scan_rows
 
-   !> Terrain of a scene that has its elevations and is not built.
+   !> Terrain of a scene that has its elevations.
    function terrain_of(handle) result(dem)
       integer(c_int64_t), intent(in) :: handle
       type(terrain_t) :: dem
       type(scene_handle_t), pointer :: opened
 
       opened => scene_of(handle)
-      dem = opened%terrain_given()
+      dem = opened%terrain_known()
    end function terrain_of
 
    !> The first column and row and the last column and row, from 1, of the cells that boulders can reach.
@@ -821,16 +811,10 @@ contains
       integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: x(n), y(n)
       integer(c_int), intent(out) :: is_known(n)             !! 1 or 0
-      type(scene_handle_t), pointer :: opened
       type(terrain_t) :: dem
       integer :: k
 
-      opened => scene_of(handle)
-      if (allocated(opened%arrays)) then
-         dem = opened%terrain_given()
-      else
-         dem = opened%dem
-      end if
+      dem = terrain_of(handle)
       is_known = [(merge(1, 0, is_known_at(dem, x(k) - dem%x0, y(k) - dem%y0)), k=1, n)]
    end subroutine known_at
 
@@ -847,16 +831,13 @@ contains
    subroutine boulders(handle, number)
       integer(c_int64_t), intent(in) :: handle
       integer(c_int64_t), intent(out) :: number
-      type(scene_handle_t), pointer :: opened
 
-      opened => scene_of(handle)
-      number = opened%boulders()
+      number = boulders_of(scene_of(handle))
    end subroutine boulders
 
    !> First and last boulder of a source, from 1.
    subroutine boulders_of_source(handle, source, first, last)
-      integer(c_int64_t), intent(in) :: handle
-      integer(c_int64_t), intent(in) :: source
+      integer(c_int64_t), intent(in) :: handle, source
       integer(c_int64_t), intent(out) :: first, last
       type(scene_handle_t), pointer :: opened
 
@@ -867,8 +848,7 @@ contains
 
    !> Numbers of the n boulders in first..last whose trajectories are recorded, if `room` are recorded in total.
    subroutine recorded_numbers(handle, first, last, number, n, requested)
-      integer(c_int64_t), intent(in) :: handle
-      integer(c_int64_t), intent(in) :: first, last
+      integer(c_int64_t), intent(in) :: handle, first, last
       integer, intent(in) :: requested
       integer(c_int64_t), intent(out) :: number(requested)
       integer(c_int), intent(out) :: n
@@ -903,8 +883,7 @@ contains
    !> Sources of boulders, from 1.
    subroutine sources_of_boulders(handle, boulder, source, n)
       integer(c_int), intent(in) :: n
-      integer(c_int64_t), intent(in) :: handle
-      integer(c_int64_t), intent(in) :: boulder(n)
+      integer(c_int64_t), intent(in) :: handle, boulder(n)
       integer(c_int64_t), intent(out) :: source(n)
       type(scene_handle_t), pointer :: opened
       integer :: k

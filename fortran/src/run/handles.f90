@@ -31,6 +31,7 @@ module rockfall_handles
    implicit none
    private
    public :: case_handle_t, scene_handle_t, run_handle_t, case_at, scene_at, run_at, new_scene, close_handle
+   public :: give, limit, boulders_of
 
    !> Case behind a handle, or another text in namelist format, for its groups alone.
    type :: case_handle_t
@@ -48,7 +49,7 @@ module rockfall_handles
       type(case_t) :: case
       type(scene_arrays_t), allocatable :: arrays  !! until it is built
    contains
-      procedure :: give, build, terrain_given, limit, boulders
+      procedure :: build, terrain_known
    end type scene_handle_t
 
    !> Run behind a handle.
@@ -146,7 +147,7 @@ contains
 
    !> Give an array to a scene, as in set_array; without effect once it is built.
    subroutine give(this, name, kind, length, at)
-      class(scene_handle_t), intent(inout) :: this
+      type(scene_handle_t), intent(inout) :: this
       character(len=*), intent(in) :: name, kind
       integer(i8), intent(in) :: length(3)
       type(c_ptr), intent(in) :: at
@@ -182,18 +183,20 @@ contains
                     .and. allocated(arrays%source_y) .and. allocated(arrays%sets_text)
    end function is_complete
 
-   !> Terrain of a scene that has elevations but is not built yet.
-   type(terrain_t) function terrain_given(this) result(dem)
+   !> Terrain of a scene that has elevations, also before it is built.
+   type(terrain_t) function terrain_known(this) result(dem)
       class(scene_handle_t), intent(in) :: this
 
+      dem = this%dem
+      if (.not. allocated(this%arrays)) return
       associate (arrays => this%arrays, grid => this%arrays%grid)
          dem = terrain(grid%west, grid%north, grid%cell, arrays%z8, arrays%z4, [grid%nx, grid%ny], arrays%first)
       end associate
-   end function terrain_given
+   end function terrain_known
 
    !> Confine boulders to these columns and rows, those of the maps: equal for all runs of a scene.
    subroutine limit(this, first, last)
-      class(scene_handle_t), intent(inout) :: this
+      type(scene_handle_t), intent(inout) :: this
       integer, intent(in) :: first(2), last(2)
 
       this%scene%dem = this%dem
@@ -201,12 +204,12 @@ contains
    end subroutine limit
 
    !> Number of boulders of a scene, 0 until it is built.
-   pure integer(i8) function boulders(this)
-      class(scene_handle_t), intent(in) :: this
+   pure integer(i8) function boulders_of(this) result(boulders)
+      type(scene_handle_t), intent(in) :: this
 
       boulders = 0
       if (.not. allocated(this%arrays)) boulders = boulder_count(this%scene)
-   end function boulders
+   end function boulders_of
 
    !> Open a run of n boulders of a scene after the first `before`, with maps of a window (first column and row, numbers
    !> of columns and rows); without a window, of the cells that boulders can reach, to which the scene is confined.
@@ -222,7 +225,7 @@ contains
 
       if (allocated(scene%arrays)) then
          call fail(error, "the scene has not been built")
-      else if (before < 0 .or. n < 1 .or. before > scene%boulders() - n) then
+      else if (before < 0 .or. n < 1 .or. before > boulders_of(scene) - n) then
          call fail(error, "the boulders of a run must be some of the scene's")
       else
          call check_team(threads, error)
@@ -237,7 +240,7 @@ contains
       else
          call scan_terrain(scene%case, scene%scene, cells, error)
          if (allocated(error)) return
-         call scene%limit(cells(:2), cells(:2) + cells(3:) - 1)
+         call limit(scene, cells(:2), cells(:2) + cells(3:) - 1)
       end if
       call open_run(scene%case, scene%scene, before, n, cells, this%run, error)
    end subroutine begin
