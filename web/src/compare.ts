@@ -43,12 +43,9 @@ class Side {
     const offered = JSON.stringify([names, chosen]);
     if (offered === this.offered) return;
     this.offered = offered;
-    const box = select(
-      names.map((name, k) => [String(k), name] as const),
-      String(chosen),
-      (value) => action(Number(value)),
-      { attributes: { 'aria-label': say('app.compare.side', { side: this.letter }), 'data-side': this.letter } },
-    );
+    const choices = names.map((name, k) => [String(k), name] as const);
+    const about = { label: say('app.compare.side', { side: this.letter }), attributes: { 'data-side': this.letter } };
+    const box = select(choices, String(chosen), (value) => action(Number(value)), about);
     this.choice.replaceChildren(element('b', {}, this.letter), box);
   }
 }
@@ -74,10 +71,7 @@ export class CompareView {
       this.sides = [new Side('A', terrain, shade), new Side('B', terrain, shade)];
       const [left, right] = this.sides;
       right.view.map.setView(left.view.map.getView());
-      const close = button(say('app.compare.close'), this.onClose, {
-        class: 'compare-close',
-        action: 'close-compare',
-      });
+      const close = button(say('app.compare.close'), this.onClose, { class: 'compare-close', action: 'close-compare' });
       this.root.append(left.root, right.root, this.legend.root, close);
     }
     this.chosen = [a, b];
@@ -121,6 +115,8 @@ function common(a: OverlayHeader | null, b: OverlayHeader | null): OverlayHeader
   };
 }
 
+const NONE: Estimate = [null, null, null];
+
 interface Row {
   label: string;
   unit: string;
@@ -130,62 +126,33 @@ interface Row {
 
 function tableOf(a: Snapshot, b: Snapshot): HTMLElement {
   if (!a.batch || !b.batch) return element('p', { class: 'empty' }, say('app.variants.running'));
-  const [of, other] = [a.batch.lines.filter(hasStatistics), b.batch.lines.filter(hasStatistics)];
-  const names = [...new Set([...of, ...other].map(({ name }) => name))];
+  const all = [a.batch.lines.filter(hasStatistics), b.batch.lines.filter(hasStatistics)];
+  const names = [...new Set(all.flat().map(({ name }) => name))];
   if (!names.length) return element('p', { class: 'empty' }, say('app.statistics.none'));
-  const rows = rowsOf([...of, ...other]);
-  const head = element(
-    'thead',
-    {},
-    element(
-      'tr',
-      {},
-      ...['app.statistics.line', 'app.compare.quantity'].map((key) =>
-        element('th', { attributes: { scope: 'col' } }, say(key)),
-      ),
-      ...[`A: ${a.name}`, `B: ${b.name}`, say('app.compare.difference')].map((text) =>
-        element('th', { attributes: { scope: 'col' } }, text),
-      ),
-    ),
-  );
+  const rows = rowsOf(all.flat());
+  const titles = [say('app.statistics.line'), say('app.compare.quantity'), `A: ${a.name}`, `B: ${b.name}`, say('app.compare.difference')];
+  const head = element('thead', {}, element('tr', {}, ...titles.map((text) => element('th', { attributes: { scope: 'col' } }, text))));
   const bodies = names.map((name) => {
-    const [left, right] = [of, other].map((lines) => lines.find((line) => line.name === name));
-    return element(
-      'tbody',
-      { attributes: { 'data-line': name } },
-      ...rows.map((row, k) => {
-        const [x, y] = [left, right].map((line): Estimate => (line ? row.of(line) : [null, null, null])) as [
-          Estimate,
-          Estimate,
-        ];
-        return element(
-          'tr',
-          {},
-          k === 0 && element('th', { attributes: { scope: 'rowgroup', rowspan: String(rows.length) } }, name),
-          element('td', {}, row.label, element('span', { class: 'unit' }, ` ${row.unit}`)),
-          element('td', {}, estimate(x, row.decimals)),
-          element('td', {}, estimate(y, row.decimals)),
-          element('td', { class: 'difference' }, change(difference(x, y), row.decimals)),
-        );
-      }),
-    );
+    const [left, right] = all.map((lines) => lines.find((line) => line.name === name));
+    const rowOf = ({ label, unit, decimals, of }: Row, k: number): HTMLElement => {
+      const [x, y] = [left ? of(left) : NONE, right ? of(right) : NONE];
+      return element(
+        'tr',
+        {},
+        k === 0 && element('th', { attributes: { scope: 'rowgroup', rowspan: rows.length } }, name),
+        element('td', {}, label, element('span', { class: 'unit' }, ` ${unit}`)),
+        element('td', {}, estimate(x, decimals)),
+        element('td', {}, estimate(y, decimals)),
+        element('td', { class: 'difference' }, change(difference(x, y), decimals)),
+      );
+    };
+    return element('tbody', { attributes: { 'data-line': name } }, ...rows.map(rowOf));
   });
-  return element(
-    'table',
-    {},
-    element('caption', { class: 'hidden-text' }, say('app.compare.caption')),
-    head,
-    ...bodies,
-  );
+  return element('table', {}, element('caption', { class: 'hidden-text' }, say('app.compare.caption')), head, ...bodies);
 }
 
 function rowsOf(lines: readonly LineStatistics[]): Row[] {
-  const fraction: Row = {
-    label: say('app.statistics.fraction'),
-    unit: '%',
-    decimals: 1,
-    of: (line) => percent(line.fraction),
-  };
+  const fraction: Row = { label: say('app.statistics.fraction'), unit: '%', decimals: 1, of: (line) => percent(line.fraction) };
   const others = QUANTITIES.flatMap((name) => {
     const first = lines.map((line) => line.quantities[name]).find((one) => one !== undefined);
     if (!first) return [];
@@ -193,7 +160,7 @@ function rowsOf(lines: readonly LineStatistics[]): Row[] {
       label: `${sayOr(`app.quantity.${name}`, first.label)}, ${say(`app.statistics.${part}`)}`,
       unit: first.unit,
       decimals: first.decimals,
-      of: (line) => line.quantities[name]?.[part] ?? [null, null, null],
+      of: (line) => line.quantities[name]?.[part] ?? NONE,
     }));
   });
   return [fraction, ...others];
@@ -207,10 +174,6 @@ function change(value: Estimate, decimals: number): HTMLElement {
   const signed = (one: number | null): string =>
     one === null ? '?' : `${one > 0 ? '+' : one < 0 ? '−' : ''}${rounded(Math.abs(one), shown)}`;
   const open = low === null || high === null || (low <= 0 && high >= 0);
-  return element(
-    'span',
-    { class: `estimate ${open ? 'open' : 'clear'}` },
-    element('b', {}, middle === 0 ? decimal(0) : signed(middle)),
-    element('small', {}, `${signed(low)} … ${signed(high)}`),
-  );
+  const number = element('b', {}, middle === 0 ? decimal(0) : signed(middle));
+  return element('span', { class: `estimate ${open ? 'open' : 'clear'}` }, number, element('small', {}, `${signed(low)} … ${signed(high)}`));
 }

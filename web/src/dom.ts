@@ -85,6 +85,12 @@ export function labelled(text: string, control: HTMLElement, wide = false): HTML
   return element('div', { class: wide ? 'field wide' : 'field' }, element('label', { attributes: { for: control.id } }, text), control);
 }
 
+/** A list of colours and what they mean. */
+export function patches(entries: readonly (readonly [text: string, colour: string])[], style = ''): HTMLUListElement {
+  const items = entries.map(([text, colour]) => element('li', {}, element('span', { class: 'patch', style: `background: ${colour}` }), text));
+  return element('ul', { class: style }, ...items);
+}
+
 /** A number of the page that only one element has. */
 let count = 0;
 export function uniqueId(prefix: string): string {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Legend on the map: which result is shown, its colours with round numbers, and what else has a colour.
-import { css, placeOf, plasma, ticks, viridis, type ColourScale, type Palette } from './colours';
-import { element } from './dom';
+import { css, gradient, placeOf, plasma, ticks, viridis, type ColourScale, type Palette } from './colours';
+import { element, options, patches } from './dom';
 import { zoneColour } from './map/rasters';
 import type { MapName, OverlayHeader } from './protocol';
 import { decimal, say, sayOr, unitText } from './texts';
@@ -65,31 +65,26 @@ export class Legend {
     const ranked = maps.filter(({ name }) => name === shown && !COMMON.includes(name)).concat(common, plain);
     const first = new Set([...new Set(ranked)].slice(0, LISTED));
     const group = (key: string, some: readonly MapName[]): HTMLElement[] =>
-      some.length ? [element('optgroup', { attributes: { label: say(key) } }, ...some.map(mapOption))] : [];
+      some.length ? [element('optgroup', { attributes: { label: say(key) } }, ...mapOptions(some))] : [];
     const rest = maps.filter((map) => !first.has(map));
     const further = [
       ...group('app.legend.others', rest.filter(({ name }) => !LIMIT.test(name))),
       ...group('app.legend.limits', rest.filter(({ name }) => LIMIT.test(name))),
     ];
     this.choice.replaceChildren(
-      option('', say('app.legend.no_map')),
-      ...[...first].map(mapOption),
+      ...options([['', say('app.legend.no_map')]]),
+      ...mapOptions([...first]),
       ...(unfolded ? further : []),
-      ...(rest.length ? [option(FOLD, say(unfolded ? 'app.legend.fewer' : 'app.legend.more'))] : []),
+      ...options(rest.length ? [[FOLD, say(unfolded ? 'app.legend.fewer' : 'app.legend.more')]] : []),
     );
     this.choice.value = shown;
   }
 
   /** Classes of hazard are shown in place of the result; null: no longer. */
   setClasses(classes: readonly (readonly [name: string, colour: string])[] | null): void {
-    const items = (classes ?? []).slice(1).map(([name, colour]) => {
-      const patch = element('span', { class: 'patch' });
-      patch.style.background = colour;
-      return element('li', {}, patch, name);
-    });
     this.ramp.hidden = this.choice.hidden = classes !== null;
     this.classes.hidden = classes === null;
-    this.classes.replaceChildren(element('p', {}, say('app.legend.hazard')), element('ul', { class: 'patches' }, ...items));
+    this.classes.replaceChildren(element('p', {}, say('app.legend.hazard')), patches((classes ?? []).slice(1), 'patches'));
   }
 
   setSpeeds(fastest: number | null): void {
@@ -104,12 +99,8 @@ export class Legend {
   setZones(zones: readonly { name: string }[] | null): void {
     this.zones.hidden = !zones?.length;
     this.zones.open = window.innerWidth > 760;
-    const items = (zones ?? []).map(({ name }, k) => {
-      const patch = element('span', { class: 'patch' });
-      patch.style.background = css(zoneColour(k), 0.55);
-      return element('li', {}, patch, name);
-    });
-    this.zones.replaceChildren(element('summary', {}, say('app.layer.zones')), element('ul', {}, ...items));
+    const entries = (zones ?? []).map(({ name }, k) => [name, css(zoneColour(k), 0.55)] as const);
+    this.zones.replaceChildren(element('summary', {}, say('app.layer.zones')), patches(entries));
   }
 }
 
@@ -117,27 +108,13 @@ const FOLD = '+'; // value of the option that lists all maps, or the most used o
 const LISTED = 12; // maps, before the list is unfolded
 // Maps most used; they have names in every language.
 const COMMON = [
-  'passages',
-  'reach_probability',
-  'deposits',
-  'energy_q95',
-  'energy_mean',
-  'energy_max',
-  'speed_q95',
-  'speed_max_map',
-  'passing_height_q95',
-  'passing_height_max',
-  'energy_line_angle_max',
-  'travel_time_min',
+  'passages', 'reach_probability', 'deposits', 'energy_q95', 'energy_mean', 'energy_max',
+  'speed_q95', 'speed_max_map', 'passing_height_q95', 'passing_height_max', 'energy_line_angle_max', 'travel_time_min',
 ];
 const LIMIT = /_(low|high)$/; // of an interval
 
-function mapOption(map: MapName): HTMLOptionElement {
-  return option(map.name, withUnit(nameOfMap(map), map.unit));
-}
-
-function option(value: string, text: string): HTMLOptionElement {
-  return element('option', { attributes: { value } }, text);
+function mapOptions(maps: readonly MapName[]): HTMLOptionElement[] {
+  return options(maps.map((map) => [map.name, withUnit(nameOfMap(map), map.unit)] as const));
 }
 
 /** Name of a map of results. */
@@ -151,29 +128,11 @@ export function withUnit(label: string, unit: string): string {
 
 /** Bar of colours with its round numbers. */
 function ramp(scale: ColourScale, unit: string, palette: Palette): HTMLElement {
-  const bar = element('div', { class: 'ramp' });
-  bar.style.background = `linear-gradient(to right, ${Array.from({ length: 16 }, (_, k) => css(palette(k / 15))).join(', ')})`;
-  const numbers = element(
-    'div',
-    { class: 'ticks' },
-    ...spread(scale).map(({ text, place }) => {
-      const tick = element('span', {}, text);
-      tick.style.left = `${100 * place}%`;
-      return tick;
-    }),
-  );
-  return element(
-    'div',
-    {
-      class: 'scale',
-      attributes: {
-        role: 'img',
-        'aria-label': `${decimal(Number(scale.low.toPrecision(3)))} – ${decimal(Number(scale.high.toPrecision(3)))} ${unit}`,
-      },
-    },
-    bar,
-    numbers,
-  );
+  const bar = element('div', { class: 'ramp', style: `background: ${gradient(palette)}` });
+  const numbers = spread(scale).map(({ text, place }) => element('span', { style: `left: ${100 * place}%` }, text));
+  const [low, high] = [scale.low, scale.high].map((end) => decimal(Number(end.toPrecision(3))));
+  const label = `${low} – ${high} ${unit}`;
+  return element('div', { class: 'scale', label, attributes: { role: 'img' } }, bar, element('div', { class: 'ticks' }, ...numbers));
 }
 
 interface Tick {

@@ -193,7 +193,6 @@ export interface QuantityStatistics {
   factor: number;
   decimals: number;
   mean: Estimate;
-  q50: Estimate;
   q95: Estimate;
   max: number | null;
   counts: number[];

@@ -2,8 +2,6 @@
 // Words and numbers in the language of the server. The page has no words of its own.
 import type { Estimate } from './protocol';
 
-export type Values = Record<string, string | number>;
-export type Say = (key: string, values?: object) => string;
 
 let texts: Readonly<Record<string, string>> = {};
 let language = 'en';

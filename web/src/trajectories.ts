@@ -22,12 +22,7 @@ export function between(points: Float32Array, a: number, b: number, gravity: num
 }
 
 function trajectoriesOf(message: Binary<TrajectoriesMessage>): Trajectories | null {
-  const [points, first, boulder, mass] = [
-    message.f4('points'),
-    message.u4('first'),
-    message.u4('boulder'),
-    message.f4('mass'),
-  ];
+  const [points, first, boulder, mass] = [message.f4('points'), message.u4('first'), message.u4('boulder'), message.f4('mass')];
   if (!points || !first || !boulder || !mass) return null;
   return { points: points.values, first: first.values, boulder: boulder.values, mass: mass.values };
 }

@@ -32,10 +32,7 @@ export function withResults(snapshots: readonly Snapshot[], message: Binary): Sn
   return snapshots.map((one) => {
     if (one.document.variant !== variant || one.name !== variant) return one;
     if (isOf(message, 'batch')) return { ...one, batch: message.header, overlay: message.f4('overlay') };
-    if (isOf(message, 'trajectories')) {
-      const trajectories = extended(one.trajectories, message);
-      return { ...one, trajectories };
-    }
+    if (isOf(message, 'trajectories')) return { ...one, trajectories: extended(one.trajectories, message) };
     return isOf(message, 'background') ? { ...one, background: message } : one;
   });
 }

@@ -16,12 +16,7 @@ export function estimate(value: Estimate, decimals: number): HTMLElement {
   if (middle === null) return element('span', { class: 'estimate none' }, '–');
   const shown = supportedDecimals(value, decimals);
   const interval = low === null && high === null ? '' : `${limit(low, shown)} – ${limit(high, shown)}`;
-  return element(
-    'span',
-    { class: 'estimate' },
-    element('b', {}, rounded(middle, shown)),
-    element('small', {}, interval),
-  );
+  return element('span', { class: 'estimate' }, element('b', {}, rounded(middle, shown)), element('small', {}, interval));
 }
 
 function limit(value: number | null, decimals: number): string {
@@ -46,10 +41,8 @@ export function histogram({ counts, range: [first, last], q95: [q95], label, uni
     { viewBox: `0 0 ${width} ${height}`, class: 'histogram', role: 'img', 'aria-label': about },
     svg('path', { d: bars.join(''), class: 'bars' }),
     svg('path', { d: `M0 ${height - 0.5}H${width}`, class: 'axis' }),
+    svg('title', {}, about),
   );
-  const title = svg('title', {});
-  title.textContent = about;
-  drawing.append(title);
   if (q95 !== null) drawing.append(svg('path', { d: `M${x(q95).toFixed(1)} 0V${height - 1}`, class: 'mark' }));
   return drawing;
 }
@@ -145,77 +138,42 @@ export class StatisticsPanel {
       const first = lines.map((line) => (hasStatistics(line) ? line.quantities[name] : undefined)).find((one) => one !== undefined);
       return first ? [{ name, title: sayOr(`app.quantity.${name}`, first.label), unit: first.unit }] : [];
     });
-    const column = (text: string, options: { class?: string } = {}): HTMLElement =>
-      element('th', { ...options, attributes: { scope: 'col' } }, text);
-    const tall = (key: string, unit: string): HTMLElement =>
-      element('th', { attributes: { rowspan: '2', scope: 'col' } }, say(key), element('span', { class: 'unit' }, unit));
-    const heads = known.map(({ title, unit }) =>
-      element(
-        'th',
-        { attributes: { colspan: '3', scope: 'colgroup' } },
-        title,
-        element('span', { class: 'unit' }, ` ${unit}`),
-      ),
-    );
+    const column = (title: string, unit: string, attributes: Record<string, string>): HTMLElement =>
+      element('th', { attributes }, title, element('span', { class: 'unit' }, unit));
+    const tall = { rowspan: '2', scope: 'col' };
+    const [line, fraction] = [column(say('app.statistics.line'), '', tall), column(say('app.statistics.fraction'), ' %', tall)];
+    const heads = known.map(({ title, unit }) => column(title, ` ${unit}`, { colspan: '3', scope: 'colgroup' }));
+    const attributes = { scope: 'col' };
     const parts = known.flatMap(() => [
-      column(say('app.statistics.mean'), { class: 'group-start' }),
-      column(say('app.statistics.q95')),
-      element('th', { class: 'plot', attributes: { scope: 'col', 'aria-label': say('app.statistics.distribution') } }),
+      element('th', { class: 'group-start', attributes }, say('app.statistics.mean')),
+      element('th', { attributes }, say('app.statistics.q95')),
+      element('th', { class: 'plot', label: say('app.statistics.distribution'), attributes }),
     ]);
-    const head = element(
-      'thead',
-      {},
-      element('tr', {}, tall('app.statistics.line', ''), tall('app.statistics.fraction', ' %'), ...heads),
-      element('tr', {}, ...parts),
-    );
+    const head = element('thead', {}, element('tr', {}, line, fraction, ...heads), element('tr', {}, ...parts));
     this.seen.disconnect();
     this.visible.clear();
     this.rows = new Map(lines.map((line) => [line.name, this.row(line, known)]));
     if (lines.length > FEW) for (const { root } of this.rows.values()) this.seen.observe(root);
     const body = element('tbody', {}, ...[...this.rows.values()].map(({ root }) => root));
-    return element(
-      'table',
-      {},
-      element('caption', { class: 'hidden-text' }, say('app.statistics.caption')),
-      head,
-      body,
-    );
+    return element('table', {}, element('caption', { class: 'hidden-text' }, say('app.statistics.caption')), head, body);
   }
 
   private row({ name, kind }: Line, known: readonly { name: string; title: string; unit: string }[]): Row {
-    const chosen = button(
-      [element('span', { class: `swatch ${kind}s` }), element('span', {}, name)],
-      () => this.onChosen(name),
-      { class: 'line-name' },
-    );
+    const about = [element('span', { class: `swatch ${kind}s` }), element('span', {}, name)];
+    const chosen = button(about, () => this.onChosen(name), { class: 'line-name' });
     const number = element('small');
-    const fraction = element('td', {
-      class: 'fraction',
-      attributes: { 'data-part': 'fraction', 'data-label': `${say('app.statistics.fraction')} [%]` },
+    const cell = (style: string, part: string, label: string, quantity: Record<string, string> = {}): HTMLElement =>
+      element('td', { class: style, attributes: { ...quantity, 'data-part': part, 'data-label': label } });
+    const fraction = cell('fraction', 'fraction', `${say('app.statistics.fraction')} [%]`);
+    let cells: { name: string; mean: HTMLElement; q95: HTMLElement; plot: HTMLElement }[] = [];
+    const makeCells = (): typeof cells => known.map(({ name, title, unit }) => {
+      const of = (part: 'mean' | 'q95', style: string): HTMLElement =>
+        cell(style, part, `${title} [${unit}], ${say(`app.statistics.${part}`)}`, { 'data-quantity': name });
+      return { name, mean: of('mean', 'group-start'), q95: of('q95', ''), plot: element('td', { class: 'plot' }) };
     });
-    let cells: ReturnType<typeof makeCells> = [];
-    const makeCells = (): { name: string; mean: HTMLElement; q95: HTMLElement; plot: HTMLElement }[] => known.map((quantity) => {
-      const cell = (part: 'mean' | 'q95', style: string): HTMLElement =>
-        element('td', {
-          class: style,
-          attributes: {
-            'data-quantity': quantity.name,
-            'data-part': part,
-            'data-label': `${quantity.title} [${quantity.unit}], ${say(`app.statistics.${part}`)}`,
-          },
-        });
-      return {
-        name: quantity.name,
-        mean: cell('mean', 'group-start'),
-        q95: cell('q95', ''),
-        plot: element('td', { class: 'plot' }),
-      };
-    });
-    const root = element(
-      'tr',
-      { class: name === this.selected ? 'selected' : '', attributes: { 'data-line': name } },
-      element('th', { attributes: { scope: 'row' } }, chosen, number),
-    );
+    const style = name === this.selected ? 'selected' : '';
+    const head = element('th', { attributes: { scope: 'row' } }, chosen, number);
+    const root = element('tr', { class: style, attributes: { 'data-line': name } }, head);
     const update = (line: LineStatistics): void => {
       if (!cells.length) {
         cells = makeCells();
