@@ -74,6 +74,7 @@ def test_the_pair_of_a_made_site_is_within_its_intervals(found):
     assert strength["correlation"] == relief["correlation"] > 0.2
 
 
+@pytest.mark.all
 def test_speeds_alone_leave_a_ridge_of_strength_and_relief(found):
     """Of some 4 degrees for twice the strength; the truth is on it."""
     weight = found.alone[found.data["data"].tolist().index("speed at L")]
@@ -86,6 +87,7 @@ def test_speeds_alone_leave_a_ridge_of_strength_and_relief(found):
     assert table.loc["strength of scree"]["q05"] < TRUE[0] < table.loc["strength of scree"]["q95"]
 
 
+@pytest.mark.all
 def test_its_draws_are_those_of_an_ensemble(found, folder):
     draws = draws_table(found)
     assert [*draws] == ["draw", "strength_1", "relief_1"]

@@ -118,7 +118,7 @@ def test_limits_of_places_are_those_of_each():
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("kind", ["all", "sample"])
+@pytest.mark.parametrize("kind", [pytest.param("all", marks=pytest.mark.all), "sample"])
 def test_a_frequency_has_one_interval(tmp_path, kind):
     """In hazard, variants and dossier; of sampled sources narrower than that of their number."""
     x = np.linspace(60.0, 240.0, 60)

@@ -27,13 +27,12 @@ def workers():
         yield local.scheduler_address, client
 
 
-@pytest.fixture
-def scene(few_boulders):
-    case = rockfall.read_case(few_boulders).replace(case={"boulders": 5000})
-    return read_scene(case)
+def scene_of(path, boulders):
+    return read_scene(rockfall.read_case(path).replace(case={"boulders": boulders}))
 
 
-def test_the_result_is_that_of_a_run_here(workers, scene):
+def test_the_result_is_that_of_a_run_here(workers, few_boulders):
+    scene = scene_of(few_boulders, 500)
     found = run_on_cluster(scene, workers[0]).dataset()
     here = rockfall.run(scene.case)
     assert found.equals(here)
@@ -42,7 +41,8 @@ def test_the_result_is_that_of_a_run_here(workers, scene):
 
 
 @pytest.mark.all  # seconds of the library's processes
-def test_a_worker_that_dies_in_the_middle_is_done_without(workers, scene, monkeypatch):
+def test_a_worker_that_dies_in_the_middle_is_done_without(workers, few_boulders, monkeypatch):
+    scene = scene_of(few_boulders, 5000)
     address, client = workers
     killed, add = [], cluster.Joined.add
 
@@ -69,14 +69,14 @@ def test_the_command(few_boulders, tmp_path, monkeypatch, workers):
 
 
 def test_one_boulder_needs_no_cluster(few_boulders, workers):
-    case = rockfall.read_case(few_boulders).replace(case={"boulders": 1})
-    assert run_on_cluster(read_scene(case), workers[0]).dataset().equals(rockfall.run(case))
+    scene = scene_of(few_boulders, 1)
+    assert run_on_cluster(scene, workers[0]).dataset().equals(rockfall.run(scene.case))
 
 
 @pytest.mark.parametrize("where", ["local:0", "local:x"])
-def test_wrong_places_are_refused(scene, where):
+def test_wrong_places_are_refused(few_boulders, where):
     with refused(f"--dask {where}: must be local:N with N >= 1, or an address"):
-        run_on_cluster(scene, where)
+        run_on_cluster(scene_of(few_boulders, 1), where)
 
 
 def test_where_nobody_answers(few_boulders, tmp_path, monkeypatch, capsys):
