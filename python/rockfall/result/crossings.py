@@ -157,6 +157,7 @@ class _Shared:
         self._lines: dict[int, AtLine] = {}
         self._kept: dict[int, dict[Any, Any]] = {}  # of all lines
         self._size = 0  # crossings of `_lines`
+        self.kept: dict[Any, Any] = {}
 
     def at(self, line: int) -> AtLine:
         if line in self._lines:
@@ -189,6 +190,12 @@ def at_line(result: Known, line: int) -> AtLine:
     if shared is None or shared.result is not result:
         return AtLine(result, line)
     return shared.at(line)
+
+
+def kept_of(result: Known) -> dict[Any, Any]:
+    """Cache of what analyses find in a result, shared within `sharing`."""
+    shared = _shared.get()
+    return shared.kept if shared is not None and shared.result is result else {}
 
 
 def boulders_at(result: Known, line: int) -> np.ndarray:

@@ -19,6 +19,7 @@ from rockfall.analysis.validity.rebounds import rebound_remarks, set_remarks, ta
 from rockfall.analysis.validity.remark import GRADES, Remark
 from rockfall.analysis.validity.site import angle_remarks
 from rockfall.language import Text, say
+from rockfall.result.crossings import kept_of
 
 if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
@@ -28,8 +29,11 @@ if TYPE_CHECKING:
 def model_remarks(values: Variables, case: Case) -> list[Remark]:
     """All remarks on the model, each once and ordered by grade, from the case and the variables of
     a result or of boulders, by name."""
-    remarks = dict.fromkeys(_found(values, case))
-    return sorted(remarks, key=lambda remark: GRADES.index(remark.grade))
+    kept = kept_of(values)
+    if "remarks" not in kept:
+        remarks = dict.fromkeys(_found(values, case))
+        kept["remarks"] = sorted(remarks, key=lambda remark: GRADES.index(remark.grade))
+    return [*kept["remarks"]]
 
 
 def _found(values: Variables, case: Case) -> Iterator[Remark]:
