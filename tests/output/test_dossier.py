@@ -15,9 +15,11 @@ import rockfall
 import scenes
 from made import leave_pictures_blank, make_layer, refused
 from rockfall.analysis.objects.at_risk import AtRisk
+from rockfall.case import case_in
 from rockfall.case.variants import variants
 from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
+from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import LANGUAGES, speaking
 from rockfall.result.dataset import write_result
 from rockfall.studies.dossier import Dossier, Second, read_dossier, run_dossier
@@ -143,6 +145,20 @@ def test_the_answer_shows_the_numbers_of_the_hazard(made):
             assert " ".join(str(cell).split()) in " ".join(text.split())
 
 
+@pytest.mark.parametrize(("north", "expected"), [(0.0, "high"), (60.0, "none")])
+def test_a_line_has_the_highest_class_of_the_cells_that_it_crosses(made, north, expected):
+    hazard = read_hazard(made[0] / "hazard_today.nc").copy(deep=True)
+    road = next(line for line in case_in(hazard.attrs).lines if line["name"] == "road")
+    grid, _ = grid_of(hazard["hazard_class"])
+    middle = np.array([np.mean(road["x"])]), np.array([np.mean(road["y"])]) + north
+    for end in ("", "_lower", "_upper"):
+        classes = np.zeros(grid.shape, "i1")
+        classes[grid.cells(*middle)] = 4
+        hazard[f"hazard_class{end}"].values[:] = classes
+    rows = {row[0]: row[-1] for row in answer_table(hazard, 100.0).texts()}
+    assert rows["road"] == expected
+
+
 def test_what_remains_is_a_table_of_what_is_known(made):
     lines = read_hazard(made[0] / "hazard_today.nc").drop_dims("object")
     bare = Dossier({"today": lines, "net": lines}, yearly_table({}, {}))
@@ -244,7 +260,9 @@ def test_bad_input_is_refused_in_one_line_before_a_run(case, tmp_path, monkeypat
 
 
 @pytest.mark.parametrize("is_folder", [False, True])
-def test_lines_design_and_report_take_a_hazard(made, tmp_path, monkeypatch, capsys, is_folder):
+def test_lines_design_and_report_take_a_hazard(
+    case, made, tmp_path, monkeypatch, capsys, is_folder
+):
     folder, _ = made
     path = str(folder / "hazard_with net.nc")
     if is_folder:

@@ -36,6 +36,7 @@ from rockfall.tables.dossier import (
     Place,
     Section,
     answer_table,
+    around_ends,
     barrier_answers,
     places_of,
     remaining_tables,
@@ -193,6 +194,9 @@ def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]
         yield _of_object(hazard, k, name)
     yield from second_answer(dossier)
     yield from barrier_answers(designs)[:ADVICE]
+    for name, own in dossier.hazards.items():
+        for text in around_ends(own):
+            yield say("join.colon", before=name, after=text) if name else text
 
 
 def _of_object(hazard: xr.Dataset, k: int, name: str) -> Text:

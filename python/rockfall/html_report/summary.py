@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
+from rockfall.analysis.lines.around import around_by_line
 from rockfall.analysis.lines.samples import LineSamples
 from rockfall.analysis.observed.run_out import mean_slopes
 from rockfall.analysis.precision.intervals import half_width
@@ -47,7 +48,22 @@ def question(rows: Rows, has_hazard: bool) -> str:
 def answers(result: xr.Dataset, rows: Rows) -> list[str]:
     """A sentence for each line; the run-out if there is none."""
     nets = {line_names(result)[k] for k in barriers_of(result)}
-    return [*(_line(line, rows[line], line in nets) for line in rows), *run_out(result)]
+    lines = (_line(line, rows[line], line in nets) for line in rows)
+    return [*lines, *around_ends(result, rows), *run_out(result)]
+
+
+def around_ends(result: xr.Dataset, rows: Rows) -> Iterator[Text]:
+    """Sentence on each line that boulders reach past the ends of barriers; none where not all rows
+    of boulders are kept."""
+    names, boulders = line_names(result), simulated(result)
+    if not barriers_of(result) or result.sizes["boulder"] < boulders:
+        return
+    nets = barriers_of(result)
+    lines = [k for k, name in enumerate(names) if name in rows and k not in nets]
+    for line, barriers, around in around_by_line(result, lines):
+        part = part_of_boulders(int(around.sum()), boulders)
+        shown = [names[k] for k in barriers]
+        yield say("summary.around", line=names[line], part=part, nets=shown)
 
 
 def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:

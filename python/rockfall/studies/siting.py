@@ -16,6 +16,7 @@ import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.line_statistics import with_limits
+from rockfall.analysis.lines.around import MAX_AROUND
 from rockfall.analysis.precision.intervals import fraction_interval, quantile
 from rockfall.analysis.validity.warnings import joint_warnings
 from rockfall.case import Case
@@ -64,7 +65,7 @@ class Limits:
 
     height: float | None = None
     ead_class: int | None = None
-    bypass: float = 0.01
+    bypass: float = MAX_AROUND
     space: float | None = None
 
 

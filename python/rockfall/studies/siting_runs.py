@@ -11,13 +11,14 @@ import numpy as np
 import xarray as xr
 
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
+from rockfall.analysis.lines.around import goes_around
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.analysis.precision.weighted import Weighted
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.protection.alignments import Alignment
 from rockfall.protection.crossings import Crossings, crossings
-from rockfall.result.crossings import has_crossed, line_names, line_values
+from rockfall.result.crossings import has_crossed, line_names
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM
 from rockfall.studies.study import ROWS_ONLY
@@ -60,10 +61,9 @@ def boulders_at(result: xr.Dataset, line: str, alignment: str) -> AtAlignment:
     """Boulders of a result at an alignment above the protected line."""
     names = line_names(result)
     number, protected = names.index(alignment), names.index(line)
-    there, before = (line_values(result, "time", k) for k in (protected, number))
     return AtAlignment(
-        crossings(result, number), has_crossed(result, number), np.isfinite(there),
-        ~(before <= there), sources(result),
+        crossings(result, number), has_crossed(result, number), has_crossed(result, protected),
+        goes_around(result, protected, [number]), sources(result),
     )  # fmt: skip
 
 

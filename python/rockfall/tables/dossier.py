@@ -8,11 +8,13 @@ import numpy as np
 import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
-from rockfall.analysis.hazard.levels import PLACES
+from rockfall.analysis.hazard.levels import PLACES, yearly
 from rockfall.analysis.hazard.variables import CLASS_ENDS
+from rockfall.analysis.lines.around import MAX_AROUND
 from rockfall.case import case_in
 from rockfall.files.risk_files import has_risk
 from rockfall.files.segment_files import has_segments
+from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Text, say, word
 from rockfall.protection.yearly import YearlyDesign
 from rockfall.result.variables import ENDS
@@ -41,9 +43,11 @@ from rockfall.tables.yearly_design import (
     loads_table,
     verdicts,
 )
+from rockfall.terrain.polyline import lengths, spaced
 
 MOST = 8  # places on page 1
 CHOICES = 2  # lines with a table of barriers
+STEPS = 10  # places on a line in the width of a cell
 
 
 class Section(NamedTuple):
@@ -129,6 +133,24 @@ def barrier_answers(designs: dict[str, YearlyDesign]) -> list[Text]:
         for text in verdicts(sheet):
             texts.append(say("join.colon", before=name, after=text) if name else text)
     return texts
+
+
+def around_ends(hazard: xr.Dataset) -> Iterator[Text]:
+    """Sentence on each line where more than `MAX_AROUND` of the boulders, by frequency, pass around
+    the ends of its barriers; none for files without these counts."""
+    if "line_around" not in hazard:
+        return
+    names = [str(name) for name in hazard["line"].values]
+    frequency = hazard["line_frequency"].values
+    for k, name in enumerate(names):
+        nets = str(hazard["line_barriers"].values[k]).splitlines()
+        if not nets or not np.isnan(hazard["line_barrier_height"].values[k]):
+            continue
+        rates = yearly(hazard, "line", k, hazard["line_around"].values[:, k])
+        around = _estimate([float(rate) for rate in rates])
+        if around.value > MAX_AROUND * max(frequency[[k, *map(names.index, nets)]]):
+            part = say("yearly.boulders", n=around.number, limits=around.interval)
+            yield say("summary.around", line=name, part=part, nets=nets)
 
 
 def second_tables(dossier: Dossier) -> Iterator[Table]:
@@ -242,14 +264,25 @@ def _level(hazard: xr.Dataset, place: Place, name: str, at: int, factor: float) 
 
 
 def _class(hazard: xr.Dataset, place: Place) -> str:
-    """Hazard class of a place, with limits; lines have none."""
-    if f"{place.kind}_hazard_class" not in hazard:
-        return "-"
-    names = {
-        f"hazard{end}": CLASSES[int(_number(hazard, place, f"hazard_class{end}"))]
-        for end in CLASS_ENDS
-    }
-    return class_within(names)
+    """Hazard class of a place, with limits; of a line the highest of the cells that it crosses."""
+    if place.kind == "line":
+        cells = _cells_on(hazard, place.name)
+        numbers = {end: int(hazard[f"hazard_class{end}"].values[cells].max()) for end in CLASS_ENDS}
+    else:
+        numbers = {end: int(_number(hazard, place, f"hazard_class{end}")) for end in CLASS_ENDS}
+    return class_within({f"hazard{end}": CLASSES[number] for end, number in numbers.items()})
+
+
+def _cells_on(hazard: xr.Dataset, line: str) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the cells of the map that a line of the case crosses."""
+    group = next(own for own in case_in(hazard.attrs).lines if own["name"] == line)
+    grid, _ = grid_of(hazard["hazard_class"])
+    vertices = np.array(group["x"]) + 1j * np.array(group["y"])
+    steps = int(lengths(vertices)[-1] / grid.cell * STEPS) + 2
+    places = spaced(vertices, steps)
+    inside = (places.real > grid.west) & (places.real < grid.east)
+    inside &= (places.imag > grid.south) & (places.imag < grid.north)
+    return grid.cells(places.real[inside], places.imag[inside])
 
 
 def variants_table(dossier: Dossier, most: int | None = None) -> Table:

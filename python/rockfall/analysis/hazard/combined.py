@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from rockfall.analysis.hazard.variables import (
     PERIODS,
     TABLE,
 )
+from rockfall.analysis.lines.around import barriers_above, goes_around
 from rockfall.analysis.objects.objects import Objects, object_counts, object_hits, risks
 from rockfall.analysis.objects.risk import Points, RunRisk, annual, diameters
 from rockfall.analysis.objects.segment_hits import (
@@ -132,6 +134,12 @@ class ScenarioRun:
         self.lines = [names[k] for k in lines]
         self.at_lines = [passing_of(result, k) for k in lines]
         self.behind = [behind(result, k) for k in lines]
+        above = [barriers_above(result, k) for k in lines]
+        self.nets = [[names[net] for net in nets] for nets in above]
+        self.around = [
+            int(goes_around(result, k, nets).sum()) if nets else 0
+            for k, nets in zip(lines, above, strict=True)
+        ]
         unknown = np.full(len(names), np.nan)
         self.barriers = {
             name: np.asarray(result.get(f"barrier_{name}", unknown))[lines]
@@ -297,6 +305,9 @@ def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
     values = {f"line_frequency{end}": rate[0] for end, rate in zip(ENDS, rates, strict=True)}
     values["line_passages"] = np.concatenate(counts)
     values["line_behind"] = np.array([run.behind for run in runs], "i4")
+    values["line_around"] = np.array([run.around for run in runs], "i4")
+    nets = [dict.fromkeys(chain(*each)) for each in zip(*(run.nets for run in runs), strict=True)]
+    values["line_barriers"] = np.array(["\n".join(each) for each in nets], dtype=object)
     values["line_class_behind"] = np.stack(
         [np.stack([class_behind(at) for at in run.at_lines]) for run in runs]
     )

@@ -196,6 +196,10 @@ def _lines() -> Iterator[tuple[str, Variable]]:
     yield "line_passages", Variable(dims, PART, what)
     yield from _by_period("line_", ("line",), "that comes to the line or barrier")
     yield "line_behind", Variable(dims, PART, "those of them that its barrier, if any, lets pass")
+    what = "those of them that met none of its barriers before"
+    yield "line_around", Variable(dims, PART, what)
+    what = "names of the barriers that boulders meet before the line, one per text line"
+    yield "line_barriers", Variable(("line",), "", what)
     what = "those of them that a barrier of this class and height there would let pass"
     yield "line_class_behind", Variable((*dims, "ead_class", "exceeded_height"), PART, what)
     yield "line_barrier_height", Variable(("line",), "m", "height of the barrier; NaN of a line")
