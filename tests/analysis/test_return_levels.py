@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
+from scipy import optimize, stats
 
 import rockfall
 from crossed import STORED, crossed
@@ -51,6 +51,7 @@ def test_p_values_are_even_where_the_gpd_holds_and_small_where_not():
     assert np.mean(p < 0.05) > 0.9
 
 
+MANY, FAR = {"maxiter": 2000}, 1e9  # of searches
 TAILS = {
     "exponential": stats.expon(10, 3),
     "heavy": stats.genpareto(0.2, 5, 2),
@@ -131,6 +132,31 @@ def test_the_interval_encloses_that_of_the_highest_threshold():
     assert (level.low, level.high) == (
         min(highest.low, alone.low), max(highest.high, alone.high)
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("law", TAILS)
+def test_limits_are_those_of_the_profile_likelihood(law):
+    """At a limit the likelihood, maximised over shape and scale by a search, is that allowed."""
+    values, N = np.sort(TAILS[law].rvs(4000, random_state=3)), 20_000
+    excess, threshold = values[-150:] - values[-151], values[-151]
+    fit = fit_gpd(excess, threshold)
+    level = _profiled([N], Values(values, Sources.alone(4000)), 4000, fit)[N]
+
+    def cost(parameters, height):
+        shape, scale = parameters[0], np.exp(parameters[1])
+        grown = 1 + shape * (height - threshold) / scale
+        fraction = grown ** (1 / shape) / N if grown > 0 else 0
+        if not 0 < fraction < 1:
+            return FAR
+        beyond = 150 * np.log(fraction) + 3850 * np.log1p(-fraction)
+        return min(FAR, stats.genpareto.nnlf((shape, 0, scale), excess) - beyond)
+
+    best = [fit.shape, np.log(fit.scale)]
+    start = [max(0.05, fit.shape), best[1]]
+    for height in level.low, level.high:
+        found = optimize.minimize(cost, start, height, "Nelder-Mead", tol=1e-9, options=MANY).fun
+        loss = found - cost(best, level.value)
+        assert loss == pytest.approx(1.96**2 / 2 * (1 + 12 / 150), rel=1e-3)
 
 
 def test_a_bounded_tail_says_where_it_ends():
