@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Crashes at random steps of a save, interrupts and resumes: equal bits in the end.
 
-    python -m benchmarks.stability.kills --crashes 1000 --seed 1
+    python -m benchmarks.stability.kills --crashes 1000 --seed 1 --folders 50
 
 Runs save as often as possible, and resume from existing files, also of the other program. crash.c
 ends them before a call that writes or names files (rename, fsync, unlink, flock), like a kill, or
 interrupts them there, or right after their start. The result of each complete run is compared bit
 for bit with an uninterrupted run, then another begins. `rockfall` runs in forks of a process that
-has everything imported.
+has everything imported. Then commands that fill a folder crash and run again: the folder has the
+files of an uninterrupted command, and nothing else is left.
 """
 
 from __future__ import annotations
@@ -29,12 +30,37 @@ import netCDF4
 import rockfall
 from programs import find_program, make_prepared, same_results
 from rockfall import cli
+from rockfall.io.atomic import OLD, UNLOCKED
+from rockfall.io.output_files import TEMPORARY
+from scenes import FACTORS
 
 SHIM = Path(__file__).with_name("crash.c")
 CRASHED, INTERRUPTED = 137, 130  # exit status
 #: Steps within which a process crashes (a save has four), and handlers of Ctrl-C that it sets.
 STEPS = {"rockfall": range(1, 35), "rockfall-batch": range(1, 18)}
 HANDLERS = {"rockfall": range(1, 5), "rockfall-batch": range(1, 2)}
+MOST_STEPS = 400  # of a command that fills a folder, at first
+FOLDERS = (  # commands
+    [
+        "site",
+        "case.nml",
+        "--line",
+        "Straße",
+        "--every",
+        "20",
+        "--to",
+        "40",
+        "--factors",
+        str(FACTORS),
+        "-o",
+        "made",
+        "--boulders",
+        "20",
+        "--quiet",
+    ],
+    ["export", "whole.nc", "made"],
+)
+SAME_BYTES = (".csv", ".png", ".nml", ".asc", ".tif")
 PROGRESS = 50  # crashes from a line to the next
 PRELOAD = ["__main__", "rockfall.simulation.parts.checkpoint", "rockfall.text.summary"]
 
@@ -54,9 +80,13 @@ def run_program(words: list[str], folder: Path, environment: dict[str, str]) -> 
 
 
 def run_fork(words: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
-    """Run `rockfall` in a fork of a process that has the shim."""
+    """Run `rockfall run` in a fork of a process that has the shim."""
+    return fork_command(["run", "case.nml", *words], folder, environment)
+
+
+def fork_command(command: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
+    """Run a command of `rockfall` in a fork of a process that has the shim."""
     said = folder / "stderr.txt"
-    command = ["run", "case.nml", *words]
     forks = multiprocessing.get_context("forkserver")
     forks.set_forkserver_preload(PRELOAD)
     process = forks.Process(target=_fork, args=(command, folder, environment, said))
@@ -135,11 +165,63 @@ class Study:
         self.output.unlink()
 
 
+def crash_folder(command: list[str], folder: Path, crashes: int, numbers: random.Random) -> None:
+    """Crash a command that fills the folder `made`, and run it again."""
+    made, environment = folder / "made", dict(os.environ)
+    command = [*command, "--overwrite"]
+    inputs, most = {*os.listdir(folder), "stderr.txt", "made"}, MOST_STEPS
+    _finish(command, folder, environment)
+    whole = _contents(made)
+    for number in range(crashes):
+        if number % 2:
+            shutil.rmtree(made)
+        while True:
+            step = numbers.randrange(1, most)
+            status, said = fork_command(command, folder, environment | {"CRASH_AT": f"{step}"})
+            if status == CRASHED:
+                break
+            assert status == 0, said
+            most = min(most, step + 1)
+        _finish(command, folder, environment)
+        assert _contents(made) == whole, f"other files after a crash at step {step}"
+        for place in folder, made:
+            for left in {*place.iterdir()} - {folder / name for name in inputs}:
+                if left.name.startswith(TEMPORARY) and _may_stay(left):
+                    left.unlink() if left.is_file() else shutil.rmtree(left)
+                else:
+                    assert place == made and left.name in whole, f"{left} after step {step}"
+    print(f"{command[0]}: {crashes} crashes within {most} steps, {len(whole)} files again the same")
+    shutil.rmtree(made)
+
+
+def _finish(command: list[str], folder: Path, environment: dict[str, str]) -> None:
+    status, said = fork_command(command, folder, environment)
+    assert status == 0, said
+
+
+def _may_stay(left: Path) -> bool:
+    """Return True for what is empty because it was not yet in use, and for a temporary folder with
+    files that were about to be replaced."""
+    if left.is_file():
+        return left.stat().st_size == 0
+    return any(left.glob(f"{OLD}/*")) or {path.name for path in left.iterdir()} <= {UNLOCKED}
+
+
+def _contents(folder: Path) -> dict[str, object]:
+    """Bytes of tables and pictures by name; names of files that state the time."""
+    return {
+        path.name: path.read_bytes() if path.suffix in SAME_BYTES else None
+        for path in folder.iterdir()
+        if not path.name.startswith(TEMPORARY)
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--crashes", type=int, default=1000, help="of both programs together")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--boulders", type=int, default=2000, help="from each of four sources")
+    parser.add_argument("--folders", type=int, default=50, help="crashes of each command")
     arguments = parser.parse_args()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
     with tempfile.TemporaryDirectory() as name:
@@ -150,6 +232,9 @@ def main() -> None:
         study = Study(folder, environment, arguments.boulders, random.Random(arguments.seed))
         study.crash(arguments.crashes)
         study.say()
+        rockfall.write_result(study.whole, folder / "whole.nc")
+        for command in FOLDERS:
+            crash_folder(command, folder, arguments.folders, study.random)
 
 
 if __name__ == "__main__":

@@ -124,7 +124,7 @@ def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
     beyond, near = min(beyond, 6), round(value, min(beyond, 6))
     if up and near < value * (1 - 1e-12):
         near = round(near + 10.0**-beyond, beyond)
-    return Number(f"{near:,.{max(0, beyond)}f}")
+    return Number(f"{near:,.{max(0, beyond)}f}" if near else "0")
 
 
 def small(value: float) -> Number:

@@ -20,7 +20,7 @@ from rockfall.app.show import PAGE  # noqa: E402
 from rockfall.language import speaking  # noqa: E402
 from rockfall.protection.yearly import yearly_design  # noqa: E402
 from rockfall.tables.design import check_tables, choice_table  # noqa: E402
-from rockfall.tables.hazard import object_table  # noqa: E402
+from rockfall.tables.hazard import object_table, period_tables  # noqa: E402
 from rockfall.tables.yearly_design import check_tables as yearly_checks  # noqa: E402
 from rockfall.tables.yearly_design import loads_table, verdicts  # noqa: E402
 
@@ -114,6 +114,14 @@ def test_sources_of_what_comes_to_a_place_are_those_of_origins(page):
             assert shown["arrays"][column].tolist() == found[column].tolist()
         assert shown["total"] == found["frequency"].sum()
         assert sum(cells for *_, cells in shown["parts"]) == len(found)
+        curve = rockfall.exceedance(hazard, name)
+        assert (shown["arrays"]["curve_energy"] == curve["energy"] / 1000).all()
+        for column in ("frequency", "low", "high"):
+            assert shown["arrays"][f"curve_{column}"].tolist() == curve[column].tolist()
+        with speaking("en"):
+            tables = [*map(table_entry, period_tables(hazard))]
+        for own, table in zip(shown["tables"], tables, strict=True):
+            assert own["rows"] == [row for row in table["rows"] if row[0] == name] != []
     houses(page, hazard=True, origin="nobody")
     assert "nobody" in page.until("origins", place="nobody")["error"]
 
@@ -186,6 +194,9 @@ def test_a_click_on_a_house_shows_where_its_boulders_come_from(browser):
         window.touch([W + 150, N - 280])
         window.until(
             "sources", "document.querySelector('.origins h3')?.textContent.includes('Hof')"
+        )
+        assert "1000 years" in window.text(".origins") and "energy [kJ]" in window.text(
+            ".origins svg"
         )
         pressed = "document.querySelector('[data-place=Hof]').getAttribute('aria-pressed')"
         assert browser.execute_script(f"return {pressed}") == "true"

@@ -4,6 +4,7 @@ together come together or not at all."""
 
 import os
 import shutil
+import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -285,6 +286,31 @@ def test_folders_that_were_not_there_are_not_left(tmp_path, monkeypatch):
     assert str(caught.value).endswith(f"broken. The new files are in {kept}")
     assert not (tmp_path / "some").exists()
     assert sorted(path.name for path in kept.iterdir()) == ["a", "b"]
+
+
+KILLED = """import os, pathlib, signal, sys
+from rockfall.io.atomic import atomic_folder
+with atomic_folder(pathlib.Path("new")) as part:
+    (part / "a.csv").touch()
+    for old in sys.argv[1:]:
+        (part.parent / "old" / old).touch()
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="an open file keeps its name")
+def test_temporary_folders_of_killed_processes_go(tmp_path):
+    """At the next file of the folder; not those at work, nor with files that were replaced."""
+    for replaced in ("a.csv", ""):
+        subprocess.run([sys.executable, "-c", KILLED, *filter(None, [replaced])], cwd=tmp_path)
+    assert len([*tmp_path.iterdir()]) == 2
+    with atomic_folder(tmp_path / "other") as part:
+        (left,) = {*tmp_path.iterdir()} - {part.parent}
+        assert (left / "old" / "a.csv").exists()
+        with atomic_write(tmp_path / "b.csv") as file:
+            file.touch()
+        assert part.exists()
+    assert {*tmp_path.iterdir()} == {left, tmp_path / "other", tmp_path / "b.csv"}
 
 
 HELD = PermissionError(13, "Access is denied", "a.csv")

@@ -22,6 +22,8 @@ from rockfall.files.hazard_files import read_hazard
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import LANGUAGES, speaking
 from rockfall.result.dataset import write_result
+from rockfall.simulation import simulate
+from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.dossier import Dossier, Second, read_dossier, run_dossier
 from rockfall.studies.yearly_variants import yearly_table
 from rockfall.tables.dossier import (
@@ -216,6 +218,22 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
     with speaking("de"):
         (table,) = second_tables(by_sets)
     assert table.caption.endswith(": Parametersatz, Methode B")
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_runs_that_are_done_are_not_run_again(case, tmp_path, monkeypatch):
+    """Also those by the second model, which a killed dossier finds in its checkpoints."""
+    inputs = read_dossier(case.replace(variant=[]), **PLACE)
+    saved = {
+        run: Checkpoint(tmp_path / f"run{k}", 1e-9, keep=True) for k, run in enumerate(inputs.runs)
+    }
+    assert len(saved) == 4
+    first = run_dossier(inputs, checkpoints=saved)
+    for checkpoint in saved.values():
+        assert checkpoint.found() == 600
+    monkeypatch.setattr(simulate, "_run_range", None)
+    again = run_dossier(inputs, checkpoints=saved)
+    assert again.second.hazard.equals(first.second.hazard)
 
 
 def test_a_single_model_is_said(case):

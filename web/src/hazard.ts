@@ -66,7 +66,7 @@ export class Hazard {
       this.refresh();
     } else if (isOf(message, 'origins')) {
       this.view.origins.show(message);
-      this.panel.showOrigins(message.header);
+      this.panel.showOrigins(message);
     } else return false;
     return true;
   }

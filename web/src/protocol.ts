@@ -292,6 +292,7 @@ export interface OriginsMessage {
   error: string;
   cell: number;
   total: number; // boulders a year that come
+  tables: TableEntry[]; // energies and heights by return period
   parts: [text: string, colour: string, cells: number][];
 }
 export type BinaryHeader = TerrainMessage | BackgroundMessage | BatchMessage | LinesMessage | TrajectoriesMessage | SectionMessage | HazardMessage | OriginsMessage | BasemapMessage;

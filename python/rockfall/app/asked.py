@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.hazard.levels import exceedance
 from rockfall.analysis.hazard.origins import origins
 from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.app.messages import Message, binary_message, text_message
@@ -26,7 +27,7 @@ from rockfall.result.crossings import line_names
 from rockfall.studies.hazard import read_study, run_study
 from rockfall.table import Table
 from rockfall.tables.design import check_tables, choice_table
-from rockfall.tables.hazard import object_table, scenario_table
+from rockfall.tables.hazard import object_table, period_tables, scenario_table
 from rockfall.tables.yearly_design import (
     advice,
     choice_tables,
@@ -101,8 +102,9 @@ def _of_line(sheet: YearlyDesign, name: str) -> Iterable[Table]:
 
 def origins_message(hazard: xr.Dataset | None, place: str, language: str, **fields: Any) -> bytes:
     """Message `origins`: centres of the cells from which boulders come to a place, and the class of
-    each by its part of all that come; `error` if there is no such place."""
-    fields |= {"place": place, "error": "", "parts": []}
+    each by its part of all that come; what comes by return period, and its frequency by energy [kJ]
+    with limits (`curve_...`); `error` if there is no such place."""
+    fields |= {"place": place, "error": "", "parts": [], "tables": []}
     if hazard is None or not place:
         return binary_message("origins", {}, **fields | {"place": ""})
     try:
@@ -111,12 +113,16 @@ def origins_message(hazard: xr.Dataset | None, place: str, language: str, **fiel
         return binary_message("origins", {}, **fields | {"error": str(error)})
     with speaking(language):
         classes, words = parts_and_words(table)
+        fields["tables"] = [*map(table_entry, period_tables(hazard, place))]
     fields["parts"] = [
         [str(text), colour, int(np.count_nonzero(classes == k))]
         for k, (text, colour) in enumerate(zip(words, COLOURS, strict=False))
     ]
     arrays = {name: table[name].to_numpy("f8") for name in ("x", "y", "frequency", "share")}
     arrays |= {"class": classes.astype("u1")}
+    if fields["tables"]:
+        curve = exceedance(hazard, place).assign(energy=lambda rows: rows["energy"] / 1000)
+        arrays |= {f"curve_{name}": curve[name].to_numpy("f8") for name in curve}
     fields["cell"] = grid_of(hazard["hazard_class"])[0].cell
     fields["total"] = float(table["frequency"].sum())
     return binary_message("origins", arrays, **fields)

@@ -6,14 +6,16 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
 from rockfall.io.output_files import TEMPORARY, check_folder, check_outputs, existing
-from rockfall.system import replace
+from rockfall.system import lock, replace
 
+LOCK, UNLOCKED = "lock", "unlocked"  # files in a temporary folder
+OLD = "old"  # folder in it of files that are replaced
 IN_USE = "cannot be replaced; is it open in another program?"
 
 
@@ -25,24 +27,20 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     renamed, as on Windows over an open one, it is left next to `path`."""
     path = Path(path)
     try:
-        place = Path(tempfile.mkdtemp(dir=path.parent, prefix=TEMPORARY))
-    except OSError as error:
-        raise RockfallError(f"{path}: cannot be written: {error.strerror}") from error
-    part, kept = place / path.name, None
-    try:
-        yield part
-        try:
-            replace(part, path)
-        except OSError as error:
-            if not part.exists():  # it was not written
-                raise
-            kept = keep_next_to(path, part)
-            raise RockfallError(f"{path}: {not_replaced(error)} The new file is {kept}") from error
+        with _temporary(path.parent) as (place, stays):
+            part = place / path.name
+            yield part
+            try:
+                replace(part, path)
+            except OSError as error:
+                if not part.exists():  # it was not written
+                    raise
+                kept = keep_next_to(path, part)
+                stays.append(kept)
+                text = f"{path}: {not_replaced(error)} The new file is {kept}"
+                raise RockfallError(text) from error
     except OSError as error:
         raise RockfallError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        if kept != part:
-            shutil.rmtree(place, ignore_errors=True)
 
 
 @contextmanager
@@ -54,36 +52,57 @@ def atomic_folder(
     file on Windows, the new files are left in a folder next to it."""
     folder = Path(folder)
     check_folder(folder, tries=False)
-    part = kept = None
+    new = kept = None
     try:
-        # accessible to its owner only
-        part = Path(tempfile.mkdtemp(dir=existing(folder), prefix=TEMPORARY))
-        new, old = part / "new", part / "old"
-        for path in new, old:
-            path.mkdir()
-        yield new
-        paths = sorted(new.iterdir(), key=lambda path: path.name == last)
-        targets = [folder / path.name for path in paths]
-        check_outputs(targets, inputs)
-        moves = [(path, old / path.name) for path in reversed(targets) if os.path.lexists(path)]
-        moves += zip(paths, targets, strict=True)
-        try:
-            with _made(folder), interrupts():  # all or none of them
-                _move_all(moves)
-        except OSError as error:
-            kept = keep_next_to(folder.resolve(), new)
-            raise RockfallError(
-                f"{error.filename or folder}: {not_replaced(error)} The new files are in {kept}"
-            ) from error
+        with _temporary(existing(folder)) as (place, stays):
+            new, old = place / "new", place / OLD
+            for path in new, old:
+                path.mkdir()
+            yield new
+            paths = sorted(new.iterdir(), key=lambda path: path.name == last)
+            targets = [folder / path.name for path in paths]
+            check_outputs(targets, inputs)
+            moves = [(path, old / path.name) for path in reversed(targets) if os.path.lexists(path)]
+            moves += zip(paths, targets, strict=True)
+            try:
+                with _made(folder), interrupts():  # all or none of them
+                    _move_all(moves)
+            except OSError as error:
+                kept = keep_next_to(folder.resolve(), new)
+                stays.append(kept)
+                raise RockfallError(
+                    f"{error.filename or folder}: {not_replaced(error)} The new files are in {kept}"
+                ) from error
     except OSError as error:
         raise RockfallError(f"{folder}: cannot be written: {error.strerror or error}") from error
     except RockfallError as error:
         if kept is not None:
             raise
         raise RockfallError(str(error).replace(str(new), str(folder)), error.code) from error
+
+
+@contextmanager
+def _temporary(parent: Path) -> Iterator[tuple[Path, list[Path]]]:
+    """Yield a new folder with access for its owner only, and a list for new files that had to stay
+    in it, without which it is removed. Folders of killed processes, which nobody has locked, are
+    removed first, unless they have the only copy of a file that was about to be replaced."""
+    for left in parent.glob(f"{TEMPORARY}*/{LOCK}"):
+        with suppress(OSError), open(left, "r+b") as file:
+            lock(file.fileno())
+            if not any(left.parent.glob(f"{OLD}/*")):
+                shutil.rmtree(left.parent, ignore_errors=True)
+    place, kept = Path(tempfile.mkdtemp(dir=parent, prefix=TEMPORARY)), list[Path]()
+    try:
+        with open(place / UNLOCKED, "xb") as file:
+            with suppress(OSError):  # without locks it would stay if killed
+                lock(file.fileno())
+                os.rename(place / UNLOCKED, place / LOCK)
+            yield place, kept
     finally:
-        if part and kept != new:
-            shutil.rmtree(part, ignore_errors=True)
+        if any(place in path.parents for path in kept):
+            (place / LOCK).unlink(missing_ok=True)
+        else:
+            shutil.rmtree(place, ignore_errors=True)
 
 
 @contextmanager

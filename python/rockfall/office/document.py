@@ -12,6 +12,7 @@ from rockfall.office.workbook import CONTROL
 from rockfall.table import Table
 
 SMALL = 8  # size of letters in tables [pt]
+SHORT = 12  # rows of a table that stays on one page
 MARGIN = 1.8  # [cm]
 A4 = 29.7, 21.0  # wide, high [cm]
 #: For the spelling and hyphenation of Word; German without sharp s.
@@ -71,13 +72,17 @@ def _set_language(document: Any, language: str) -> None:
 
 
 def _add_table(document: Any, table: Table) -> None:
-    """Add a table; its first row is repeated on each page, and no row is split."""
+    """Add a table; its first row is repeated on each page, no row is split, and a short table stays
+    on one page."""
     rows = [table.head, *table.texts()]
     grid = document.add_table(len(rows), len(table.head), style="Table Grid")
     cells = iter(grid._cells)  # grid.cell(i, j) would build this list each time
     for number, row in enumerate(rows):
         for _, value in zip_longest(table.head, row, fillvalue=""):
-            _write(next(cells), translated(value), bold=number == 0)
+            cell = next(cells)
+            _write(cell, translated(value), bold=number == 0)
+            stays = number == 0 or number < len(rows) - 1 <= SHORT
+            cell.paragraphs[0].paragraph_format.keep_with_next = stays
     for row in grid.rows:
         row._tr.get_or_add_trPr().append(_flag("w:cantSplit"))
     grid.rows[0]._tr.get_or_add_trPr().append(_flag("w:tblHeader"))

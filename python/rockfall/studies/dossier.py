@@ -70,12 +70,19 @@ class DossierInputs:
 
     @property
     def runs(self) -> list[str]:
-        """Names of the runs: of each scenario of each variant."""
-        return [
+        """Names of the runs: of each scenario of each variant, then by the second model."""
+        of_variants = [
             _run_name(name, scenario.name)
             for name, study in self.studies.items()
             for scenario in study.scenarios
         ]
+        return of_variants + self.second_runs
+
+    @property
+    def second_runs(self) -> list[str]:
+        """Names of the runs by the second model; none without it."""
+        scenarios = self.second[1].scenarios if self.second else []
+        return [run_name("", scenario.name) for scenario in scenarios]
 
 
 def read_dossier(
@@ -151,7 +158,9 @@ def run_dossier(
     second = None
     if inputs.second:
         name, study = inputs.second
-        second = Second(name, run_study(study, progress=progress, threads=threads))
+        own_checkpoints = [checkpoints[run] for run in inputs.second_runs if run in checkpoints]
+        hazard = run_study(study, progress=progress, threads=threads, checkpoints=own_checkpoints)
+        second = Second(name, hazard)
     costs = {own["name"]: own["cost"] for own in inputs.case.variant if "cost" in own}
     return Dossier(hazards, frequencies, period, engine.warnings, second, costs)
 

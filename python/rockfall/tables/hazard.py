@@ -10,7 +10,7 @@ import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
-from rockfall.analysis.hazard.levels import PLACES
+from rockfall.analysis.hazard.levels import PLACES, find_place
 from rockfall.analysis.objects.risk import CLASS_ENDS
 from rockfall.files.hazard_files import object_table as objects_of
 from rockfall.files.risk_files import class_words, has_risk, risk_columns
@@ -63,16 +63,17 @@ def class_table(hazard: xr.Dataset) -> Table:
     return Table.of(say("tables.classes_of_hazard"), map(say, heads), rows)
 
 
-def period_tables(hazard: xr.Dataset) -> Iterator[Table]:
+def period_tables(hazard: xr.Dataset, place: str | None = None) -> Iterator[Table]:
     """Energies and heights by return period at lines, and at the objects and segments hit most
-    often; none without such places."""
+    often, or at one place; none where they are unknown."""
     places = [
         (kind, int(k))
         for kind in PLACES
         if f"{kind}_energy_by_period" in hazard
         for k in np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")
         if not np.isnan(hazard[f"{kind}_energy_by_period"].values[k]).any()
-    ][:MOST]
+    ]
+    places = places[:MOST] if place is None else [*{find_place(hazard, place)} & {*places}]
     if not places:
         return
     years = [say("hazard.in_years", years=T) for T in hazard["event_period"].values.tolist()]

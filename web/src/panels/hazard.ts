@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Hazard of the scenarios: frequencies a year at lines, nets and houses, classes on the map, and where boulders come from.
 import { checkbox, element } from '../dom';
-import type { HazardMessage, OriginsMessage } from '../protocol';
+import type { Binary, HazardMessage, OriginsMessage } from '../protocol';
+import { Chart } from '../section/chart';
 import { tableOf } from '../tables';
 import { decimal, say } from '../texts';
+
+const [WIDTH, HEIGHT] = [320, 190]; // of the curve [px]
+const RAREST = 1e-5; // of the highest frequency
 
 interface Actions {
   run(on: boolean): void;
@@ -62,17 +66,33 @@ export class HazardPanel {
     );
   }
 
-  showOrigins(header: OriginsMessage | null): void {
+  showOrigins(message: Binary<OriginsMessage> | null): void {
+    const header = message?.header;
     this.origin.replaceChildren();
     this.content.querySelectorAll('[data-place]').forEach((one) => one.setAttribute('aria-pressed', String((one as HTMLElement).dataset['place'] === header?.place)));
-    if (!header?.place) return;
+    if (!message || !header?.place) return;
     const numbers = { place: header.place, n: header.total ? decimal(Number(header.total.toPrecision(2))) : '0' };
     this.origin.append(
       element('h3', {}, say('app.hazard.origins', numbers)),
       ...(header.error ? [element('p', { class: 'alert amber' }, header.error)] : []),
       key(header.parts.map(([text, colour, cells]) => [say('app.hazard.cells', { text, cells }), colour])),
+      ...header.tables.map((table) => tableOf(table)),
+      ...exceedance(message),
     );
   }
+}
+
+/** Frequency of boulders above each energy with its limits; none without boulders. */
+function exceedance(message: Binary<OriginsMessage>): Node[] {
+  const [energy, ...curves] = ['energy', 'frequency', 'low', 'high'].map((name) => message.f8(`curve_${name}`)?.values);
+  const [frequency, low, high] = curves;
+  if (!energy || !frequency || !low || !high || !((frequency[0] ?? 0) > 0)) return [];
+  const [least, most, highest] = [energy[1] ?? 1, energy.at(-1) ?? 10, 10 ** Math.ceil(Math.log10(high[0] ?? 1))];
+  const shown = energy.map((value) => Math.max(value, least));
+  const chart = new Chart(say('app.hazard.exceedance'), WIDTH, HEIGHT, { low: least, high: most }, { low: highest * RAREST, high: highest }, 'log');
+  chart.band(shown, low, high, 'band recorded');
+  chart.curve(shown, frequency, 'quantile recorded');
+  return [element('div', { class: 'drawings' }, chart.root)];
 }
 
 function key(entries: readonly (readonly [string, string])[]): HTMLElement {

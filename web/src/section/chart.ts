@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Curves over the distance along a section: axes with round numbers, bands, steps and marks.
+// Curves over the distance along a section, or over energies: axes with round numbers, bands, steps and marks.
 import { ticks } from '../colours';
 import { svg } from '../dom';
 import type { Range } from '../terrain';
@@ -19,15 +19,16 @@ export class Chart {
     private readonly height: number,
     private readonly along: Range,
     private readonly up: Range,
+    private readonly scale: 'linear' | 'log' = 'linear', // of both axes
   ) {
     this.root = svg('svg', { viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': title });
     const [right, foot] = [width - RIGHT, height - BOTTOM];
-    for (const value of ticks({ ...up, scale: 'linear' })) {
+    for (const value of ticks({ ...up, scale })) {
       const y = this.y(value);
       this.root.append(svg('path', { d: `M${LEFT} ${y}H${right}`, class: 'grid' }));
       this.text(LEFT - 5, y + 3.5, decimal(value), 'end');
     }
-    for (const value of ticks({ ...along, scale: 'linear' })) {
+    for (const value of ticks({ ...along, scale })) {
       this.root.append(svg('path', { d: `M${this.x(value)} ${foot}v4`, class: 'axis' }));
       this.text(this.x(value), height - 4, decimal(value), 'middle');
     }
@@ -41,11 +42,15 @@ export class Chart {
   }
 
   x(distance: number): number {
-    return LEFT + ((distance - this.along.low) / (this.along.high - this.along.low)) * (this.width - LEFT - RIGHT);
+    return LEFT + this.fraction(distance, this.along) * (this.width - LEFT - RIGHT);
   }
   y(value: number): number {
     const foot = this.height - BOTTOM;
-    return foot - ((value - this.up.low) / (this.up.high - this.up.low || 1)) * (foot - TOP);
+    return foot - this.fraction(value, this.up) * (foot - TOP);
+  }
+  private fraction(value: number, { low, high }: Range): number {
+    if (this.scale === 'log') return Math.log(Math.max(value, low) / low) / Math.log(high / low);
+    return (value - low) / (high - low || 1);
   }
 
   /** A curve, broken where a number is missing. */
