@@ -28,8 +28,8 @@ def goes_around(result: xr.Dataset, line: int, barriers: Sequence[int]) -> np.nd
 
 
 def barriers_above(result: xr.Dataset, line: int) -> list[int]:
-    """Indices of the barriers, without lying logs, that boulders meet and have not met the line
-    before."""
+    """Indices of the barriers, without lying logs, that a boulder meets without having met the
+    line before."""
     nets = {net["name"] for net in case_of(result).barrier if "diameter" not in net}
     there = line_values(result, "time", line)
     return [
