@@ -4,6 +4,7 @@
 import itertools
 import os
 import shutil
+import socket
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -84,16 +85,20 @@ def atomic_folder(
 @contextmanager
 def _temporary(parent: Path) -> Iterator[tuple[Path, list[Path]]]:
     """Yield a new folder with access for its owner only, and a list for new files that had to stay
-    in it, without which it is removed. Folders of killed processes, which nobody has locked, are
-    removed first, unless they have the only copy of a file that was about to be replaced."""
+    in it, without which it is removed. Folders of killed processes of this machine, which nobody
+    has locked, are removed first, unless they have the only copy of a file that was about to be
+    replaced."""
+    machine = socket.gethostname().encode()  # locks may be unknown to others of a cluster
     for left in parent.glob(f"{TEMPORARY}*/{LOCK}"):
         with suppress(OSError), open(left, "r+b") as file:
             lock(file.fileno())
-            if not any(left.parent.glob(f"{OLD}/*")):
+            if file.read() == machine and not any(left.parent.glob(f"{OLD}/*")):
                 shutil.rmtree(left.parent, ignore_errors=True)
     place, kept = Path(tempfile.mkdtemp(dir=parent, prefix=TEMPORARY)), list[Path]()
     try:
         with open(place / UNLOCKED, "xb") as file:
+            file.write(machine)
+            file.flush()
             with suppress(OSError):  # without locks it would stay if killed
                 lock(file.fileno())
                 os.rename(place / UNLOCKED, place / LOCK)
