@@ -25,13 +25,13 @@ def blocks(language):
 def test_the_version_is_the_same_everywhere():
     assert rockfall.__version__ == VERSION
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    version, date = (
-        re.search(rf'^{key}: "?([^"\n]+)"?$', citation, re.MULTILINE)[1]
-        for key in ("version", "date-released")
-    )
-    assert version == VERSION
+    date = re.search(r'^date-released: "?([^"\n]+)"?$', citation, re.MULTILINE)[1]
+    recipe = (ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8")
+    assert {*re.findall(r'^ *version: "?([0-9.]+)"?$', citation + recipe, re.MULTILINE)} == {
+        VERSION
+    }
     newest = re.search(r"^## (\S+)(?: - (\S+))?", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
-    assert newest[1] == "Unreleased" or newest.groups() == (version, date)
+    assert newest[1] == "Unreleased" or newest.groups() == (VERSION, date)
 
 
 def test_the_readme_is_short():

@@ -23,7 +23,7 @@ from benchmarks.machine import NOTHING, ROOT, machine
 from cases.tschamut.make_case import HALVES, make
 from rockfall.analysis.observed.observations import read_observed
 from rockfall.grounds.impact_tables import BLOCK_SHAPES
-from rockfall.studies.validation import RUN_OUT, numbers_beside
+from rockfall.studies.validation import RUN_OUT, comparable_numbers
 
 
 def ways(folder: Path) -> Iterator[tuple[str, str, dict[str, Any]]]:
@@ -60,7 +60,7 @@ def main() -> None:
                 one = case.replace(
                     case={"seed": seed}, boulder=boulder, release={"points": str(folder / releases)}
                 )
-                numbers = numbers_beside([(rockfall.run(one), seen)])
+                numbers = comparable_numbers([(rockfall.run(one), seen)])
                 rows.append(
                     [numbers["", RUN_OUT, key].simulated for key in ("mean", "wasserstein")]
                 )

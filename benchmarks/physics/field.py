@@ -57,7 +57,7 @@ from rockfall.studies.validation import (
     WITHIN,
     Key,
     Number,
-    numbers_beside,
+    comparable_numbers,
     over_runs,
     run_out_numbers,
 )
@@ -145,7 +145,7 @@ def pasture(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
                 for part in parts:
                     case = part.case.replace(case={"seed": seed}, **law.everywhere(part.shape))
                     pairs.append((rockfall.run(case), part.seen))
-                runs.append(numbers_beside(pairs))
+                runs.append(comparable_numbers(pairs))
             yield from rows_of(law.name, runs)
         if given.platrock is None:
             print("PlatRock is left out: --platrock names no Python that has it")
@@ -201,7 +201,7 @@ def talus(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
             )
             z = Talus(seed=FIRST_SLOPE + k).elevation()
             result = rockfall.run(one, dem=z, transform=place, zones=zones())
-            runs.append(numbers_beside([(result, seen)]) | dict(_quantiles(result, seen)))
+            runs.append(comparable_numbers([(result, seen)]) | dict(_quantiles(result, seen)))
         yield from rows_of(name, runs)
 
 
@@ -233,7 +233,7 @@ def event(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
     for law in site_laws(given, TALUS_TABLES, ON_TALUS):
         of_law = case.replace(**law.everywhere("compact"))
         runs = [
-            numbers_beside([(rockfall.run(of_law.replace(case={"seed": seed})), seen)])
+            comparable_numbers([(rockfall.run(of_law.replace(case={"seed": seed})), seen)])
             for seed in given.seeds
         ]
         yield from rows_of(law.name, runs)

@@ -152,7 +152,7 @@ contains
       call summary(case, state, checkpoint%store)
       if (allocated(inputs%scene%grounds)) &
          call ground_summary(inputs%scene%grounds(:n_grounds(inputs%scene)), state%by_ground)
-      write (output_unit, "(3a)") output, ": `rockfall merge ... --output OUT.nc` makes the result of it"
+      write (output_unit, "(3a)") output, ": make a result by `rockfall merge ... --output OUT.nc`"
    end subroutine run_to
 
    subroutine print_help()
@@ -162,20 +162,20 @@ contains
          "Runs a case that `rockfall prepare` made: the same numbers as `rockfall run`, no Python.", &
          "The result is a part file: `rockfall merge PART ... -o OUT.nc` makes the result of one or many.", &
          "", &
-         "  --scene FILE         default: scene.nc beside the case", &
-         "  -o, --output PART    default: name of the case, .partIofN, here", &
-         "  --boulders N         released from each source", &
-         "  --boulders-total N   released from all sources together", &
-         "  --seed N             of the random numbers", &
-         "  --threads N          0 = all cores", &
-         "  --shard I/N          the I-th of N parts", &
-         "  --checkpoint SECONDS between checkpoints, in PART.checkpoint; default: 60, 0 = none", &
-         "  --overwrite          replace existing files, never inputs; default: refuse", &
-         "  --resume             go on from the last checkpoint, if any, also one of `rockfall run`", &
-         "  --quiet              no summary", &
+         "  --scene FILE         default: scene.nc next to the case", &
+         "  -o, --output PART    default: CASE.partIofN in the current folder", &
+         "  --boulders N         boulders from each source", &
+         "  --boulders-total N   boulders from all sources together", &
+         "  --seed N             random seed", &
+         "  --threads N          number of threads; 0 = all cores", &
+         "  --shard I/N          run part I of N", &
+         "  --checkpoint SECONDS time between checkpoints in PART.checkpoint; default: 60, 0 = none", &
+         "  --overwrite          replace existing outputs, never inputs", &
+         "  --resume             continue from the last checkpoint, also of `rockfall run`", &
+         "  --quiet              print no summary", &
          "  -h, --help, --version", &
          "", &
-         "Exit status: 0 done, 2 the input is wrong, 1 a fault of ours, 130 and 143 stopped by Ctrl-C or", &
+         "Exit status: 0 done, 2 wrong input, 1 internal error, 130 and 143 stopped by Ctrl-C or", &
          "SIGTERM: boulders done are in PART.checkpoint, --resume continues."]
       integer :: k
 
@@ -253,7 +253,7 @@ contains
       n = count(state%integers(:, findloc(state%integer_columns, capped, dim=1)) > 0)
       if (n > 0) call warn(integer_text(n)//" of "//integer_text(state%boulders)//" boulders reached &breakage " &
                            //"max_fragments = "//integer_text(case%breakage%max_fragments) &
-                           //": what would have broken further stayed whole")
+                           //": further breakage was omitted")
    end subroutine warn_of_breakage
 
    !> Print the ground types and their rebounds.

@@ -239,7 +239,7 @@ def test_two_runs_of_a_laboratory_do_not_write_one_file(place, capsys):
     pytest.importorskip("fcntl", reason="its locks are those between processes")
     with locked(place / "lab.nc", print):
         assert main(["lab", "impact", "lab.nml", "-o", str(place / "lab.nc")]) == 2
-    assert "another run is at work on this output" in capsys.readouterr().err
+    assert "another run is writing this output" in capsys.readouterr().err
     assert [path.name for path in place.iterdir()] == ["lab.nml"]
 
 

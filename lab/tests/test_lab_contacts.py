@@ -271,7 +271,7 @@ def test_what_cannot_be_is_one_line_and_nothing_is_written(name, place, capfd):
 HEAD = ",".join(SPEEDS)
 TABLES = {
     "one row": (HEAD + "\n5,-2,1,3,1,2\n", "all ratios: 1 impacts: at least 60 are needed .*"),
-    "bytes": (b"\x89PNG\xff\xfe", r"is a picture \(PNG\), no table in CSV: save the table as CSV"),
+    "bytes": (b"\x89PNG\xff\xfe", r"is a picture \(PNG\), not a CSV table: save the table as CSV"),
 }
 
 

@@ -26,7 +26,7 @@ class Accessor:
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name not in OF_RESULTS:
-            raise AttributeError(f"rockfall has no function {name!r} of a result")
+            raise AttributeError(f"rockfall has no function {name!r} for results")
         return partial(getattr(import_module("rockfall"), name), self._dataset)
 
     def __dir__(self) -> list[str]:

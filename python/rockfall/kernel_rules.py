@@ -16,7 +16,7 @@ def kernel_numbers(name: str) -> np.ndarray:
 
 Z = _core.constant("z_95")  # of a normal distribution, 95 % within
 PIECE = int(_core.constant("piece"))  # values of a part or a scene with a common checksum
-limit_ranks = _core.limit_ranks  # of the interval of a quantile of n values (binomial)
+limit_ranks = _core.limit_ranks  # binomial interval of a quantile of n values
 USUAL_DENSITY = _core.constant("usual_density")  # of boulders on tables of impacts [kg/m3]
 USUAL_WEIGHT = _core.constant("usual_weight")  # [N/m3]
 decimal = _core.decimal  # number in a text, as in all files; NaN if invalid
@@ -24,7 +24,7 @@ EAD_ENERGY = tuple(kernel_numbers("ead_energy").tolist())  # of barriers of clas
 barrier_outcomes = _core.barrier_outcomes  # of a barrier with boulders that reach it
 line_quantities = _core.line_quantities  # at a line: of motion (6, n), volumes and masses
 points_along = _core.points_along  # a line, at distances
-# Of samples (rockfall_samples):
+# Constants of samples (rockfall_samples):
 SAMPLE_BINS = int(_core.constant("sample_bins"))
 SAMPLE_COARSE = int(_core.constant("coarse_bins"))
 SAMPLE_BITS = int(_core.constant("base_bits"))  # per digit of sums

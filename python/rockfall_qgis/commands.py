@@ -66,7 +66,7 @@ KINDS = {"lines": {"lines", "barriers", "dams"}, "forest": {"trees", "stands"}}
 COMMANDS = (
     Command(
         "new",
-        "Make a case of layers of the project",
+        "Make a case from layers of the project",
         "Writes case.nml, with comments on what to choose, and layers.gpkg into the folder, "
         "from a DEM and layers of the project. Nothing is run: edit the case there, check it, and "
         "run it.",
@@ -157,12 +157,12 @@ COMMANDS = (
     Command(
         "back",
         "Back-analysis",
-        "Seeks the uncertain inputs of a case that make observations likely.",
+        "Fits the uncertain inputs of a case to observations.",
         (
             CASE,
             Option("OBSERVED", "Observations (CSV)", "files", optional=False),
-            Option("MEMBERS", "Runs at most", "count", "--members"),
-            Option("EFFECTIVE", "Members that the posterior must be worth", "count", "--effective",
+            Option("MEMBERS", "Maximum number of runs", "count", "--members"),
+            Option("EFFECTIVE", "Effective sample size of the posterior", "count", "--effective",
                    advanced=True),
             *OVERRIDES,
             FOLDER,
@@ -186,10 +186,10 @@ COMMANDS = (
     Command(
         "design",
         "Design of barriers",
-        "What barriers at the lines of a result must be, and whether its own are that.",
+        "Requirements for barriers at the lines of a result, and a check of its barriers.",
         (
             RESULT,
-            Option("ALONG", "Line to be followed metre by metre", "text", "--along"),
+            Option("ALONG", "Line to analyse metre by metre", "text", "--along"),
             Option("STANDARD", "Standard", "choice", "--standard", choices=("UNI", "ONR")),
             Option("SURVEY", "Survey of the topography", "choice", "--survey",
                    choices=("poor", "good")),

@@ -234,7 +234,7 @@ def test_a_back_analysis_that_is_stopped_keeps_its_whole_rounds(place, capfd, mo
 
     monkeypatch.setattr("rockfall.studies.study.run_scene", pressed)
     assert main([*words, "-o", "some"]) == 130
-    said = "rockfall: interrupted: some holds the posterior of the first 32 members\n"
+    said = "rockfall: interrupted: some contains the posterior of the first 32 members\n"
     assert capfd.readouterr().err == said
     monkeypatch.setattr("rockfall.studies.study.run_scene", run_scene)
     assert main([*words[:-2], "32", "--effective", "30", "-o", "whole", "--quiet"]) == 0
@@ -273,8 +273,8 @@ def test_bad_arguments_are_one_line(place, capfd, words):
 
 
 DATA = {
-    "x,y,impact\n600060,4999970,1\n": "nothing observed that .* use. Impacts are not used: .*",
-    "distance,percent\n10,50\n": "nothing observed that .* column n, of how many.",
+    "x,y,impact\n600060,4999970,1\n": "the observations contain nothing that .*: .*",
+    "distance,percent\n10,50\n": "the observations contain nothing that .* column n .* is missing.",
     "line,quantity,unit,value\nM,speed,m/s,3\n": "seen.csv: line 2: line M: is not in the case, .*",
 }
 
@@ -288,5 +288,5 @@ def test_data_that_say_nothing_are_one_line(place, capfd, text):
 def test_draws_have_the_inputs_in_their_place(place, capfd):
     Path("draws.csv").write_text("radius_1\n1\n")
     Path("case.nml").write_text(CASE.replace("source_shift = 1.0", "draws = 'draws.csv'"))
-    said = "case.nml: &ensemble radius_factor = 1.5: must be 1: draws has it"
+    said = "case.nml: &ensemble radius_factor = 1.5: must be 1: draws gives it"
     refuses(["ensemble", "case.nml"], said, capfd)

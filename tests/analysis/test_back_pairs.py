@@ -127,7 +127,7 @@ def test_an_ensemble_keeps_what_it_drew_of_each_ground(folder):
 
 BAD = {
     "ground = 'road', uniform_mean_radius = 0.2|strength_factor = 2.0": "case.nml: &ensemble "
-    "strength_factor: has no effect: no ground has strength and relief: take it out",
+    "strength_factor: has no effect: no ground has strength and relief: remove it",
     "ground = 'talus'|relief_factor = 1.2, sets = 'talus-ensemble'": "case.nml: &ensemble "
     "relief_factor: is not valid together with tables in sets, which replace grounds",
     "ground = 'talus'|strength_factor = 0.5": "case.nml: &ensemble strength_factor = 0.5: must be "

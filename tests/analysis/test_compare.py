@@ -128,7 +128,7 @@ HOSTILE = {
     "half a release": ("x,y,start_x\n1,2,3\n",
         "o.csv: line 2: start_x = 3: needs start_x and start_y together"),
     "releases of some": ("x,y,start_x,start_y\n1,2,3,4\n1,2,,\n",
-        "o.csv: line 3: start_x, start_y: must be there in all rows, or in none"),
+        "o.csv: line 3: start_x, start_y: must be given in all rows or in none"),
     "unknown quantity": (
         SAMPLES + "N,velocity,m/s,3\n",
         "o.csv: line 2: quantity = velocity: must be speed, jump_height, passing_height, omega, "
@@ -150,13 +150,13 @@ HOSTILE = {
     "unknown method": (NUMBERS + "N,speed,m/s,5,1,9,8,C\n",
         "o.csv: line 2: method = C: must be observed, A, B"),
     "numbers twice": (NUMBERS + "N,speed,m/s,5,1,9,8,A\nN,speed,m/s,5,1,9,8,A\n",
-        "o.csv: line 3: line N, method A, quantity speed: stands already in o.csv: line 2"),
+        "o.csv: line 3: line N, method A, quantity speed: duplicates o.csv: line 2"),
     "fraction above 1": ("distance,fraction\n5,60\n",
         "o.csv: line 2: fraction = 60: must be a number >= 0 and <= 1"),
     "more boulders farther": ("distance,percent\n50,60\n20,30\n",
         "o.csv: line 2: fraction 0.6 at distance 50: must be <= 0.3, that of distance 20"),
     "distance twice": ("distance,percent\n50,60\n50.0,30\n",
-        "o.csv: line 3: distance 50.0: stands already in o.csv: line 2"),
+        "o.csv: line 3: distance 50.0: duplicates o.csv: line 2"),
     "unknown line": (SAMPLES + "N,speed,m/s,3\nT,speed,m/s,3\n",
         "o.csv: line 3: line T: is not in the result, which has N, S"),
     "of the other method": (NUMBERS + "N,speed,m/s,5,1,9,8,A\n",
@@ -347,7 +347,7 @@ def test_several_sources_are_said(of_two):
     assert "Boulders from one of 2 sources are dependent" in as_text(found)
     found = compare(of_two, file("x,y\n150,300\n"))
     assert len(found.stops) == 1 and not len(found.passing) and not len(found.ks)
-    assert "No distances: which of 2 sources" in as_text(found)
+    assert "No distances: the source of each" in as_text(found)
 
 
 def test_without_a_map_places_give_distances_alone(result, of_two):
@@ -463,7 +463,7 @@ def test_impacts_stand_beside_what_passes_their_cells(tmp_path):
     assert found.contacts["reach_probability"][1] == 0
     assert found.contacts["tree"].to_list() == ["fir", ""]
     said = " ".join(as_text(found).split())
-    assert "speed above the maximum of all passing boulders, of 1 known 1" in said
+    assert "speed above the maximum of all passing boulders (1 known values) 1" in said
     assert "Columns kept but not read: tree." in said
 
 

@@ -642,7 +642,7 @@ def test_an_ensemble_that_is_stopped_keeps_what_was_done(place, capfd, monkeypat
 
     monkeypatch.setattr("rockfall.studies.study.run_scene", pressed)
     assert main(["ensemble", "case.nml", "--runs", "12", "-o", "some.nc", "--quiet"]) == 130
-    said = "rockfall: interrupted: some.nc holds the first 9 of 12 draws, as --runs 9 has them\n"
+    said = "rockfall: interrupted: some.nc contains the first 9 of 12 draws, as with --runs 9\n"
     assert capfd.readouterr().err == said
     monkeypatch.setattr("rockfall.studies.study.run_scene", run_scene)
     assert main(["ensemble", "case.nml", "--runs", "9", "-o", "nine.nc", "--quiet"]) == 0

@@ -156,7 +156,7 @@ def test_a_point_without_a_width_has_no_levels(tmp_path):
     found = hazard(make_case(tmp_path, line=[]), objects=layer)
     assert np.isnan(found["object_energy_by_period"].values).all()
     assert "line" not in found.dims
-    with pytest.raises(rockfall.RockfallError, match="pole: is a point without a width"):
+    with pytest.raises(rockfall.RockfallError, match="pole: a point without a width"):
         rockfall.return_period(found, "pole", energy=30e3)
 
 

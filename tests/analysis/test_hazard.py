@@ -443,21 +443,20 @@ def test_objects_that_cannot_be_are_refused(tmp_path, layer):
         ([ONE | {"frequency_per": "km2"}], {},
          "&scenario frequency_per = 'km2': is not valid for points, which have no area"),
         ([ONE | {"frequency_per": "m"}], {},
-         "&scenario frequency_per, cliff_length: 'm' and the length need each other"),
+         "&scenario frequency_per, cliff_length: 'm' and cliff_length must be given together"),
         ([ONE | {"cliff_length": 80.0}], {},
-         "&scenario frequency_per, cliff_length: 'm' and the length need each other"),
+         "&scenario frequency_per, cliff_length: 'm' and cliff_length must be given together"),
         ([ONE, ONE], {}, "line 33: &scenario name = 'one': must be unique among scenarios"),
         ([ONE], {"hazard": {"matrix": ["extreme"] * 9}},
          "&hazard matrix (value 1) = 'extreme': must be one of: residual, low, moderate, high"),
         ([ONE], {"hazard": {"thresholds": [50.0]}},
          "&hazard matrix = 'moderate', 'low', 'low', 'high', 'moderate', 'moderate', 'high', "
-         "...: must be 2 times 3 classes: below, between and above the thresholds, for each of "
-         "return_periods"),
+         "...: must be 2 x 3 classes: 2 intensities, each with 3 return periods"),
         ([ONE], {"hazard": {"matrix": ["low"] * 8 + ["residual"]}},
          "&hazard matrix = 'low', 'low', 'low', 'low', 'low', 'low', 'low', 'low', 'residual': "
-         "must not fall where boulders are stronger or more frequent"),
+         "must not decrease with energy or frequency"),
         ([ONE], {"hazard": {"return_periods": [100.0, 30.0, 300.0]}},
-         "&hazard return_periods = 100.0, 30.0, 300.0: each must be above the one before"),
+         "&hazard return_periods = 100.0, 30.0, 300.0: must increase"),
     ],
 )  # fmt: skip
 def test_scenarios_and_matrices_that_make_no_sense_are_refused(tmp_path, scenario, groups, message):

@@ -112,7 +112,7 @@ def test_layers_of_one_file_and_files_of_one_name(tmp_path, layers):
         hazard(tmp_path, [site, *layers[:2]], objects_layer=["roads", "houses"])
     with refused(f"{site}, layer roads: is given twice as a layer of objects"):
         hazard(tmp_path, [site, site], objects_layer=["roads", "roads"])
-    with refused(f"{site}: has 2 layers (houses, roads); name one with --objects-layer"):
+    with refused(f"{site}: has 2 layers (houses, roads); choose one with --objects-layer"):
         hazard(tmp_path, [layers[0], site])
 
 
@@ -165,7 +165,7 @@ def test_attributes_that_are_not_used_are_listed(tmp_path, given, listed):
     ({"aadt": 292_000.0}, "aadt = 292000, as in 1 of 1 features: vehicles a day: are they"),
     ({"speed": 22.0}, "speed = 22, as in 1 of 1 features: is it in m/s?"),
     ({"vehicle_length": 540.0}, "vehicle_length = 540, as in 1 of 1 features: is it in cm?"),
-    ({"persons_per_vehicle": 1280.0}, "persons in a vehicle: are they for a day?"),
+    ({"persons_per_vehicle": 1280.0}, "persons in a vehicle: are they per day?"),
     ({"aadt": 0.2}, "aadt = 0.2, as in 1 of 1 features: vehicles a day: are they for"),
     ({"trips": 700.0}, "trips = 700, as in 1 of 1 features: passages of a person a day: are they"),
     ({"speed": 120.0, "aadt": 40_000.0, "width": 30.0, "trips": 20.0}, None),

@@ -85,7 +85,8 @@ def test_another_unit_at_a_line_is_named(what, kind, result):
     found = doubts(result, path)
     assert len(found) == bool(other)
     if other:
-        assert found[0].startswith("S: ") and found[0].endswith(f" this run: are they in {other}?")
+        assert found[0].startswith("S: ")
+        assert found[0].endswith(f" simulated ones: are they in {other}?")
 
 
 @pytest.mark.parametrize("ratio, other", [
@@ -93,7 +94,7 @@ def test_another_unit_at_a_line_is_named(what, kind, result):
 ])  # fmt: skip
 def test_another_unit_of_a_distance_is_named(ratio, other, result):
     ours = np.sort(result["plan_distance"].values)
-    text = f"times those of this run: are they in {other}?"
+    text = f"times the simulated ones: are they in {other}?"
     paths = [
         file("distance", *((value,) for value in ours[::10] * ratio)),
         file("distance,percent", *((np.quantile(ours, 1 - part / 100) * ratio, part)

@@ -377,7 +377,7 @@ HOSTILE = {
     "no lines": (["bare.nc"], "bare.nc: has no evaluation lines"),
     "onto the result": (
         ["out.nc", "-o", "out.nc"],
-        "out.nc: must be a file name that ends in .csv",
+        "out.nc: output name must end in .csv",
     ),
 }
 

@@ -172,10 +172,10 @@ def test_curves_of_a_table(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (CURVES + "own,50,0.8,A.\n", "line 4: energy = 50: must be above that of the row before of "
-         "own"),
+        (CURVES + "own,50,0.8,A.\n", "line 4: energy = 50: must be above that of the "
+         "previous row of own"),
         (CURVES + "own,200,0.6,A.\n", "line 4: vulnerability = 0.6: must not be below that of the "
-         "row before of own"),
+         "previous row of own"),
         (CURVES.replace("own", "agliardi2009"), "line 2: name = agliardi2009: is a curve of the "
          "package: choose another name"),
         ("name,energy,vulnerability\n", "no column source, has: name, energy, vulnerability"),

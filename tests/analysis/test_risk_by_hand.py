@@ -343,9 +343,9 @@ HEAD = "name,energy,vulnerability,source\n"
         (HEAD + "a,1,1.2,b\n", "line 2: vulnerability = 1.2: must be a number >= 0 and <= 1"),
         (HEAD + "a,1,nan,b\n", "line 2: vulnerability = nan: must be a number >= 0 and <= 1"),
         (HEAD + "a,1,0.2,b\na,1,0.3,b\n",
-         "line 3: energy = 1: must be above that of the row before of a"),
+         "line 3: energy = 1: must be above that of the previous row of a"),
         (HEAD + "a,1,0.2,b\na,2,0.1,b\n",
-         "line 3: vulnerability = 0.1: must not be below that of the row before of a"),
+         "line 3: vulnerability = 0.1: must not be below that of the previous row of a"),
         (HEAD + "agliardi2009,1,0.2,b\n",
          "line 2: name = agliardi2009: is a curve of the package: choose another name"),
     ],
@@ -358,7 +358,7 @@ def test_curves_that_cannot_be_are_refused(tmp_path, text, message):
 
 
 def test_curves_need_objects(tmp_path):
-    with refused(f"{tmp_path}/c.csv: curves of vulnerability need objects"):
+    with refused(f"{tmp_path}/c.csv: vulnerability curves require objects"):
         rockfall.hazard(
             make_case(tmp_path), vulnerability=f"{tmp_path}/c.csv", dem=Z, transform=GRID
         )

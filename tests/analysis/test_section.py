@@ -239,7 +239,7 @@ def test_trajectories_of_boulders_that_are_not_kept_are_named(tmp_path):
         said, caption = " ".join(section_notes(found)), section_entry(found).caption
         assert "9 of 50 boulders are recorded" in said, kept
         assert ("numbers at lines and barriers need the rows" in said) == (kept != "all")
-        left_out = "5 more trajectories are recorded and left out: their boulders were not kept"
+        left_out = "5 recorded trajectories are left out: their boulders were not kept"
         assert (left_out in caption) == (used < 9), kept
         assert (left_out in section_figure(found).axes[0].get_title("left")) == (used < 9), kept
         assert ("the 4 of them that are kept count here" in said) == (used < 9), kept
@@ -248,8 +248,8 @@ def test_trajectories_of_boulders_that_are_not_kept_are_named(tmp_path):
     found = " ".join(section_notes(section("none", MAPS)))
     assert "trajectories of 9 of 50 boulders are recorded, and none of these" in found
     with refused(
-        "section: needs rows of the 9 boulders whose trajectories are recorded, and none are "
-        "kept: run with &output kept = 'all', or a number of them"
+        "section: no rows are kept of the 9 boulders with recorded trajectories: run with "
+        "&output kept = 'all', or a larger number"
     ):
         section("none", None)
 
@@ -413,9 +413,9 @@ def test_a_layer_and_pairs_are_the_same(result, tmp_path):
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     pairs = [(150.0, 400.0), (150.0, 20.0)]
     layer = make_layer(tmp_path / "drawn.gpkg", [shapely.LineString(pairs)], crs=UTM)
-    with pytest.warns(UserWarning, match="elevations of the run came from an array"):
+    with pytest.warns(UserWarning, match="elevations were given as an array"):
         one = rockfall.section(result, layer, within=20.0)
-    with pytest.warns(UserWarning, match="elevations of the run came from an array"):
+    with pytest.warns(UserWarning, match="elevations were given as an array"):
         other = rockfall.section(result, pairs, within=20.0)
     assert one.table.equals(other.table)
     two = make_layer(tmp_path / "two.gpkg", [shapely.LineString(pairs)] * 2, crs=UTM)
@@ -457,7 +457,7 @@ def test_command(place, capsys):
         ([*words[:-2], "nowhere.shp", "-o", "new.csv"], "nowhere.shp: no such file"),
         (["report", "case.nc", "--section", "1,2,3,4"], "--section 1,2,3,4: must be X,Y X,Y ..."),
         ([*words, "7", "-o", "new.csv"], "separated by blanks), or a file with one line"),
-        ([*words, "-o", "new.txt"], "new.txt: must be a file name that ends in .csv, .png"),
+        ([*words, "-o", "new.txt"], "new.txt: output name must end in .csv, .png"),
         ([*words, "--within", "-1", "-o", "new.csv"], "within = -1.0: must be > 0 m"),
     ):
         assert main(wrong) == 2
@@ -492,7 +492,7 @@ def test_every_text_of_the_figure_is_translated(language, wide):
 def test_a_page_has_the_section(result, tmp_path, blank_figures):
     pytest.importorskip("jinja2", reason="the report extra is not installed")
     path = tmp_path / "page.html"
-    with pytest.warns(UserWarning, match="elevations of the run came from an array"):
+    with pytest.warns(UserWarning, match="elevations were given as an array"):
         rockfall.report(result, path, section=[(150, 400), (150, 20)], section_within=25.0)
     page = path.read_text()
     about = "60 of 4,500 boulders recorded."

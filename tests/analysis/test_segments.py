@@ -301,7 +301,7 @@ def test_chainage_may_be_an_attribute(tmp_path, read):
     found, _ = read(*lines, length=30.0, name=["K", "K"], chainage=[1200.0, 1380.0])
     assert found.start.tolist() == [1200, 1230, 1380, 1410] and found.roads == ["K"] * 4
     where, rule = f"{tmp_path}/road.gpkg: feature 1: chainage = 5: ", "must be one line"
-    with refused(f"{where}has 2 parts that do not meet: {rule}"):
+    with refused(f"{where}has 2 parts that are not connected: {rule}"):
         read(shapely.MultiLineString([one.coords for one in lines]), chainage=[5.0])
 
 
@@ -311,13 +311,13 @@ def test_what_lies_beyond_the_terrain_is_said(read):
     assert found.start.tolist() == [80, 100, 120] and found.within.tolist() == [False, True, True]
     left, low = remarks
     assert left.endswith("road.gpkg: 4 of 7 segments lie outside the terrain and are left out")
-    assert "1 of 3 segments extend beyond the elevations" in low and "err low" in low
+    assert "1 of 3 segments extend beyond the terrain" in low and "too low" in low
 
 
 def test_sources_on_the_road_are_said(read):
     """Those of the case lie at (120, 380) and (180, 385); a boulder that stays crosses no edge."""
     _, remarks = read(shapely.LineString([(60, 380), (150, 380)]))
-    assert "1 of the sources lie on the road" in remarks[0] and "err low" in remarks[0]
+    assert "1 sources are on the road" in remarks[0] and "too low" in remarks[0]
     assert read(shapely.LineString([(60, 300), (150, 300)]))[1] == []
 
 
@@ -394,7 +394,7 @@ def test_what_cannot_be_is_refused(tmp_path):
     many = tmp_path / "many.gpkg"
     for layer in ("a", "b"):
         make_layer(many, [ROAD], CRS, layer=layer)
-    with refused(f"{many}: has 2 layers (a, b); name one with --segments-layer"):
+    with refused(f"{many}: has 2 layers (a, b); choose one with --segments-layer"):
         hazard(case, many)
 
 

@@ -111,7 +111,7 @@ def test_commands_take_the_files_of_the_case(seen, capsys):
     assert "seen.nml: &observed files = 'seen.csv': no such file" in capsys.readouterr().err
     assert not Path("other.nc").exists()
     assert main(["back", "case.nml"]) == 2
-    assert "or those of &observed in the case" in capsys.readouterr().err
+    assert "or &observed files in the case" in capsys.readouterr().err
 
 
 CASE = "\n&observed files = 'seen.csv' /\n"

@@ -227,7 +227,7 @@ def test_a_stopped_run_goes_on(here, capsys, monkeypatch):
     assert not (here / "out").exists() and (here / "out.today.checkpoint").exists()
     monkeypatch.setattr("rockfall.studies.study.run_scene", run_scene)
     file = f"{here.as_posix()}/out.today.checkpoint"
-    stopped = f"{file}: holds 120 boulders of a variant, stopped: .*"
+    stopped = f"{file}: contains 120 boulders of a variant: .*"
     refuses(["variants", "case.nml", "-o", "out"], stopped, capsys)
     assert main(["variants", "case.nml", "-o", "out", "--quiet", "--resume"]) == 0
     same_results(rockfall.read_result("out/today.nc"), rockfall.run(variants(case)["today"]))
@@ -354,7 +354,7 @@ def test_other_heights_of_release_can_be_compared(tmp_path):
 
 def test_a_case_with_variants_needs_a_choice(here, capsys):
     case = site(here, GROUPS)
-    rule = "has the variants today, net, Räumung 1: `rockfall variants` runs all, --variant NAME .*"
+    rule = "the variants are today, net, Räumung 1: run all by `rockfall variants`, .*"
     with refused(f"&variant: {rule.removesuffix('.*')}"):
         rockfall.run(case)
     for words in (["run", "case.nml"], ["prepare", "case.nml", "a"], ["ensemble", "case.nml"],

@@ -46,7 +46,7 @@ from rockfall.studies.back.contributions import contributions
 from rockfall.studies.back.deposited import Deposited
 from rockfall.studies.back.marked import Marked
 from rockfall.studies.back.posterior import alone_table, posterior_table, warnings
-from rockfall.studies.validation import numbers_beside
+from rockfall.studies.validation import comparable_numbers
 from rockfall.tables.back import back_text
 from rockfall.tables.comparison import comparison_text as as_text
 from scenes import grid, make_case, sets
@@ -339,8 +339,8 @@ HOSTILE = {
     "elevation there",
     "impact,x,y,height\n1,600100,5001000,2\n": "seen.csv: line 2: x = 600100, y = 5001000: lies "
     "outside the terrain, .*",
-    "x,y,source\n600100,4999800,3\n": "seen.csv: line 2: source = 3: no boulder starts from a "
-    "source of this name, has: 1, 2",
+    "x,y,source\n600100,4999800,3\n": "seen.csv: line 2: source = 3: not a source of the run, "
+    "sources: 1, 2",
     "x,y,volume\n600100,4999800,0\n": r"seen.csv: line 2: volume = 0: must be > 0 \[m3\], or empty",
     "impact,x,y,height,side\n1,600100,4999800,2,400\n": "seen.csv: line 2: side = 400: must be a "
     "number >= 0 and <= 360",
@@ -474,7 +474,7 @@ def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, caps
     sizes = {0.2: None, 0.05: None}
     for size in sizes:
         run = rockfall.run(case(folder, 300, 8, surface={"uniform_mean_radius": size}), **HOW)
-        sizes[size] = rockfall.compare(run, seen), numbers_beside([(run, seen)])
+        sizes[size] = rockfall.compare(run, seen), comparable_numbers([(run, seen)])
     (good, in_good), (bad, in_bad) = sizes[0.2], sizes[0.05]
     assert good.at_rest["source"].tolist() == ["1", "2", "all"]
     assert good.at_rest["n_observed"].sum() == len(seen.stops)
@@ -496,7 +496,7 @@ def test_only_boulders_in_the_area_that_was_walked_count(truth, tmp_path, monkey
     walked = read_observed("walked.gpkg", grid=grid(TERRAIN))
     assert "walked.gpkg: the area in which blocks at rest were mapped." in walked.notes
     all_seen = witnessed(result)
-    with pytest.raises(RockfallError, match=r"block \d+: .*: lies outside of the area in which"):
+    with pytest.raises(RockfallError, match=r"block \d+: .*: is outside the area"):
         witnesses(result, replace(all_seen, area=walked.area))
     inside = all_seen.stops[:, 1] >= 150
     seen = replace(

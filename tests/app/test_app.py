@@ -892,7 +892,7 @@ def test_variants_of_a_case_are_listed_run_and_taken_as_the_document(serve, vari
     assert [one["name"] for one in taken["lines"]] == ["L", "Netz"]
     page.send("save", name="one")
     saved = page.until("saved")
-    assert saved["remark"].startswith("written without the &variant groups: this state is based on")
+    assert saved["remark"].startswith("written without the &variant groups: this state includes")
     same_ends(cases["net"], rockfall.read_case("one.nml"))
     for kind in "compare", "edit":
         page.send(kind, variant="dug", revision=2)

@@ -99,7 +99,8 @@ def test_a_scene_file_is_the_variables_of_its_description(ready):
 ARGUMENTS = {
     (): "a case file is needed: see rockfall-batch --help",
     ("none.nml",): "none.nml: no such file",
-    (CASE, CASE): f"{CASE}: there is a case file already, {CASE}: see rockfall-batch --help",
+    (CASE, CASE): f"{CASE}: only one case file is allowed, not also {CASE}: see "
+                  "rockfall-batch --help",
     (CASE, "--bolders=3"): "--bolders=3: unknown option: see rockfall-batch --help",
     (CASE, "--boulders"): "--boulders: a value is missing: see rockfall-batch --help",
     (CASE, "--boulders", "many"): "--boulders many: must be an integer",
@@ -228,7 +229,7 @@ HOSTILE = {
 def test_a_scene_that_cannot_be_is_refused(what, ready, batch):
     name, about, said = HOSTILE[what]
     spoil(ready / "ready/scene.nc", name, **about)
-    words = f"ready/scene.nc: is damaged: {said} is missing, or not as a scene file has it"
+    words = f"ready/scene.nc: is damaged: {said} is missing or malformed"
     refused_in_one_line(batch(CASE, cwd=ready), words)
 
 
@@ -280,9 +281,7 @@ def test_a_full_disk_is_one_line(limit, told, ready, batch):
 def test_other_commands_say_what_finishes_a_part(ready, batch, capsys):
     assert batch(CASE, "-o", "part.nc", "--quiet", cwd=ready).returncode == 0
     path = ready / "part.nc"
-    said = (
-        f"rockfall: {path}: is a part of a run: `rockfall merge` makes the result of one or many\n"
-    )
+    said = f"rockfall: {path}: is a part of a run: make a result by `rockfall merge`\n"
     for words in (["lines", path], ["report", path], ["export", path, ready / "out"],
                   ["figures", path, ready / "out"]):  # fmt: skip
         assert main([*map(str, words)]) == 2

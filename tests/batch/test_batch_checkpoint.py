@@ -218,7 +218,7 @@ def test_a_lock_is_heeded_by_both_and_ends_with_its_process(many, batch):
     while not (many / "a.nc.lock").exists():
         time.sleep(0.01)
     time.sleep(0.05)
-    refused(many, "a.nc.lock: another run is at work on this output")
+    refused(many, "a.nc.lock: another run is writing this output")
     running.kill()
     running.wait()
     few = ("--boulders", "1")
@@ -226,7 +226,7 @@ def test_a_lock_is_heeded_by_both_and_ends_with_its_process(many, batch):
     assert not (many / "a.nc.lock").exists()
     (many / "a.nc").unlink()
     (many / "a.nc.lock").write_text("mine")
-    refused(many, "a.nc.lock: exists and is no lock: choose another output")
+    refused(many, "a.nc.lock: exists but is not a lock: choose another output")
 
 
 def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch):

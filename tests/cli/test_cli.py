@@ -402,7 +402,7 @@ def test_ctrl_c_keeps_the_boulders_done(place):
     assert child.returncode == 130 and out == ""
     said = re.fullmatch(
         rf"(?:{PROGRESS})*"
-        r"rockfall: interrupted: part.nc holds the first ([\d,]+) of 3,000,000 boulders "
+        r"rockfall: interrupted: part.nc contains the first ([\d,]+) of 3,000,000 boulders "
         r"and is a valid result, --resume continues\n",
         err,
     )

@@ -243,8 +243,8 @@ def test_an_object_beyond_the_elevations_is_said(hazard_case, capsys):
             "--objects-layer", capsys)  # fmt: skip
     assert main([*words, "--objects-layer", "objects"]) == 0
     said = capsys.readouterr().err
-    line = "rockfall: warning: several.gpkg: far: beyond the elevations of the terrain no boulder"
-    assert said == f"{line} meets them\n"
+    line = "rockfall: warning: several.gpkg: far: extend beyond the terrain, where no boulder"
+    assert said == f"{line} hits them\n"
 
 
 def test_objects_are_a_layer_and_a_table(found):
@@ -356,11 +356,12 @@ def rockfall_counts():
         ("&scenario name = 'a', frequency = 1.0, return_period = 1.0 /",
          "case.nml: &scenario frequency, return_period, activity: give one of the three"),
         ("&scenario frequency = 1.0 /",
-         "case.nml: &scenario name is missing: text, of a class of boulders, with its frequency"),
+         "case.nml: &scenario name is missing: text, name of a class of boulders with its "
+         "frequency"),
         (SCENARIOS + "&hazard thresholds = 30.0, 20.0 /",
-         "case.nml: &hazard thresholds = 30.0, 20.0: each must be above the one before"),
+         "case.nml: &hazard thresholds = 30.0, 20.0: must increase"),
         (SCENARIOS + "&hazard return_periods = 3e1, 20. /",
-         "case.nml: &hazard return_periods = 3e1, 20.: each must be above the one before"),
+         "case.nml: &hazard return_periods = 3e1, 20.: must increase"),
         (SCENARIOS + "&hazard matrix = 9*'fatal' /",
          "case.nml: &hazard matrix .value 1. = 'fatal': must be one of: residual, low, moderate, "
          "high"),

@@ -74,11 +74,12 @@ def test_a_report_refuses_what_is_of_another_terrain(place, capsys):
     elsewhere(steeper=0.1)
     assert main(["models", "case.nml", "-o", "more", "--quiet", "--overwrite"]) == 0
     words = ["report", "out.nc", "--models", "more/models.nc"]
-    refuses(words, "more/models.nc: belongs to another case: other terrain", capsys)
+    refuses(words, "more/models.nc: belongs to another case: terrain differs", capsys)
     elsewhere(crs="EPSG:32633")
     assert main(["models", "case.nml", "-o", "more", "--quiet", "--overwrite"]) == 0
-    refuses(words, "more/models.nc: has another coordinate system: .*33N in place of .*32N", capsys)
-    refuses([*words[:-1], "out.nc"], "out.nc: is no models.nc of `rockfall models`", capsys)
+    said = "more/models.nc: has a different coordinate system: .*33N in place of .*32N"
+    refuses(words, said, capsys)
+    refuses([*words[:-1], "out.nc"], "out.nc: is not a models.nc of `rockfall models`", capsys)
     elsewhere()
     Path("case.nml").write_text(CASE.replace("y = 4999930.0,", "y = 4999935.0,"))
     assert main(["models", "case.nml", "-o", "more", "--quiet", "--overwrite"]) == 0
@@ -103,9 +104,9 @@ def test_variants_of_a_site_may_be_compared_and_others_not(place, capsys):
     run(moved, "far.nc")
     capsys.readouterr()
     for words in (["compare", "observed.csv"], ["design"]):
-        said = "crs.nc: has another coordinate system: .*33N in place of .*32N"
+        said = "crs.nc: has a different coordinate system: .*33N in place of .*32N"
         refuses([*words, "bare.nc", "crs.nc"], said, capsys)
-        said = "far.nc: lies elsewhere than bare.nc: no place in common"
+        said = "far.nc: is elsewhere than bare.nc: no place in common"
         refuses([*words, "bare.nc", "far.nc"], said, capsys)
 
 

@@ -68,7 +68,7 @@ def test_a_site_of_every_layer_runs_from_new_to_lines(capsys):
     assert rows.min() == 6 and rows.max() == 11 and scene.x.size == 120
     assert case.case["boulders_total"] == 100_000
     assert scene.rasters.sizes[:, 0].tolist() == [0.3, 0.1]
-    assert "default_zone = 1" in text and "120 cells lie in no polygon" in text
+    assert "default_zone = 1" in text and "120 cells are in no polygon" in text
     result = rockfall.run(case.replace(case={"boulders_total": 360}))
     assert result.sizes["boulder"] == 360
 
@@ -160,9 +160,9 @@ def test_what_is_not_known_is_left_out_and_said(capsys):
     said = capsys.readouterr().out
     for line in (
         "plots.gpkg: left out (polygons with mean_radius",
-        "fence.gpkg: lines (for barriers they need attributes height [m], and capacity",
+        "fence.gpkg: lines (used as lines: barriers need attributes height [m], and capacity",
         "points.gpkg: left out (points with dbh are trees",
-        "cliff_2.gpkg: left out (sources are already those of cliff.gpkg)",
+        "cliff_2.gpkg: left out (sources are already given by cliff.gpkg)",
     ):
         assert line in said and line in Path("case.nml").read_text()
 
@@ -244,22 +244,22 @@ def test_a_hatch_with_a_hole_is_a_layer_of_sources():
 
 
 UNUSABLE = {
-    "cliff.gpkg": ([across(50)], {}, "is named as sources, which must be all points or all"),
-    "fels.gpkg": ([CLIFF, *POINTS], {}, "is named as sources, which must be all points or all"),
-    "relX.gpkg": ([CLIFF, across(50)], {}, "is named as sources, which must be all points or all"),
-    "plots.gpkg": ([CLIFF], {"a": [1]}, "its use is not known, and no sources are given: name it"),
-    "places.shp": (POINTS, {"a": [1, 2]}, "its use is not known, and no sources are given: name"),
+    "cliff.gpkg": ([across(50)], {}, "has the name of sources, which must be all points"),
+    "fels.gpkg": ([CLIFF, *POINTS], {}, "has the name of sources, which must be all points"),
+    "relX.gpkg": ([CLIFF, across(50)], {}, "has the name of sources, which must be all points"),
+    "plots.gpkg": ([CLIFF], {"a": [1]}, "its use is unknown and there are no sources: rename it"),
+    "places.shp": (POINTS, {"a": [1, 2]}, "its use is unknown and there are no sources: rename"),
     "nets.gpkg": (
         [across(150), across(200)], {"height": [4.0, None], "capacity": [500.0, 500.0]},
         "feature 2: height is empty: all features must have a number",
     ),
     "netze.shp": (
         [across(150), across(200)], {"Height": ["4", "3"], "capacity": [500.0, 500.0]},
-        "feature 1: Height = '4' is no number: all features must have a number",
+        "feature 1: Height = '4' is not a number: all features must have a number",
     ),
     "mur.gpkg": (
         [across(150), across(200)], {"height": ["4,5", None], "class": [3, 3]},
-        "feature 1: height = '4,5' is no number: all features must have a number",
+        "feature 1: height = '4,5' is not a number: all features must have a number",
     ),
     "e.gpkg": (
         [across(150), across(200)], {"height": [4.0, 4.0], "capacity": [500.0, None]},
@@ -283,7 +283,7 @@ UNUSABLE = {
         "1 of 3 points lie outside the DEM or without an elevation, such as 605000, 4999958: move",
     ),
     "trees.gpkg": (TREES, {"dbh": [None, 30.0]}, "feature 1: dbh is empty: all features must"),
-    "baum.gpkg": (TREES, {"dbh": ["30", "40 cm"]}, "feature 1: dbh = '30' is no number: all"),
+    "baum.gpkg": (TREES, {"dbh": ["30", "40 cm"]}, "feature 1: dbh = '30' is not a number: all"),
 }  # fmt: skip
 
 
@@ -315,8 +315,8 @@ def test_steep_cells_by_a_file_with_other_layers_are_said(capsys):
     make_layer("site.gpkg", [across(300)], layer="road", a=[1])
     assert new("site.gpkg", "-o", "case.nml") == 0
     assert (
-        "site.gpkg: no layer is known as sources, so steep cells release: rename one of plots to "
-        "source if it was meant" in capsys.readouterr().err
+        "site.gpkg: no layer contains sources, so steep cells are used: otherwise rename one of "
+        "plots to source" in capsys.readouterr().err
     )
 
 
@@ -336,7 +336,7 @@ def test_names_stay_in_their_comments_and_quotes():
     ("make", "arguments", "said"),
     [
         (None, ["none.gpkg", "-o", "case.nml"], "none.gpkg: "),
-        (None, ["dem.tif", "-o", "case.nml"], "dem.tif: is no layer: must end in"),
+        (None, ["dem.tif", "-o", "case.nml"], "dem.tif: is not a layer: its name must end in"),
         (None, ["-o", "case.txt"], "case.txt: output name must end in .nml"),
         (None, ["-o", "there.nml"], "there.nml: already exists; not overwritten"),
         (
@@ -352,12 +352,12 @@ def test_names_stay_in_their_comments_and_quotes():
         (
             lambda: make_layer("cliff.gpkg", [shapely.box(0, 0, 1, 1)]),
             ["cliff.gpkg", "-o", "case.nml"],
-            "cliff.gpkg: no polygon holds the centre of a cell",
+            "cliff.gpkg: no polygon contains a cell centre",
         ),
         (
             lambda: make_layer("a.gpkg", [shapely.box(0, 0, 1, 1)], mean_radius=[0.3]),
             ["a.gpkg", "-o", "case.nml"],
-            "a.gpkg: no polygon holds the centre of a cell",
+            "a.gpkg: no polygon contains a cell centre",
         ),
     ],
 )

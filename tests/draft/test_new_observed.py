@@ -19,7 +19,7 @@ W, N = 600000.0, 5000000.0
 POINTS = [shapely.Point(W + 150, N - 250), shapely.Point(W + 160, N - 270)]
 ROAD = shapely.LineString([(W, N - 300), (W + 300, N - 300)])
 STARTS = {"start_x": [W + 150, W + 155], "start_y": [N - 40, N - 45]}
-ANSWER = "Lowest energy-line angle seen here"
+ANSWER = "Lowest energy-line angle observed at the site"
 
 
 class Terminal(io.StringIO):
@@ -121,7 +121,7 @@ def test_what_cannot_be_compared_is_refused(name, columns, options, fault, capsy
 def test_scars_without_a_name_are_left_out(capsys):
     make_layer("scars.gpkg", POINTS, height=[1.0, 2.0])
     assert new("scars.gpkg") == 0
-    assert "left out (scars need an attribute impact: a name or a number)" in (
+    assert "left out (scars need an attribute impact, a name or number)" in (
         capsys.readouterr().out
     )
 

@@ -97,9 +97,9 @@ def test_every_file_of_rows_says_what_it_became(name, tmp_path, monkeypatch, cap
     said = capsys.readouterr()
     gaps = int(np.isnan(STRIPES).sum())
     assert "steeper than 8" in said.err and said.err.count("\n") == 1  # elevations are random
-    assert "the nodes of a grid of 30 x 20, 1 m apart" in said.out
-    assert "each node is the centre of a cell (corner of the grid 600000, 4999980)" in said.out
-    assert f"{gaps} nodes have no point: nodata" in said.out
+    assert "nodes of a grid of 30 x 20, 1 m apart" in said.out
+    assert "nodes used unchanged as cell centres (corner of the grid 600000, 4999980)" in said.out
+    assert f"{gaps} nodes without a point are nodata" in said.out
     z, grid = read_dem("dem.tif")
     np.testing.assert_array_equal(z, STRIPES.astype("f4"))
     assert (grid.west, grid.north, grid.cell) == (W, N, 1.0)
@@ -165,8 +165,8 @@ SLIPPED = {
     "an index without a name": ("x y z", "{n} {x} {y} {z}", "line 2: more than the 3 columns"),
     "rows longer than the head": ("x;y;z", "{x};{y};{z};7", "line 2: more than the 3 columns"),
     "a longer row later": ("", "{x} {y} {z}{more}", "line 8: more than the 3 columns"),
-    "an index and no head": ("", "{n} {x} {y} {z}", "the first column counts the rows"),
-    "an index from 0": ("", "{n0},{x},{y},{z}", "the first column counts the rows"),
+    "an index and no head": ("", "{n} {x} {y} {z}", "the first column is a row number"),
+    "an index from 0": ("", "{n0},{x},{y},{z}", "the first column is a row number"),
     "elevations first": ("", "{z} {x} {y}", "line 1: the third column, 4999980, is no"),
     "elevations between": ("", "{x} {z} {y}", "line 1: the third column, 4999980, is no"),
     "a number and no head": (

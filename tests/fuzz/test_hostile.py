@@ -118,7 +118,7 @@ def test_texts_past_all_bounds_are_refused_before_they_are_read(tmp_path):
     path.touch()
     os.truncate(path, 10_000_000_000)
     for read in (rockfall.read_case, lambda path: list(table_rows(path))):
-        with refused(f"{path}: larger than 64 MB; not a text file of ours"):
+        with refused(f"{path}: larger than 64 MB, so not a text file of rockfall"):
             read(path)
     path.write_text("zone," + ",".join(map(str, range(1000))) + "\n")
     with refused(f"{path}: line 1: more than 1000 columns"):
@@ -263,11 +263,11 @@ def change_result(path, change):
          "incomplete rockfall result: variable restitution_normal_bin_bounds is missing"),
         (lambda f: f.renameDimension("x", "q"), "passages: is not along y, x"),
         (lambda f: f["status"].setncattr("flag_meanings", "stopped"),
-         "status: has no meaning of its numbers"),
-        (lambda f: f.setncattr("seed", "2"), "seed = 2: is no number"),
+         "status: has no flag_meanings"),
+        (lambda f: f.setncattr("seed", "2"), "seed = 2: is not a number"),
         (lambda f: f["passages"].delncattr("long_name"), "passages: has no type"),
         (lambda f: f["incidence_angle_bin_bounds"].__setitem__((3, 1), np.nan),
-         "incidence_angle_bin_bounds: must be the edges of bins, each above the last"),
+         "incidence_angle_bin_bounds: must be increasing edges of bins"),
         (lambda f: f["x"].__setitem__(3, np.inf), "x: must be a number for every x"),
         (lambda f: f["crossing_velocity_x"].__setitem__(0, np.inf),
          "crossing_velocity_x: must be a number for every crossing"),
@@ -295,7 +295,7 @@ def test_a_result_that_is_not_whole_is_refused(whole, change, said):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda f: f.renameVariable("stop_y", "q"), "the result lacks what goes with it: "),
+        (lambda f: f.renameVariable("stop_y", "q"), "the result is incomplete: "),
         (lambda f: f.renameDimension("boulder", "q"), "whole.nc: .*: is not along boulder$"),
         (lambda f: f["y"].__setitem__(3, 0.0), "dem: coordinate y is not evenly spaced$"),
     ],

@@ -60,7 +60,7 @@ def test_a_run_that_slurm_ends_goes_on(place):
     child.send_signal(signal.SIGTERM)
     out, err = child.communicate(timeout=600)
     assert (child.returncode, out) == (143, "")
-    first = "rockfall: interrupted: part.nc holds the first"
+    first = "rockfall: interrupted: part.nc contains the first"
     said = re.fullmatch(rf"(?:{PROGRESS})*{first} ([\d,]+) of .*\n", err)
     assert err.endswith(" and is a valid result, --resume continues\n")
     number = int(said[1].replace(",", ""))

@@ -133,7 +133,7 @@ def test_what_is_left_out_and_assumed_is_said(drawing, tmp_path):
     lines, remarks = lines_of(path, grid=grid)
     assert len(lines) == 1
     assert remarks == [
-        f"{path}, layer 0: left out, not lines: 1 LINE of no length, 1 POINT, 1 MTEXT, "
+        f"{path}, layer 0: left out, not lines: 1 LINE without length, 1 POINT, 1 MTEXT, "
         "1 POLYLINE, 1 HATCH",
         f"{path}, layer 0: left out: 1 entities in paper space. _CHSPACE in CAD moves them to "
         "model space",
@@ -373,7 +373,7 @@ def test_damaged_drawings_are_one_line(drawing, tmp_path):
             assert str(error).startswith(f"{path}: ") and error.code == 2
     assert refusals > 20
     path.write_bytes(b"PK\x03\x04 no drawing \xff" * 50)
-    with pytest.raises(rockfall.RockfallError, match="not a DXF drawing that can be read"):
+    with pytest.raises(rockfall.RockfallError, match="cannot be read as a DXF drawing"):
         lines_of(path)
 
 
@@ -384,7 +384,7 @@ def test_layers_and_attributes_that_are_not_there_are_one_line(drawing, tmp_path
     path = saved(drawing, tmp_path)
     with refused(f"{path}: no layer texts, has: a, b"):
         lines_of(path, "texts")
-    with refused(f"{path}: has 2 layers (a, b); name one with layer"):
+    with refused(f"{path}: has 2 layers (a, b); choose one with layer"):
         lines_of(path)
-    with refused(f"{path}: no attribute zone; a drawing has none"):
+    with refused(f"{path}: no attribute zone: a drawing has no attributes"):
         burn_polygons(path, GRID, "zone")

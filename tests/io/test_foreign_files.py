@@ -98,7 +98,7 @@ FOREIGN = {
     "e.tif": (b"600000 5000000 812\n", "points in rows", f"make a DEM of them: {DEM}"),
     "f.grd": (b"DSAA\r\n2 2\n", "a Surfer text grid", "make a GeoTIFF of it: rio convert"),
     "g.sgrd": (b"NAME\t= a\n", "a SAGA grid", "make a GeoTIFF of it: rio convert g.sdat g_sdat"),
-    "h.hgt": (b"\x01\x02" * 9, "an SRTM tile without the name of its place", "name it such as"),
+    "h.hgt": (b"\x01\x02" * 9, "an SRTM tile whose name gives no position", "name it such as"),
     "i.asc": (b"north: 5000000\nsouth: 1\n", "a GRASS text grid", "make a GeoTIFF of it: rio"),
     "j.tif": (zipped(), "a ZIP archive", "unpack it"),
     "k.asc": (gzip.compress(b"ncols 2", mtime=0), "compressed (gzip)", "unpack it"),
@@ -121,7 +121,7 @@ def test_other_files_are_refused_as_what_they_are(name):
         read_dem(name)
     cure = cure.format(name=name, stem=Path(name).stem)
     said = str(caught.value)
-    assert said.startswith(f"{name}: is {what}, no raster that is read; {cure}")
+    assert said.startswith(f"{name}: is {what}, which cannot be read as a raster: {cure}")
     assert len(said.split(": ", 1)[1].split()) <= 25
 
 
@@ -129,7 +129,7 @@ def test_layers_are_named():
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     make_layer("a.gpkg", [shapely.Point(1, 2)])
     with refused(
-        "a.gpkg: is a GeoPackage, no raster that is read; make a GeoTIFF of it: "
+        "a.gpkg: is a GeoPackage, which cannot be read as a raster: make a GeoTIFF of it: "
         "rio convert a.gpkg a_gpkg.tif"
     ):
         read_dem("a.gpkg")
@@ -240,26 +240,26 @@ def zipped(*names):
 
 
 @pytest.mark.parametrize(("name", "start", "message"), [
-    ("a.kml", KML, "is KML, no table in CSV: save it as a GeoPackage"),
+    ("a.kml", KML, "is KML, not a CSV table: save it as a GeoPackage"),
     ("a.kml", "\ufeff" + KML.partition("\n")[2], "is KML"),
-    ("a.kmz", zipped("doc.kml"), "is zipped KML, no table in CSV: save it as a GeoPackage"),
+    ("a.kmz", zipped("doc.kml"), "is zipped KML, not a CSV table: save it as a GeoPackage"),
     ("a.gpx", KML.replace("kml", "gpx"), "is GPX"),
     ("a.gml", '<?xml version="1.0"?><wfs:FeatureCollection/>', "is XML"),
     ("a.rts", bytes(8 * 56), "trajectories are not read: give samples and stops as CSV"),
     ("a.PTS", "x,y\n1,2\n", "trajectories are not read: give samples and stops as CSV"),
-    ("a.txt", '{"type": "FeatureCollection", "features": []}', "is JSON, no table in CSV: if it"),
-    ("a.csv", "<!DOCTYPE html><html>", "is a web page, no table in CSV: the download failed"),
-    ("a.xlsx", zipped("[Content_Types].xml"), "is a spreadsheet (.xlsx), no table in CSV: "),
+    ("a.txt", '{"type": "FeatureCollection", "features": []}', "is JSON, not a CSV table: if it"),
+    ("a.csv", "<!DOCTYPE html><html>", "is a web page, not a CSV table: the download failed"),
+    ("a.xlsx", zipped("[Content_Types].xml"), "is a spreadsheet (.xlsx), not a CSV table: "),
     ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1", "is a spreadsheet of Excel 97"),
-    ("a.csv", "x,y\n1,2\n".encode("utf-16"), "is text in UTF-16, no table in CSV: save it as"),
+    ("a.csv", "x,y\n1,2\n".encode("utf-16"), "is text in UTF-16, not a CSV table: save it as"),
     ("a.csv.gz", gzip.compress(b"x,y\n1,2\n", mtime=0),
-        "is compressed (gzip), no table in CSV: unpack it"),
-    ("a.db", b"SQLite format 3\x00", "is a GeoPackage, no table in CSV: name it .gpkg"),
-    ("a.dat", b"\x00\x00\x27\x0a", "is a shapefile, no table in CSV: name it .shp"),
-    ("a.pdf", b"%PDF-1.7", "is a PDF, no table in CSV: save the table as CSV"),
-    ("a.zip", zipped("a.csv"), "is a ZIP archive, no table in CSV: unpack it"),
-    ("a.7z", b"7z\xbc\xaf\x27\x1c", "is a 7z archive, no table in CSV: unpack it"),
-    ("a.png", b"\x89PNG\r\n", "is a picture (PNG), no table in CSV: save the table as CSV"),
+        "is compressed (gzip), not a CSV table: unpack it"),
+    ("a.db", b"SQLite format 3\x00", "is a GeoPackage, not a CSV table: name it .gpkg"),
+    ("a.dat", b"\x00\x00\x27\x0a", "is a shapefile, not a CSV table: name it .shp"),
+    ("a.pdf", b"%PDF-1.7", "is a PDF, not a CSV table: save the table as CSV"),
+    ("a.zip", zipped("a.csv"), "is a ZIP archive, not a CSV table: unpack it"),
+    ("a.7z", b"7z\xbc\xaf\x27\x1c", "is a 7z archive, not a CSV table: unpack it"),
+    ("a.png", b"\x89PNG\r\n", "is a picture (PNG), not a CSV table: save the table as CSV"),
 ])  # fmt: skip
 def test_tables_that_are_none_are_named(name, start, message):
     Path(name).write_bytes(start if isinstance(start, bytes) else start.encode())

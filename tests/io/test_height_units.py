@@ -366,7 +366,7 @@ OTHERS = {
     "depths by the CRS": (lambda z: tiff(z, f"{UTM}+5831"), "has depths"),
     "depths in netCDF": (lambda z: netcdf(z, units="m", positive="down"), "has depths"),
     "unknown unit": (lambda z: tiff(z, unit="rod"), "elevations are in rod"),
-    "a prj that is none": (lambda z: ascii_grid(z, "UTM 32"), "dem.prj: has no CRS that can be"),
+    "a prj that is none": (lambda z: ascii_grid(z, "UTM 32"), "dem.prj: contains no readable CRS"),
     "plan keys: metre, feet": (
         lambda z: keyed(z, PLAN_KEYS | {3076: 9003}), "EPSG:32632 is in metre|cells are in US",
     ),
@@ -464,7 +464,7 @@ CLOUDS = {
     "1.4: heights, plan": (
         lambda: laser(SURVEY, "1.4", systems=["EPSG:6360", UTM]), "has 2 WKT records that differ",
     ),
-    "1.4: heights alone": (lambda: laser(SURVEY, "1.4", systems=["EPSG:6360"]), "heights alone"),
+    "1.4: heights alone": (lambda: laser(SURVEY, "1.4", systems=["EPSG:6360"]), "only vertical"),
     "1.4: an extended record": (
         lambda: laser(SURVEY, "1.4", systems=[UTM], extended=[US_FT]), "2 WKT records that differ",
     ),

@@ -355,7 +355,7 @@ def test_a_result_has_a_name_that_netcdf_opens(place, monkeypatch, capsys):
     if sys.platform != "win32":
         monkeypatch.setattr("rockfall.io.netcdf.NETCDF_NAMES", "cp1252")
     assert main(["run", "case.nml", "-o", "落石.nc", "--quiet"]) == 2
-    told = "netCDF opens no path with letters that the code page of this Windows lacks; rename"
+    told = "netCDF cannot open paths with letters outside the code page of this Windows: rename"
     assert capsys.readouterr().err.startswith(f"rockfall: 落石.nc: {told}")
 
 

@@ -109,7 +109,7 @@ def test_a_header_that_claims_more_than_there_is_is_one_line(tmp_path):
         struct.pack_into(kind, bad, at, value)
         path.write_bytes(bad)
         begin = time.perf_counter()
-        with refused(f"{path}: is cut off: shorter than its header states"):
+        with refused(f"{path}: is truncated: shorter than its header states"):
             read_clouds([path])
         assert time.perf_counter() - begin < 5
 
@@ -138,9 +138,9 @@ def test_files_of_several_systems_are_refused(tmp_path):
         cloud(tmp_path / name, places(), crs=crs)
         for name, crs in (("a.laz", 2056), ("b.laz", 25832), ("c.laz", None))
     )
-    with refused(f"{other}: names EPSG:25832, {one} EPSG:2056: all must name the same"):
+    with refused(f"{other}: names EPSG:25832, {one} EPSG:2056: all must have the same CRS"):
         read_clouds([one, other])
-    with refused(f"{none}: names no CRS, {one} EPSG:2056: all must name the same"):
+    with refused(f"{none}: names no CRS, {one} EPSG:2056: all must have the same CRS"):
         read_clouds([one, none])
     assert len(read_clouds([one, one])[0]) == 6000
     with refused(f"--crs: {one} names its own, EPSG:2056"):

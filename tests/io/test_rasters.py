@@ -170,7 +170,7 @@ def test_netcdf_is_north_up_whichever_way_y_runs(rising, blocks):
 def test_a_variable_of_a_netcdf_file_can_be_named():
     xr.Dataset({"z": georeferenced(hill()), "w": georeferenced(2 * hill())}).to_netcdf("dem.nc")
     np.testing.assert_array_equal(read_dem("dem.nc:w")[0], 2 * hill())
-    with refused("dem.nc: has several rasters, take one of: dem.nc:z, dem.nc:w"):
+    with refused("dem.nc: has several rasters: choose one of dem.nc:z, dem.nc:w"):
         read_dem("dem.nc")
 
 
@@ -346,7 +346,7 @@ BOTH = "the header must have xllcorner and yllcorner, or else xllcenter and yllc
         (HEAD.replace("5\n", "1.000,0\n"),
          "line 5: cellsize = 1.000,0: must be a number, at most 1e12"),
         (HEAD + "NODATA_value none\n", "line 6: NODATA_value = none: must be a number or nan"),
-        (HEAD + "ncols 3\n", "line 6: ncols: is in the header twice"),
+        (HEAD + "ncols 3\n", "line 6: ncols: occurs twice in the header"),
         (HEAD + "nbands 1\n", "line 6: 'nbands' is not a number"),
         (HEAD.replace("yllcorner", "yllcenter"), BOTH),
         (HEAD.replace("cellsize", "dx"), "the header must have cellsize, or else dx and dy"),
@@ -361,7 +361,7 @@ def test_an_ascii_header_is_read_as_strictly_as_the_numbers(head, message):
 def test_text_without_end_is_refused(monkeypatch):
     monkeypatch.setattr("rockfall.io.rasters.ascii_grid._CHUNK", 1000)
     make_ascii("dem.asc", "1 2 3 " + "9" * 10_000)
-    with refused("dem.asc: not text with numbers; damaged"):
+    with refused("dem.asc: is not text with numbers, so it is damaged"):
         read_dem("dem.asc")
 
 
@@ -680,7 +680,7 @@ def test_a_mosaic_is_refused_with_the_command_that_converts_it():
 def test_classic_netcdf_is_refused_with_the_command_that_converts_it(format):
     """Its header may claim more memory than there is, which ends the process."""
     netCDF4.Dataset("dem.nc", "w", format=format).close()
-    said = "dem.nc: is classic netCDF; make netCDF-4 of it: nccopy -k nc4 dem.nc dem_nc4.nc"
+    said = "dem.nc: is classic netCDF: convert it to netCDF-4 by nccopy -k nc4 dem.nc dem_nc4.nc"
     for read in read_dem, read_result:
         with refused(said):
             read("dem.nc")
@@ -735,7 +735,7 @@ def test_a_mask_that_is_another_format_is_not_opened():
 def test_formats_that_any_bytes_would_be_are_not_read():
     Path("dem.bil").write_bytes(b"0123456789abcdef")
     Path("dem.hdr").write_text("nrows 2\nncols 2\nnbits 32\npixeltype float\n")
-    with pytest.raises(RockfallError, match=r"^dem\.bil: is an EHdr grid, no raster that is read"):
+    with pytest.raises(RockfallError, match=r"^dem\.bil: is an EHdr grid, which cannot be read"):
         read_dem("dem.bil")
 
 

@@ -94,7 +94,7 @@ def test_columns_that_are_absent_or_empty_are_nan():
         ("zone,rg70\n1,wide", "line 2: rg70 = wide: must be a number"),
         ("zone,rg70\n1.5,1", "line 2: zone = 1.5: must be an integer"),
         ("zone,rg70\n3000000000,1", "line 2: zone = 3000000000: must fit in 32 bits"),
-        ("zone,rg70\n1,1\n2,1\n1,2", "line 4: zone 1: is in the table twice"),
+        ("zone,rg70\n1,1\n2,1\n1,2", "line 4: zone 1: occurs twice in the table"),
         ("zone,rg70\n1,1,2", "line 2: 3 columns, the header has 2"),
         ("zone,rg70,note\n1,1,2\n2,1,\"open", "line 3: unexpected end of data"),
     ],
@@ -269,7 +269,7 @@ def test_a_geopackage_that_another_program_writes_to():
     Path("a.gpkg-wal").touch()  # as QGIS leaves it while it only reads
     burn_polygons("a.gpkg", utm_grid(), "zone")
     Path("a.gpkg-wal").write_bytes(b"x")
-    with refused("a.gpkg: another program writes to it (a.gpkg-wal); close it there"):
+    with refused("a.gpkg: another program is writing to it (a.gpkg-wal): close it there"):
         burn_polygons("a.gpkg", utm_grid(), "zone")
 
 
@@ -287,7 +287,7 @@ def test_no_layer_reaches_the_network(name, text):
         server.setblocking(False)
         Path(name).write_text(text.format(server.getsockname()[1]))
         with refused(
-            f"{name}: not a vector layer that can be read (no GeoPackage, GeoJSON, shapefile or "
+            f"{name}: cannot be read as a vector layer (GeoPackage, GeoJSON, shapefile or "
             "FlatGeobuf)"
         ):
             inside(name, utm_grid())
@@ -308,7 +308,7 @@ def test_geojson_says_only_where_polygons_lie(old, new, said):
     path = Path(plain_geojson())
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(
-        RockfallError, match=rf"^a\.geojson: not a vector layer that can be read \({said}"
+        RockfallError, match=rf"^a\.geojson: cannot be read as a vector layer \({said}"
     ):
         burn_polygons(path, utm_grid(), "zone")
 
@@ -329,7 +329,7 @@ def test_multipoints_are_points_but_no_object():
     thresholds = np.array([30e3, 300e3])
     objects = read_objects([File("house.gpkg", None, "house")], GRID, thresholds, [])
     assert objects.places.tolist() == [[600005, 4999990]]
-    with refused("points.gpkg: feature 2: is several points: split it, so that each is an object"):
+    with refused("points.gpkg: feature 2: has several points: split it into objects of one point"):
         read_objects([File("points.gpkg", None, "points")], GRID, thresholds, [])
     Path("one.geojson").write_text('{"type": "MultiPoint", "coordinates": [[1, 39], [2, 39]]}')
     assert read_points("one.geojson", Grid(0.0, 40.0, 10.0, nx=6, ny=4), []).x.tolist() == [1, 2]
@@ -470,7 +470,7 @@ def test_several_layers():
 def test_polygons_elsewhere():
     make_layer("a.gpkg", [box(1000, 0, 1010, 10)])
     with refused(
-        "a.gpkg: no polygon holds the centre of a cell: x 601000 to 601010, y 4999960 to 4999970; "
+        "a.gpkg: no polygon contains a cell centre: x 601000 to 601010, y 4999960 to 4999970; "
         "the terrain: x 600000 to 600060, y 4999960 to 5000000"
     ):
         inside("a.gpkg", utm_grid())
@@ -482,7 +482,7 @@ def test_a_file_that_is_no_layer():
     Path("a.gpkg").write_bytes(b"hello")
     with pytest.raises(RockfallError) as caught:
         inside("a.gpkg", GRID)
-    assert re.fullmatch(r"a\.gpkg: not a vector layer that can be read \(.*\)", str(caught.value))
+    assert re.fullmatch(r"a\.gpkg: cannot be read as a vector layer \(.*\)", str(caught.value))
     assert caught.value.code == 2
 
 

@@ -223,7 +223,7 @@ def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
     assert [*drawn] == ["line_speed_1", "line_speed_2", "line_speed_3"]
     assert [len(one.draw().axes) for one in drawn.values()] == [16, 16, 6]
     some = {one.name: one for one in figures(result, most_lines=8)}
-    assert "The 8 of 19 lines that most boulders pass" in some["line_speed"].caption
+    assert "The 8 of 19 lines with the most passing boulders" in some["line_speed"].caption
     assert "of 19 lines" not in drawn["line_speed_1"].caption
     which = drawn_lines(result, 8)
     assert len(which) == 8 and min(passed[which]) >= max(np.delete(passed, which))
@@ -445,7 +445,7 @@ def test_a_result_that_was_moved_with_its_dem_keeps_its_relief(place, monkeypatc
 
 
 def test_the_dem_of_a_run_from_an_array_must_lie_where_it_lay(full, tmp_path):
-    with pytest.warns(UserWarning, match="came from an array"):
+    with pytest.warns(UserWarning, match="were given as an array"):
         assert terrain_of(full) is None
     same = make_raster(tmp_path / "same.tif", Z, TERRAIN[1].transform, crs=None)
     assert terrain_of(full, same) is not None
@@ -513,7 +513,7 @@ def test_the_command_refuses_in_one_line(place, capsys, arguments, message):
 
 
 def test_a_result_without_boulders_is_refused(full):
-    with pytest.raises(RockfallError, match="without boulders has no figures"):
+    with pytest.raises(RockfallError, match="figures need a result with boulders"):
         figures(full.isel(boulder=slice(0)))
 
 

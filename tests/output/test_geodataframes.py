@@ -94,8 +94,8 @@ def test_a_case_without_attributes_hands_out_places(case):
 
 
 def test_layers_of_a_hazard_have_its_frequencies(case, tmp_path):
-    with refused("road: a run has no frequencies a year: give the case &scenario groups, and use "
-                 "rockfall.hazard"):  # fmt: skip
+    with refused("road: a run has no annual frequencies: add &scenario groups to the case, "
+                 "and use rockfall.hazard"):  # fmt: skip
         rockfall.exceedance(rockfall.run(case, **PLACE), "road")
     of_scenario = case.replace(scenario=[{"name": "one", "frequency": 0.5}])
     hazard = rockfall.hazard(of_scenario, objects=make_frame([HOUSE], name=["house"]), **PLACE)

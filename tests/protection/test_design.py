@@ -130,7 +130,7 @@ def test_the_free_border_is_half_a_metre_of_small_blocks():
 def test_a_design_block_far_from_the_boulders_is_told(result, volume, is_far):
     told = [text for text in design(result, volume=volume).warnings if "block" in text]
     assert len(told) == is_far
-    assert not is_far or told[0].startswith(f"the design block of {volume:g} m3 is given the ")
+    assert not is_far or told[0].startswith(f"the design block has {volume:g} m3, but its ")
     assert not [text for text in design(result).warnings if "design block" in text]
 
 

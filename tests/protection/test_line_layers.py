@@ -215,7 +215,7 @@ def test_zones_and_sources_name_a_layer(case, capsys):
     scene = read_scene(of_site)
     assert (scene.x.size, set(scene.rasters.zone.ravel().tolist())) == (24, {1})
     for group, key, layer, message in (
-        ("surface", "zones_layer", None, r"site.gpkg: has 3 .*; name one with zones_layer"),
+        ("surface", "zones_layer", None, r"site.gpkg: has 3 .*; choose one with zones_layer"),
         ("surface", "zones_layer", "road", "site.gpkg: no attribute zone, has: none"),
         ("release", "polygons_layer", "none", "site.gpkg: no layer none, has: ground, cliff, road"),
     ):
@@ -240,7 +240,7 @@ def refused_cases():
     two = {"file": "two.gpkg"}
     either = "give one of the two"
     case = "case.nml: "
-    yield "line", two, r"two.gpkg: has 2 layers \(road, net\); name one with layer"
+    yield "line", two, r"two.gpkg: has 2 layers \(road, net\); choose one with layer"
     yield (
         "line",
         {"file": "two.gpkg", "layer": "ground"},

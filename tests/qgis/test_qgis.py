@@ -258,7 +258,7 @@ def test_what_is_drawn_is_neither_blank_nor_hidden(opened):
         ("both", "Unable to execute algorithm\nGive either a case, or elevations .*"),
         ("neither", "Unable to execute algorithm\nGive either a case, or elevations .*"),
         ("not zones", r".*layer zones: left out \(.*mean_radius.*\)"),
-        ("not a dam", r".*for a dam they need an attribute height \[m\].*"),
+        ("not a dam", r".*a dam needs an attribute height \[m\].*"),
         ("no ground", r".*dem\.tif: no ground: give --ground GROUND, of rock, .*"),
         ("again", r".*case\.nml: already exists; not overwritten.*"),
     ],
@@ -331,7 +331,7 @@ def test_a_cancelled_run_keeps_what_is_done(site, monkeypatch):
     program = load(PLUGIN / "program.py")
     assert main(["new", "dem.tif", "site.gpkg", "-o", "long/case.nml"]) == 0
     words = [str(site / "bin/rockfall"), "run", "long/case.nml", "-o", "long/result.nc"]
-    with pytest.raises(program.Interrupted, match="holds the first .* is a valid result"):
+    with pytest.raises(program.Interrupted, match="contains the first .* is a valid result"):
         program.call([*words, "--boulders", "20000", "--threads", "1"], Feedback())
     result = rockfall.read_result(site / "long/result.nc")
     assert 0 < result.sizes["boulder"] < 2_400_000

@@ -89,7 +89,7 @@ def test_a_table_of_species_that_a_user_wrote(tmp_path):
         ("x,y,dbh\n1,2,3\n",
          "trees.csv: has no species: add them, or set &forest conifers or uniform_conifers"),
         ("x,y,dbh,species\n-1,2,3,fir\n1,-2,3,fir\n",
-         "trees.csv: no tree stands on the terrain: x -1 to 1, y -2 to 2; "
+         "trees.csv: all trees are outside the terrain: x -1 to 1, y -2 to 2; "
          "the terrain: x 0 to 300, y 0 to 400"),
     ],
 )  # fmt: skip
@@ -248,7 +248,7 @@ def test_no_trees_where_no_number_is_known(tmp_path):
     [
         ("stems", -1.0, "-1 where trees stand: must be 0 to 1,000,000 stems a hectare"),
         ("stems", 2e6, r"2e\+06 where trees stand"),
-        ("stems", 0.0, "no tree stands on the terrain"),
+        ("stems", 0.0, "all trees are outside the terrain"),
         ("dbh_mean", np.nan, "nan where trees stand: must be > 0 and at most 1000 cm"),
         ("dbh_mean", 0.0, "0 where trees stand"),
         ("dbh_std", -1.0, "-1 where trees stand: must be 0 to 1000 cm"),

@@ -99,10 +99,11 @@ def test_what_cannot_be_is_said_of_the_frame(case):
     with refused("lines: the GeoDataFrame is empty"):
         read_scene(case, lines=make_frame([]))
     with refused(
-        "roads: no layer; those are lines, barriers, dams, zones, trees, stands, clearings, sources"
+        "roads: unknown layer, known: lines, barriers, dams, zones, trees, stands, clearings, "
+        "sources"
     ):
         read_scene(case, roads=make_frame([across(9)]))
-    with pytest.raises(rockfall.RockfallError, match=r"^lines: not a GeoDataFrame that can be"):
+    with pytest.raises(rockfall.RockfallError, match=r"^lines: cannot be read as a GeoDataFrame"):
         read_scene(case, lines=make_frame(["LINESTRING (0 0, 1 1)"]))
     with pytest.raises(rockfall.RockfallError, match=r"^sources: must be Polygons"):
         read_scene(case, sources=make_frame([across(9)]))

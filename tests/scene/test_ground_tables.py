@@ -303,8 +303,8 @@ def test_a_size_that_no_ground_needs_may_be_empty(tmp_path):
 
 def test_a_map_and_zones_with_grounds(tmp_path):
     arrays, surface = zones(tmp_path, "1,0.2,\n2,,road\n3,0.3,\n")
-    with refused("case: &surface ground_map: the zones have grounds of their own "
-                 f"({tmp_path}/zones.csv: line 3): give one of both"):  # fmt: skip
+    with refused("case: &surface ground_map: the zones have their own grounds "
+                 f"({tmp_path}/zones.csv: line 3): give only one"):  # fmt: skip
         arrays["ground_map"] = arrays["zones"]
         read(case_with(tmp_path, ground_map="given", **surface), **arrays)
 

@@ -148,7 +148,7 @@ def test_the_command_writes_a_row_and_adds_others(place, capsys):
         ([], "needs scars for its strength, or a patch"),
         (["--depth", "29", *SCAR[2:]], "depth = 29.0: must be in m, and at most the block"),
         ([*SCAR, "--depth", "nan"], "depth = nan: must be a number"),
-        ([*SCAR, "--volume", "0.3"], "needs mass or volume, and not both"),
+        ([*SCAR, "--volume", "0.3"], "needs either mass or volume"),
         (SCAR[:4], "needs fall or speed"),
         ([*SCAR, "--depth-error", "0.3"], "depth_error = 0.3: must be below depth"),
         ([*SCAR, "--speed-error", "0.3"], "speed_error = 0.3: needs speed"),

@@ -139,7 +139,7 @@ def test_unknown_and_misspelt_attributes_are_listed(tmp_path):
     soil = collection(({"r_n": 0.9, "R_t": 0.5, "bounce_mod": 0}, box(1000, 2000, 1250, 2300)))
     folder = platrock(tmp_path / "simulation", **{"soil.geojson": soil})
     lists = rockfall.import_platrock(folder, tmp_path / "out")
-    assert "soil.geojson: r_n is no attribute that PlatRock reads here" in lists[LEFT]
+    assert "soil.geojson: r_n is not an attribute of PlatRock here" in lists[LEFT]
     assert grounds(tmp_path / "out")["soil_1"]["r_n"] == "0.15"
 
 
@@ -164,10 +164,10 @@ def test_unknown_and_misspelt_attributes_are_listed(tmp_path):
         ("soil.geojson", collection((SOIL | {"R_n": -0.1}, WHERE)), "/soil.geojson",
          "polygon 1: R_n = -0.1: must be a number >= 0"),
         ("soil.geojson", collection(({"number": 5, "R_n": 0.4}, WHERE)), "/soil.geojson",
-         "its attributes are those of rocks and of another layer: rocks, soils and forest need "
+         "has attributes of rocks and of another layer: rocks, soils and forest need "
          "files of their own"),
         ("soils.geojson", collection((SOIL, WHERE)), "/soils.geojson",
-         "soils are already those of soil.geojson"),
+         "soils are already given by soil.geojson"),
         ("other.tif", "", "", f"{ONE} DEM (.asc or .tif), has: dem.asc, other.tif"),
         ("dem.asc", None, "", f"{ONE} DEM (.asc or .tif), has: none"),
         ("more.xyd", "1010,2120,20", "",
@@ -208,7 +208,7 @@ def test_every_folder_of_avaframe_is_in_a_list(tmp_path):
     named = {line.partition(":")[0] for line in (*lists[TAKEN], *lists[LEFT])}
     assert {"SECREL", "RELTH", "DAM", "POINTS", "MINE", "CFGs", "RES/wood.shp", "RES/fsi.asc",
             "hill.asc", "REL/area.asc", "INFRA/infra.asc"} == named  # fmt: skip
-    assert "MINE: not a folder that we know" in lists[LEFT]
+    assert "MINE: unknown folder" in lists[LEFT]
 
 
 @pytest.mark.parametrize("release", ["raster", "shapefiles"])
@@ -263,11 +263,13 @@ def test_refused_folders_of_avaframe(tmp_path):
         with refused(f"{folder}{message}"):
             rockfall.import_avaframe(folder, tmp_path / "out", no_forest=True, **more)
 
-    imported(tmp_path, ": no folder Inputs with REL, as AvaFrame has", ground="talus")
+    imported(tmp_path, ": has no folder Inputs/REL", ground="talus")
     folder = avaframe(tmp_path / "avaHill")
     choices = "rock, rocky-slope, talus, compact, meadow, vegetated-soil, soft-soil"
     imported(folder, f"/Inputs/hill.asc: no ground: give --ground GROUND, of {choices}")
-    with refused(f"--ground: no ground 'slate': must be {choices}, or another of docs/grounds.md"):
+    with refused(
+        f"--ground: no ground 'slate': must be {choices}, or another ground of docs/grounds.md"
+    ):
         rockfall.import_avaframe(folder, tmp_path / "out", ground="slate", no_forest=True)
     make_layer(folder / "Inputs/REL/rel.shp", [shapely.box(*BOX["west"])], name=["a"])
     mixed = "/Inputs/REL: must have shapefiles or rasters, has both"

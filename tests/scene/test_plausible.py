@@ -293,7 +293,7 @@ MISTAKES = {
     "integers": (lambda site: site.dem(np.rint(site.z).astype("i2")), "steps that .* up to 11"),
     "mask of 1 and 255": (mask(1, 255), "cells = 'cells.tif': 255 makes 4,760 cells sources"),
     "all cells": (mask(255, 255), "every cell of the terrain is a source: is 255 an undeclared"),
-    "R_m in cm": (radii("20"), "a mean radius of 20 m: .* is it in cm"),
+    "R_m in cm": (radii("20"), "a mean radius of 20 m .* is it in cm"),
     "density": (put("boulder", density=280.0), "density = 280 kg/m3: rocks have 2000 to 3200"),
     "density of sources": (of_sources(275.0), "rock_density = 275 kg/m3: rocks have 2000 to 3200"),
     "density of a scenario": (scenario(frequency=0.1, density=27.0),
@@ -308,8 +308,8 @@ MISTAKES = {
         volume_max=9.0, volume_exponent=1.5), "name = 'blocks' volume_exponent = 1.5: .* give 0.5"),
     "stop_speed in km/h": (put("impact", stop_speed=18.0), "stop_speed = 18 m/s: boulders this "
         "fast keep moving: is it in km/h?"),
-    "rest_angle in radians": (put("impact", rest_angle=0.66), "rest_angle = 0.66 degrees: so flat "
-        "that hardly any boulder rests: is it in radians, 38 degrees?"),
+    "rest_angle in radians": (put("impact", rest_angle=0.66), "rest_angle = 0.66 degrees: hardly "
+        "any boulder rests at so small an angle: is it in radians .38 degrees.?"),
     "minimum_area in ha": (hazard(minimum_area=0.02),
         "minimum_area = 0.02 m2: smaller than a cell of 25 m2: is it in hectares?"),
     "cliff_length in cm": (scenario(frequency=1e-4, frequency_per="m", cliff_length=40_000.0),
@@ -366,7 +366,7 @@ MISTAKES = {
         r"points = 'sources.csv': the source \(600150, 4999950\) is given 3 times and releases"),
     "stems for each cell": (put("forest", uniform_stems=0.75, uniform_dbh_mean=30.0,
         uniform_dbh_std=5.0, uniform_conifers=50.0),
-        "&forest stems: 0.75 stems a hectare at most: are they for each cell?"),
+        "&forest stems: at most 0.75 stems per hectare: are they stems per cell?"),
     "DBH in m among cm": (trees(*20 * [35.0], 0.32, 0.41),
         "2 of 22 stems are thinner than 1.5 cm: are some diameters in m, others in cm?"),
     "net in dm": (barrier(height=50.0), "height = 50 m: nets are up to 10 m high, is it i"),
@@ -401,7 +401,7 @@ MISTAKES = {
     "return period as a frequency": (scenario(return_period=0.01),
         "return_period = 0.01, .*: 100 boulders in a year: is it a frequency?"),
     "error of the DEM in cm": (put("ensemble", dem_error=15.0, dem_correlation=30.0),
-        "&ensemble dem_error = 15 m: elevations are less certain than the width of a cell of 5 m"),
+        "&ensemble dem_error = 15 m: exceeds the cell width of 5 m"),
     "source given thrice": (put("release", x=POINT["x"] * 3, y=POINT["y"] * 3),
         r"the source \(600150, 4999950\) is given 3 times and releases 3 times"),
     "overlapping zones": (lambda site: site.polygons((0, 200), (100, 300)),
@@ -501,7 +501,7 @@ def test_geocentric_coordinates_are_refused(site):
 def test_results_end_in_nc(site, capsys, monkeypatch, name, verb):
     monkeypatch.chdir(site.folder)
     Path("case.nml").write_text(site.case().text())
-    said = f"{name}: results are netCDF files, their names must end in .nc"
+    said = f"{name}: results are netCDF files: the output name must end in .nc"
     refuses([verb, "case.nml", "-o", name], said, capsys)
 
 

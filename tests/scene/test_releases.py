@@ -426,8 +426,8 @@ def test_observed_boulders_are_set_beside_those_of_their_polygon(case, tmp_path)
     ):
         found = compare(one, seen)
         assert found.notes[0] == (
-            f"Run-out is compared with {n:,} of {mine.size:,} boulders, from the starts of the "
-            f"observed boulders: {names[0]}."
+            f"Run-out is compared with {n:,} of {mine.size:,} boulders, those from the observed "
+            f"release points: {names[0]}."
         )
         assert found.ks["n_simulated"].tolist() == [n]
         assert set(found.run_out["n_simulated"]) == {n} and set(found.run_out["n_observed"]) == {10}

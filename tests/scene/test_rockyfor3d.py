@@ -165,7 +165,7 @@ def test_a_list_of_trees(tmp_path):
     assert notes[:3] == [
         "Treefile.txt: columns after x, y and DBH are left out",
         "nrtrees.asc: left out, Treefile.txt lists the trees",
-        "trees_2010.csv: not a file that we know; left out",
+        "trees_2010.csv: unknown file, left out",
     ]
     trees = read_scene(rockfall.read_case(tmp_path / "case/case.nml")).trees
     found = [[62.5, 137.5, 9], [150, 150.5, 8.5], [30, 31.5, 7]]
@@ -280,7 +280,7 @@ def test_branches_of_a_net_are_told(tmp_path):
     note, *_ = rockfall.import_rockyfor3d(folder, tmp_path / "case")
     assert note == (
         "net_number.asc: net 7: 3 cells branch off its line and stop nothing: "
-        "give them a number of their own"
+        "give them a separate number"
     )
 
 
@@ -423,7 +423,8 @@ def test_rows_that_are_no_trees(tmp_path, row):
          "d3.asc: no data at the source 62.5, 222.5: must be > 0 and at most 1000 m"),
         ({"blshape": layers()["blshape"] + 3},
          "blshape.asc: 5 at the source 137.5, 222.5: must be 0 to 4"),
-        ({"blshape": np.zeros((NY, NX))}, "blshape.asc: 0 at all sources: none has boulders"),
+        ({"blshape": np.zeros((NY, NX))},
+         "blshape.asc: is 0 at all sources, so no boulder is released"),
         ({"soiltype": np.full((NY, NX), 9.0)}, None),
     ],
 )  # fmt: skip

@@ -157,7 +157,7 @@ LEFT, RIGHT = shapely.box(0, 0, 160, 400), shapely.box(150, 0, 300, 400)
         ([ALL], {"conifers": None}, "no attribute conifers or species: add it, or set &forest"),
         ([ALL], {"species": ["palm"]}, "feature 1: species = palm: is not in"),
         ([ALL], {"species": ["spruce 60, fir 20"]}, "feature 1: species = 'spruce 60, fir 20': mu"),
-        ([shapely.box(900, 0, 950, 9)], {}, "no stand lies on the terrain"),
+        ([shapely.box(900, 0, 950, 9)], {}, "all stands are outside the terrain"),
     ],
 )
 def test_a_layer_with_a_fault(tmp_path, shapes, changes, said):
@@ -273,7 +273,7 @@ def test_clearings_with_a_fault(tmp_path):
     with pytest.raises(RockfallError, match="feature 1: density_factor = 1.5: must be 0 to 1"):
         scene_of(tmp_path, MADE | {"clearings": "storm.gpkg"})
     make_layer(tmp_path / "far.gpkg", [shapely.box(900, 0, 950, 9)], crs=None, id=[1])
-    with pytest.raises(RockfallError, match="no stem stands in a polygon of the clearings"):
+    with pytest.raises(RockfallError, match="no stem is in a polygon of the clearings"):
         scene_of(tmp_path, MADE | {"clearings": "far.gpkg"})
     with refused("case: &forest clearings = 'far.gpkg': is only valid with trees, polygons or "
                  "stems"):  # fmt: skip

@@ -177,7 +177,7 @@ def test_statistics_are_those_of_the_function(case):
     pd.testing.assert_frame_equal(
         chosen, table.set_index("quantity").loc[chosen.quantity].reset_index()[table.columns]
     )
-    with refused("quantities: no quantity 'weight', there are speed"):
+    with refused("quantities: unknown quantity 'weight', known: speed"):
         batch.line_statistics(quantities=["weight"])
 
 

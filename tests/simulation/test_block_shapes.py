@@ -341,9 +341,9 @@ SHAPE, SHARE = "block_shape", "block_shape_share"
 #: Values, the key that is refused, how the message goes on.
 WRONG_MIXES = [
     ({SHAPE: ["compact", "round"]}, SHAPE, "(value 2) = 'round': must be one of: "),
-    ({SHAPE: ["platy", "platy"]}, SHAPE, "= 'platy', 'platy': must name each shape once"),
+    ({SHAPE: ["platy", "platy"]}, SHAPE, "= 'platy', 'platy': must list each shape once"),
     ({SHAPE: [*BLOCK_SHAPES, "compact"]}, SHAPE,
-        "= 'compact', 'elongated', 'platy', 'compact': must name each shape once"),
+        "= 'compact', 'elongated', 'platy', 'compact': must list each shape once"),
     ({SHARE: [0.5, 0.5]}, SHARE, "= 0.5, 0.5: must be 3, one for each block_shape"),
     ({SHARE: [0.5, 0.3, 0.3]}, SHARE, "= 0.5, 0.3, 0.3: must sum to 1, and sums to 1.1"),
     ({SHARE: [0.3, 0.3, 0.3]}, SHARE, "= 0.3, 0.3, 0.3: must sum to 1, and sums to 0.9"),
@@ -371,7 +371,7 @@ def test_a_mix_on_grounds_without_a_table_is_refused(tmp_path):
     (tmp_path / "zones.csv").write_text("zone,mean_radius,ground\n" + "".join(
         f"{k},0.3,\n" for k in (1, 2, 3, 4)))  # fmt: skip
     with refused("case: &boulder block_shape = 'compact', 'elongated', 'platy': is only valid with "
-                 "a table of impacts, and no ground has that"):  # fmt: skip
+                 "a table of impacts, which no ground has"):  # fmt: skip
         read_scene(case, **striped())
 
 
@@ -636,9 +636,7 @@ def test_a_part_with_other_shapes_is_refused(gallery, tmp_path, change, message)
 )
 def test_a_scene_file_with_other_numbers_is_refused(tmp_path, name, value):
     done = run_changed(tmp_path, lambda file: file[name].__setitem__(0, value))
-    refused_in_one_line(
-        done, f"scene.nc: is damaged: {name} is missing, or not as a scene file has it"
-    )
+    refused_in_one_line(done, f"scene.nc: is damaged: {name} is missing or malformed")
 
 
 def moved_record(file):
@@ -674,7 +672,7 @@ def test_tables_of_a_scene_file_that_cannot_be_are_refused(tmp_path, change, wor
 
 def test_a_scene_file_of_an_earlier_layout_names_the_command_that_makes_it_again(tmp_path):
     done = run_changed(tmp_path, lambda file: file.setncattr("scene_layout", np.int64(2)))
-    words = "scene.nc: is no scene file of layout 3: `rockfall prepare` makes one"
+    words = "scene.nc: is not a scene file of layout 3: `rockfall prepare` makes one"
     refused_in_one_line(done, words)
 
 

@@ -229,7 +229,7 @@ def test_observations_are_not_those_of_fragments(folder, bare, tmp_path):
     observed = tmp_path / "stops.csv"
     observed.write_text("x,y\n150.0,100.0\n160.0,110.0\n")
     with pytest.raises(
-        rockfall.RockfallError, match="&breakage at = 'both': must be 'none': a boulder"
+        rockfall.RockfallError, match="&breakage at = 'both': must be 'none': the end of a boulder"
     ):
         rockfall.back_analysis(case(folder, breakage=BOTH), observed)
     notes = rockfall.compare(bare, observed).notes

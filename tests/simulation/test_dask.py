@@ -85,7 +85,7 @@ def test_where_nobody_answers(few_boulders, tmp_path, monkeypatch, capsys):
     for where in ("tcp://127.0.0.1:9", "nonsense://x"):
         assert main(["run", "case.nml", "--dask", where]) == 2
         err = capsys.readouterr().err
-        assert err.startswith(f"rockfall: --dask {where}: no scheduler answers")
+        assert err.startswith(f"rockfall: --dask {where}: no scheduler responds")
         assert err.count("\n") == 1
     assert main(["run", "case.nml", "--dask", "local:2", "--resume"]) == 2
     assert main(["run", "case.nml", "--dask", "local:2", "--until", "share@EL1<5%"]) == 2

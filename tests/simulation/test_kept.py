@@ -237,7 +237,9 @@ def kept_with_a_net(case):
 
 def test_a_summary_says_why_it_has_no_outcomes_of_barriers(case):
     result = run(case.replace(output={"kept": "none"}, barrier=[NET]))
-    assert "barriers: outcomes need rows, and &output kept = 'none' keeps none" in summary(result)
+    assert "barriers: outcomes require rows, but &output kept = 'none' keeps none" in summary(
+        result
+    )
 
 
 def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_figures):
@@ -277,7 +279,7 @@ def test_variants_of_other_rows_are_refused_in_one_line(case, tmp_path, capsys, 
 
     for name, kept in (("all", "all"), ("none", "none"), ("some", 60)):
         rockfall.write_result(result(kept), tmp_path / f"{name}.nc")
-    needs = "needs rows of boulders, and &output kept = 'none' keeps none"
+    needs = "requires rows of boulders, but &output kept = 'none' keeps none"
     rows = "its number of kept boulders (60, not 3,000) differs; run variants with the same &output"
     for pair, message in (
         (("all", "none"), f"none: {needs}"),
@@ -294,7 +296,7 @@ def test_variants_of_other_rows_are_refused_in_one_line(case, tmp_path, capsys, 
 def test_a_page_of_variants_says_from_which_boulders_it_is(case, tmp_path, blank_figures):
     some = run(case.replace(output={"kept": 60}))
     page = tmp_path / "page.html"
-    with pytest.warns(UserWarning, match="elevations of the run came from an array"):
+    with pytest.warns(UserWarning, match="elevations were given as an array"):
         rockfall.report_variants({"a": some, "b": kept_with_a_net(case)}, page)
     assert "From the 60 kept of 3,000 boulders." in page.read_text()
 

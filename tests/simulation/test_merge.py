@@ -99,11 +99,11 @@ def test_what_is_missing_twice_or_of_another_run_is_named(tmp_path, case):
         rockfall.merge([paths[0], *paths[2:]])
     with refused("merge: boulders 1 to 100 are missing; boulders 303 to 403 are missing"):
         rockfall.merge(paths[1:3])
-    with refused(f"merge: boulders 101 to 201 are twice: {paths[1]}"):
+    with refused(f"merge: boulders 101 to 201 occur twice: {paths[1]}"):
         rockfall.merge([*paths, paths[1]])
     other = tmp_path / "other.nc"
     rockfall.write_result(run(case, shard=(100, BOULDERS)), other)  # boulder 100 alone
-    with refused(f"merge: boulders 100 to 100 are twice: {other}"):
+    with refused(f"merge: boulders 100 to 100 occur twice: {other}"):
         rockfall.merge([*paths, other])
     rockfall.write_result(run(case.replace(case={"seed": 5}), shard=(2, 4)), other)
     with refused(f"{other}: belongs to a different run than {paths[0]}: its &case seed differs"):
@@ -113,9 +113,7 @@ def test_what_is_missing_twice_or_of_another_run_is_named(tmp_path, case):
     with refused(f"{other}: belongs to a different run than {paths[0]}: its dem differs"):
         rockfall.merge([paths[0], other, *paths[2:]])
     rockfall.write_result(run(case), other)
-    with refused(
-        f"{other}: is no part of a run, as --shard, checkpoints and rockfall-batch make them"
-    ):
+    with refused(f"{other}: is not a part of a run (from --shard, a checkpoint or rockfall-batch)"):
         rockfall.merge([other])
     with refused("merge requires the parts of a run"):
         rockfall.merge([])

@@ -131,7 +131,9 @@ def test_a_row_and_the_table_of_all_else_may_not_share_a_name(tmp_path):
         tmp_path, impact={"form": "table", "table": "meadow"}, surface=zones, **place()
     )  # fmt: skip
     ids = np.ones((80, 60), np.int32)
-    with refused(f"case: &impact: 'meadow' is also a row of {tmp_path / 'own.csv'}: rename that"):
+    with refused(
+        f"case: &impact: 'meadow' is also a row of {tmp_path / 'own.csv'}: rename the row"
+    ):
         read_scene(case, dem=rough(), transform=grid(rough()), zones=ids)
     (tmp_path / "zones.csv").write_text("zone,mean_radius,ground\n1,0.2,road\n2,0.2,\n")
     with (tmp_path / "own.csv").open("a") as file:

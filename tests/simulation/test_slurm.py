@@ -78,7 +78,7 @@ def test_submit_makes_the_merge_wait_for_the_array(few_boulders, commands, tmp_p
             "{case}: &case threads = 1025: must be 0 to 1024",
         ),
         *(
-            (["--shards", "2", f"--time={time}"], f"--time {time}: must be as Slurm has it")
+            (["--shards", "2", f"--time={time}"], f"--time {time}: must be a Slurm time")
             for time in ("", "1;rm", "1:2:3:4", "1-", "١")
         ),
     ],
@@ -107,7 +107,7 @@ def test_arrays_beyond_what_slurm_usually_takes_are_reported(
     words = ["slurm", str(few_boulders), str(tmp_path / "jobs"), "--shards", str(shards)]
     few_boulders.write_text(few_boulders.read_text().replace("boulders = 50", "boulders = 10000"))
     assert main(words) == 0
-    told = f"rockfall: warning: --shards {shards}: Slurm usually takes arrays of 1,000 jobs: "
+    told = f"rockfall: warning: --shards {shards}: Slurm usually allows arrays of 1,000 jobs: "
     told += "`scontrol show config` lists MaxArraySize, which must be larger than --shards\n"
     assert capsys.readouterr().err == (told if warns else "")
     assert f"#SBATCH --array=1-{shards}\n" in (tmp_path / "jobs/run.sh").read_text()
@@ -116,7 +116,7 @@ def test_arrays_beyond_what_slurm_usually_takes_are_reported(
 def test_batch_runs_prepared_cases_only(few_boulders, tmp_path, batch, capsys):
     words = ["slurm", str(few_boulders), str(tmp_path / "jobs"), "--shards=2", "--program=batch"]
     assert main(words) == 2
-    said = "no scene.nc next to it: `rockfall prepare` makes such a case"
+    said = "scene.nc is missing next to it: create both by `rockfall prepare`"
     assert capsys.readouterr().err == f"rockfall: {few_boulders}: {said}\n"
     assert not (tmp_path / "jobs").exists()
 
@@ -126,6 +126,6 @@ def test_batch_that_is_not_there_is_said(few_boulders, tmp_path, monkeypatch, ca
     words = ["slurm", str(few_boulders), str(tmp_path / "jobs"), "--shards=2", "--program=batch"]
     assert main(words) == 2
     assert capsys.readouterr().err == (
-        "rockfall: --program batch: no rockfall-batch is found on the PATH\n"
+        "rockfall: --program batch: rockfall-batch is not on the PATH\n"
     )
     assert not (tmp_path / "jobs").exists()

@@ -72,6 +72,6 @@ def test_a_full_disk_is_one_line(scene, tmp_path, monkeypatch):
             raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(spilled_crossings.tempfile, "TemporaryFile", lambda **how: Full())
-    with refused(f"{tmp_path}: cannot keep the crossings of lines: No space left on device: free "
-                 "disk space, or take fewer lines"):  # fmt: skip
+    with refused(f"{tmp_path}: cannot store line crossings: No space left on device: free "
+                 "disk space, or use fewer lines"):  # fmt: skip
         simulate(scene, chunk=30, spill=tmp_path)

@@ -133,8 +133,8 @@ def test_time_at_a_line_is_that_of_its_cells(tmp_path):
 @pytest.mark.parametrize(
     ("thresholds", "message"),
     [
-        ([30.0, 30.0], "&hazard thresholds = 30.0, 30.0: each must be above the one before"),
-        ([300.0, 30.0], "&hazard thresholds = 300.0, 30.0: each must be above the one before"),
+        ([30.0, 30.0], "&hazard thresholds = 30.0, 30.0: must increase"),
+        ([300.0, 30.0], "&hazard thresholds = 300.0, 30.0: must increase"),
         ([-1.0], "&hazard thresholds = -1.0: must be 0 to 100000 [kJ]"),
         (list(map(float, range(1, 10))),
          "&hazard thresholds = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0: must be at most 8 "

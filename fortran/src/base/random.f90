@@ -28,8 +28,8 @@ module rockfall_random
    !> Index of the word used for each quantity within a draw. Changing them changes results.
    integer, parameter :: volume_word = 1        !! of for_release: volume
    integer, parameter :: shape_word = 2         !! of for_release: shape of the block, among several
-   integer, parameter :: deviate_word = 1       !! of for_strength: normal of the strength of the ground
-   integer, parameter :: column_word = 2, row_word = 3  !! of for_strength: choices between parts of a table of impacts
+   integer, parameter :: deviate_word = 1       !! for_strength: normal deviate of ground strength
+   integer, parameter :: column_word = 2, row_word = 3  !! for_strength: choices between parts of an impact table
    integer, parameter :: rebound_words = 3      !! of for_impact: words 1 to 3 are the normals of V_t, V_n, W
    integer, parameter :: normal_restitution_word = 1      !! of for_impact, for a classical rebound: R_n,
    integer, parameter :: tangential_restitution_word = 2  !! R_t,

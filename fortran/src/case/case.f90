@@ -376,7 +376,7 @@ contains
       shares = reals_of(group, "block_shape_share")
       if (size(shares) == 0) shares = [(1.0_wp/n, k=1, n)]
       if (first_repeated(names) > 0) then
-         call refuse(group, "block_shape", "must name each shape once", error)
+         call refuse(group, "block_shape", "must list each shape once", error)
       else if (size(shares) /= n) then
          call refuse_list(group, "block_shape_share", "must be "//integer_text(n)//", one for each block_shape", error)
       else if (abs(sum(shares) - 1) > share_rounding) then
@@ -772,7 +772,7 @@ contains
       this%thresholds = 1000*kilojoules
       this%object_width = real_of(group, "object_width")
       if (any(kilojoules(2:) <= kilojoules(:size(kilojoules) - 1))) &
-         call refuse_list(group, "thresholds", "each must be above the one before", error)
+         call refuse_list(group, "thresholds", "must increase", error)
    end subroutine read_hazard
 
    !> Names of the variants of a case, separated by commas.

@@ -57,158 +57,165 @@ module rockfall_case_keys
    integer, parameter :: max_names = 1000  !! maximum number of barriers or dams that a variant names
 
    type(key_t), parameter :: site_keys(*) = [ &
-      key_t("case", "title", "text", 1, "''", "", "", "what the result is called"), &
+      key_t("case", "title", "text", 1, "''", "", "", "title of the result"), &
       key_t("case", "question", "text", 1, "''", "", "", "question of the client, on page 1 of a dossier"), &
-      key_t("case", "seed", "integer", 1, "1", ">= 0", "", "of the random numbers"), &
-      key_t("case", "boulders", "integer", 1, "absent", "1 to 1e15", "", "released from each source"), &
+      key_t("case", "seed", "integer", 1, "1", ">= 0", "", "random seed"), &
+      key_t("case", "boulders", "integer", 1, "absent", "1 to 1e15", "", "boulders from each source"), &
       key_t("case", "boulders_total", "integer", 1, "absent", "1 to 2147483647", "", &
-            "instead of boulders: released from all sources together, shared evenly or by their weights"), &
+            "instead of boulders: total over all sources, distributed evenly or by their weights"), &
       key_t("case", "threads", "integer", 1, "0", "0 to 1024", "", "0 = all cores"), &
       key_t("terrain", "dem", "text", 1, "required", "", "", &
             "elevation raster, square cells in metres", in_scene, "raster"), &
       key_t("surface", "zones", "text", 1, "absent", "", "", &
             "raster of zone ids, or polygons", in_scene, "raster layer"), &
       key_t("surface", "table", "text", 1, "absent", "", "", &
-            "CSV with zone, mean_radius, rg70, rg20, rg10, ground; absent: these are attributes of the polygons", &
+            "CSV with zone, mean_radius, rg70, rg20, rg10, ground; absent: the polygons have these attributes", &
             in_scene, "table"), &
-      key_t("surface", "zone_field", "text", 1, "'zone'", "", "", "attribute of zone polygons with the id", in_scene), &
-      key_t("surface", "zones_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("surface", "zone_field", "text", 1, "'zone'", "", "", &
+            "attribute with the zone id of polygons", in_scene), &
+      key_t("surface", "zones_layer", "text", 1, "absent", "", "", &
+            "layer name, if the GeoPackage has several", in_scene), &
       key_t("surface", "default_zone", "integer", 1, "absent", "-2147483647 to 2147483647", "", &
-            "zone of cells that have none", in_scene), &
+            "zone of cells without one", in_scene), &
       key_t("surface", "mean_radius", "text", 1, "absent", "", "", &
             "raster of mean rock radii [m]", in_scene, "raster"), &
       key_t("surface", "rg70", "text", 1, "absent", "", "", &
-            "raster of obstacle sizes met at 70 % [m]", in_scene, "raster"), &
+            "raster of obstacle sizes at 70 % of rebounds [m]", in_scene, "raster"), &
       key_t("surface", "rg20", "text", 1, "absent", "", "", &
-            "raster of obstacle sizes met at 20 % [m]", in_scene, "raster"), &
+            "raster of obstacle sizes at 20 % of rebounds [m]", in_scene, "raster"), &
       key_t("surface", "rg10", "text", 1, "absent", "", "", &
-            "raster of obstacle sizes met at 10 % [m]", in_scene, "raster"), &
+            "raster of obstacle sizes at 10 % of rebounds [m]", in_scene, "raster"), &
       key_t("surface", "uniform_mean_radius", "real", 1, "absent", ">= 0", "m", &
             "one mean rock radius everywhere", in_scene), &
       key_t("surface", "uniform_rg", "real", 3, "absent", ">= 0", "m", "Rg70, Rg20, Rg10 everywhere", in_scene), &
       key_t("surface", "method", "text", 1, "'B'", "A, B", "", &
             "A: three obstacle sizes, B: one mean radius", in_scene), &
-      key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "what Rg measures"), &
+      key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "meaning of Rg"), &
       key_t("surface", "ground", "text", 1, "absent", "", "", &
-            "default ground of rebounds: a row of its table, an impact table, or sets", &
+            "default ground: a row of the table of grounds, an impact table, or impact sets", &
             in_scene), &
       key_t("surface", "ground_strength", "real", 1, "absent", strength_range, "Pa", &
-            "in place of the strength of that ground, if it has one", in_scene), &
+            "replaces the strength of that ground", in_scene), &
       key_t("surface", "ground_relief", "real", 1, "absent", relief_range, "degree", &
-            "in place of its relief", in_scene), &
-      key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ids of grounds", in_scene, "raster"), &
+            "replaces the relief of that ground", in_scene), &
+      key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ground ids", in_scene, "raster"), &
       key_t("surface", "ground_table", "text", 1, "absent", "", "", &
-            "CSV of grounds in place of those shipped", in_scene, "table"), &
+            "CSV that replaces the shipped table of grounds", in_scene, "table"), &
       key_t("impact", "form", "text", 1, "'matrix'", "matrix, table", "", &
-            "of the random operator: the paper's matrix, or a table of impacts; table where only that is named", &
+            "rebound operator: the matrix of the paper, or a table of impacts; table if only a table is given", &
             in_scene), &
       key_t("impact", "table", "text", 1, "'talus'", "", "", &
-            "of impacts, shipped or a file .nc: the default", in_scene, "impact_table"), &
+            "table of impacts, shipped or a file .nc", in_scene, "impact_table"), &
       key_t("impact", "sets", "text", 1, "'vaujany-observed'", "", "", &
             "shipped impact set, or a file", in_scene, "sets"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
-            "by a random angle, past the cell's aspect or at most to it; or as in the laboratory: impact_sets.md"), &
+            "random turn past the aspect of the cell, at most to it, or as in the laboratory: impact_sets.md"), &
       key_t("impact", "ratio", "text", 1, "'between'", "nearest, between", "", &
-            "which set serves R_b/R_m: the nearest, or either of its two neighbours, the nearer more often"), &
+            "set for R_b/R_m: the nearest, or one of the two neighbours at random, the nearer more often"), &
       key_t("impact", "stop_speed", "real", 1, "0.5", "> 0", "m/s", &
-            "slower after a rebound: rests, or rolls on where the ground is steeper than rest_angle"), &
+            "a slower boulder rests after a rebound, or rolls on where the ground is steeper than rest_angle"), &
       key_t("impact", "rest_angle", "real", 1, "absent", "0 to 90", "degree", &
-            "steepest slope, over its radius, on which a boulder rests; 90: any; absent: that of each ground"), &
-      key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "contacts of a boulder at most"), &
+            "steepest slope, over a radius, on which boulders rest; 90: any; absent: as given by each ground"), &
+      key_t("impact", "impact_limit", "integer", 1, "100000", "1 to 2147483647", "", "maximum number of contacts"), &
       key_t("boulder", "volume", "text", 1, "'fixed'", "fixed, normal, uniform, lognormal, pareto, list, source", &
-            "", "distribution; source: from rasters, or attributes of a layer, at each source"), &
-      key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "fixed, normal, lognormal"), &
-      key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", "normal (truncated at 0), lognormal"), &
-      key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "uniform, pareto"), &
-      key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "uniform, pareto"), &
+            "", "distribution; source: from rasters or layer attributes at each source"), &
+      key_t("boulder", "volume_mean", "real", 1, "absent", "> 0", "m3", "mean: fixed, normal, lognormal"), &
+      key_t("boulder", "volume_std", "real", 1, "absent", ">= 0", "m3", &
+            "standard deviation: normal (truncated at 0), lognormal"), &
+      key_t("boulder", "volume_min", "real", 1, "absent", "> 0", "m3", "minimum: uniform, pareto"), &
+      key_t("boulder", "volume_max", "real", 1, "absent", "> 0", "m3", "maximum: uniform, pareto"), &
       key_t("boulder", "volume_exponent", "real", 1, "absent", "0.05 to 10", "", &
-            "pareto: the number of boulders larger than V falls as V**-volume_exponent; 0.4 to 0.7 is usual"), &
-      key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: each with equal probability"), &
-      key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "of the boulders"), &
+            "pareto: the number of larger boulders decreases as V**-volume_exponent; 0.4 to 0.7 is usual"), &
+      key_t("boulder", "volumes", "real", many, "absent", "> 0", "m3", "list: volumes of equal probability"), &
+      key_t("boulder", "density", "real", 1, "2800.0", "> 0", "kg/m3", "density of the boulders"), &
       key_t("boulder", "block_axes", "real", many, "absent", "> 0", "m", &
-            "list: measured axes a, b, c of each of volumes, longest first; their block shapes", in_scene), &
+            "list: axes a, b, c of each volume, longest first; they give the block shapes", in_scene), &
       key_t("boulder", "block_shape", "text", many, "'compact'", "compact, elongated, platy, source", "", &
-            "chooses a ground's table of impacts; several: each boulder has one; source: by d1, d2, d3 or a layer", &
+            "selects the impact table of a ground; several: by boulder; source: by d1, d2, d3 or a layer", &
             in_scene), &
       key_t("boulder", "block_shape_share", "real", many, "absent", "0 to 1", "", &
-            "of each shape in block_shape, together 1; absent: equal shares", in_scene), &
+            "fraction of each shape in block_shape, sum 1; absent: equal fractions", in_scene), &
       key_t("boulder", "ground_strength_sigma", "real", 1, "absent", "0 to 1.5", "", &
-            "standard deviation of the logarithm of strength between boulders; absent: that of each ground"), &
+            "standard deviation of log strength between boulders; absent: as given by each ground"), &
       key_t("boulder", "mean_radius_sigma", "real", 1, "0.0", "0 to 1.5", "", &
-            "likewise of the radius R_m of rocks, for impact sets: smaller where ground is stronger"), &
+            "standard deviation of log R_m between boulders, for impact sets; stronger ground: smaller R_m"), &
       key_t("boulder", "d1", "text", 1, "absent", "", "", &
-            "source: raster of one of the three sides of boulders [m]", in_scene, "raster"), &
-      key_t("boulder", "d2", "text", 1, "absent", "", "", "of the second [m]", in_scene, "raster"), &
-      key_t("boulder", "d3", "text", 1, "absent", "", "", "of the third [m]", in_scene, "raster"), &
+            "source: raster of the first side of boulders [m]", in_scene, "raster"), &
+      key_t("boulder", "d2", "text", 1, "absent", "", "", "raster of the second side [m]", in_scene, "raster"), &
+      key_t("boulder", "d3", "text", 1, "absent", "", "", "raster of the third side [m]", in_scene, "raster"), &
       key_t("boulder", "shape", "text", 1, "absent", "", "", &
             "raster: 0 none, 1 rectangular, 2 ellipsoid, 3 sphere, 4 disc; absent: spheres", in_scene, "raster"), &
       key_t("boulder", "rock_density", "text", 1, "absent", "", "", &
-            "raster, in place of density [kg/m3]", in_scene, "raster"), &
+            "raster that replaces density [kg/m3]", in_scene, "raster"), &
       key_t("boulder", "volume_spread", "real", 1, "absent", "0 to 0.9", "", &
-            "source: volumes differ by up to this fraction from that of their source, evenly"), &
+            "source: volumes differ from that of their source by up to this fraction, uniformly"), &
       key_t("release", "x", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "y", "real", many, "absent", "", "m", "release points", in_scene), &
       key_t("release", "points", "text", 1, "absent", "", "", &
             "layer of points, or CSV with x, y; their attributes: releases.md", in_scene, "points"), &
-      key_t("release", "points_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("release", "points_layer", "text", 1, "absent", "", "", &
+            "layer name, if the GeoPackage has several", in_scene), &
       key_t("release", "cells", "text", 1, "absent", "", "", &
             "raster: cells above zero are sources", in_scene, "raster"), &
       key_t("release", "polygons", "text", 1, "absent", "", "", &
             "polygons: cells inside are sources; their attributes: releases.md", in_scene, "layer"), &
-      key_t("release", "polygons_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("release", "polygons_layer", "text", 1, "absent", "", "", &
+            "layer name, if the GeoPackage has several", in_scene), &
       key_t("release", "name_field", "text", 1, "absent", "", "", &
-            "attribute of points or polygons with the name; absent: name", in_scene), &
+            "attribute with the name of points or polygons; absent: name", in_scene), &
       key_t("release", "steep_cells", "logical", 1, ".false.", "", "", &
-            "cells as steep as slope_threshold are sources; only those within cells or polygons, if given", in_scene), &
+            "cells steeper than slope_threshold are sources; if given, only within cells or polygons", in_scene), &
       key_t("release", "slope_threshold", "real", 1, "absent", "1 to 89", "degree", &
-            "of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)", in_scene), &
+            "limit of steep_cells; absent: 55 RES**-0.075 for cells of RES m (Dorren 2016)", in_scene), &
       key_t("release", "by_area", "logical", 1, ".false.", "", "", &
-            "a cell releases boulders in proportion to its true surface area; &case boulders: if flat", in_scene), &
+            "boulders in proportion to the surface area of cells; &case boulders is for a flat cell", in_scene), &
       key_t("release", "sources", "text", 1, "'all'", "all, sample", "", &
-            "what confidence intervals take the sources for: all there are, or a sample of others like them"), &
-      key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "above the surface"), &
-      key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "east, north, up"), &
+            "for confidence intervals: sources are all there are, or a sample of similar sources"), &
+      key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "height of release above the surface"), &
+      key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "velocity of release: east, north, up"), &
       key_t("breakage", "at", "text", 1, "'none'", "none, release, impact, both", "", &
             "when boulders break into fragments: breakage.md"), &
       key_t("breakage", "min_area_ratio", "real", 1, "0.7", "0.25 to 0.99", "", &
-            "a boulder breaks where new surface / (new surface + its own) is larger; published: 0.25 to 0.7"), &
+            "boulders break if new surface / (new + own surface) is larger; published: 0.25 to 0.7"), &
       key_t("breakage", "release_fall", "real", 1, "absent", "0.01 to 1000", "m", &
-            "free fall whose energy breaks the block in place into fallen blocks, for at = 'release'"), &
+            "free fall whose energy breaks the block at its release, for at = 'release'"), &
       key_t("breakage", "min_volume", "real", 1, "0.001", "1e-6 to 1000", "m3", &
-            "of a fragment; what is in smaller pieces is counted as fines_volume and not traced"), &
+            "minimum volume of a fragment; smaller pieces are counted in fines_volume, not traced"), &
       key_t("breakage", "max_fragments", "integer", 1, "100", "2 to 10000", "", &
-            "of a released boulder; from there on the rest stays one block, and is counted"), &
+            "maximum number of fragments of a boulder; the remainder stays one block, and is counted"), &
       key_t("breakage", "cone", "real", 1, "50.0", "0 to 90", "degree", &
-            "opening angle, from side to side, of the cone of directions about the velocity of the boulder"), &
+            "full opening angle of the cone of directions about the velocity of the boulder"), &
       key_t("forest", "trees", "text", 1, "absent", "", "", &
             "CSV with x, y, dbh [cm], species; or a layer of points", in_scene, "points"), &
-      key_t("forest", "trees_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
-      key_t("forest", "dbh_field", "text", 1, "'dbh'", "", "", "attribute of trees with their diameter [cm]", &
+      key_t("forest", "trees_layer", "text", 1, "absent", "", "", &
+            "layer name, if the GeoPackage has several", in_scene), &
+      key_t("forest", "dbh_field", "text", 1, "'dbh'", "", "", "attribute with the diameter of trees [cm]", &
             in_scene), &
-      key_t("forest", "species_field", "text", 1, "'species'", "", "", "attribute of trees with their species", &
+      key_t("forest", "species_field", "text", 1, "'species'", "", "", "attribute with the species of trees", &
             in_scene), &
       key_t("forest", "polygons", "text", 1, "absent", "", "", &
             "layer of stands; attributes stems, dbh_mean, dbh_std, conifers or species: forest.md", in_scene, &
             "layer"), &
-      key_t("forest", "polygons_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("forest", "polygons_layer", "text", 1, "absent", "", "", &
+            "layer name, if the GeoPackage has several", in_scene), &
       key_t("forest", "stems", "text", 1, "absent", "", "", &
-            "raster of stems a hectare, for random trees", in_scene, "raster"), &
-      key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "stems a hectare everywhere", in_scene), &
+            "raster of stems per hectare, for random trees", in_scene, "raster"), &
+      key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "stems per hectare everywhere", in_scene), &
       key_t("forest", "dbh_mean", "text", 1, "absent", "", "", &
             "raster of mean diameters at breast height [cm]", in_scene, "raster"), &
       key_t("forest", "uniform_dbh_mean", "real", 1, "absent", "> 0", "cm", &
             "one mean diameter everywhere", in_scene), &
       key_t("forest", "dbh_std", "text", 1, "absent", "", "", &
-            "raster of their standard deviations [cm]", in_scene, "raster"), &
+            "raster of standard deviations of diameters [cm]", in_scene, "raster"), &
       key_t("forest", "uniform_dbh_std", "real", 1, "absent", ">= 0", "cm", &
-            "one standard deviation everywhere", in_scene), &
+            "one standard deviation of diameters everywhere", in_scene), &
       key_t("forest", "conifers", "text", 1, "absent", "", "", &
             "raster of the percentage of conifers among stems", in_scene, "raster"), &
       key_t("forest", "uniform_conifers", "real", 1, "absent", "0 to 100", "%", &
-            "one percentage everywhere", in_scene), &
+            "one percentage of conifers everywhere", in_scene), &
       key_t("forest", "spread", "text", 1, "'random'", "random, even", "", &
-            "random: stems anywhere; even: each cell has the number of its raster", in_scene), &
-      key_t("forest", "seed", "integer", 1, "1", ">= 0", "", "of the trees that are made", in_scene), &
+            "random: stems anywhere; even: number of stems in each cell as in the raster", in_scene), &
+      key_t("forest", "seed", "integer", 1, "1", ">= 0", "", "seed of random trees", in_scene), &
       key_t("forest", "clear_of_sources", "real", 1, "0.0", "0 to 1000", "m", &
             "no stems within this distance of a source, in plan", in_scene), &
       key_t("forest", "density_factor", "real", 1, "1.0", "0.001 to 1", "", &
@@ -216,72 +223,75 @@ module rockfall_case_keys
       key_t("forest", "clearings", "text", 1, "absent", "", "", &
             "polygons without stems, or with their attribute density_factor: after felling or storm", in_scene, &
             "layer"), &
-      key_t("forest", "clearings_layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+      key_t("forest", "clearings_layer", "text", 1, "absent", "", "", &
+            "layer name, if the GeoPackage has several", in_scene), &
       key_t("forest", "species_table", "text", 1, "absent", "", "", &
             "CSV with species, genus, factor; absent: as shipped", in_scene, "table"), &
       key_t("forest", "stem_height", "real", 1, "absent", "> 0", "m", &
-            "boulders that are higher pass over; absent: none does"), &
+            "higher boulders pass over; absent: no boulder passes over"), &
       key_t("forest", "lateral_from", "real", 1, "0.58", "0 to 1", "", &
             "place on the stem from which a hit is lateral"), &
       key_t("forest", "scratch_from", "real", 1, "0.75", "0 to 1", "", &
             "place on the stem from which a hit is a scratch"), &
       key_t("forest", "turn_frontal", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", &
-            "how often a frontal hit turns by 0-22.5, 22.5-67.5, 67.5-76 degrees, in any unit"), &
-      key_t("forest", "turn_lateral", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "turn by a lateral hit"), &
-      key_t("forest", "turn_scratch", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "turn by a scratch")]
+            "weights of turns by 0-22.5, 22.5-67.5, 67.5-76 degrees at a frontal hit"), &
+      key_t("forest", "turn_lateral", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "weights of turns at a lateral hit"), &
+      key_t("forest", "turn_scratch", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "weights of turns at a scratch")]
 
    type(key_t), parameter :: run_keys(*) = [ &
       key_t("flight", "gravity", "real", 1, "9.81", "> 0", "m/s2", "acceleration of gravity"), &
-      key_t("line", "name", "text", 1, "absent", "", "", "of an evaluation line"), &
-      key_t("line", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
-      key_t("line", "y", "real", many, "absent", "", "m", "vertices, two or more"), &
-      key_t("line", "file", "text", 1, "absent", "", "", "in place of x and y: lines, one or more", file="layer"), &
-      key_t("line", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
+      key_t("line", "name", "text", 1, "absent", "", "", "name of an evaluation line"), &
+      key_t("line", "x", "real", many, "absent", "", "m", "two or more vertices"), &
+      key_t("line", "y", "real", many, "absent", "", "m", "two or more vertices"), &
+      key_t("line", "file", "text", 1, "absent", "", "", "instead of x and y: one or more lines", file="layer"), &
+      key_t("line", "layer", "text", 1, "absent", "", "", "layer name, if the GeoPackage has several"), &
       key_t("line", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
       key_t("line", "object_width", "real", 1, "absent", "0 to 100", "m", &
-            "makes it an object along the line: met when a boulder touches it with its side"), &
-      key_t("barrier", "name", "text", 1, "absent", "", "", "of a net or wall, which is an evaluation line too"), &
-      key_t("barrier", "x", "real", many, "absent", "", "m", "vertices, two or more"), &
-      key_t("barrier", "y", "real", many, "absent", "", "m", "vertices, two or more"), &
+            "makes the line an object, hit when any part of a boulder touches it"), &
+      key_t("barrier", "name", "text", 1, "absent", "", "", &
+            "name of a net or wall, which is also an evaluation line"), &
+      key_t("barrier", "x", "real", many, "absent", "", "m", "two or more vertices"), &
+      key_t("barrier", "y", "real", many, "absent", "", "m", "two or more vertices"), &
       key_t("barrier", "height", "real", 1, "absent", "0.001 to 100", "m", &
-            "vertical, of the top edge above the ground; a boulder whose centre is above it passes over"), &
+            "vertical height of the top edge; a boulder passes over if its centre is higher"), &
       key_t("barrier", "capacity", "real", 1, "absent", "1e-6 to 100000", "kJ", &
-            "kinetic energy that it takes at most"), &
+            "maximum kinetic energy that it absorbs"), &
       key_t("barrier", "class", "integer", 1, "absent", "0 to 7", "", &
-            "instead of capacity: of EAD 340059, by its maximum energy level"), &
+            "instead of capacity: class of EAD 340059, by its maximum energy level"), &
       key_t("barrier", "diameter", "real", 1, "absent", "5 to 200", "cm", &
-            "instead of capacity: of a lying log; without height its top is at its diameter"), &
+            "instead of capacity: diameter of a lying log, also its height unless height is given"), &
       key_t("barrier", "decay_class", "integer", 1, "absent", "1 to 4", "", &
-            "of a log: 1 fresh, 2 dead and hard, 3 rotten, 4 soft; leave out softer ones; absent: 1"), &
+            "decay of a log: 1 fresh, 2 dead and hard, 3 rotten, 4 soft; omit softer logs; absent: 1"), &
       key_t("barrier", "file", "text", 1, "absent", "", "", &
-            "in place of x and y: lines, whose attributes give what the group does not", file="layer"), &
-      key_t("barrier", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several"), &
+            "instead of x and y: lines, whose attributes give values missing in the group", file="layer"), &
+      key_t("barrier", "layer", "text", 1, "absent", "", "", "layer name, if the GeoPackage has several"), &
       key_t("barrier", "field", "text", 1, "absent", "", "", "attribute with the name; absent: name"), &
-      key_t("dam", "name", "text", 1, "absent", "", "", "for variants"), &
-      key_t("dam", "x", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
-      key_t("dam", "y", "real", many, "absent", "", "m", "vertices of the crest, two or more", in_scene), &
-      key_t("dam", "height", "real", 1, "absent", "0.001 to 100", "m", "of the crest above the terrain below it", &
+      key_t("dam", "name", "text", 1, "absent", "", "", "name, for variants"), &
+      key_t("dam", "x", "real", many, "absent", "", "m", "two or more vertices of the crest", in_scene), &
+      key_t("dam", "y", "real", many, "absent", "", "m", "two or more vertices of the crest", in_scene), &
+      key_t("dam", "height", "real", 1, "absent", "0.001 to 100", "m", &
+            "height of the crest above the terrain below it", &
             in_scene), &
-      key_t("dam", "crest_width", "real", 1, "0.0", "0 to 100", "m", "of its flat top", in_scene), &
-      key_t("dam", "slope", "real", 1, "45.0", "5 to 89", "degree", "of its faces", in_scene), &
+      key_t("dam", "crest_width", "real", 1, "0.0", "0 to 100", "m", "width of its flat top", in_scene), &
+      key_t("dam", "slope", "real", 1, "45.0", "5 to 89", "degree", "slope of its faces", in_scene), &
       key_t("dam", "allow_coarse", "logical", 1, ".false.", "", "", &
-            "take a dam whose face is narrower than two cells of the raster", in_scene), &
+            "accept a dam face narrower than two cells of the raster", in_scene), &
       key_t("dam", "file", "text", 1, "absent", "", "", &
-            "in place of x and y: lines, whose attributes give what the group does not", in_scene, "layer"), &
-      key_t("dam", "layer", "text", 1, "absent", "", "", "of a GeoPackage with several", in_scene), &
+            "instead of x and y: lines, whose attributes give values missing in the group", in_scene, "layer"), &
+      key_t("dam", "layer", "text", 1, "absent", "", "", "layer name, if the GeoPackage has several", in_scene), &
       key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
-            "reach: the cells that boulders can reach; terrain: all"), &
+            "reach: cells that boulders can reach; terrain: all cells"), &
       key_t("output", "min_passages", "integer", 1, "1", "1 to 2147483647", "", &
-            "cells with fewer show no mean and no quantile"), &
+            "cells with fewer passages have no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
       key_t("output", "energy_balance", "logical", 1, ".false.", "", "", &
-            "what became of the energy of each boulder: ground, trees, barriers, left"), &
+            "energy of each boulder lost to ground, trees and barriers, and left"), &
       key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", &
-            "number of boulders recorded, the first of each source in proportion to what it releases"), &
+            "number of recorded boulders, the first of each source in proportion to its boulders"), &
       key_t("output", "kept", "count", 1, "'all'", "all, none, 1 to 2147483647", "", &
-            "boulders whose own numbers are kept; without all, statistics at lines are from sums and counts"), &
-      key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "draws of all that is uncertain"), &
+            "boulders with rows of their own; unless all, line statistics are from sums and counts"), &
+      key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "number of draws of the uncertain inputs"), &
       key_t("ensemble", "radius_factor", "real", 1, "1.0", "1 to 10", "", &
             "geometric standard deviation of R_m or Rg, zone by zone"), &
       key_t("ensemble", "volume_factor", "real", 1, "1.0", "1 to 10", "", &
@@ -298,58 +308,58 @@ module rockfall_case_keys
       key_t("ensemble", "dem_correlation", "real", 1, "absent", "> 0", "m", &
             "distance at which the correlation of their errors is 1/e"), &
       key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
-            "standard deviation of easting and northing of all sources together"), &
+            "standard deviation of a common shift of all sources, east and north"), &
       key_t("ensemble", "sets", "text", 100, "absent", "", "", &
-            "with equal probability: impact sets; tables, or ensembles of them, for grounds that are tables", &
+            "impact sets of equal probability; tables or ensembles of tables replace grounds by tables", &
             file="sets"), &
       key_t("ensemble", "draws", "text", 1, "absent", "", "", &
-            "CSV of draws from `rockfall back`, which replace the inputs of its columns", file="table"), &
+            "CSV of draws from `rockfall back`, which replace the inputs in its columns", file="table"), &
       key_t("observed", "files", "text", 100, "absent", "", "", &
-            "CSV or layers of what was seen at the site: blocks, scars, speeds (docs/observed.md)", &
+            "CSV or layers of observations at the site: blocks, scars, speeds (docs/observed.md)", &
             file="any layer"), &
       key_t("observed", "energy_line_angle", "real", 1, "absent", "5 to 85", "degree", &
-            "lowest of any boulder at rest, from its release: at the site, or in its region"), &
-      key_t("scenario", "name", "text", 1, "required", "", "", "of a class of boulders, with its frequency"), &
-      key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "how many boulders come loose"), &
-      key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: 1/frequency"), &
+            "lowest angle from release to rest of any boulder at the site or in the region"), &
+      key_t("scenario", "name", "text", 1, "required", "", "", "name of a class of boulders with its frequency"), &
+      key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "boulders released a year"), &
+      key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: its inverse"), &
       key_t("scenario", "activity", "real", 1, "absent", "> 0", "", &
-            "pareto: activity V**-volume_exponent boulders a year are larger than V [m3]; in place of frequency"), &
+            "instead of frequency, pareto: boulders a year larger than V [m3] = activity V**-volume_exponent"), &
       key_t("scenario", "frequency_per", "text", 1, "'year'", "year, source, km2, m", "", &
-            "year: of all sources together; source: of each; km2: of source cells; m: of cliff_length"), &
+            "year: all sources together; source: each; km2: area of source cells; m: cliff_length"), &
       key_t("scenario", "cliff_length", "real", 1, "absent", "> 0", "m", &
-            "of all cliffs together, for frequency_per = 'm'"), &
+            "length of all cliffs, for frequency_per = 'm'"), &
       key_t("scenario", "volume", "text", 1, "absent", "fixed, normal, uniform, lognormal, pareto, list", "", &
-            "with its own keys, in place of all volume keys of &boulder"), &
-      key_t("scenario", "volume_mean", "real", 1, "absent", "> 0", "m3", "instead of the key of &boulder"), &
-      key_t("scenario", "volume_std", "real", 1, "absent", ">= 0", "m3", "instead of the key of &boulder"), &
-      key_t("scenario", "volume_min", "real", 1, "absent", "> 0", "m3", "instead of the key of &boulder"), &
-      key_t("scenario", "volume_max", "real", 1, "absent", "> 0", "m3", "instead of the key of &boulder"), &
-      key_t("scenario", "volume_exponent", "real", 1, "absent", "0.05 to 10", "", "instead of the key of &boulder"), &
-      key_t("scenario", "volumes", "real", many, "absent", "> 0", "m3", "instead of the key of &boulder"), &
-      key_t("scenario", "density", "real", 1, "absent", "> 0", "kg/m3", "instead of the key of &boulder"), &
+            "distribution; with its keys it replaces all volume keys of &boulder"), &
+      key_t("scenario", "volume_mean", "real", 1, "absent", "> 0", "m3", "replaces the key of &boulder"), &
+      key_t("scenario", "volume_std", "real", 1, "absent", ">= 0", "m3", "replaces the key of &boulder"), &
+      key_t("scenario", "volume_min", "real", 1, "absent", "> 0", "m3", "replaces the key of &boulder"), &
+      key_t("scenario", "volume_max", "real", 1, "absent", "> 0", "m3", "replaces the key of &boulder"), &
+      key_t("scenario", "volume_exponent", "real", 1, "absent", "0.05 to 10", "", "replaces the key of &boulder"), &
+      key_t("scenario", "volumes", "real", many, "absent", "> 0", "m3", "replaces the key of &boulder"), &
+      key_t("scenario", "density", "real", 1, "absent", "> 0", "kg/m3", "replaces the key of &boulder"), &
       key_t("hazard", "thresholds", "real", max_thresholds, "30.0, 300.0", "0 to 100000", "kJ", &
-            "of energy, rising: of the maps ..._exceeded, and between classes of intensity"), &
+            "increasing energies: limits of intensity classes, thresholds of the maps ..._exceeded"), &
       key_t("hazard", "return_periods", "real", max_periods, "30.0, 100.0, 300.0", "0.1 to 1e6", "year", &
-            "rising: the ends of the classes of frequency"), &
+            "increasing limits of the frequency classes"), &
       key_t("hazard", "matrix", "text", (max_thresholds + 1)*max_periods, swiss_matrix, &
             hazard_classes, "", &
-            "hazard of each class of intensity, from the weakest, by return period, from the shortest"), &
+            "hazard by intensity class, weakest first, and within it by return period, shortest first"), &
       key_t("hazard", "frequency_factor", "real", 2, "1.0, 1.0", "0 to 1000", "", &
-            "lowest and highest factor on all frequencies, for their limits: what is not known of them"), &
+            "lowest and highest factor on all frequencies, for their limits: their uncertainty"), &
       key_t("hazard", "object_width", "real", 1, "10.0", "0 to 100", "m", &
-            "of an object in the middle of each cell, for maps of hits; 0: a point"), &
+            "width of an object in the middle of each cell, for maps of hits; 0: a point"), &
       key_t("hazard", "minimum_area", "real", 1, "0.0", ">= 0", "m2", &
-            "of a zone: a smaller patch takes the class of its largest neighbour"), &
+            "minimum area of a zone; smaller zones take the class of the largest neighbour"), &
       key_t("hazard", "minimum_width", "real", 1, "10.0", "0 to 1000", "m", &
-            "of a zone: narrower parts are widened or take the next higher class; 0: zones follow cells"), &
-      key_t("variant", "name", "text", 1, "required", "", "", "of a variant; that of its result's file, too"), &
+            "minimum width of a zone; narrower parts are widened or upgraded; 0: zones follow cells"), &
+      key_t("variant", "name", "text", 1, "required", "", "", "name of the variant and of its result file"), &
       key_t("variant", "without", "text", 7, "absent", "barrier, dam, forest, surface, impact, boulder, release", "", &
-            "groups of the case that it leaves out"), &
+            "groups of the case to omit"), &
       key_t("variant", "barriers", "text", max_names, "absent", "", "", &
-            "names of those included; of a layer, its name or file; absent: all"), &
+            "names of those to include; for a layer its name or file; absent: all"), &
       key_t("variant", "dams", "text", max_names, "absent", "", "", &
-            "names of those included; of a layer, its name or file; absent: all"), &
-      key_t("variant", "cost", "real", 1, "absent", ">= 0", "", "in any unit, for the report")]
+            "names of those to include; for a layer its name or file; absent: all"), &
+      key_t("variant", "cost", "real", 1, "absent", ">= 0", "", "cost in any unit, for the report")]
 
    type(key_t), parameter :: own_keys(*) = [site_keys, run_keys]
 
@@ -359,7 +369,7 @@ module rockfall_case_keys
    integer :: row  !! of the implied loop below; never has a value
    type(key_t), parameter :: varied_keys(*) = [ &
       (key_t("variant", trim(own_keys(row)%group)//"_"//own_keys(row)%name, own_keys(row)%kind, own_keys(row)%most, &
-             "absent", own_keys(row)%allowed, own_keys(row)%unit, "in place of that of &"//own_keys(row)%group, &
+             "absent", own_keys(row)%allowed, own_keys(row)%unit, "replaces the key of &"//own_keys(row)%group, &
              .false., own_keys(row)%file), row=first_varied, last_varied)]
    type(key_t), parameter :: key_table(*) = [own_keys, varied_keys]
    integer, parameter :: n_keys = size(key_table)

@@ -51,44 +51,44 @@ module rockfall_grounds
    type(parameter_t), parameter :: table(*) = [ &
       parameter_t(key_t("ground", "model", "text", 1, "required", &
                         "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbs, ploughed, hard", "", &
-                        "of the rebound; ploughed, hard: by the plane of tables of such ground"), ""), &
+                        "rebound model; ploughed, hard: from the plane of impact tables"), ""), &
       parameter_t(key_t("ground", "r_n", "real", 1, "required", "0 to 1", "", &
                         "normal restitution"), with_r_n), &
       parameter_t(key_t("ground", "r_n_std", "real", 1, "0.0", "0 to 1", "", &
                         "standard deviation of r_n from rebound to rebound"), with_r_n), &
-      parameter_t(key_t("ground", "r_n_min", "real", 1, "0.0", "0 to 1", "", "no r_n is below it"), with_r_n), &
-      parameter_t(key_t("ground", "r_n_max", "real", 1, "1.0", "0 to 1", "", "or above it"), with_r_n), &
+      parameter_t(key_t("ground", "r_n_min", "real", 1, "0.0", "0 to 1", "", "minimum of r_n"), with_r_n), &
+      parameter_t(key_t("ground", "r_n_max", "real", 1, "1.0", "0 to 1", "", "maximum of r_n"), with_r_n), &
       parameter_t(key_t("ground", "r_t", "real", 1, "required", "0 to 1", "", "tangential restitution"), with_r_t), &
       parameter_t(key_t("ground", "r_t_std", "real", 1, "0.0", "0 to 1", "", &
                         "standard deviation of r_t from rebound to rebound"), with_r_t), &
-      parameter_t(key_t("ground", "r_t_min", "real", 1, "0.0", "0 to 1", "", "no r_t is below it"), with_r_t), &
-      parameter_t(key_t("ground", "r_t_max", "real", 1, "1.0", "0 to 1", "", "or above it"), with_r_t), &
+      parameter_t(key_t("ground", "r_t_min", "real", 1, "0.0", "0 to 1", "", "minimum of r_t"), with_r_t), &
+      parameter_t(key_t("ground", "r_t_max", "real", 1, "1.0", "0 to 1", "", "maximum of r_t"), with_r_t), &
       parameter_t(key_t("ground", "half_speed", "real", 1, "required", "0.01 to 1000", "m/s", &
                         "normal speed that halves the normal restitution"), "bourrier_hungr"), &
       parameter_t(key_t("ground", "half_speed_std", "real", 1, "0.0", "0 to 1000", "m/s", &
                         "standard deviation of half_speed from rebound to rebound"), "bourrier_hungr"), &
       parameter_t(key_t("ground", "friction_angle", "real", 1, "required", "0 to 80", "degree", &
-                        "between boulder and ground"), "bourrier_hungr"), &
+                        "friction angle between boulder and ground"), "bourrier_hungr"), &
       parameter_t(key_t("ground", "soil_density", "real", 1, "1800.0", "100 to 10000", "kg/m3", &
-                        "of the soil that a boulder penetrates"), "rockyfor3d"), &
+                        "density of the soil that a boulder penetrates"), "rockyfor3d"), &
       parameter_t(key_t("ground", "obstacle_spread", "real", 1, "0.1", "0 to 1", "", &
-                        "obstacles differ by up to this fraction from their size"), "rockyfor3d"), &
+                        "relative spread of obstacle sizes, uniform"), "rockyfor3d"), &
       parameter_t(key_t("ground", "roughness_angle", "real", 1, "0.0", "0 to 45", "degree", &
-                        "the ground is tilted against the way by up to this angle, at random"), classical), &
+                        "maximum random tilt of the ground against the motion"), classical), &
       parameter_t(key_t("ground", "min_hop", "real", 1, "0.0", "0 to 10", "radii", &
-                        "a boulder that rolls is thrown so far, while it has the energy"), classical), &
+                        "minimum hop of a rolling boulder, while its energy lasts"), classical), &
       parameter_t(key_t("ground", "strength", "real", 1, "required", strength_range, "Pa", &
-                        "pressure at which the ground yields, the median"), yields), &
+                        "median pressure at which the ground yields"), yields), &
       parameter_t(key_t("ground", "strength_sigma", "real", 1, "0.0", "0 to 1.5", "", &
-                        "standard deviation, from boulder to boulder, of the logarithm of strength"), yields), &
+                        "standard deviation of log strength between boulders"), yields), &
       parameter_t(key_t("ground", "strength_radius", "real", 1, "0.0", "0 to 100", "m", &
-                        "R_b of that strength, if it is in proportion to R_b; 0: it is the same for all"), yields), &
+                        "R_b at which strength is valid, if proportional to R_b; 0: equal strength for all"), yields), &
       parameter_t(key_t("ground", "relief", "real", 1, "required", relief_range, "degree", &
-                        "slope of the relief at the scale of the boulder, standard deviation"), yields), &
+                        "standard deviation of slope at the scale of the boulder"), yields), &
       parameter_t(key_t("ground", "relief_radius", "real", 1, "1.0", "0.01 to 100", "m", &
-                        "R_b of that relief, if hurst is not 1"), yields), &
+                        "R_b at which relief is valid, if hurst is not 1"), yields), &
       parameter_t(key_t("ground", "hurst", "real", 1, "1.0", "0 to 2", "", &
-                        "exponent of the relief, whose slope goes with R_b**(hurst - 1)"), yields), &
+                        "exponent of the relief: slope is proportional to R_b**(hurst - 1)"), yields), &
       parameter_t(key_t("ground", "rest_angle", "real", 1, "38.0", "0 to 90", "degree", &
                         "steepest slope on which a boulder comes to rest; 90: any"), classical//", "//yields)]
 

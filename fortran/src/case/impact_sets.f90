@@ -78,7 +78,7 @@ contains
          if (ratio < 1 .or. ratio > impact_ratios) then
             call refuse(list%group(g), "ratio", "must be 1 to "//integer_text(impact_ratios), error)
          else if (present_ratio(ratio)) then
-            call refuse(list%group(g), "ratio", "this ratio has a set already", error)
+            call refuse(list%group(g), "ratio", "this ratio already has a set", error)
          else
             present_ratio(ratio) = .true.
             call read_set(list%group(g), int(ratio), sets, error)

@@ -83,7 +83,7 @@ contains
       if (name(:min(1, len(name))) /= "-" .and. arguments%case == "") then
          arguments%case = word
       else if (name(:min(1, len(name))) /= "-") then
-         call fail(error, excerpt(word)//": there is a case file already, "//arguments%case//see_help)
+         call fail(error, excerpt(word)//": only one case file is allowed, not also "//arguments%case//see_help)
       else if (.not. any("--"//names == name)) then
          call fail(error, excerpt(word)//": unknown option"//see_help)
       else if (equals <= len(word)) then

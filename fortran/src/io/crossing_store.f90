@@ -54,7 +54,7 @@ contains
       end associate
       if (status == 0) flush (this%unit, iostat=status)
       if (status /= 0) then
-         call fail(error, this%name//": cannot keep the crossings of lines: the disk may be full; take fewer lines")
+         call fail(error, this%name//": cannot store line crossings: free disk space, or use fewer lines")
          return
       end if
       this%size = [this%size, rows%n]

@@ -68,7 +68,7 @@ contains
       call end_reading()
       if (.not. is_ok(inputs%file)) then
          call fail_damaged(inputs%file, error)
-         error%message = error%message//" is missing, or not as a scene file has it"
+         error%message = error%message//" is missing or malformed"
          return
       end if
       call build_scene_of_case(case, inputs%arrays, inputs%scene, error)
@@ -83,7 +83,7 @@ contains
 
       associate (file => inputs%file)
          if (any(integers_of(file, "scene_layout", 1) /= layout)) then
-            call fail(error, file%name//": is no scene file of layout "//integer_text(layout) &
+            call fail(error, file%name//": is not a scene file of layout "//integer_text(layout) &
                       //": `rockfall prepare` makes one")
             return
          end if

@@ -92,13 +92,13 @@ contains
 
       select case (c_lock(name//c_null_char))
       case (1)
-         call fail(error, name//": another run is at work on this output: wait for its end, or choose another")
+         call fail(error, name//": another run is writing this output: wait, or choose another output")
       case (2)
          call say(name//": cannot be locked on this file system, two runs on one output would destroy it")
       case (3)
          call fail(error, name//": cannot be written (is its folder writable?)")
       case (4)
-         call fail(error, name//": exists and is no lock: choose another output")
+         call fail(error, name//": exists but is not a lock: choose another output")
       end select
    end subroutine take_lock
 

@@ -38,7 +38,7 @@ contains
       end if
       inquire (unit=unit, size=size)
       if (size > max_text) then
-         call fail(error, file//": larger than 64 MB; not a text file of ours")
+         call fail(error, file//": larger than 64 MB, so not a text file of rockfall")
       else
          allocate (character(len=max(size, 0_i8)) :: text)
          status = 0

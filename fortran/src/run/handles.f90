@@ -57,7 +57,7 @@ module rockfall_handles
       type(run_t) :: run
       type(scene_handle_t), pointer :: scene => null()  !! on which it was opened, if any
       type(part_t) :: part    !! its arrays in files, when packed or to be unpacked
-      type(table_t) :: table  !! of the arrays of the run, or of its part, as listed last
+      type(table_t) :: table  !! arrays of the run or its part, as listed last
    contains
       procedure :: begin, begin_joined, begin_continued, advance, list, write_map
    end type run_handle_t
@@ -226,7 +226,7 @@ contains
       if (allocated(scene%arrays)) then
          call fail(error, "the scene has not been built")
       else if (before < 0 .or. n < 1 .or. before > boulders_of(scene) - n) then
-         call fail(error, "the boulders of a run must be some of the scene's")
+         call fail(error, "the boulders of a run must be within those of the scene")
       else
          call check_team(threads, error)
       end if

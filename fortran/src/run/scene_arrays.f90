@@ -27,20 +27,20 @@ module rockfall_scene_arrays
       scene_array_t("elevation", "", "y x", "m", "elevation of cell centres"), &
       scene_array_t("zone", "", "y x", "1", "material of the cell, counted from 1; 0: none"), &
       scene_array_t("cell_size", "f4", "size y x", "m", &
-                    "mean rock radius, or Rg70, Rg20, Rg10, of the cell; infinite: it absorbs"), &
+                    "mean rock radius, or Rg70, Rg20, Rg10, of the cell; infinite: absorbs"), &
       scene_array_t("material_size", "f8", "material size", "m", &
-                    "mean rock radius, or Rg70, Rg20, Rg10; infinite: it absorbs"), &
+                    "mean rock radius, or Rg70, Rg20, Rg10; infinite: absorbs"), &
       scene_array_t("source_x", "f8", "source", "m", "easting of the release"), &
       scene_array_t("source_y", "f8", "source", "m", "northing of the release"), &
-      scene_array_t("area_ratio", "f8", "source", "1", "surface over plan area of the cell of the source"), &
-      scene_array_t("source_frequency", "f8", "source", "1/year", "how often boulders come from the source"), &
+      scene_array_t("area_ratio", "f8", "source", "1", "ratio of surface to plan area of the source cell"), &
+      scene_array_t("source_frequency", "f8", "source", "1/year", "relative frequency of boulders from the source"), &
       scene_array_t("source_feature", "i4", "source", "1", "polygon or point of the layer, counted from 1"), &
       scene_array_t("feature_law", "i4", "feature", "1", &
                     "distribution of its volumes: fixed, normal, uniform, lognormal; 0: the case's"), &
       scene_array_t("feature_value", "f8", "feature feature_field", "1", &
                     "mean, std, min, max of volumes, density, drop height, velocity east, north, up"), &
       scene_array_t("source_volume", "f8", "source", "m3", "volume of the boulders of the source"), &
-      scene_array_t("source_inertia", "f8", "source", "1", "their moment of inertia over mass and squared radius"), &
+      scene_array_t("source_inertia", "f8", "source", "1", "moment of inertia over mass and squared radius"), &
       scene_array_t("source_shape", "i1", "source", "1", &
                     "block shape of its boulders: compact, elongated, platy; 0: the case's"), &
       scene_array_t("source_density", "f8", "source", "kg/m3", "their density"), &
@@ -66,7 +66,7 @@ module rockfall_scene_arrays
       scene_array_t("tree_x", "f8", "tree", "m", "easting of the stem"), &
       scene_array_t("tree_y", "f8", "tree", "m", "northing of the stem"), &
       scene_array_t("tree_dbh", "f8", "tree", "cm", "diameter of the stem at breast height"), &
-      scene_array_t("tree_factor", "f8", "tree", "1", "energy that the species takes over that of silver fir")]
+      scene_array_t("tree_factor", "f8", "tree", "1", "energy that the species absorbs, relative to silver fir")]
 
    !> Input of a scene in addition to its case, from Python or from a scene file. Arrays of views belong to the caller.
    type :: scene_arrays_t

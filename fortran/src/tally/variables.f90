@@ -35,10 +35,10 @@ module rockfall_variables
       character(len=24) :: axes = ""  !! of a sample: its dimensions after sample_, the last varies fastest
    end type variable_t
 
-   character(len=*), parameter :: ends = "the first and the last bin also hold what lies beyond"
-   character(len=*), parameter :: in_classes = "from counts of classes 14 to 25 % wide"
+   character(len=*), parameter :: ends = "the first and the last bin include all values beyond"
+   character(len=*), parameter :: in_classes = "from counts in classes 14 to 25 % wide"
    character(len=*), parameter :: order_statistics = &
-      "independent boulders, coverage 95 % or more for given sources, none if too few"
+      "independent boulders, coverage 95 % or more for given sources, absent if too few"
    character(len=*), parameter :: lower = "lower limit of the 95 % interval of "
    character(len=*), parameter :: upper = "upper limit of the 95 % interval of "
    character(len=*), parameter :: by_cell = "jump height + R / cos(slope of the cell)"
@@ -81,33 +81,33 @@ module rockfall_variables
       variable_t("count", "rebounds_redrawn", "integer", "1", &
                  "rebounds whose matrix was drawn more than once"), &
       variable_t("count", "rebounds_forced", "integer", "1", &
-                 "rebounds limited, not being admissible; by a matrix after 32 draws"), &
+                 "rebounds limited to be admissible; for a matrix after 32 draws"), &
       variable_t("count", "rebounds_out_of_range", "integer", "1", &
-                 "rebounds with R_b/R_m outside 0.5 to 5.5, or those of their table of impacts"), &
+                 "rebounds with R_b/R_m outside 0.5 to 5.5, or the range of their table of impacts"), &
       variable_t("count", "rebounds_out_of_speed", "integer", "1", &
-                 "rebounds at speeds outside speed_range of the set, or above those of their table"), &
+                 "rebounds at speeds outside speed_range of the set, or above all of their table"), &
       variable_t("count", "rebounds_out_of_angle", "integer", "1", &
                  "rebounds at incidence angles outside the set's angle_range"), &
       variable_t("ground", "rebounds_by_ground", "integer", "1", "rebounds on the ground"), &
       variable_t("energy", "energy_released", "real", "J", &
                  "kinetic energy at the release, and potential energy from there to the end"), &
-      variable_t("energy", "energy_ground", "real", "J", "energy that rebounds took"), &
-      variable_t("energy", "energy_trees", "real", "J", "energy that trees took"), &
-      variable_t("energy", "energy_barriers", "real", "J", "energy that barriers took"), &
+      variable_t("energy", "energy_ground", "real", "J", "energy lost in rebounds"), &
+      variable_t("energy", "energy_trees", "real", "J", "energy absorbed by trees"), &
+      variable_t("energy", "energy_barriers", "real", "J", "energy absorbed by barriers"), &
       variable_t("energy", "energy_left", "real", "J", "kinetic energy at the end"), &
-      variable_t("feature", "source_feature", "integer", "1", "number of the feature that the source is of", &
+      variable_t("feature", "source_feature", "integer", "1", "number of the feature of the source", &
                  "counts from 1", "i4"), &
       variable_t("shape", "block_shape", "integer", "1", "shape of the block", stored="i4"), &
       variable_t("mass", "mass", "real", "kg", "mass of the boulder"), &
-      variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each counts", "i4"), &
+      variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each hit counts", "i4"), &
       variable_t("breakage", "fines_volume", "real", "m3", "volume that broke into pieces below min_volume"), &
-      variable_t("breakage", "energy_breakage", "real", "J", "energy that breaking took, with that of fines"), &
+      variable_t("breakage", "energy_breakage", "real", "J", "energy lost in breaking, including fines"), &
       variable_t("breakage", "fragments", "integer", "1", "blocks into which the boulder broke", &
                  "1: it did not break", "i4"), &
-      variable_t("breakage", "breakages", "integer", "1", "times that the boulder or a fragment of it broke", &
+      variable_t("breakage", "breakages", "integer", "1", "times that the boulder or one of its fragments broke", &
                  stored="i4"), &
       variable_t("breakage", "breakages_capped", "integer", "1", &
-                 "times that max_fragments left too little room for fragments", stored="i4"), &
+                 "times that max_fragments prevented further fragments", stored="i4"), &
       variable_t("line", "x", "real", "m", "easting of the first crossing"), &
       variable_t("line", "y", "real", "m", "northing of the first crossing"), &
       variable_t("line", "time", "real", "s", "time from release to the first crossing"), &
@@ -137,7 +137,7 @@ module rockfall_variables
       variable_t("crossing", "passing_height", "real", "m", &
                  "height of the boulder's centre above the surface, vertical", stored="f4"), &
       variable_t("fragment", "volume", "real", "m3", "volume of the fragment whose crossing is given", &
-                 "that of the most energy; heights are those of no fragment exceeded", "f4"), &
+                 "the fragment with the most energy; heights are maxima over all fragments", "f4"), &
       variable_t("fragment", "fragments", "integer", "1", "fragments that crossed", stored="i4"), &
       variable_t("line_vertex", "line", "integer", "1", &
                  "index of the evaluation line", "counts from 0"), &
@@ -146,7 +146,7 @@ module rockfall_variables
       variable_t("barrier", "height", "real", "m", "height of the top edge above the ground"), &
       variable_t("barrier", "capacity", "real", "J", "maximum energy that the barrier absorbs"), &
       variable_t("hit", "outcome", "integer", "1", "what the barrier did", &
-                 "of several crossings the one that mattered: stopped, broken_through, passed_over", "i1"), &
+                 "of several crossings in this order: stopped, broken_through, passed_over", "i1"), &
       variable_t("map", "passages", "integer", "1", &
                  "boulders that passed the cell, each counted once"), &
       variable_t("map", "reach_probability", "real", "1", &
@@ -208,12 +208,12 @@ module rockfall_variables
                  "flattest line from the release of a boulder that passed", to_middle), &
       variable_t("map", "travel_time_min", "real", "s", &
                  "shortest time from release until a boulder reaches the cell"), &
-      variable_t("map", "tree_impacts", "integer", "1", "hits of trees by boulders", "each counts"), &
+      variable_t("map", "tree_impacts", "integer", "1", "hits of trees by boulders", "each hit counts"), &
       variable_t("map", "tree_impact_height_max", "real", "m", &
                  "maximum height of a boulder's point above the surface when it hit a tree"), &
       variable_t("map", "tree_impact_height_mean", "real", "m", &
                  "mean height of a boulder's point above the surface when it hit a tree"), &
-      variable_t("map", "tree_energy", "real", "J", "energy that trees absorbed from all boulders"), &
+      variable_t("map", "tree_energy", "real", "J", "energy of all boulders absorbed by trees"), &
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &
@@ -238,11 +238,11 @@ module rockfall_variables
       variable_t("vertex", "in_n", "real", "m s-1", "V_n before the rebound"), &
       variable_t("vertex", "in_w", "real", "m s-1", "W = R_b omega before the rebound"), &
       variable_t("vertex", "out_t", "real", "m s-1", &
-                 "V_t after the rebound", "negative when the boulder turns back"), &
+                 "V_t after the rebound", "negative if the boulder bounces back"), &
       variable_t("vertex", "out_n", "real", "m s-1", "V_n after the rebound"), &
       variable_t("vertex", "out_w", "real", "m s-1", "W after the rebound"), &
       variable_t("vertex", "ratio", "real", "1", "R_b/R_m of the rebound", &
-                 "0 without a rebound, -1 of a classical one"), &
+                 "0 without a rebound, -1 for a classical rebound"), &
       variable_t("vertex", "leg", "real", "1", "motion to the next vertex", &
                  "1 flight, 2 on the ground, 3 at rest; 0 at the end"), &
       variable_t("tally", "cell", "integer", "1", "index of the cell, by rows from the north-west"), &
@@ -250,7 +250,7 @@ module rockfall_variables
       variable_t("tally", "sums", "integer", "1", "sums of the maps, by layer"), &
       variable_t("tally", "maxima", "real", "1", "maxima of the maps, by layer", stored="f4"), &
       variable_t("tally", "bin_counts", "integer", "1", "counts of classes", stored="i4"), &
-      variable_t("tally", "shared_cell", "integer", "1", "cell to which a source contributes that the part cuts"), &
+      variable_t("tally", "shared_cell", "integer", "1", "cell reached from a source that the part divides"), &
       variable_t("tally", "shared_source", "integer", "1", "number of that source", stored="i4"), &
       variable_t("tally", "shared_boulders", "integer", "1", "its boulders in the part", stored="i4"), &
       variable_t("kept", "boulder", "integer", "1", "number of the boulder"), &
@@ -279,12 +279,12 @@ module rockfall_variables
       variable_t("status", "stopped_by_tree", "word", "", "lost its energy at a tree"), &
       variable_t("status", "stopped_by_barrier", "word", "", "lost its energy at a barrier"), &
       variable_t("outcome", "stopped", "word", "", &
-                 "came to rest there: the barrier took all energy or left less than the stop speed"), &
+                 "came to rest: the barrier absorbed all energy or left less than the stop speed"), &
       variable_t("outcome", "broken_through", "word", "", "continued with the remaining energy"), &
-      variable_t("outcome", "passed_over", "word", "", "its centre was above the top edge each time"), &
+      variable_t("outcome", "passed_over", "word", "", "its centre was always above the top edge"), &
       variable_t("leg", "flight", "word", "", "in the air"), &
-      variable_t("leg", "ground", "word", "", "rolls or slides along the ground"), &
-      variable_t("leg", "rest", "word", "", "waits for the end of a contact")]
+      variable_t("leg", "ground", "word", "", "rolling or sliding on the ground"), &
+      variable_t("leg", "rest", "word", "", "at rest until the end of a contact")]
 
    character(len=27), parameter :: boulder_fields(n_boulder_fields) = pack(variable_table%name, &
       variable_table%group == "boulder" .and. variable_table%kind == "real")

@@ -469,7 +469,7 @@ contains
       write (unit, pos=64*1024**2 + 1) "x"
       close (unit)
       call read_text("test_namelist.tmp", text, error)
-      call said(error, "test_namelist.tmp: larger than 64 MB; not a text file of ours")
+      call said(error, "test_namelist.tmp: larger than 64 MB, so not a text file of rockfall")
       open (newunit=unit, file="test_namelist.tmp")
       close (unit, status="delete")
       call read_text("test_namelist.tmp", text, error)

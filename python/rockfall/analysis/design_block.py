@@ -180,8 +180,8 @@ def _fit(survey: Survey, threshold: float | None) -> Fit:
         if lowest is None:
             best = max(fit.p_value for fit in tried) if tried else 0.0
             raise RockfallError(
-                f"{survey.name}: above no threshold a generalised Pareto distribution fits (p = "
-                f"{best:.2g}): give the threshold"
+                f"{survey.name}: a generalised Pareto distribution fits above no threshold (p = "
+                f"{best:.2g}): choose a threshold"
             )
         fit = lowest
     if not -MAX_SHAPE < fit.shape < HEAVIEST:
@@ -275,14 +275,14 @@ def _levels(
         expected = rate.value * period  # blocks above the threshold
         if expected <= 1:
             row["refused"] = (
-                f"blocks larger than {fit.threshold:g} m3 come every {number(1 / rate.value)} "
-                "years: the block is smaller than the threshold"
+                f"blocks larger than {fit.threshold:g} m3 fall every {number(1 / rate.value)} "
+                "years: the block of this period is below the threshold"
             )
         elif expected > MAX_PERIOD * fit.exceedances:
             longest = number(MAX_PERIOD * fit.exceedances / rate.value)
             row["refused"] = (
-                f"the {fit.exceedances} blocks larger than {fit.threshold:g} m3 bear up to "
-                f"{longest} years"
+                f"{fit.exceedances} blocks above {fit.threshold:g} m3 support return periods "
+                f"of up to {longest} years"
             )
         else:
             excess = fit.scale * math.expm1(fit.shape * math.log(expected)) / fit.shape
@@ -373,7 +373,7 @@ def _scenario(
         )
     if top > WIDE * largest:
         remarks.append(
-            f"volume_max is {top / largest:.0f} times the largest surveyed block: a decision "
+            f"volume_max is {top / largest:.0f} times the largest surveyed block: check it "
             "(--volume-max)"
         )
     return scenario, remarks
@@ -401,8 +401,8 @@ def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> It
         )
     if (p := _same_volumes(survey, fit.threshold)) < REJECTED:
         yield (
-            f"dated blocks have other volumes than the others (p = {p:.2g}): one of the lists "
-            "lacks blocks: try a higher threshold"
+            f"volumes of dated and undated blocks differ (p = {p:.2g}), so one of the lists is "
+            "incomplete: try a higher threshold"
         )
     if rate.dispersion > 1:
         yield (
@@ -410,11 +410,11 @@ def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> It
             ": intervals are widened"
         )
     if np.isnan(survey.dates).any():
-        yield "blocks without dates: whether they came in clusters is not checked"
+        yield "clusters in time are not checked: some blocks have no date"
     if asked["extrapolated"]:
         yield f"larger than any surveyed block ({survey.volumes.max():.3g} m3): extrapolated"
     if asked["volume_high"] > WIDE * asked["volume"]:
-        yield f"the upper limit is more than {WIDE} times the block: the survey hardly limits it"
+        yield f"the upper limit is more than {WIDE} times the block: the survey is too small for it"
 
 
 def _same_volumes(survey: Survey, threshold: float) -> float:

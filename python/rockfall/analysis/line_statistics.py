@@ -86,7 +86,7 @@ def line_statistics(
     for chosen_quantity in chosen_quantities:
         if chosen_quantity not in known_quantities:
             all_ = ", ".join(known_quantities)
-            raise RockfallError(f"quantities: no quantity '{chosen_quantity}', there are {all_}")
+            raise RockfallError(f"quantities: unknown quantity '{chosen_quantity}', known: {all_}")
     samples = LineSamples(result)
     parts = samples.groups(by, classes) if by else [("", None)]
     rows = []

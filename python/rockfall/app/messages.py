@@ -77,12 +77,12 @@ def read_message(text: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         raise Refused("not JSON") from None
     if not isinstance(message, dict) or not isinstance(message.get("type"), str):
-        raise Refused("not a message with a type")
+        raise Refused("message without a type")
     return message
 
 
 def _no_number(token: str) -> float:
-    raise ValueError(f"{token} is no number of JSON")
+    raise ValueError(f"{token} is not a JSON number")
 
 
 def _finite(token: str) -> float:

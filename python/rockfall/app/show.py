@@ -91,7 +91,7 @@ def _page(messages: str) -> str:
     text, scripts = _SCRIPT.subn(lambda _: code, text)
     if (styles, scripts) != (1, 1):
         raise RockfallError(
-            f"internal error: {PAGE}/index.html: names no app.css, app.js", code=OUR_FAULT
+            f"internal error: {PAGE}/index.html: lacks app.css or app.js", code=OUR_FAULT
         )
     return text
 

@@ -59,10 +59,10 @@ def _ensemble(groups: Groups) -> Broken:
         yield "radius_factor", "is only valid with rock sizes in &surface"
     if "draws" in ensemble:
         if ensemble["source_shift"] > 0:
-            yield "source_shift", "must be 0: draws has it"
+            yield "source_shift", "must be 0: draws gives it"
         for key in FACTORS:
             if ensemble[key] > 1:
-                yield key, "must be 1: draws has it"
+                yield key, "must be 1: draws gives it"
     if "points" in release or "polygons" in release:
         return
     if ensemble["volume_std_factor"] > 1 and not boulder.get("volume_std"):
@@ -77,7 +77,7 @@ def _hazard(groups: Groups) -> Broken:
     hazard = groups["hazard"]
     periods, factor = hazard["return_periods"], hazard["frequency_factor"]
     if any(later <= earlier for earlier, later in pairwise(periods)):
-        yield "return_periods", "each must be above the one before"
+        yield "return_periods", "must increase"
     if len(factor) != 2:
         yield "frequency_factor", "must be two factors, the lowest and the highest"
     elif not factor[0] <= 1 <= factor[1]:
@@ -90,13 +90,13 @@ def _hazard(groups: Groups) -> Broken:
     if numbers.size != intensities * len(periods):
         yield (
             "matrix",
-            f"must be {intensities} times {len(periods)} classes: below, between and above the "
-            "thresholds, for each of return_periods",
+            f"must be {intensities} x {len(periods)} classes: {intensities} intensities, each with "
+            f"{len(periods)} return periods",
         )
         return
     matrix = numbers.reshape(intensities, len(periods))
     if (np.diff(matrix, axis=0) < 0).any() or (np.diff(matrix, axis=1) > 0).any():
-        yield "matrix", "must not fall where boulders are stronger or more frequent"
+        yield "matrix", "must not decrease with energy or frequency"
 
 
 def _scenario(groups: Groups, number: int, at_points: bool) -> Broken:
@@ -111,7 +111,7 @@ def _scenario(groups: Groups, number: int, at_points: bool) -> Broken:
     if given["frequency_per"] == "km2" and at_points:
         yield "frequency_per", "is not valid for points, which have no area"
     if (given["frequency_per"] == "m") != ("cliff_length" in given):
-        yield "frequency_per, cliff_length", "'m' and the length need each other"
+        yield "frequency_per, cliff_length", "'m' and cliff_length must be given together"
     if given["name"] in (other["name"] for other in earlier):
         yield "name", "must be unique among scenarios"
     if "activity" in given and "volume" in given:

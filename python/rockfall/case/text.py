@@ -46,7 +46,7 @@ class KernelValues:
         return self._handle
 
     def __reduce__(self) -> NoReturn:
-        raise TypeError("what the kernel has read belongs to its process")
+        raise TypeError("a parsed case cannot be copied to another process")
 
     @property
     def groups(self) -> list[Values]:

@@ -54,7 +54,7 @@ def chosen_variant(case: Case, name: str | None) -> Case:
     if by_name:
         by_name[BASE] = case.replace(variant=[])
     if name not in by_name:
-        has = f"the variants are {', '.join(by_name)}" if by_name else "the case has no &variant"
+        has = f"variants: {', '.join(by_name)}" if by_name else "the case has no &variant"
         raise RockfallError(f"{case.name}: --variant {name}: {has}")
     return by_name[name]
 
@@ -64,9 +64,9 @@ def check_single(case: Case) -> None:
     if case.variant:
         names = ", ".join(variant["name"] for variant in case.variant)
         raise RockfallError(
-            f"{case.name}: &variant: has the variants {names}: `rockfall variants` runs all, "
-            f"--variant NAME (in Python rockfall.variants(case)[NAME]) takes one, --variant {BASE} "
-            "the case without them"
+            f"{case.name}: &variant: the variants are {names}: run all by `rockfall variants`, "
+            f"one by --variant NAME (in Python rockfall.variants(case)[NAME]), none by --variant "
+            f"{BASE}"
         )
 
 
@@ -116,8 +116,8 @@ def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[st
     called = list(dict.fromkeys(name for name, _ in own if name))
     for name in names:
         if name not in called:
-            those = f"those are {', '.join(called)}" if called else f"no &{group} has a name"
-            raise RockfallError(f"{where}: no &{group} is called '{name}'; {those}")
+            those = f"known: {', '.join(called)}" if called else f"no &{group} has a name"
+            raise RockfallError(f"{where}: unknown &{group} '{name}', {those}")
     return [item for name, item in own if name in names]
 
 

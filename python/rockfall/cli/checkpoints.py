@@ -17,7 +17,7 @@ def check_study_folder(folder: Path, files: Iterable[str], inputs: Iterable[str 
     """Refuse a folder to which the files cannot be written, before the runs start."""
     check_folder(folder)
     if not folder.resolve().parent.is_dir():
-        raise RockfallError(f"{folder}: there is no folder {folder.parent}")
+        raise RockfallError(f"{folder}: folder {folder.parent} does not exist")
     check_outputs([folder / name for name in files], inputs)
 
 
@@ -51,8 +51,8 @@ def study_checkpoints(
         checkpoint = Checkpoint(output, arguments.checkpoint or math.inf, warn, keep=True)
         if (done := checkpoint.found()) and not arguments.resume:
             raise RockfallError(
-                f"{checkpoint.path}: holds {done:,} boulders of {study}, stopped: continue "
-                "with --resume, or remove it"
+                f"{checkpoint.path}: contains {done:,} boulders of {study}: continue with "
+                "--resume, or remove it"
             )
         paths.append(checkpoint)
     return paths

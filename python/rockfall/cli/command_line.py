@@ -19,7 +19,7 @@ from rockfall.interrupts import exit_status, stoppable
 
 #: Objects between two garbage collections: the default takes a tenth of the time of a report.
 RARELY = 50_000, 20, 20
-_NO_MEMORY = "not enough memory for this case: `rockfall check` lists the need"
+_NO_MEMORY = "not enough memory for this case: `rockfall check` estimates what it needs"
 
 
 def main(argv: Sequence[str] | None = None) -> int:

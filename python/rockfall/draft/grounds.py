@@ -74,7 +74,7 @@ def check_ground(name: str, where: str) -> None:
     shipped = {*shipped_rows().rows, *table_names(), *shipped_sets()}
     if name not in shipped:
         raise RockfallError(
-            f"{where}: no ground '{name}': must be {CHOICES}, or another of docs/grounds.md"
+            f"{where}: no ground '{name}': must be {CHOICES}, or another ground of docs/grounds.md"
         )
 
 
@@ -137,7 +137,7 @@ class Grounds:
         for zone in self.by_zone.keys() - self.used:
             text = f"--ground {zone}={self.by_zone[zone]}"
             if layer is None:
-                raise RockfallError(f"{text}: no layer of zones was given")
+                raise RockfallError(f"{text}: give a layer of zones")
             labels = [_labels(layer, k)[:1] for k in range(len(layer.shapes))]
             has = ", ".join(dict.fromkeys(label for several in labels for label in several))
             raise RockfallError(f"{text}: not in {layer}, which has {has or 'no names and ids'}")

@@ -82,28 +82,28 @@ def _layer(layer: Layer, group: str, key: str) -> Iterator[Entry]:
 
 
 def _head(new: New) -> Iterator[str]:
-    yield f"A first case for {new.dem.name}, by `rockfall new`. It runs unchanged; what is marked"
-    yield "CHOOSE is a guess that only you can better. Keys in comments are off."
-    yield "All keys: docs/case.md. `rockfall check` lists what would run, and doubts."
+    yield f"A first case for {new.dem.name}, by `rockfall new`. It runs unchanged. Values marked"
+    yield "CHOOSE are guesses to be replaced by yours. Keys in comments are off."
+    yield "All keys: docs/case.md. `rockfall check` lists what will run, with warnings."
     yield from (f"- {note}" for note in new.notes)
 
 
 def _foot(new: New) -> Iterator[str]:
     if new.observed is None or not (new.observed.files or new.observed.angle):
-        yield "No observations were given. Runs are compared with those of the site, such as:"
+        yield "No observations were given. To compare runs with the site, add for example:"
         yield f"&observed files = 'blocks.csv', energy_line_angle = {ANGLE} /"
-    yield "Hazard and dossier need frequencies (docs/howto/hazard.md), such as:"
+    yield "Hazard and dossier require frequencies (docs/howto/hazard.md), for example:"
     yield "&scenario name = 'blocks', return_period = 10.0 /"
     if LINES in new.used:
         return
     west, east, y = (f"{end:.10g}" for end in (new.grid.west, new.grid.east, new.grid.y.mean()))
-    yield "No lines were given. What passes a road is recorded at one, such as:"
+    yield "No lines were given. To record boulders that cross a road, add for example:"
     yield f"&line name = 'road', x = {west}, {east}, y = {y}, {y} /"
     yield "&line file = 'site.gpkg', layer = 'road', field = 'name' /"
 
 
 def _case(new: New) -> Group:
-    total = f"CHOOSE, or boulders, from each of the {new.sources:,} sources"
+    total = f"CHOOSE, or give boulders for each of the {new.sources:,} sources"
     return Group(
         "case",
         [
@@ -117,7 +117,7 @@ def _case(new: New) -> Group:
 
 def _surface(new: New, place: Path) -> Group:
     if new.zones is None:
-        why = f"As given; or zones and table; by terms of the field: {CHOICES}"
+        why = f"As given, or use zones with a table. Grounds: {CHOICES}"
         rocks = needs_rocks(new.ground)
         radius = "CHOOSE; or mean_radius = 'raster.tif'" if rocks else "For grounds that need it"
         return Group(
@@ -135,7 +135,7 @@ def _surface(new: New, place: Path) -> Group:
         named = [_entry("surface", "zones", zones.copy.name, why)]
     rest = []
     if zones.rest is not None:
-        why = f"CHOOSE: {zones.outside:,} cells lie in no polygon, this is the commonest"
+        why = f"CHOOSE: {zones.outside:,} cells are in no polygon, this zone is the most frequent"
         rest = [_entry("surface", "default_zone", zones.rest, why)]
     return Group(
         "surface",
@@ -170,7 +170,7 @@ def _release(new: New, place: Path) -> Group:
     drop = _entry("release", "drop_height", 1.0, "CHOOSE")
     slope = _entry("release", "slope_threshold", round(new.threshold, 2), on=False)
     if SOURCES not in new.used:
-        why = "CHOOSE; none were given: or polygons = 'cliff.gpkg', cells = 'raster.tif', x and y"
+        why = "CHOOSE, none were given. Or polygons = 'cliff.gpkg', cells = 'raster.tif', x and y"
         return Group("release", [_entry("release", "steep_cells", True, why), slope, drop])
     layer = new.used[SOURCES][0]
     key = "points" if layer.shape == "Point" else "polygons"
@@ -221,7 +221,7 @@ def _observed(new: New, place: Path) -> Iterator[Group]:
     copies = {path: path.name for path in seen.copies}
     files = [copies.get(path) or _name(path, place) for path in seen.files]
     entries = [_entry("observed", "files", files)] if files else []
-    angle, why = seen.angle, "CHOOSE: the lowest of blocks here, or in the region"
+    angle, why = seen.angle, "CHOOSE: lowest angle of blocks at the site or in the region"
     is_given = angle is not None
     entries.append(
         _entry("observed", "energy_line_angle", angle if is_given else ANGLE, why, on=is_given)

@@ -101,9 +101,9 @@ def _take(new: New, layer: Layer) -> bool:
     kind, why = kind_of(layer)
     doubtful = may_be_sources(layer, kind)
     if kind in new.used and kind not in SEVERAL:
-        kind, why = "", f"{kind} are already those of {new.used[kind][0]}"
+        kind, why = "", f"{kind} are already given by {new.used[kind][0]}"
     if {kind, *new.used} >= {TREES, STANDS}:
-        kind, why = "", "a forest is made of trees or of stands, and one of them came before"
+        kind, why = "", "give either trees or stands, not both"
     if kind == TREES and not layer.alone and not new.has_key("forest", "trees_layer"):
         kind, why = "", "trees must be alone in their file"
     if kind and kind != OBJECTS:
@@ -118,18 +118,18 @@ def _check_steep(new: New, doubtful: list[Layer]) -> None:
     for layer in doubtful:
         if layer.is_called(SOURCES):
             raise RockfallError(
-                f"{layer}: is named as sources, which must be all points or all polygons"
+                f"{layer}: has the name of sources, which must be all points or all polygons"
             )
     for layer in doubtful:
         if layer.alone:
             raise RockfallError(
-                f"{layer}: its use is not known, and no sources are given: name it source, or "
-                "leave it out to release from steep cells"
+                f"{layer}: its use is unknown and there are no sources: rename it source, or leave "
+                "it out to release from steep cells"
             )
     names = ", ".join(layer.name for layer in doubtful)
     new.remarks.append(
-        f"{doubtful[0].path}: no layer is known as sources, so steep cells release: rename one of "
-        f"{names} to source if it was meant"
+        f"{doubtful[0].path}: no layer contains sources, so steep cells are used: otherwise rename "
+        f"one of {names} to source"
     )
 
 

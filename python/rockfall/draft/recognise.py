@@ -98,7 +98,7 @@ class Layer:
             return False
         for k, value in enumerate(values, start=1):
             if not isinstance(value, int | float):
-                flaw = "is empty" if value is None else f"= {value!r} is no number"
+                flaw = "is empty" if value is None else f"= {value!r} is not a number"
                 raise RockfallError(
                     f"{self}: feature {k}: {self.own_names[str(self.attribute(key))]} {flaw}: all "
                     "features must have a number"
@@ -118,7 +118,9 @@ class Layer:
 def read_layers(path: Path, grid: Grid) -> Iterator[Layer]:
     """All layers of a file, on the terrain."""
     if path.suffix.lower() not in EXTENSIONS:
-        raise RockfallError(f"{path}: is no layer: must end in {', '.join(sorted(EXTENSIONS))}")
+        raise RockfallError(
+            f"{path}: is not a layer: its name must end in {', '.join(sorted(EXTENSIONS))}"
+        )
     names = layer_names(path)
     for name in names:
         remarks: list[str] = []
@@ -135,11 +137,11 @@ def kind_of(layer: Layer) -> tuple[str, str]:
     if layer.shape == "Line":
         return _lines(layer)
     if layer.shape != "Point":
-        return "", "points, lines and polygons are mixed: one kind to a layer"
+        return "", "points, lines and polygons are mixed: use one layer for each"
     if layer.attribute(IMPACT) and not layer.is_called(TREES):
         return SCARS, f"points with {IMPACT}"
     if layer.is_called(SCARS):
-        return "", f"scars need an attribute {IMPACT}: a name or a number"
+        return "", f"scars need an attribute {IMPACT}, a name or number"
     if {*START} <= layer.columns.keys():
         return BLOCKS, f"points with {', '.join(START)}"
     if layer.is_called(BLOCKS) and not layer.is_called(SOURCES):
@@ -150,7 +152,7 @@ def kind_of(layer: Layer) -> tuple[str, str]:
         return "", "trees need an attribute dbh [cm]"
     if why := _why_sources(layer):
         return SOURCES, f"points{why}"
-    return _other(layer, "points with dbh are trees, those named source or cliff are sources")
+    return _other(layer, "points with dbh are trees, layers named source or cliff are sources")
 
 
 def _polygons(layer: Layer) -> tuple[str, str]:
@@ -162,7 +164,8 @@ def _polygons(layer: Layer) -> tuple[str, str]:
     if why := _why_sources(layer):
         return SOURCES, f"polygons{why}"
     return _other(
-        layer, f"polygons with {', '.join(MATERIAL)} are zones, those named source or cliff sources"
+        layer,
+        f"polygons with {', '.join(MATERIAL)} are zones, layers named source or cliff sources",
     )
 
 
@@ -198,11 +201,10 @@ def _lines(layer: Layer) -> tuple[str, str]:
     if layer.is_called(DAMS):
         if layer.has("height"):
             return DAMS, "lines with height, by their name"
-        return LINES, "for a dam they need an attribute height [m]: here they only record"
+        return LINES, "used as lines: a dam needs an attribute height [m]"
     if layer.is_called(BARRIERS):
         return LINES, (
-            "for barriers they need attributes height [m], and capacity [kJ] or class: here they "
-            "only record"
+            "used as lines: barriers need attributes height [m], and capacity [kJ] or class"
         )
     return LINES, "lines: crossings are recorded"
 
@@ -210,5 +212,5 @@ def _lines(layer: Layer) -> tuple[str, str]:
 def _other(layer: Layer, rule: str) -> tuple[str, str]:
     if layer.is_called(OBJECTS):
         name = "" if layer.alone else f" --objects-layer {layer.name}"
-        return OBJECTS, f"for `rockfall hazard --objects {layer.path}{name}`: no part of a case"
+        return OBJECTS, f"use it by `rockfall hazard --objects {layer.path}{name}`"
     return "", rule

@@ -108,5 +108,5 @@ def _rest(
     zones, cells = np.unique(numbers[numbers != NO_ID], return_counts=True)
     outside = int(np.count_nonzero(numbers == NO_ID))
     if not zones.size:
-        raise RockfallError(f"{layer}: no polygon holds a cell with an elevation")
+        raise RockfallError(f"{layer}: no polygon contains a cell with an elevation")
     return (int(zones[cells.argmax()]), outside) if outside else (None, 0)

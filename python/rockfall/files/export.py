@@ -129,7 +129,7 @@ def put_export(
     except RuntimeError as error:  # from netCDF4: values are read while they are written
         raise RockfallError(f"{result}: cannot be read: {error}") from error
     except KeyError as error:
-        raise RockfallError(f"the result lacks what goes with it: {error}") from error
+        raise RockfallError(f"the result is incomplete: {error}") from error
 
 
 def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
@@ -171,7 +171,7 @@ def _drawn(data: xr.Dataset, moving: Sampled | None, what: str, *drawn: str) -> 
     """Layers of a drawing among those `drawn`."""
     layers = _layers(data, moving, what)
     if not (chosen := {name: layers[name] for name in drawn if name in layers}):
-        raise RockfallError(f"{what}: the result has nothing that could be drawn")
+        raise RockfallError(f"{what}: the result contains nothing to draw")
     return chosen
 
 
@@ -550,4 +550,4 @@ def _check_arrived(path: Path, features: Mapping[str, int]) -> None:
             (count,) = database.execute(f'SELECT count(*) FROM "{layer}"').fetchone()
             (indexed,) = database.execute(index, [f"rtree_{layer}_geom"]).fetchone()
             if count != expected or not indexed or state != "ok":
-                raise sqlite3.DatabaseError(f"layer {layer} is not whole")
+                raise sqlite3.DatabaseError(f"layer {layer} is incomplete")

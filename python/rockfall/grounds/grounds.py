@@ -61,7 +61,7 @@ class GroundRule(NamedTuple):
 
     name: str
     model: str = IMPACT_SETS
-    text: bytes = b""  # of a file of impact sets, or a row of parameters
+    text: bytes = b""  # impact set file, or a row of parameters
     file: str = ""  # source of the content, for messages
     rest_angle: float | None = None  # [degree]; None: not given, as for rocky ground
     block_radius: float = math.nan  # R_b [m] of the largest blocks of its table; NaN: none
@@ -433,8 +433,8 @@ def usual_ground(case: Case) -> GroundRule:
         return table_ground(case, name)
     names = ", ".join(table_names())
     raise RockfallError(
-        f"{case.name}: &impact table = '{name}': no such table of impacts, and no file .nc; "
-        f"shipped tables: {names}"
+        f"{case.name}: &impact table = '{name}': no such table of impacts or file .nc, shipped "
+        f"tables: {names}"
     )
 
 

@@ -286,7 +286,7 @@ def _read_table(place: str, path: str | Path, state: tuple[int, int]) -> ImpactT
     arrays = {"size", "relief", "first", *BY_BIN, *EDGES, *FIELDS}
     numbers = {"inertia", *YieldingGround._fields}
     if not (arrays <= set(data.variables) and numbers <= set(data.attrs)):
-        raise RockfallError(f"{path}: is not a table of impacts of this version: make it again")
+        raise RockfallError(f"{path}: is not a table of impacts of this version: create it again")
     ground = YieldingGround(*(float(data.attrs[name]) for name in YieldingGround._fields))
     return ImpactTable(
         **{name: data[name].values for name in ("size", "relief", "first", *BY_BIN)},

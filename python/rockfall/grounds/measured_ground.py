@@ -309,7 +309,7 @@ def _scars(scars: Scars) -> list[Scar]:
         check_columns(f"scar {k}", list(values), COLUMNS)
         read.append(_scar(Row(f"scar {k}", {key: str(value) for key, value in values.items()})))
     if not read:
-        raise RockfallError("scars: there is none")
+        raise RockfallError("scars: the table is empty")
     return read
 
 
@@ -320,7 +320,7 @@ def _scar(row: Row) -> Scar:
                ) -> tuple[float, float]:  # fmt: skip
         values = row.maybe(first, low, high), row.maybe(second, low2, high2)
         if sum(math.isnan(value) for value in values) != 1:
-            raise RockfallError(f"{row.where}: needs {first} or {second}, and not both")
+            raise RockfallError(f"{row.where}: needs either {first} or {second}")
         return values
 
     depth = row.maybe("depth", 1e-3)
@@ -331,7 +331,7 @@ def _scar(row: Row) -> Scar:
     mass, size = either("mass", "volume", 1e-2, 1e8, 1e-5, 1e5)
     radius = float(np.cbrt(3 * (mass / density if math.isnan(size) else size) / (4 * np.pi)))
     if depth > 2 * radius:
-        row.refuse("depth", f"must be in m, and at most the block, {2 * radius:.2g} m")
+        row.refuse("depth", f"must be in m and at most the block diameter, {2 * radius:.2g} m")
     fall, speed = either("fall", "speed", 1e-2, 1000.0, 0.1, 150.0)
     errors = {key: row.maybe(f"{key}_error", 0.0) for key in ("depth", "fall", "speed")}
     for key, value in (("depth", depth), ("fall", fall), ("speed", speed)):

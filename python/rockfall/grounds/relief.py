@@ -78,7 +78,7 @@ def measure(
     removed.
     """
     if not np.isfinite(heights).all():
-        raise RockfallError(f"{name}: has cells without an elevation: cut out a patch without any")
+        raise RockfallError(f"{name}: has cells without an elevation: cut out a complete patch")
     shortest, longest = band.shortest * radius, band.longest * radius
     side = min(heights.shape) * cell
     if longest > side / WAVES_OF_PATCH:

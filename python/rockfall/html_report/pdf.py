@@ -62,7 +62,7 @@ def write_pdf(page: str, path: Path) -> None:
     with atomic_write(path) as part:
         document = _laid_out(page)
         if "signature" not in document.pages[0].anchors:
-            reason = "the signature is not on page 1; shorten the title and the names of lines"
+            reason = "the signature is not on page 1: shorten the title and the line names"
             warnings.warn(f"{path.name}: {reason}", stacklevel=4)  # its folder may be temporary
         add_steps(len(document.pages))
         for sheet in document.pages:

@@ -41,7 +41,9 @@ class Given(NamedTuple):
         """Refuse inputs that cannot be compared."""
         for name, cost in self.costs.items():
             if name not in results:
-                raise RockfallError(f"cost of {name}: the variants are {', '.join(results)}")
+                raise RockfallError(
+                    f"cost of {name}: unknown variant, variants: {', '.join(results)}"
+                )
             if not 0 <= cost < math.inf:
                 raise RockfallError(f"cost of {name} = {cost:g}: must be >= 0")
 

@@ -58,7 +58,7 @@ def import_avaframe(
     folder, out = Path(directory), Path(out)
     inputs = next((path for path in (folder / "Inputs", folder) if (path / "REL").is_dir()), None)
     if inputs is None:
-        raise RockfallError(f"{folder}: no folder Inputs with REL, as AvaFrame has")
+        raise RockfallError(f"{folder}: has no folder Inputs/REL")
     dem = only(_files(inputs, RASTERS), inputs, "DEM (.asc or .tif)")
     releases = _files(inputs / "REL", (*RASTERS, *LAYERS))
     kinds = {path.suffix.lower() in LAYERS for path in releases}
@@ -74,7 +74,7 @@ def import_avaframe(
         if infra:
             _objects(made, only(infra, inputs / "INFRA", "raster"))
         names = [_release(made, path) for path in releases]
-        made.changed.append(f"ground {ground} and boulders of {VOLUME:g} m3 are yours to choose")
+        made.changed.append(f"ground {ground} and boulders of {VOLUME:g} m3 must be chosen")
         made.write("avaframe", lambda place: _groups(made, place, ground, releases, names))
     return made.lists()
 
@@ -104,7 +104,7 @@ def _note_left(made: Import, inputs: Path) -> None:
     for path in _files(inputs / "RES", LAYERS):
         made.left.append(f"{made.name(path)}: resistance to snow; &forest polygons takes stands")
     for folder in sorted(path for path in inputs.iterdir() if path.is_dir()):
-        why = WITHOUT.get(folder.name.upper(), "not a folder that we know")
+        why = WITHOUT.get(folder.name.upper(), "unknown folder")
         if folder.name.upper() not in ("REL", "RES", "INFRA") and any(folder.iterdir()):
             made.left.append(f"{made.name(folder)}: {why}")
 

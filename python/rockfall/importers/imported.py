@@ -24,7 +24,7 @@ from rockfall.simulation.memory import machine_memory
 
 CASE, DEM = "case.nml", "dem.tif"
 #: Heads of the three lists that an import ends with.
-TAKEN, CHANGED, LEFT = "taken over", "taken over with changes", "not taken over"
+TAKEN, CHANGED, LEFT = "taken over", "imported with changes", "not imported"
 
 
 @dataclass

@@ -93,7 +93,7 @@ class Layer:
         best = max(hits, key=lambda kind: hits[kind])
         if list(hits.values()).count(hits[best]) > 1 and hits[best]:
             raise RockfallError(
-                f"{self.path}: its attributes are those of {best} and of another layer: "
+                f"{self.path}: has attributes of {best} and of another layer: "
                 "rocks, soils and forest need files of their own"
             )
         return best if hits[best] else ""
@@ -102,7 +102,7 @@ class Layer:
         """Numbers of all features by key; defaults are noted where they have an effect."""
         own = {name for key in KEYS[kind].values() for name in key.names}
         for name in self.columns.keys() - own - {"name"}:
-            why = WITHOUT_EFFECT.get(name, "is no attribute that PlatRock reads here")
+            why = WITHOUT_EFFECT.get(name, "is not an attribute of PlatRock here")
             made.left.append(f"{made.name(self.path)}: {name} {why}")
         values = {name: self._numbers(name, key) for name, key in KEYS[kind].items()}
         models = [int(number) for number in values.get("bounce_model_number", ())]
@@ -237,7 +237,7 @@ def _by_kind(made: Import, paths: list[Path]) -> dict[str, Layer]:
                 "lines"
             )
         elif kind in layers:
-            raise RockfallError(f"{path}: {kind} are already those of {layers[kind].path.name}")
+            raise RockfallError(f"{path}: {kind} are already given by {layers[kind].path.name}")
         else:
             layers[kind] = layer
     return layers

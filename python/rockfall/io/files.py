@@ -47,7 +47,7 @@ def check_text_file(path: str | Path) -> None:
     """Refuse files that are not regular, or too large for a text."""
     check_regular(path)
     if os.path.isfile(path) and os.path.getsize(path) > MAX_TEXT:
-        raise RockfallError(f"{path}: larger than 64 MB; not a text file of ours")
+        raise RockfallError(f"{path}: larger than 64 MB, so not a text file of rockfall")
 
 
 def read_text(path: str | Path) -> str:

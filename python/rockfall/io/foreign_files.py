@@ -45,7 +45,7 @@ def check_foreign(path: str, start: bytes) -> None:
         other = file.with_suffix(".sdat") if file.suffix.lower() == ".sgrd" else file
         made = other.with_name(f"{other.stem}_{other.suffix[1:] or 'grid'}.tif")
         cure += shlex.join(["rio", "convert", str(other), str(made)])
-    raise RockfallError(f"{path}: is {what}, no raster that is read; {cure}")
+    raise RockfallError(f"{path}: is {what}, which cannot be read as a raster: {cure}")
 
 
 def _kind(file: Path, start: bytes) -> tuple[str, str]:
@@ -67,5 +67,5 @@ def _kind(file: Path, start: bytes) -> tuple[str, str]:
     if re.search(rb"^\W*n(cols|rows)\b", start, re.IGNORECASE | re.MULTILINE):
         return "an ESRI ASCII grid with another header", "its first line must be: ncols NUMBER"
     if suffix == ".hgt":
-        return "an SRTM tile without the name of its place", "name it such as N46E007.hgt"
+        return "an SRTM tile whose name gives no position", "name it such as N46E007.hgt"
     return "", ""

@@ -30,4 +30,4 @@ def check_table(path: str | Path) -> None:
         raise RockfallError(f"{path}: trajectories are not read: give samples and stops as CSV")
     if kind := kinds.kind_of(start_of(path)):
         cure = _CURES.get(kind, _TABLE)
-        raise RockfallError(f"{path}: is {kind.name}, no table in CSV: {cure}")
+        raise RockfallError(f"{path}: is {kind.name}, not a CSV table: {cure}")

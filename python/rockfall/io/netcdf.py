@@ -38,7 +38,7 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
     if os.path.isfile(path) and start_of(path).startswith(CLASSIC):
         new = Path(path).with_name(f"{Path(path).stem}_nc4.nc")
         command = shlex.join(["nccopy", "-k", "nc4", str(path), str(new)])
-        raise RockfallError(f"{path}: is classic netCDF; make netCDF-4 of it: {command}")
+        raise RockfallError(f"{path}: is classic netCDF: convert it to netCDF-4 by {command}")
     check_letters(path)
     # absolute, since netCDF treats other names as addresses
     name = os.path.abspath(path)
@@ -74,7 +74,7 @@ def check_letters(path: str | Path) -> None:
         os.path.abspath(path).encode(NETCDF_NAMES)
     except UnicodeEncodeError as error:
         raise RockfallError(
-            f"{path}: netCDF opens no path with letters that the code page of this Windows lacks; "
+            f"{path}: netCDF cannot open paths with letters outside the code page of this Windows: "
             "rename the file or its folder"
         ) from error
 

@@ -42,7 +42,7 @@ def check_result_path(
     check_output(path, inputs, tries=tries)
     check_letters(path)
     if not RESULT_NAME.search(Path(path).name):
-        raise RockfallError(f"{path}: results are netCDF files, their names must end in .nc")
+        raise RockfallError(f"{path}: results are netCDF files: the output name must end in .nc")
 
 
 def check_output(
@@ -54,7 +54,7 @@ def check_output(
     path = Path(path)
     check_outputs([path], inputs)
     if not path.parent.is_dir():
-        raise RockfallError(f"{path}: there is no folder {path.parent}")
+        raise RockfallError(f"{path}: folder {path.parent} does not exist")
     if tries:
         _check_place(path, path.parent)
 

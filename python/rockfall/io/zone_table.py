@@ -92,7 +92,7 @@ def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[
     for row in rows:
         zone = _zone(row)
         if zone in zones:
-            raise RockfallError(f"{row.where}: zone {zone}: is in the table twice")
+            raise RockfallError(f"{row.where}: zone {zone}: occurs twice in the table")
         zones[zone] = _made(row)
     if remarks is not None:
         _note_marks(remarks, path, zones)

@@ -95,7 +95,7 @@ def figures(
     be drawn, because a file of the case cannot be read.
     """
     if "boulder" not in result.sizes or not simulated(result):
-        raise RockfallError("a result without boulders has no figures")
+        raise RockfallError("figures need a result with boulders")
     result, rows = flat_maps(result), has_rows(result)
     return [
         *_trajectories(result, terrain, look),

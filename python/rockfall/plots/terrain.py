@@ -52,7 +52,7 @@ def _places(result: xr.Dataset, beside: Path | None) -> list[Path]:
     """Candidate paths of the case's DEM: where it was run, or next to the result."""
     case = case_of(result)
     if case.terrain["dem"] == FROM_ARRAY:
-        raise RockfallError(f"{case.name}: the elevations of the run came from an array, no file")
+        raise RockfallError(f"{case.name}: elevations were given as an array, not as a file")
     name = case.terrain["dem"]
     places = [case.path(name)]
     if beside is not None:

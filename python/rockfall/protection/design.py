@@ -179,7 +179,7 @@ def conditions_of(given: dict[str, str]) -> Conditions:
     """Conditions of the standard given as options."""
     unknown = given.keys() - Conditions.__dataclass_fields__.keys()
     if unknown:
-        raise TypeError(f"design() has no option {sorted(unknown)[0]!r}")
+        raise TypeError(f"design: unknown option {sorted(unknown)[0]!r}")
     return Conditions(**given)
 
 

@@ -90,9 +90,7 @@ def open_result(path: str | Path) -> xr.Dataset:
         raise RockfallError(f"{path}: is not a netCDF result: {error}") from error
     if "part_layout" in data.attrs:
         data.close()
-        raise RockfallError(
-            f"{path}: is a part of a run: `rockfall merge` makes the result of one or many"
-        )
+        raise RockfallError(f"{path}: is a part of a run: make a result by `rockfall merge`")
     return data
 
 

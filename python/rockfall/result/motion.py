@@ -97,7 +97,7 @@ def are_met(boulder: np.ndarray, leg: np.ndarray) -> np.ndarray:
 def _between(
     columns: np.ndarray, boulder: np.ndarray, vertex: np.ndarray, leg: np.ndarray, g: float
 ) -> Motion:
-    """Motion between vertices; `columns` are _NAMES and are changed."""
+    """Motion between vertices, from `columns` in the order of _NAMES, which are overwritten."""
     start, velocity = columns[:4], columns[4:]
     begins, ends = np.diff(boulder, prepend=-1) != 0, np.diff(boulder, append=-1) != 0
     straight = leg > LEG["flight"]

@@ -36,7 +36,7 @@ def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
         ours, theirs = (json.loads(data.attrs[attribute]) for data in (first, other))
         for key, name in names.items():
             if ours.get(key) != theirs.get(key):
-                raise RockfallError(f"{what}: belongs to another case: other {name}")
+                raise RockfallError(f"{what}: belongs to another case: {name} differs")
     for place in _differences(case_in(first.attrs), case_in(other.attrs)):
         raise RockfallError(f"{what}: belongs to another case: {place} differs")
 
@@ -46,7 +46,7 @@ def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
     for (name, data), (next_name, other) in pairwise(results.items()):
         _check_crs(data, other, next_name)
         if not _overlap(_extent(data), _extent(other)):
-            raise RockfallError(f"{next_name}: lies elsewhere than {name}: no place in common")
+            raise RockfallError(f"{next_name}: is elsewhere than {name}: no place in common")
 
 
 def _check_crs(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
@@ -55,7 +55,9 @@ def _check_crs(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
         return
     if not (ours and theirs and same_crs(_crs(ours), _crs(theirs))):
         names = (_crs_name(data) for data in (other, first))
-        raise RockfallError(f"{what}: has another coordinate system: {' in place of '.join(names)}")
+        raise RockfallError(
+            f"{what}: has a different coordinate system: {' in place of '.join(names)}"
+        )
 
 
 def _crs(wkt: str) -> CRS:
@@ -95,7 +97,7 @@ def _differences(first: Case, other: Case) -> Iterator[str]:
     for group in GROUPS:
         ours, theirs = (_values(case, group) for case in (first, other))
         if len(ours) != len(theirs):
-            yield f"the number of groups &{group}"
+            yield f"the number of &{group} groups"
         for own, another in zip(ours, theirs, strict=False):
             for key in sorted({*own, *another}):
                 if (group, key) not in files and own.get(key) != another.get(key):

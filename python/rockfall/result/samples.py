@@ -36,7 +36,7 @@ def check_rows(result: Held, what: str) -> None:
     """Refuse an analysis that needs rows of boulders if a run kept none."""
     if "sample_ended" in result and not has_rows(result):
         raise RockfallError(
-            f"{what}: needs rows of boulders, and &output kept = 'none' keeps none; run with a "
+            f"{what}: requires rows of boulders, but &output kept = 'none' keeps none; run with a "
             "number of them, or 'all'"
         )
 

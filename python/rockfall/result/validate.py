@@ -49,7 +49,7 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
     for name in NUMBERS:
         value = np.asarray(data.attrs[name])
         if value.dtype.kind not in "iuf" or value.size != 1 or not np.isfinite(value).all():
-            raise RockfallError(f"{path}: {name} = {value}: is no number")
+            raise RockfallError(f"{path}: {name} = {value}: is not a number")
     check_dimensions(data, path)
     _check_groups(data, path)
     if "threshold" not in data.variables and {*variables.EXCEEDED} & {*data.variables}:
@@ -134,7 +134,7 @@ def _check_variable(
         values = np.atleast_1d(variable.attrs.get("flag_values", []))
         words = str(variable.attrs.get("flag_meanings", "")).split()
         if not words or len(values) != len(words) or values.dtype.kind not in "iu":
-            raise RockfallError(f"{path}: {name}: has no meaning of its numbers")
+            raise RockfallError(f"{path}: {name}: has no flag_meanings")
 
 
 def check_values(data: xr.Dataset, path: str | Path) -> None:
@@ -152,7 +152,7 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
             if fault := variables.fault_of(name, values):
                 raise RockfallError(f"{path}: {fault}")
         if name.endswith("_bin_bounds") and not _are_edges(values):
-            raise RockfallError(f"{path}: {name}: must be the edges of bins, each above the last")
+            raise RockfallError(f"{path}: {name}: must be increasing edges of bins")
 
 
 def check_crossings(data: xr.Dataset, path: str | Path) -> None:

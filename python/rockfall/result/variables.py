@@ -46,7 +46,7 @@ FLAGS = {
 }  # fmt: skip
 LEG = {name: number for number, name in enumerate(_TABLE["leg"], start=1)}  # 0: the end
 
-ENDS = "", "_low", "_high"  # of the names of a number and of the limits of its interval
+ENDS = "", "_low", "_high"  # suffixes of a value and its interval limits
 EXCEEDED = ("energy_exceeded", "hits_energy_exceeded")  # maps with a layer for each threshold
 
 

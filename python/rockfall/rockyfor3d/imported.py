@@ -34,8 +34,7 @@ MAPS = (
     "travel_time_min",
 )  # fmt: skip
 LEFT = (  # inputs that no folder contains, or that have no counterpart here
-    "Numbers that Rockyfor3D requests at its start: boulders, drop_height, volume_spread: set "
-    "them above.",
+    "Rockyfor3D requests boulders, drop_height and volume_spread at its start: set them above.",
     "Its heights are normal to the slope; ours are vertical (docs/rockyfor3d.md).",
     "Its choice of the height at which a tree is hit has no counterpart; see &forest stem_height.",
 )
@@ -75,10 +74,13 @@ def import_rockyfor3d(
     with atomic_folder(out, inputs, last=CASE) as part:
         made = Import(folder, out, part, crs)
         groups = list(_groups(made))
-        made.notes += [f"{name}: not a file that we know; left out" for name in folder.unread]
+        made.notes += [f"{name}: unknown file, left out" for name in folder.unread]
         made.notes += made.model
         head = [f"{MARK[2:]} from {folder.path.resolve().name}.", "Keys: docs/case.md."]
-        foot = ["Not taken over, or not as there:", *(f"- {note}" for note in [*made.notes, *LEFT])]
+        foot = [
+            "Not imported, or imported with changes:",
+            *(f"- {note}" for note in [*made.notes, *LEFT]),
+        ]
         (part / CASE).write_text(case_text(head, groups, foot), encoding="utf-8")
         read_case(part / CASE)
     return [*made.notes, *LEFT]
@@ -128,7 +130,7 @@ def _surface(made: Import) -> Group:
 
 
 def _boulder(made: Import) -> Group:
-    entries = [Entry("volume", "source", "each source cell has boulders of its own")]
+    entries = [Entry("volume", "source", "each source cell has its own boulders")]
     entries += [Entry(name, made.path(name)) for name in ("d1", "d2", "d3")]
     if "blshape" in made.folder:
         entries.append(Entry("shape", made.path("blshape")))
@@ -174,7 +176,7 @@ def _forest(made: Import) -> Iterator[Group]:
         if "dbhstd" in folder:
             deviation = Entry("dbh_std", made.path("dbhstd"))
         else:
-            made.notes.append("dbhstd.asc is missing: stems of a cell are alike")
+            made.notes.append("dbhstd.asc is missing: all stems of a cell have the mean diameter")
         text = "nrtrees.asc a hectare in place of a cell"
         entries = [
             Entry("stems", STEMS, text), Entry("spread", "even", "as many in each cell"),
@@ -186,7 +188,7 @@ def _forest(made: Import) -> Iterator[Group]:
         ]
         if given:
             missing = " and ".join(folder.missing(["nrtrees", "dbhmean"]))
-            made.notes.append(f"{missing}: not there, so there is no forest")
+            made.notes.append(f"{missing}: missing, so there is no forest")
         return
     if "conif_percent" not in folder:
         made.notes.append("conif_percent.asc is missing: all trees are conifers")
@@ -200,13 +202,13 @@ def _nets(made: Import) -> Iterator[Group]:
     if len(missing) == len(NETS):
         return
     if missing:
-        made.notes.append(f"{' and '.join(missing)}: not there, so there are no nets")
+        made.notes.append(f"{' and '.join(missing)}: missing, so there are no nets")
         return
     for keys, off in barriers(made.folder):
         if off:
             made.notes.append(
                 f"net_number.asc: {keys['name']}: {off} cells branch off its line and "
-                "stop nothing: give them a number of their own"
+                "stop nothing: give them a separate number"
             )
         within = f"through the cells of net_number, within {TOLERANCE * made.folder.grid.cell:g} m"
         yield Group(

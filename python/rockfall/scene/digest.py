@@ -21,7 +21,7 @@ class Digest:
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
-        self.layers: list = []  # of the elevations, and of the rasters of the surface
+        self.layers: list = []  # elevations and surface rasters
         self.sizes = hashlib.sha256()
 
     def take(self, window: Rasters, first: int, stop: int) -> None:

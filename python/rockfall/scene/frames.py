@@ -141,7 +141,7 @@ def _write(frame: Any, name: str, folder: Path) -> Path:
     except (TypeError, ValueError, RuntimeError, AttributeError) as error:
         if isinstance(error, RockfallError):
             raise
-        raise RockfallError(f"{name}: not a GeoDataFrame that can be read ({error})") from error
+        raise RockfallError(f"{name}: cannot be read as a GeoDataFrame ({error})") from error
     return path
 
 
@@ -159,7 +159,9 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
     if name in KEYS:
         return KEYS[name]
     if name != "sources":
-        raise RockfallError(f"{name}: no layer; those are {', '.join([*GROUPS, *KEYS, 'sources'])}")
+        raise RockfallError(
+            f"{name}: unknown layer, known: {', '.join([*GROUPS, *KEYS, 'sources'])}"
+        )
     keys = {(key.group, key.name) for key in key_table()}
     kinds = {shape.geom_type.removeprefix("Multi") for shape in frame.geometry if shape is not None}
     key = SOURCES.get(kinds.pop()) if len(kinds) == 1 else None

@@ -101,7 +101,7 @@ def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:
         given = given.values[::-1] if flipped else given.values
     given = np.ma.asarray(given)
     if given.dtype.kind not in "biuf":
-        raise RockfallError(f"{key} = (array): holds {given.dtype}, must be numbers")
+        raise RockfallError(f"{key} = (array): contains {given.dtype}, must be numbers")
     if given.shape != grid.shape:
         raise RockfallError(
             f"{key} = (array): has the shape {given.shape}, must be that of the DEM {grid.shape}"

@@ -143,7 +143,7 @@ def _scene(
     inputs.checksums["sets"] = sets.checksum
     if inputs.arrays:
         raise RockfallError(
-            f"{inputs.case.name}: rasters that the case does not use: {', '.join(inputs.arrays)}"
+            f"{inputs.case.name}: rasters not used by the case: {', '.join(inputs.arrays)}"
         )
     return Scene(
         case=inputs.case, rasters=rasters, **vars(sources), trees=trees, stands=stands, sets=sets,
@@ -163,7 +163,7 @@ def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
         )
     if case.dam:
         raise RockfallError(
-            f"{case.name}: &dam: needs the whole terrain in memory, and it does not fit: "
+            f"{case.name}: &dam: needs the whole terrain in memory, where it does not fit: "
             "raise --memory"
         )
     for key, file in case.files():

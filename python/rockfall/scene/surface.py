@@ -79,8 +79,8 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
             return zones, {}
     if named and "ground_map" in surface:
         raise RockfallError(
-            f"{case.name}: &surface ground_map: the zones have grounds of their own "
-            f"({named[0].where}): give one of both"
+            f"{case.name}: &surface ground_map: the zones have their own grounds "
+            f"({named[0].where}): give only one"
         )
     table = GroundTable(table_path(case))
     inputs.checksums.setdefault("ground_table", file_checksum(table.path))
@@ -90,7 +90,7 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
         others = {*of_cells, *(zone.ground or base.name for zone in named)}
         if base.name in table.rows and base.name in others and _differs(base.name, table, case):
             raise RockfallError(
-                f"{case.name}: &impact: '{base.name}' is also a row of {table.path}: rename that"
+                f"{case.name}: &impact: '{base.name}' is also a row of {table.path}: rename the row"
             )
     by_name = {usual.name: usual}
     of_zones = [str(zone.ground_in(base)) for zone in zones.values()]

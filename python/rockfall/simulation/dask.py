@@ -75,7 +75,7 @@ def _client(where: str) -> Iterator[Any]:
         try:
             client = Client(where, timeout=SECONDS, **_straight(where))
         except (OSError, ValueError) as error:
-            raise RockfallError(f"--dask {where}: no scheduler answers: {error}") from error
+            raise RockfallError(f"--dask {where}: no scheduler responds: {error}") from error
         with client:
             yield client
         return
@@ -104,7 +104,7 @@ def _result(future: Any) -> Contents:
     try:
         return future.result()
     except KilledWorker as error:
-        raise RockfallError(f"workers died again and again: {error}", code=OUR_FAULT) from error
+        raise RockfallError(f"workers failed repeatedly: {error}", code=OUR_FAULT) from error
 
 
 def _part(case: Case, memory: float | None, which: int, parts: int) -> Contents:

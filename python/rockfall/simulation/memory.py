@@ -12,7 +12,7 @@ from rockfall.limits import MACHINE_MEMORY
 from rockfall.result.variables import TYPES
 from rockfall.system import memory_limits
 
-#: Of a boulder that crosses an evaluation line.
+#: Memory for a crossing of an evaluation line.
 BYTES_AT_LINE = sum(np.dtype(kind).itemsize for kind in TYPES["crossing"].values())
 #: Likewise in a result, where its integers are compressed to less than a byte.
 BYTES_IN_FILE = 1 + sum(

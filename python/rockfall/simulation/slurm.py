@@ -100,11 +100,11 @@ def write_jobs(
         raise RockfallError(f"--shards {shards}: must be at most {boulders}, one boulder each")
     if not re.fullmatch(TIME, time):
         raise RockfallError(
-            f"--time {time}: must be as Slurm has it: MINUTES, M:S, H:M:S, D-H, D-H:M or D-H:M:S"
+            f"--time {time}: must be a Slurm time: MINUTES, M:S, H:M:S, D-H, D-H:M or D-H:M:S"
         )
     folder = Path(folder).absolute()
     if any(character.isspace() for character in str(folder)):
-        raise RockfallError(f"{folder}: #SBATCH lines take no folder with blanks in its name")
+        raise RockfallError(f"{folder}: folder names in #SBATCH lines cannot contain blanks")
     inputs = list(input_files(case))
     check_outputs([folder / f"{Path(path).stem}.nc"], inputs)  # which merge.sh writes
     attrs = {
@@ -126,7 +126,9 @@ def _batch(path: str | Path) -> str:
     """Path of rockfall-batch, stored in the jobs; the case must be prepared."""
     program = shutil.which("rockfall-batch")
     if not program:
-        raise RockfallError("--program batch: no rockfall-batch is found on the PATH")
+        raise RockfallError("--program batch: rockfall-batch is not on the PATH")
     if not Path(path).with_name("scene.nc").is_file():
-        raise RockfallError(f"{path}: no scene.nc next to it: `rockfall prepare` makes such a case")
+        raise RockfallError(
+            f"{path}: scene.nc is missing next to it: create both by `rockfall prepare`"
+        )
     return shlex.quote(str(Path(program).absolute()))

@@ -55,8 +55,8 @@ class SpilledCrossings:
             self._file.flush()
         except OSError as error:
             raise RockfallError(
-                f"{self._folder}: cannot keep the crossings of lines: {error.strerror}: "
-                "free disk space, or take fewer lines"
+                f"{self._folder}: cannot store line crossings: {error.strerror}: "
+                "free disk space, or use fewer lines"
             ) from error
 
     def columns(self, run: RunArrays) -> list[Array]:

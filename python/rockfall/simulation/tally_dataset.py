@@ -111,10 +111,10 @@ def _grounds_themselves(tally: Tally) -> dict[str, Any]:
         np.array([getattr(ground, name) for ground in grounds], dtype=kind)
         for name, kind in (("name", object), ("model", object), ("block_radius", "f8"))
     )
-    words = {"units": "m", "long_name": "R_b of the largest blocks that its table is thrown with"}
+    words = {"units": "m", "long_name": "R_b of the largest blocks behind its impact table"}
     return {
         "ground": ("ground", names, {"long_name": "name of the ground"}),
-        "ground_model": ("ground", models, {"long_name": "what rebounds on the ground follow"}),
+        "ground_model": ("ground", models, {"long_name": "rebound model of the ground"}),
         "ground_block_radius": ("ground", radii, words),
     }
 

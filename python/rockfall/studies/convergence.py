@@ -97,7 +97,7 @@ def converge(
     if boulders is not None and min(boulders, default=0) < 2:
         raise RockfallError(f"boulders = {min(boulders, default='')}: must be at least 2")
     if not case.lines:
-        raise RockfallError(f"{case.name}: has no &line; it is their numbers that converge")
+        raise RockfallError(f"{case.name}: requires a &line, whose statistics are compared")
     scene = read_scene(case.replace(output=ROWS_ONLY))
     refuse_by_area(scene.case, scene, "a study of convergence")
     sources = scene.x.size

@@ -96,7 +96,7 @@ def read_study(
     check_roads(given)
     sources = given_layers(given.objects, given.objects_layer)
     if vulnerability is not None and not sources:
-        raise RockfallError(f"{vulnerability}: curves of vulnerability need objects")
+        raise RockfallError(f"{vulnerability}: vulnerability curves require objects")
     curves = read_curves(vulnerability)
     scene = read_scene(base_case(case), memory=memory, **arrays)
     _check_memory(scene, memory)

@@ -62,7 +62,7 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
     varied = _varied(own)
     if not _on_grounds(own, varied).any():
         raise RockfallError(
-            f"{case.name}: all of its ground absorbs boulders: no other model would hold anywhere"
+            f"{case.name}: all of its ground absorbs boulders, so models make no difference"
         )
     if not _own_share(own):
         yield AS_GIVEN, as_given

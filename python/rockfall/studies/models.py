@@ -124,7 +124,7 @@ def read_models(path: str | Path) -> Models:
         reason = error.strerror or error
         raise RockfallError(f"{path}: cannot be read as models: {reason}") from error
     if "models_layout" not in dataset.attrs:
-        raise RockfallError(f"{path}: is no models.nc of `rockfall models`")
+        raise RockfallError(f"{path}: is not a models.nc of `rockfall models`")
     table = dataset[COLUMNS].to_dataframe().reset_index(drop=True)[COLUMNS]
     names, notes = (tuple(str(dataset.attrs[name]).split("\n")) for name in ("models", "notes"))
     notes = tuple(filter(None, notes))

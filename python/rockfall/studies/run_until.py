@@ -250,16 +250,14 @@ def _rule(text: str, lines: list[str]) -> Rule:
     elif quantity not in QUANTITIES:
         names = ", ".join(QUANTITIES)
         raise RockfallError(
-            f"{prefix}: no quantity '{quantity}', there are {names}, or fraction alone"
+            f"{prefix}: unknown quantity '{quantity}', known: {names}, or fraction alone"
         )
     elif statistic not in STATISTICS:
         names = ", ".join(STATISTICS)
-        raise RockfallError(
-            f"{prefix}: no interval for the statistic '{statistic}', there are {names}"
-        )
+        raise RockfallError(f"{prefix}: no interval for statistic '{statistic}', known: {names}")
     if line not in lines:
         names = ", ".join(lines) or "none"
-        raise RockfallError(f"{prefix}: no line '{line}', the lines of the case: {names}")
+        raise RockfallError(f"{prefix}: unknown line '{line}', lines of the case: {names}")
     if not re.fullmatch(r"\d+\.?\d*|\.\d+", percent) or not 0 < float(percent) < 100:
         raise RockfallError(f"{prefix}: {percent} %: must be a number above 0 and below 100")
     return Rule(text, lines.index(line), quantity, statistic, float(percent) / 100)

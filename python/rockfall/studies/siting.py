@@ -350,7 +350,7 @@ def _notes(
     if not come:
         yield f"no boulder comes to {line}: what goes around an alignment is unknown"
     if case.barrier:
-        yield "barriers of the case are in the run: alignments below them see what they let pass"
+        yield "the run includes the barriers of the case: alignments below them receive what passes"
     own = next((alignment for alignment in alignments if alignment.name == line), None)
     if own is not None and all(alignment.elevation <= own.elevation for alignment in alignments):
         yield f"no alignment is higher than {line}: give the uphill direction"

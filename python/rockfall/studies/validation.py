@@ -106,7 +106,9 @@ def validate(
     with Study(total, progress=progress) as study:
         for seed in numbers:
             scenes = ((name, with_numbers(scene, seed=seed)) for name, scene in laws.items())
-            for name, own in study.run(scenes, lambda _, result: numbers_beside([(result, seen)])):
+            for name, own in study.run(
+                scenes, lambda _, result: comparable_numbers([(result, seen)])
+            ):
                 runs[name].append(own)
     rows = [{"law": name, **row} for name, own in runs.items() for row in over_runs(own)]
     if not rows:
@@ -120,7 +122,7 @@ def validate(
     )  # fmt: skip
 
 
-def numbers_beside(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
+def comparable_numbers(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
     """Numbers of results of one site that can be compared with their observations, by line,
     quantity and statistic. Several results, such as different kinds of blocks, count as one sample,
     with each source weighted by its observed frequency."""

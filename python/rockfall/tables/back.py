@@ -50,7 +50,7 @@ def evidence_table(analysis: Back) -> Table:
         off = "-" if np.isnan(p) else f"{100 * p:.1f} %"
         rows.append((row["data"], int(row["n"]), row["counts"], off, lost, agreement or ""))
     heads = ("observed", "n", Column("counts", decimals=2),
-             "as far off or farther, of samples", "lost to the others", "")  # fmt: skip
+             "samples as far off or farther", "lost to the others", "")  # fmt: skip
     return Table.of("", heads, rows)
 
 

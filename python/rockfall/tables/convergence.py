@@ -14,7 +14,7 @@ from rockfall.table import Table, as_text
 SMALL = 0.05  # the paper's bound for changes from step to step
 TERRAINS = {
     "float32": "elevations rounded to it",
-    "float64": "elevations of float32 with what that had rounded away, at random",
+    "float64": "elevations of float32, plus its rounding error at random",
     "cells x2": "means of 2 x 2 elevations, the most frequent zone",
     "cells x4": "of 4 x 4",
 }

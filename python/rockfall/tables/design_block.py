@@ -73,7 +73,7 @@ def scenario_text(block: DesignBlock) -> str:
     if not block.scenario:
         return ""
     beyond = number(block.power_law.period(block.scenario["volume_max"]))
-    comments = {"volume_max": f"m3, a decision: none larger (once in {beyond} years)"}
+    comments = {"volume_max": f"m3, chosen as the largest block (exceeded once in {beyond} years)"}
     entries = [
         Entry(key, value, (COMMENTS | comments).get(key, ""))
         for key, value in block.scenario.items()

@@ -15,7 +15,7 @@ Of the boulders that cross each alignment, in brackets 95 % confidence intervals
 error. Heights are above the ground, vertical. `round` are those that come to the line without
 crossing the alignment, `left` those that still come with the barrier that is needed there."""
 WAYS = {
-    "passed_over": "pass over it", "broken_through": "break through it", ROUND: "go round its ends",
+    "passed_over": "pass over it", "broken_through": "break through it", ROUND: "bypass its ends",
 }  # fmt: skip
 
 

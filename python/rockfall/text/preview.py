@@ -292,7 +292,7 @@ def _memory(scene: Scene, pilot: Pilot) -> str:
     made, file = need.pop("made"), need.pop("file")
     total = sum(need.values()) + max(0, made - need["rasters"])  # rasters go before maps are made
     parts = ", ".join(f"{name} {_bytes(size)}" for name, size in need.items() if size)
-    warning = "; more than this machine has" if total > machine_memory() else ""
+    warning = ", more than this machine has" if total > machine_memory() else ""
     if file > LARGE_RESULT:
         warning += (
             f"; the result file takes {_bytes(file)}: &output kept = 'none' keeps sums and counts"

@@ -55,7 +55,7 @@ def summary(result: Held) -> str:
         lines.append(as_text(barrier_table(result)))
         lines += [f"  {note}" for note in filter(None, [kept_note(result)])]
     elif barriers_of(result):
-        lines.append("  barriers: outcomes need rows, and &output kept = 'none' keeps none")
+        lines.append("  barriers: outcomes require rows, but &output kept = 'none' keeps none")
     shown = (*dam_tables(dams_of(result)), *stand_tables(stands_of(result), MOST_STANDS))
     lines += map(as_text, shown)
     lines += [f"  until {verdict}" for verdict in verdicts_of(result)]

@@ -131,8 +131,8 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
     kind, k = find_place(hazard, place)
     if np.isnan(hazard[f"{kind}_{quantity}_by_period"].values[k]).any():
         raise RockfallError(
-            f"{place}: is a point without a width, with counts above &hazard thresholds "
-            "only: give it a width"
+            f"{place}: a point without a width has counts only above &hazard thresholds: "
+            "give it a width"
         )
     above = hazard[f"{kind}_{quantity}_counts"].values[:, k]
     counts = np.column_stack([hazard[f"{kind}_passages"].values[:, k], above])
@@ -143,7 +143,7 @@ def find_place(hazard: xr.Dataset, place: str, among: Sequence[str] = PLACES) ->
     """Kind (one of the given kinds) and index of a place with this name."""
     if "frequency" not in hazard:
         raise RockfallError(
-            f"{place}: a run has no frequencies a year: give the case &scenario groups, and use "
+            f"{place}: a run has no annual frequencies: add &scenario groups to the case, and use "
             "rockfall.hazard"
         )
     kinds = [kind for kind in _kinds(hazard) if kind in among]

@@ -91,22 +91,22 @@ def _with_ends(
 
 
 def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable]]:
-    what = "strongest intensity met at least once in a return period"
+    what = "strongest intensity that occurs at least once per return period"
     yield f"{prefix}intensity", Variable(("return_period", *dims), PART, what, "intensity")
     for end, suffix in CLASS_ENDS.items():
         what = f"{suffix}class of hazard" + (" within the 95 % interval" if suffix else "")
         yield f"{prefix}hazard_class{end}", Variable(dims, PART, what, "hazard")
-    what = "whether the 95 % interval leaves no other class of hazard"
+    what = "1: the 95 % interval excludes all other classes of hazard"
     yield f"{prefix}hazard_class_certain", Variable(dims, PART, what, "certain")
 
 
 def _by_period(prefix: str, dims: tuple[str, ...], where: str) -> Iterator[tuple[str, Variable]]:
     """Energies and heights by return period, the counts behind exceedance curves, and the
     boulders that count as one in their limits."""
-    what = f"boulders {where} that count as one in the intervals"
+    what = f"boulders {where} that count as one independent boulder in the intervals"
     yield f"{prefix}boulders_per_cluster", Variable(("scenario", *dims), PART, what)
     for name, (units, quantity) in LEVELS.items():
-        what = f"{quantity} of a boulder {where} that is reached once in the period"
+        what = f"{quantity} reached once per return period by a boulder {where}"
         yield from _with_ends(f"{prefix}{name}_by_period", (*dims, "event_period"), what, units)
         what = f"simulated boulders {where} with more {quantity}"
         yield (
@@ -134,18 +134,21 @@ def _table() -> Iterator[tuple[str, Variable]]:
         attrs = MAP[name]
         comment = attrs.get("comment", "")
         yield name, Variable(each, attrs["units"], attrs["long_name"], comment=comment)
-    yield "frequency", Variable(("scenario",), YEARLY, "boulders that come loose, of all sources")
-    yield "boulders", Variable(("scenario",), PART, "boulders that were simulated")
-    what = "boulders that count as one in the intervals: those of a place of a sample of sources"
+    yield (
+        "frequency",
+        Variable(("scenario",), YEARLY, "annual frequency of boulders released, all sources"),
+    )
+    yield "boulders", Variable(("scenario",), PART, "simulated boulders")
+    what = "boulders that count as one independent boulder in the intervals, of a sampled source"
     yield "boulders_per_cluster", Variable(("scenario",), PART, what)
-    what = "warnings on the model in the scenario, a line each"
+    what = "warnings on the model in the scenario, one per line"
     yield "scenario_warnings", Variable(("scenario",), "", what)
-    what = "the same as ids of messages and their values, a JSON list"
+    what = "these warnings as message ids with values, a JSON list"
     yield "scenario_messages", Variable(("scenario",), "", what)
-    what = "simulated boulders that passed"
-    yield "ground_model", Variable(("ground",), "", "what rebounds on the ground follow")
+    yield "ground_model", Variable(("ground",), "", "rebound model of the ground")
     what = "rebounds on the ground in all scenarios"
     yield "rebounds_by_ground", Variable(("ground",), PART, what)
+    what = "simulated boulders that passed"
     yield "scenario_passages", Variable(("scenario", *each), PART, what)
     what = f"simulated boulders {energy}"
     yield "scenario_energy_exceeded", Variable(("scenario", *above), PART, what)
@@ -154,18 +157,18 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield "scenario_hits_energy_exceeded", Variable(("scenario", *above), PART, what)
     yield "object_layer", Variable(("object",), "", "name of the layer of the object")
     yield "object_geometry", Variable(("object",), "", "well-known text")
-    what = "annual frequency of boulders that meet the object"
+    what = "annual frequency of boulders that hit the object"
     yield from _with_ends("object_frequency", ("object",), what)
     what += ", with more energy than a threshold"
     yield from _with_ends("object_exceedance_frequency", ("threshold", "object"), what)
     yield from _classes("object_", ("object",))
     yield from _with_ends("object_risk", ("object",), "annual risk, in the unit of the value")
     yield from _exposed()
-    what = "simulated boulders that met the object"
+    what = "simulated boulders that hit the object"
     yield "object_passages", Variable(("scenario", "object"), PART, what)
     what += ", with more energy than a threshold"
     yield "object_energy_exceeded", Variable(("scenario", "threshold", "object"), PART, what)
-    yield from _by_period("object_", ("object",), "that meets the object")
+    yield from _by_period("object_", ("object",), "that hits the object")
     yield from _segments()
     yield from _lines()
     yield from _sources()
@@ -177,7 +180,7 @@ def _sources() -> Iterator[tuple[str, Variable]]:
     for axis in "xy":
         yield f"source_{axis}", Variable(dims, "m", f"{axis} of the centre of a cell with sources")
     yield "source_frequency", Variable(dims, YEARLY, f"boulders {where}")
-    for kind, come in (("line", "come to the line or barrier"), ("object", "meet the object")):
+    for kind, come in (("line", "reach the line or barrier"), ("object", "hit the object")):
         what = f"annual frequency of boulders {where} and {come}"
         yield f"{kind}_source_frequency", Variable((kind, *dims), YEARLY, what)
         what = f"kinetic energy of the boulders {where} and {come}"
@@ -190,20 +193,21 @@ def _sources() -> Iterator[tuple[str, Variable]]:
 def _lines() -> Iterator[tuple[str, Variable]]:
     """Evaluation lines and barriers of the case."""
     dims = ("scenario", "line")
-    what = "annual frequency of boulders that come to the line or barrier"
+    what = "annual frequency of boulders that reach the line or barrier"
     yield from _with_ends("line_frequency", ("line",), what)
-    what = "simulated boulders that come to the line or barrier"
+    what = "simulated boulders that reach the line or barrier"
     yield "line_passages", Variable(dims, PART, what)
-    yield from _by_period("line_", ("line",), "that comes to the line or barrier")
-    yield "line_behind", Variable(dims, PART, "those of them that its barrier, if any, lets pass")
-    what = "those of them that met none of its barriers before"
+    yield from _by_period("line_", ("line",), "that reaches the line or barrier")
+    what = "of these boulders, those that pass the barrier, if any"
+    yield "line_behind", Variable(dims, PART, what)
+    what = "of these boulders, those that hit none of its barriers before"
     yield "line_around", Variable(dims, PART, what)
-    what = "names of the barriers that boulders meet before the line, one per text line"
+    what = "names of the barriers that boulders hit before the line, one per text line"
     yield "line_barriers", Variable(("line",), "", what)
-    what = "those of them that a barrier of this class and height there would let pass"
+    what = "of these boulders, those that would pass a barrier of this class and height"
     yield "line_class_behind", Variable((*dims, "ead_class", "exceeded_height"), PART, what)
-    yield "line_barrier_height", Variable(("line",), "m", "height of the barrier; NaN of a line")
-    what = "energy capacity of the barrier; NaN of a line"
+    yield "line_barrier_height", Variable(("line",), "m", "height of the barrier; NaN for a line")
+    what = "energy capacity of the barrier; NaN for a line"
     yield "line_barrier_capacity", Variable(("line",), "J", what)
 
 
@@ -216,7 +220,7 @@ def _segments() -> Iterator[tuple[str, Variable]]:
     yield "segment_start", Variable(dims, "m", "chainage at which the segment begins")
     yield "segment_end", Variable(dims, "m", "chainage at which the segment ends")
     yield "segment_width", Variable(dims, "m", "width of the road")
-    what = "whether all of the segment lies on known elevations"
+    what = "1: all elevations below the segment are known"
     yield "segment_within", Variable(dims, PART, what, "certain")
     what = "annual frequency of boulders that touch the segment"
     yield from _with_ends("segment_frequency", dims, what)
@@ -227,7 +231,7 @@ def _segments() -> Iterator[tuple[str, Variable]]:
         ("energy", "J", f"kinetic energy of these boulders {where}"),
         ("passing_height", "m", f"vertical height of their centres above the ground {where}"),
         ("upper_edge", "m", f"vertical height of their highest points above the ground {where}"),
-        ("diameter", "m", "diameter of these boulders, that of a sphere of their volume"),
+        ("diameter", "m", "equivalent diameter of these boulders (sphere of the same volume)"),
     ):
         yield f"segment_{name}_mean", Variable(dims, units, f"mean of the {what}")
         quantile = f"95 % quantile of the {what}"
@@ -242,7 +246,7 @@ def _segments() -> Iterator[tuple[str, Variable]]:
 
 def _exposed() -> Iterator[tuple[str, Variable]]:
     """Risk to property and persons."""
-    dims, all_of = ("object",), "objects together, from the boulders that they share"
+    dims, all_of = ("object",), "objects; intervals account for boulders that hit several"
     yield "object_kind", Variable(dims, "", "kind of the object")
     damage = "expected annual damage to property, in the unit of the value"
     yield from _with_ends("object_damage", dims, damage)

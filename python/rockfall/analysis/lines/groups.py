@@ -46,7 +46,7 @@ def check_by(by: str, classes: Sequence[float] | None) -> None:
     if by not in BY:
         raise RockfallError(f"by = '{by}': must be one of: {', '.join(BY)}")
     if classes is not None and by != "volume":
-        raise RockfallError(f"classes: are of volumes, not by = '{by}'")
+        raise RockfallError(f"classes: are only valid with by = 'volume', not '{by}'")
 
 
 def _by_source(result: Held) -> Iterator[Group]:
@@ -86,7 +86,7 @@ def _by_volume(volume: np.ndarray, classes: Sequence[float] | None) -> Iterator[
     if classes is not None and not (edges.size and np.isfinite(edges).all() and edges[0] > 0):
         raise RockfallError("classes: must be volumes > 0 m3")
     if (np.diff(edges) <= 0).any():
-        raise RockfallError(f"classes = {', '.join(f'{edge:g}' for edge in edges)}: must rise")
+        raise RockfallError(f"classes = {', '.join(f'{edge:g}' for edge in edges)}: must increase")
     if classes is None:
         volumes = np.unique(volume)
         if volumes.size <= MAX_VOLUMES:

@@ -86,7 +86,7 @@ def windows(
     number = max(1, int(np.ceil(length / width * (1 - ROUNDING))))
     if number > MAX_WINDOWS:
         raise RockfallError(
-            f"width = {width}: makes {number:,} windows of the line, at most {MAX_WINDOWS:,}"
+            f"width = {width}: gives {number:,} windows along the line, at most {MAX_WINDOWS:,}"
         )
     position = line_values(result, "position", line)
     window = np.where(np.isnan(position), -1, np.minimum(position // width, number - 1))

@@ -98,8 +98,8 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     moves &= np.isin(motion.boulder, boulders)
     if not (moves.any() or mapped) and not_kept:
         raise RockfallError(
-            f"section: needs rows of the {not_kept:,} boulders whose trajectories are recorded, "
-            "and none are kept: run with &output kept = 'all', or a number of them"
+            f"section: no rows are kept of the {not_kept:,} boulders with recorded trajectories: "
+            "run with &output kept = 'all', or a larger number"
         )
     if not moves.any() and not mapped:
         raise RockfallError(

@@ -29,10 +29,10 @@ USUAL = {  # plausible layers: lowest and highest value, and the likely unit oth
     "width": (0.0, 50.0, "is it in cm?"),  # [m]
     "speed": (25.0, 300.0, "is it in m/s?"),  # [km/h]
     "vehicle_length": (1.5, 420.0, "is it in cm?"),  # [m] bicycle, train
-    "aadt": (10.0, 1e5, "vehicles a day: are they for an hour, a year, or in thousands?"),
-    "trips": (0.0, 50.0, "passages of a person a day: are they for a year?"),
-    "persons_per_vehicle": (0.5, 500.0, "persons in a vehicle: are they for a day?"),
-    "persons": (0.0, 1e4, "persons in one object: are they for all?"),
+    "aadt": (10.0, 1e5, "vehicles a day: are they per hour, per year, or in thousands?"),
+    "trips": (0.0, 50.0, "passages of a person a day: are they per year?"),
+    "persons_per_vehicle": (0.5, 500.0, "persons in a vehicle: are they per day?"),
+    "persons": (0.0, 1e4, "persons in one object: are they for all objects?"),
 }
 
 NEEDED = {  # attributes without effect, unless the layer has one of these

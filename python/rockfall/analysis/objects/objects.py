@@ -125,7 +125,7 @@ def _read(file: File, grid: Grid, remarks: list[str]) -> Read:
     shapes, columns = read_features(file.path, grid, remarks, file.layer, "--objects-layer")
     for number in [k for k, shape in enumerate(shapes, 1) if shape.geom_type == "MultiPoint"][:1]:
         raise RockfallError(
-            f"{file.path}: feature {number}: is several points: split it, so that each is an object"
+            f"{file.path}: feature {number}: has several points: split it into objects of one point"
         )
     columns = {name.lower(): values for name, values in columns.items()}
     numbers = [str(number) for number in range(1, len(shapes) + 1)]
@@ -186,8 +186,8 @@ def beyond_remarks(objects: Objects, scene: Scene) -> list[str]:
         return []
     more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
     return [
-        f"{', '.join(objects.paths)}: {', '.join(names[:MAX_NAMED])}{more}: beyond the elevations "
-        "of the terrain no boulder meets them"
+        f"{', '.join(objects.paths)}: {', '.join(names[:MAX_NAMED])}{more}: extend beyond the "
+        "terrain, where no boulder hits them: use a larger DEM"
     ]
 
 

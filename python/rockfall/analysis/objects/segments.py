@@ -125,7 +125,7 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
     number = sum(edges_along(stretch.axis.length, length).size - 1 for stretch in stretches)
     if number > MAX_SEGMENTS:
         raise RockfallError(
-            f"{layer.path}: makes {number:,} segments: must be at most {MAX_SEGMENTS:,}, give a "
+            f"{layer.path}: gives {number:,} segments: must be at most {MAX_SEGMENTS:,}, give a "
             "longer --segment-length"
         )
     roads = _roads(stretches, file.label)
@@ -162,13 +162,13 @@ def _remarks(
         )
     if beyond := np.count_nonzero(~segments.within):
         yield (
-            f"{layer.path}: {beyond:,} of {len(segments):,} segments extend beyond the elevations "
-            "of the terrain, where no boulder meets them: their frequencies err low"
+            f"{layer.path}: {beyond:,} of {len(segments):,} segments extend beyond the terrain, so "
+            "their frequencies are too low: use a larger DEM"
         )
     if on_road := _sources_on([piece.ground for piece in pieces if piece.stretch.width], scene):
         yield (
-            f"{layer.path}: {on_road:,} of the sources lie on the road: boulders that stay there "
-            "are not counted, so frequencies err low, move the sources"
+            f"{layer.path}: {on_road:,} sources are on the road, where resting boulders are not "
+            "counted, so frequencies are too low: move the sources"
         )
 
 
@@ -178,7 +178,7 @@ def _unequal(stretches: Sequence[_Stretch], path: str) -> Iterator[str]:
     if max(lengths) > UNEQUAL * min(lengths):
         yield (
             f"{path}: segments are {min(lengths):,.4g} to {max(lengths):,.4g} m long, and longer "
-            "ones are hit more often, so classes do not compare: use --segment-length"
+            "segments are hit more often: use --segment-length to compare their classes"
         )
 
 
@@ -194,7 +194,7 @@ def _stretches(parts: Sequence[Sequence[np.ndarray]], layer: Layer) -> Iterator[
     for k, feature in enumerate(parts):
         is_given = not math.isnan(given[k])
         if is_given and len(feature) > 1:
-            rule = f"has {len(feature)} parts that do not meet: must be one line"
+            rule = f"has {len(feature)} parts that are not connected: must be one line"
             layer.refuse(k, "chainage", f"{given[k]:g}", rule)
         for points in feature:
             axis = shapely.LineString(points)

@@ -85,8 +85,8 @@ def _period(years: float | None, fallen: _Blocks) -> float:
     """Observation period, checked against the dates."""
     if years is None:
         raise RockfallError(
-            "years: must be given: the time with records of all falls (the time between the first "
-            "and last dated block is too short)"
+            "years is missing: give the length of the complete record, which exceeds the time from "
+            "the first to the last dated block"
         )
     if not 0 < years <= MAX_YEARS:
         raise RockfallError(f"years = {years:g}: must be > 0 and <= {MAX_YEARS:g}")
@@ -173,7 +173,7 @@ def _decimal_year(row: Row, column: str) -> float:
     if not text:
         return math.nan
     if text[:4].isdecimal() and int(text[:4]) > date.today().year:
-        row.refuse(column, "lies in the future: give years in which blocks fell")
+        row.refuse(column, "is in the future: give the year in which the block fell")
     if re.fullmatch("[0-9]{4}", text):
         return float(text)
     try:

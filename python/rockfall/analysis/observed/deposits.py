@@ -124,8 +124,8 @@ def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
         return []
     for k in np.flatnonzero(~np.isin(sources, [ALL, *origins.names]))[:1].tolist():
         raise RockfallError(
-            f"{seen.where['stops'][k]}: source = {sources[k]}: no boulder starts from a source of "
-            f"this name, has: {_some(origins.names)}"
+            f"{seen.where['stops'][k]}: source = {sources[k]}: not a source of the run, sources: "
+            f"{_some(origins.names)}"
         )
     names = [
         *dict.fromkeys(name for name in sources if name != ALL),
@@ -135,7 +135,7 @@ def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
         for k in np.flatnonzero(~_within(seen.area, seen.stops))[:1].tolist():
             x, y = seen.stops[k]
             raise RockfallError(
-                f"{seen.where['stops'][k]}: x = {x:.12g}, y = {y:.12g}: lies outside of the area "
+                f"{seen.where['stops'][k]}: x = {x:.12g}, y = {y:.12g}: is outside the area "
                 "in which blocks were mapped"
             )
     return [

@@ -89,10 +89,12 @@ def read_observed(*given: str | Path | Observed, grid: Grid | None = None) -> Ob
         if is_point_layer(path) and grid is not None:
             if (polygons := read_area(path, grid, [])) is not None:
                 if area is not None:
-                    raise RockfallError(f"{path}: is a second layer of polygons: one is the area")
+                    raise RockfallError(
+                        f"{path}: is a second layer of polygons: give one mapped area"
+                    )
                 area = polygons
                 _refuse_beyond(str(path), area, grid)
-                notes.append(f"{path}: the area in which blocks at rest were mapped.")
+                notes.append(f"{path}: is the area in which blocks at rest were mapped.")
                 continue
         kind, rows = _read(str(path), grid, notes)
         for row in rows:
@@ -118,10 +120,10 @@ def read_observed(*given: str | Path | Observed, grid: Grid | None = None) -> Ob
     starts = frame("stops", "start_x", "start_y").to_numpy(float)
     if 0 < np.isnan(starts).any(axis=1).sum() < len(starts):
         where = records["stops"][int(np.isnan(starts).any(axis=1).argmax())]["where"]
-        raise RockfallError(f"{where}: {', '.join(START)}: must be there in all rows, or in none")
+        raise RockfallError(f"{where}: {', '.join(START)}: must be given in all rows or in none")
     counts = frame("passing", "n")["n"].dropna().unique()
     if counts.size > 1:
-        raise RockfallError(f"{records['passing'][0]['where']}: n: must be one number in all rows")
+        raise RockfallError(f"{records['passing'][0]['where']}: n: must be equal in all rows")
     distances = frame("distances", "distance")["distance"].to_numpy(float)
     volumes = frame("stops", VOLUME)[VOLUME].to_numpy(float)
     shapes = np.array([BLOCK_SHAPE.get(stop.get(SHAPE, ""), 0) for stop in records["stops"]], int)
@@ -251,7 +253,7 @@ def _read(path: str, grid: Grid | None, notes: list[str]) -> tuple[_Kind, Iterat
     kind = next((kind for kind in KINDS if set(kind.needed) <= set(columns)), None)
     if kind is None:
         kinds = " | ".join(", ".join(kind.needed) for kind in KINDS)
-        raise RockfallError(f"{where}: columns {', '.join(columns)}: must have those of: {kinds}")
+        raise RockfallError(f"{where}: columns {', '.join(columns)}: must include one of: {kinds}")
     check_columns(where, columns, columns)
     return kind, rows
 
@@ -269,7 +271,7 @@ def _refuse_twice(records: list[dict], keys: tuple[str, ...]) -> None:
         key = tuple(record[name] for name in keys)
         if key in first:
             identity = ", ".join(f"{name} {value}" for name, value in zip(keys, key, strict=True))
-            raise RockfallError(f"{record['where']}: {identity}: stands already in {first[key]}")
+            raise RockfallError(f"{record['where']}: {identity}: duplicates {first[key]}")
         first[key] = record["where"]
 
 

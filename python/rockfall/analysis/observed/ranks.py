@@ -52,7 +52,7 @@ def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFr
         measure: numbers for measure, numbers in by_measure.items() if len(numbers) == len(results)
     }
     if not by_measure:
-        raise RockfallError("nothing that ranks results: neither stops, samples nor means observed")
+        raise RockfallError("results cannot be ranked: observations need stops, samples or means")
     stacks = {
         key: np.array([numbers[name] for name in results]) for key, numbers in by_measure.items()
     }

@@ -88,7 +88,7 @@ def _open_dem(path: Path) -> tuple[Site, Document]:
 def _open_case(path: Path) -> tuple[Site, Document]:
     case = read_case(path)
     if case.terrain["dem"] == FROM_ARRAY:
-        raise RockfallError(f"{path}: &terrain dem is missing: a raster file")
+        raise RockfallError(f"{path}: &terrain dem is missing: give a raster file")
     grid, _ = dem_header(case.path(case.terrain["dem"]))
     cases = variants(case)
     grounds = ground_names(case, *cases.values())

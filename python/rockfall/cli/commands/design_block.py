@@ -18,7 +18,7 @@ OPTIONS = ("years", "events", "threshold", "volume_max")  # of this mode only
 def design_block_command(arguments: argparse.Namespace) -> int:
     if arguments.results:
         raise RockfallError(
-            "--return-period: takes hazards HAZARD.nc, or none and the survey --blocks, no results"
+            "--return-period: requires hazards HAZARD.nc or the survey --blocks, not results"
         )
     if arguments.blocks is None:
         raise RockfallError("--return-period requires --blocks, the table of surveyed blocks")

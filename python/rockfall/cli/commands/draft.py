@@ -42,7 +42,7 @@ def new_command(arguments: argparse.Namespace) -> int:
     for line in new.remarks:
         warn(line)
     print(*new.notes, sep="\n", end="\n" if new.notes else "")
-    print(f"{new.sources:,} sources, {new.boulders:,} boulders from all of them together")
+    print(f"{new.sources:,} sources, {new.boulders:,} boulders in total")
     print(arguments.output)
     return DONE
 
@@ -63,10 +63,12 @@ def _grounds(options: Iterable[str]) -> tuple[str, dict[str, str]]:
 
 def _ask_angle() -> float | None:
     """Read an energy-line angle [degree] from the terminal; None if it is not known."""
-    print("Lowest energy-line angle seen here or in the region [degree]?", file=sys.stderr)
+    print(
+        "Lowest energy-line angle observed at the site or in the region [degree]?", file=sys.stderr
+    )
     while True:
         try:
-            answer = input("number, or nothing if not known: ").strip()
+            answer = input("number, or Enter if unknown: ").strip()
         except EOFError:
             return None
         if not answer:
@@ -119,9 +121,11 @@ def _source(arguments: argparse.Namespace, remarks: list[str]) -> Dem:
     if not (is_cloud(path) or path.suffix.lower() in (".csv", ".txt")) or is_ascii_grid(path):
         crs = given.pop("crs", None)
         for key in given:
-            raise RockfallError(f"--{key}: is for points (.csv, .las ...), {path} is a raster")
+            raise RockfallError(
+                f"--{key}: is only valid for points (.csv, .las ...), but {path} is a raster"
+            )
         if others:
-            raise RockfallError(f"{path}: is a raster: give only one")
+            raise RockfallError(f"{path}: is a raster: only one raster can be edited")
         if not arguments.steps and crs is None:
             raise RockfallError(f"{path}: no edit: see rockfall dem --help")
         return read_source(path, crs, remarks)
@@ -137,7 +141,7 @@ def _points(survey: Survey) -> Iterator[str]:
     few = len(survey.errors) < survey.points
     total = f" of {len(survey.errors):,}" if few else ""
     if np.isnan(survey.errors).all():
-        yield "standard error: not known, no point has another that is near enough"
+        yield "standard error: unknown, no two points are close enough"
         return
     yield (
         f"standard error, each point{total} left out: {survey.standard_error:.3g} m "
@@ -150,20 +154,20 @@ def _nodes(survey: Survey, dem: Dem) -> Iterator[str]:
     assert survey.nodes is not None
     grid, gaps, shared = survey.nodes.grid, survey.nodes.gaps, survey.nodes.shared
     yield (
-        f"{survey.points:,} points are the nodes of a grid of {grid.nx} x {grid.ny}, "
+        f"{survey.points:,} points are nodes of a grid of {grid.nx} x {grid.ny}, "
         f"{grid.cell:g} m apart"
     )
     if dem.grid.matches(grid):
         yield (
-            "unchanged: each node is the centre of a cell (corner of the grid "
+            "nodes used unchanged as cell centres (corner of the grid "
             f"{dem.grid.west:.10g}, {dem.grid.north:.10g})"
         )
     else:
-        yield f"bilinear between them, at the centres of cells of {dem.grid.cell:g} m"
+        yield f"interpolated bilinearly at the centres of cells of {dem.grid.cell:g} m"
     if shared:
-        yield f"{shared:,} nodes have several points with other elevations: their mean"
+        yield f"{shared:,} nodes have several points of different elevation: their mean is used"
     if gaps:
-        yield f"{gaps:,} nodes have no point: nodata, unless --within M or --fill M fills them"
+        yield f"{gaps:,} nodes without a point are nodata: --within M or --fill M fills them"
 
 
 def _options(arguments: argparse.Namespace) -> Iterator[str]:
@@ -177,7 +181,7 @@ def _options(arguments: argparse.Namespace) -> Iterator[str]:
 
 def import_rockyfor3d_command(arguments: argparse.Namespace) -> int:
     notes = import_rockyfor3d(arguments.dir, arguments.output, crs=arguments.crs)
-    print("not taken over, or not as there:", *(f"  {note}" for note in notes), sep="\n")
+    print("not imported, or imported with changes:", *(f"  {note}" for note in notes), sep="\n")
     print(arguments.output / CASE)
     return DONE
 

@@ -40,14 +40,16 @@ def lines_command(arguments: argparse.Namespace) -> int:
     for option, value, needed in (
         ("--classes", arguments.classes, by == "volume" or "--by volume"),
         ("--width", arguments.width, along is not None or "--along"),
-        ("--by", by, along is None or "to be without --along"),
+        ("--by", by, along is None or "no --along"),
     ):
         if value is not None and needed is not True:
             raise RockfallError(f"{option}: needs {needed}")
     if is_hazard(path):
         for option, value in (("--by", by), ("--along", along)):
             if value is not None:
-                raise RockfallError(f"{option}: is for results OUT.nc, a hazard has no boulders")
+                raise RockfallError(
+                    f"{option}: is only valid for results OUT.nc, a hazard has no single boulders"
+                )
         _print_hazard(path, table)
         return DONE
     if by is not None:
@@ -153,5 +155,5 @@ def _write(path: str | Path, result: xr.Dataset, made: Mapping[Path, Any]) -> No
 
 def _csv(path: Path) -> Path:
     if path.suffix.lower() != ".csv":
-        raise RockfallError(f"{path}: must be a file name that ends in .csv")
+        raise RockfallError(f"{path}: output name must end in .csv")
     return path

@@ -45,7 +45,7 @@ def slurm_command(arguments: argparse.Namespace) -> int:
     print(*write_jobs(arguments.case, arguments.folder, arguments.shards, **how), sep="\n")
     if arguments.shards > USUAL_SHARDS:
         warn(
-            f"--shards {arguments.shards}: Slurm usually takes arrays of {USUAL_SHARDS:,} jobs: "
+            f"--shards {arguments.shards}: Slurm usually allows arrays of {USUAL_SHARDS:,} jobs: "
             "`scontrol show config` lists MaxArraySize, which must be larger than --shards"
         )
     return DONE

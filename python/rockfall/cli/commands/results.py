@@ -72,9 +72,9 @@ def _chosen(arguments: argparse.Namespace) -> Chosen:
 def _export_hazard(arguments: argparse.Namespace, path: Path, folder: Path) -> list[Path]:
     """Export a hazard as drawings: it has no trajectories, tables or project."""
     for key, why in (
-        ("tolerance", "is for trajectories, a hazard has none"),
-        ("qgis", "is for results: give them the hazard by --hazard"),
-        ("tables", "is for results"),
+        ("tolerance", "is only valid for trajectories, which a hazard lacks"),
+        ("qgis", "is only valid for results: export a result with --hazard"),
+        ("tables", "is only valid for results"),
     ):
         if getattr(arguments, key):
             raise RockfallError(f"--{key}: {why}")
@@ -192,7 +192,9 @@ def _report_hazard(arguments: argparse.Namespace, given: Path) -> int:
     for key in ("observed", "basemap", "limits", "section", "view", "models", "factors", "hazard"):
         if getattr(arguments, key):
             option = "3d" if key == "view" else key
-            raise RockfallError(f"--{option} is for results OUT.nc: a hazard has no boulders")
+            raise RockfallError(
+                f"--{option} is only valid for results OUT.nc: a hazard has no single boulders"
+            )
     named = {key: getattr(arguments, key) for key in IMPRINT}
     with warnings_told(), working():
         print(report_hazard(given, path, dem=arguments.dem, **named))

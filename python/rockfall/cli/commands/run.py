@@ -77,14 +77,14 @@ def _refuse_contradictions(arguments: argparse.Namespace) -> None:
     for word in "boulders", "boulders_total":
         if arguments.until is not None and getattr(arguments, word) is not None:
             option = word.replace("_", "-")
-            raise RockfallError(f"--{option}: --until finds their number; limit it with --cap")
+            raise RockfallError(f"--{option}: is chosen by --until: limit it with --cap")
     if arguments.until is None and arguments.cap is not None:
         raise RockfallError("--cap requires --until")
     for word in "shard", "resume", "dask":
         if arguments.until is not None and getattr(arguments, word) not in (None, False):
-            raise RockfallError(f"--{word}: --until decides on all boulders together")
+            raise RockfallError(f"--{word} cannot be combined with --until")
     if arguments.dask is not None and (arguments.resume or arguments.shard is not None):
-        raise RockfallError("--dask: makes parts of its own, and no checkpoints")
+        raise RockfallError("--dask cannot be combined with --shard or --resume")
     if not arguments.checkpoint >= 0:
         raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
 
@@ -103,7 +103,7 @@ def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
     checkpoint = Checkpoint(path, arguments.checkpoint or math.inf, warn)
     if (done := checkpoint.found()) and not arguments.resume:
         raise RockfallError(
-            f"{checkpoint.path}: holds {done:,} boulders of a stopped run: continue with "
+            f"{checkpoint.path}: contains {done:,} boulders of a stopped run: continue with "
             "--resume, or remove it"
         )
     return checkpoint
@@ -182,8 +182,10 @@ def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
         raise KeyboardInterrupt
     _write(result, path, checkpoint)
     if "part_layout" in result.attrs:
-        holds = f"{path} holds {done:,} boulders of the part"
+        holds = f"{path} contains {done:,} boulders of the part"
     else:
-        holds = f"{path} holds the first {done:,} of {requested:,} boulders and is a valid result"
+        holds = (
+            f"{path} contains the first {done:,} of {requested:,} boulders and is a valid result"
+        )
     holds += ", --resume continues" if checkpoint and checkpoint.saved else ""
     return say(f"interrupted: {holds}", exit_status())

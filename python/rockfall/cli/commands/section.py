@@ -68,7 +68,7 @@ def _places(output: Path) -> list[Path]:
     """Files of a section: its tables, and its figure in the format of the output."""
     ending = output.suffix.lower()
     if ending not in ENDINGS:
-        raise RockfallError(f"{output}: must be a file name that ends in {', '.join(ENDINGS)}")
+        raise RockfallError(f"{output}: output name must end in {', '.join(ENDINGS)}")
     figure = output if ending != TABLE else output.with_suffix(".png")
     return [
         output if ending == TABLE else output.with_suffix(TABLE),

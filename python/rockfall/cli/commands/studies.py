@@ -54,9 +54,7 @@ def ensemble_command(arguments: argparse.Namespace) -> int:
     except StudyInterrupted as stop:
         write_ensemble(stop.result, path)
         runs = case.ensemble["runs"]
-        holds = (
-            f"{path} holds the first {stop.runs} of {runs} draws, as --runs {stop.runs} has them"
-        )
+        holds = f"{path} contains the first {stop.runs} of {runs} draws, as with --runs {stop.runs}"
         return say(f"interrupted: {holds}", exit_status())
     write_ensemble(ensemble, path)
     if not arguments.quiet:
@@ -71,7 +69,7 @@ def back_command(arguments: argparse.Namespace) -> int:
     need("back needs", "report", "matplotlib")
     files = arguments.observed or observed_files(case)
     if not files:
-        raise RockfallError("back needs OBSERVED files, or those of &observed in the case")
+        raise RockfallError("back requires OBSERVED files, or &observed files in the case")
     seen = read_observed(*files, grid=_grid(case, files))
     check_back(folder, [*input_files(case), *files])
     warn_of_inputs(case)
@@ -81,7 +79,7 @@ def back_command(arguments: argparse.Namespace) -> int:
         analysis = back_analysis(case, seen, progress=not arguments.quiet, **given)
     except StudyInterrupted as stop:
         write_back(stop.result, folder, files, _draw_posterior)
-        holds = f"{folder} holds the posterior of the first {stop.runs} members"
+        holds = f"{folder} contains the posterior of the first {stop.runs} members"
         return say(f"interrupted: {holds}", exit_status())
     paths = write_back(analysis, folder, files, _draw_posterior)
     warn_each(analysis.model_warnings)

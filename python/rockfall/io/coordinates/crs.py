@@ -197,7 +197,9 @@ def _best_way(
         if ways.transformers:
             is_best = ways.best_available and within is area and not allow_ballpark
             return Transformation(ways.transformers[0].transform, is_best)
-    raise RockfallError(f"no way is known from {source.name} to {target.name}")
+    raise RockfallError(
+        f"no coordinate transformation from {source.name} to {target.name} is available"
+    )
 
 
 #: Command that converts a raster to metres: to a plan (None: unchanged), and heights by a factor.
@@ -265,7 +267,7 @@ def _check_kind(path: str, system: pyproj.CRS) -> None:
         )
     if system.is_vertical and not system.is_compound:
         raise RockfallError(
-            f"{path}: its CRS is one of heights alone ({_title(system)}): a projected CRS is needed"
+            f"{path}: its CRS is only vertical ({_title(system)}): a projected CRS is needed"
         )
     if any(axis.direction == "down" for axis in system.axis_info):
         raise RockfallError(

@@ -48,7 +48,7 @@ def projection_crs(path: str | Path) -> CRS | None:
     try:
         return CRS.from_user_input(text)
     except CRSError as error:
-        raise RockfallError(f"{file}: has no CRS that can be read: correct or remove it") from error
+        raise RockfallError(f"{file}: contains no readable CRS: correct or remove it") from error
 
 
 def projection_heights(path: str | Path) -> list[Stated]:

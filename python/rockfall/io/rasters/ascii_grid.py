@@ -113,7 +113,7 @@ def open_ascii(path: str) -> AsciiCells:
             if len(tokens) != 2:
                 raise RockfallError(f"{where}: {tokens[0]}: must be followed by one value")
             if key in values:
-                raise RockfallError(f"{where}: {tokens[0]}: is in the header twice")
+                raise RockfallError(f"{where}: {tokens[0]}: occurs twice in the header")
             values[key] = _value(f"{where}: {tokens[0]} = {tokens[1][:40]}", key, tokens[1])
             start, line = file.tell(), line + 1
     _check_keys(path, values)
@@ -184,7 +184,7 @@ def _numbers(file: BinaryIO, path: str, line: int) -> Iterator[np.ndarray]:
         cut = max(text.rfind(space) for space in (b" ", b"\n", b"\t", b"\r")) + 1
         text, tail = text[:cut], text[cut:]
         if len(tail) > _MAX_TOKEN:
-            raise RockfallError(f"{path}: not text with numbers; damaged")
+            raise RockfallError(f"{path}: is not text with numbers, so it is damaged")
         yield _parse(text, path, line)
         line += text.count(b"\n")
     yield _parse(tail, path, line)

@@ -326,7 +326,7 @@ def _rio_name(path: str) -> str:
 def _check_band(path: str, source: DatasetReader) -> None:
     if source.count == 0 and source.subdatasets:
         names = (f"{path}:{name.rpartition(':')[2]}" for name in source.subdatasets)
-        raise RockfallError(f"{path}: has several rasters, take one of: {', '.join(names)}")
+        raise RockfallError(f"{path}: has several rasters: choose one of {', '.join(names)}")
     if source.count != 1:
         raise RockfallError(f"{path}: has {source.count} bands, exactly one is needed")
     if np.dtype(source.dtypes[0]).kind not in "iuf":

@@ -138,7 +138,7 @@ def _read(path: str, file: str, *_: int) -> Drawing:
         ezdxf.DXFError, OSError, ValueError, LookupError, TypeError, AttributeError,
         ArithmeticError, RuntimeError, StopIteration, AssertionError,
     ) as error:  # fmt: skip
-        raise RockfallError(f"{path}: not a DXF drawing that can be read ({error})") from error
+        raise RockfallError(f"{path}: cannot be read as a DXF drawing ({error})") from error
     return Drawing(parts, str(named or ""), paper)
 
 
@@ -177,7 +177,7 @@ def _part(path: str, layer: str, entity: Any) -> Part:
     curve = make_path(entity, segments=CURVES)
     xy = _chords(curve, f"{path}: layer {layer}: {kind}")
     if not len(xy):  # as drawn by a single mouse click
-        return Part(layer, f"{kind} of no length", NOWHERE)
+        return Part(layer, f"{kind} without length", NOWHERE)
     return Part(layer, kind, xy, curve.is_closed and len(xy) > 3)
 
 
@@ -199,7 +199,7 @@ def _hatch(path: str, layer: str, entity: Any) -> Part:
                 continue
             rings.append(xy if (xy[0] == xy[-1]).all() else np.vstack([xy, xy[:1]]))
     if not rings:
-        return Part(layer, f"{kind} of no area", NOWHERE)
+        return Part(layer, f"{kind} without area", NOWHERE)
     return Part(layer, kind, rings[0], True, tuple(rings), entity.dxf.get("hatch_style", 0))
 
 

@@ -122,7 +122,7 @@ def layer_names(path: str | Path) -> list[str]:
     try:
         layers = pyogrio.list_layers(_plain_layer(str(path)))
     except (RuntimeError, UnicodeDecodeError) as error:  # from GDAL
-        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
+        raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
     return [str(name) for name, shape in layers if shape is not None]
 
 
@@ -155,7 +155,7 @@ def _numbered(
     held_cells(zip(parts[::order], numbers[::order].tolist(), strict=True), grid, cells)
     if not cells.any():
         raise RockfallError(
-            f"{polygons.path}: no polygon holds the centre of a cell: {extent(*polygons.bounds)}; "
+            f"{polygons.path}: no polygon contains a cell centre: {extent(*polygons.bounds)}; "
             f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
         )
     return cells, np.append(0, owner + 1), parts
@@ -304,7 +304,7 @@ def _drawn(
     import shapely
 
     for name in columns or ():
-        raise RockfallError(f"{path}: no attribute {name}; a drawing has none")
+        raise RockfallError(f"{path}: no attribute {name}: a drawing has no attributes")
     drawing, areas, points = read_drawing(path), bool(_POLYGONS & kinds), bool(kinds & _POINTS)
 
     def is_usable(part: Part) -> bool:
@@ -414,7 +414,7 @@ def _read(
         about_read, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=names)
         shapes = shapely.from_wkb(wkb)
     except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # from GDAL
-        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
+        raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
     by_name = dict(zip(about_read["fields"], values, strict=True))
     # in the order of the layer: pyogrio 0.11 sorts them by name
     return info, shapes, {name: by_name[name] for name in names}
@@ -428,7 +428,7 @@ def _layer(path: str, layers: Iterable[Any], what: str, asked: str | None, key: 
     if asked is not None and asked not in names:
         raise RockfallError(f"{path}: no layer {asked}, has: {', '.join(names)}")
     if asked is None and len(names) > 1:
-        advice = f"name one with {key}" if key else "keep one layer in the file"
+        advice = f"choose one with {key}" if key else "keep one layer in the file"
         raise RockfallError(f"{path}: has {len(names)} layers ({', '.join(names)}); {advice}")
     return asked or names[0]
 
@@ -501,19 +501,18 @@ def _plain_layer(path: str) -> str | bytes:
     if start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
         return _plain_geojson(path)
     raise RockfallError(
-        f"{path}: not a vector layer that can be read "
-        "(no GeoPackage, GeoJSON, shapefile or FlatGeobuf)"
+        f"{path}: cannot be read as a vector layer (GeoPackage, GeoJSON, shapefile or FlatGeobuf)"
     )
 
 
 def _check_geopackage(path: str, start: bytes) -> None:
     """Check that the database has only stored tables and their spatial indexes."""
     if start[68:72] not in _GEOPACKAGE:
-        raise RockfallError(f"{path}: a database that is no GeoPackage")
+        raise RockfallError(f"{path}: is a database but not a GeoPackage")
     for journal in ("wal", "journal"):
         if os.path.isfile(f"{path}-{journal}") and os.path.getsize(f"{path}-{journal}"):
             raise RockfallError(
-                f"{path}: another program writes to it ({path}-{journal}); close it there"
+                f"{path}: another program is writing to it ({path}-{journal}): close it there"
             )
     place = f"file:{quote(os.path.abspath(path))}?mode=ro&immutable=1"
     try:
@@ -524,7 +523,7 @@ def _check_geopackage(path: str, start: bytes) -> None:
                 if kind == "table":
                     _check_table(path, database, name, text)
     except (sqlite3.Error, UnicodeDecodeError) as error:
-        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
+        raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
 
 
 def _check_table(path: str, database: sqlite3.Connection, name: str, text: str) -> None:
@@ -548,12 +547,12 @@ def _plain_geojson(path: str) -> bytes:
         plain = _collection(data) | {"name": Path(path).stem}
         text = json.dumps(plain, allow_nan=False)
     except (ValueError, RecursionError, AttributeError) as error:
-        raise RockfallError(f"{path}: not a vector layer that can be read ({error})") from error
+        raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
     return text.replace("<", "\\u003c").encode()  # nothing in it looks like XML
 
 
 def _no_number(token: str) -> None:
-    raise ValueError(f"{token} is no number of JSON")
+    raise ValueError(f"{token} is not a JSON number")
 
 
 def _collection(data: Any) -> dict[str, Any]:

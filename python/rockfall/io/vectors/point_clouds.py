@@ -66,7 +66,7 @@ def read_clouds(
         raise RockfallError(f"--thin {thin:g}: must be > 0 [m]")
     for path in paths:
         if classes is not None and not _is_laser(path):
-            raise RockfallError(f"--classes: {path} has none; they are for .las and .laz")
+            raise RockfallError(f"--classes: {path} is not .las or .laz, so it has none")
     chosen = GROUND if classes is None else tuple(classes)
     for number in chosen:
         if not 0 <= number <= 255:
@@ -161,7 +161,9 @@ def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
     for path, crs in others:
         if (crs is None) != (common is None) or not same_crs(crs, common):
             own, other = (crs_name(c) if c else "no CRS" for c in (common, crs))
-            raise RockfallError(f"{path}: names {other}, {first} {own}: all must name the same")
+            raise RockfallError(
+                f"{path}: has {other}, but {first} has {own}: all must have the same CRS"
+            )
     return given if common is None else common
 
 
@@ -193,7 +195,7 @@ def _laser_crs(path: str | Path) -> CRS | None:
             )
         return by_text
     if own:
-        raise RockfallError(f"{path}: names a CRS that cannot be read")
+        raise RockfallError(f"{path}: has a CRS that cannot be read")
     return None
 
 
@@ -248,7 +250,7 @@ class _Laser:
 
     def _refusal(self, error: Exception) -> RockfallError:
         """Refusal of a damaged file, for which laspy and lazrs raise arbitrary errors."""
-        return RockfallError(f"{self.path}: not a LAS file that can be read ({error})")
+        return RockfallError(f"{self.path}: cannot be read as a LAS file ({error})")
 
 
 def _check_header(path: str | Path) -> None:
@@ -271,7 +273,7 @@ def _check_header(path: str | Path) -> None:
         needed = _chunk_points(path, offset, size) if compressed else points
         claims = needed < 0 or offset + needed * length > size
     if claims:
-        raise RockfallError(f"{path}: is cut off: shorter than its header states")
+        raise RockfallError(f"{path}: is truncated: shorter than its header states")
 
 
 def _chunk_points(path: str | Path, offset: int, size: int) -> int:
@@ -306,7 +308,7 @@ def _laser_chunks(path: str | Path, classes: Sequence[int]) -> Chunks:
             kept += int(taken.sum())
             yield np.column_stack([np.asarray(points[axis])[taken] for axis in "xyz"])
     if read != total:
-        raise RockfallError(f"{path}: is cut off: {read:,} of its {total:,} points can be read")
+        raise RockfallError(f"{path}: is truncated: {read:,} of its {total:,} points can be read")
     if not kept:
         has = ", ".join(f"{number} ({count:,} points)" for number, count in sorted(seen.items()))
         wanted = ", ".join(map(str, classes))

@@ -104,7 +104,7 @@ def text_chunks(path: str | Path) -> Iterator[np.ndarray]:
     except (ValueError, OverflowError, MemoryError) as error:  # ParserError too
         if longer := _LONGER.search(str(error)):
             raise RockfallError(_longer(path, int(longer[1]), layout)) from error
-        raise RockfallError(f"{path}: is not rows of numbers ({error})") from error
+        raise RockfallError(f"{path}: does not consist of rows of numbers ({error})") from error
 
 
 def _longer(path: str | Path, line: int, layout: _Layout) -> str:
@@ -125,15 +125,15 @@ def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: b
     cure = "name the columns in a first line, such as x y z"
     x, y, z = (table[column].to_numpy() for column in layout.columns)
     if first and layout.total > 3 and len(x) > 2 and (np.diff(x) == 1).all() and x[0] in (0, 1):
-        raise RockfallError(f"{path}: the first column counts the rows: {cure}")
+        raise RockfallError(f"{path}: the first column is a row number: {cure}")
     if first and len(x) and min(x) > NORTHING and LOCAL < max(y) < EASTING:
         raise RockfallError(f"{path}: x {x[0]:.0f}, y {y[0]:.0f} look exchanged: {cure}")
     odd = ~((z >= HEIGHTS[0]) & (z <= HEIGHTS[1])) & ~np.isin(z, MISSING) & (abs(z) <= MAX_REAL)
     for row in np.flatnonzero(odd)[:1].tolist():
         line = int(table.index[row]) + 1 + layout.head
         raise RockfallError(
-            f"{path}: line {line}: the third column, {z[row]:.10g}, is no height of land [m]: "
-            f"{cure}"
+            f"{path}: line {line}: the third column, {z[row]:.10g}, is not an elevation of land "
+            f"[m]: {cure}"
         )
 
 

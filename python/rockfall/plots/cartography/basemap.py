@@ -67,9 +67,9 @@ def read_picture(
 
 def _check(source: Any, path: str | Path, stretched: bool) -> None:
     if source.crs is None:
-        raise RockfallError(f"{path}: has no CRS; a basemap needs one")
+        raise RockfallError(f"{path}: has no CRS, which a basemap needs")
     if {*source.dtypes} != {BYTE} and not stretched:
-        raise RockfallError(f"{path}: a basemap has bands of 8 bits, not of {source.dtypes[0]}")
+        raise RockfallError(f"{path}: a basemap needs bands of 8 bits, not {source.dtypes[0]}")
 
 
 def _warped(source: Any, crs: str, extent: Extent, path: str | Path, dots: int) -> Picture:
@@ -87,7 +87,7 @@ def _warped(source: Any, crs: str, extent: Extent, path: str | Path, dots: int) 
         bands = warped.read([1, 2, 3] if warped.count > 3 else [1, 1, 1])
         seen = warped.dataset_mask() > 0
     if not seen.any():
-        raise RockfallError(f"{path}: lies apart from what the boulders reached")
+        raise RockfallError(f"{path}: does not overlap the area that boulders reached")
     if palette:
         table = source.colormap(1)
         bands = np.array([table[k][:3] for k in range(256)], "u1")[bands[0]].transpose(2, 0, 1)

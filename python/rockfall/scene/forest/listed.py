@@ -51,7 +51,7 @@ def listed_trees(inputs: Inputs) -> Planted:
     inside = (x >= grid.west) & (x < grid.east) & (y > grid.south) & (y <= grid.north)
     if not inside.any():
         raise RockfallError(
-            f"{path}: no tree stands on the terrain: "
+            f"{path}: all trees are outside the terrain: "
             f"{extent(x.min(), y.min(), x.max(), y.max())}; "
             f"the terrain: {extent(grid.west, grid.south, grid.east, grid.north)}"
         )

@@ -77,7 +77,7 @@ def made_trees(inputs: Inputs) -> tuple[Planted, Stands | None]:
 
 def _treeless(inputs: Inputs) -> RockfallError:
     return RockfallError(
-        f"{inputs.case.name}: &forest: no tree stands on the terrain, at these stems a hectare"
+        f"{inputs.case.name}: &forest: no trees on the terrain at these stems per hectare"
     )
 
 

@@ -35,7 +35,7 @@ class Species:
             names += row.cells.get("other_names", "").split(";")
             for name in {plain_name(name) for name in names} - {""}:
                 if name in self.factors:
-                    raise RockfallError(f"{row.where}: {name}: is in the table twice")
+                    raise RockfallError(f"{row.where}: {name}: occurs twice in the table")
                 self.factors[name] = factor
         for name in (CONIFER, BROADLEAF):
             if name not in self.factors:

@@ -152,7 +152,7 @@ def _areas(inputs: Inputs, path: Path, shapes: np.ndarray) -> np.ndarray:
         inputs.remarks.append(remark(path, "input.stands_overlap", area=float(shared)))
     parts = on_terrain(shapes, inputs.grid)
     if not shapely.area(parts).any():
-        raise RockfallError(f"{path}: no stand lies on the terrain")
+        raise RockfallError(f"{path}: all stands are outside the terrain")
     return parts
 
 

@@ -77,7 +77,7 @@ def _cleared(inputs: Inputs, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         factors[inside] = np.minimum(factors[inside], remaining[k])
         stems[k] = inside.size
     if not stems.any():
-        raise RockfallError(f"{path}: no stem stands in a polygon of the clearings")
+        raise RockfallError(f"{path}: no stem is in a polygon of the clearings")
     if empty := int(np.count_nonzero(stems == 0)):
         numbers = {"part": empty, "n": stems.size}
         inputs.remarks.append(remark(path, "input.clearings_empty", **numbers))

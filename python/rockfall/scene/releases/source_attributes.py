@@ -251,8 +251,8 @@ def _check_source(case: Case, table: Table, law: np.ndarray, given: np.ndarray) 
     if says.by_raster and (law.any() or density.any()):
         k = int(np.argmax((law > 0) | density))
         raise RockfallError(
-            f"{table.where(k)}: both its attributes and the rasters of &boulder give its boulders: "
-            "give one of the two"
+            f"{table.where(k)}: attributes and rasters of &boulder both give its boulders: "
+            "remove one of the two"
         )
     if says.by_layer and not law.all():
         k = int(np.argmin(law))

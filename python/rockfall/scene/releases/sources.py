@@ -259,7 +259,7 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
     shaped = shape > 0
     if not shaped.any():
         raise RockfallError(
-            f"{inputs.case.path(boulder['shape'])}: 0 at all sources: none has boulders"
+            f"{inputs.case.path(boulder['shape'])}: is 0 at all sources, so no boulder is released"
         )
     if not shaped.all():
         out = np.count_nonzero(~shaped)

@@ -70,7 +70,7 @@ def _source_cells(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _source_points(scene: Scene) -> Iterator[InputWarning]:
-    """Duplicate points with the same boulders; different boulders may start at one place."""
+    """Warnings on duplicate points with the same boulders; different boulders may share a point."""
     release = scene.case.release
     if not {"x", "points"} & release.keys():
         return

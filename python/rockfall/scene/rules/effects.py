@@ -25,7 +25,7 @@ def check_effects(scene: Scene) -> None:
         if not is_used and value is not None:
             raise RockfallError(
                 f"{case.name}: &{group} {key} = {literal(value)}: is only valid with {with_}, "
-                "and no ground has that"
+                "which no ground has"
             )
     least = case.breakage["min_volume"]
     if case.breakage["at"] != "none" and least >= max(largest_volumes(scene)):

@@ -64,7 +64,7 @@ def _twins(
 
 
 def _place(barrier: Mapping[str, Any]) -> Hashable:
-    """Vertices in either direction, and height: a net may be on the line of a lower wall."""
+    """Identity of a barrier: its vertices in either direction, and its height."""
     vertices = tuple(zip(barrier["x"], barrier["y"], strict=True))
     return min(vertices, vertices[::-1]), barrier.get("height")
 

@@ -32,7 +32,7 @@ def locked(output: Path, say: Callable[[str], None]) -> Iterator[None]:
 def _open(path: Path) -> int:
     check_regular(path)
     if path.exists() and (path.is_dir() or path.stat().st_size):
-        raise RockfallError(f"{path}: exists and is no lock: choose another output")
+        raise RockfallError(f"{path}: exists but is not a lock: choose another output")
     return os.open(path, os.O_RDWR | os.O_CREAT | NO_FOLLOW, 0o666)
 
 
@@ -43,10 +43,13 @@ def _hold(descriptor: int, path: Path, say: Callable[[str], None]) -> bool:
     except BlockingIOError:
         os.close(descriptor)
         raise RockfallError(
-            f"{path}: another run is at work on this output: wait for its end, or choose another"
+            f"{path}: another run is writing this output: wait, or choose another output"
         ) from None
     except OSError as error:
-        say(f"{path}: cannot be locked ({error.strerror}), two runs on one output would destroy it")
+        say(
+            f"{path}: cannot be locked ({error.strerror}), "
+            "so do not start a second run with this output"
+        )
         return True
     try:
         return os.path.samestat(os.fstat(descriptor), os.stat(path))

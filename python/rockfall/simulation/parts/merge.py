@@ -95,7 +95,7 @@ def _check_whole(ranges: Sequence[tuple[int, int, str]], tally: Tally) -> None:
         if first > done + 1:
             wrong.append(f"boulders {done + 1} to {first - 1} are missing")
         if first <= done:
-            wrong.append(f"boulders {first} to {min(done, last)} are twice: {name}")
+            wrong.append(f"boulders {first} to {min(done, last)} occur twice: {name}")
         done = max(done, last)
     if done < requested:
         wrong.append(f"boulders {done + 1} to {requested} are missing")

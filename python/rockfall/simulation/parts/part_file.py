@@ -219,7 +219,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
     """Metadata of a part, without its values."""
     if attrs.get("part_layout") != LAYOUT:
         raise RockfallError(
-            f"{name}: is no part of a run, as --shard, checkpoints and rockfall-batch make them"
+            f"{name}: is not a part of a run (from --shard, a checkpoint or rockfall-batch)"
         )
     values = USUAL | dict(attrs)
 

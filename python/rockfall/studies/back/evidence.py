@@ -232,7 +232,9 @@ def evidence(
             "what was left unseen is not known."
         )
     if not data:
-        raise RockfallError(" ".join(["nothing observed that a back-analysis can use.", *notes]))
+        raise RockfallError(
+            " ".join(["the observations contain nothing that a back-analysis can use.", *notes])
+        )
     return data, notes
 
 
@@ -250,7 +252,9 @@ def _of_stops(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[
                 yield Counted(f"{label}{name}", own[:, column], _way(frame, source, column))
     if seen.passing is not None and stops is None:
         if np.isnan(seen.passing_n):
-            notes.append("Fractions that come so far are not used: column n, of how many?")
+            notes.append(
+                "Passing fractions are not used: column n with the number of boulders is missing."
+            )
         else:
             table = seen.passing[seen.passing["distance"] > 0]
             distance, fraction = (table[name].to_numpy(float) for name in ("distance", "fraction"))
@@ -272,9 +276,13 @@ def _of_witnesses(result: xr.Dataset, seen: Observed, notes: list[str]) -> Itera
         if seen.volumes is not None and all(
             np.isinf(kernel.of_volume) for kernel in deposited.kernels
         ):
-            notes.append("Volumes of the blocks are not used: all boulders of the case have one.")
+            notes.append(
+                "Volumes of the blocks are not used: all boulders of the case have the same."
+            )
         if seen.shapes is not None and not any(kernel.by_shape for kernel in deposited.kernels):
-            notes.append("Shapes of the blocks are not used: all boulders of the case have one.")
+            notes.append(
+                "Shapes of the blocks are not used: all boulders of the case have the same."
+            )
         yield deposited
 
 

@@ -52,22 +52,22 @@ def check_back(folder: Path, inputs: Iterable[str | Path]) -> None:
 
 def _contents(analysis: Back) -> Contents:
     members, data = analysis.members, analysis.data
-    long_names = {"log_likelihood": "of what was observed, dependent data counted less",
-             "smooth": "log_likelihood without the noise of the runs",
-             "weight": "of the member in the posterior"}  # fmt: skip
+    long_names = {"log_likelihood": "log-likelihood of the observations, less for dependent data",
+             "smooth": "log_likelihood without Monte Carlo noise",
+             "weight": "weight of the member in the posterior"}  # fmt: skip
     variables: dict[str, tuple] = {
         str(name): ("member", members[name].to_numpy(float),
                     {"units": "1", "long_name": long_names.get(str(name), f"drawn: {name}")})
         for name in members
     }  # fmt: skip
     variables["data"] = ("data", data["data"].to_numpy(object), {"long_name": "set of data"})
-    for name, what in (("n", "boulders"), ("counts", "what it counts, since data hang together"),
+    for name, what in (("n", "boulders"), ("counts", "its weight, as data are dependent"),
                        ("predictive_p", "posterior predictive probability"),
                        ("loss", "log-likelihood lost with the other data"),
                        ("loss_error", "its standard error")):  # fmt: skip
         column_attrs = {"units": "1", "long_name": what}
         variables[f"data_{name}"] = ("data", data[name].to_numpy(float), column_attrs)
-    about_alone = {"units": "1", "long_name": "weight of the member by each set of data alone"}
+    about_alone = {"units": "1", "long_name": "weight of the member by each data set alone"}
     variables["data_weight"] = ("data", "member"), analysis.alone, about_alone
     attrs = {
         "title": analysis.case.case["title"], "source": f"rockfall {__version__}",

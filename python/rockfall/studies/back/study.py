@@ -137,8 +137,8 @@ def _check_request(case: Case, members: int, enough: int) -> None:
         raise RockfallError(f"{case.name}: &ensemble draws: must be absent: they have no density")
     if case.breakage["at"] != "none":
         raise RockfallError(
-            f"{case.name}: &breakage at = '{case.breakage['at']}': must be 'none': a "
-            "boulder ends with its farthest fragment, which is no observed block"
+            f"{case.name}: &breakage at = '{case.breakage['at']}': must be 'none': "
+            "the end of a boulder is that of its farthest fragment, not of an observed block"
         )
 
 
@@ -195,7 +195,7 @@ class _Rounds:
         self.random = np.random.default_rng((read.case.case["seed"], STREAM))
         self.rows: list[dict[str, float]] = []  # numbers drawn for each member
         self.runs: list[list[np.ndarray]] = [[] for _ in read.data]  # data kept for each set
-        # Of complete rounds: log-likelihoods by set of data, weights, and those of the prior alone.
+        # Complete rounds: log-likelihoods by data set, weights, and weights of the prior alone.
         self.by_data = np.empty((len(read.data), 0))
         self.weight = self.ahead = np.empty(0)
 
@@ -310,7 +310,7 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
             columns = [column for column, is_given in zip(columns, given, strict=True) if is_given]
         all_columns += columns
     if not all_columns:
-        raise RockfallError(f"{inputs.scene.case.name}: &ensemble: nothing that can be sought")
+        raise RockfallError(f"{inputs.scene.case.name}: &ensemble: nothing to fit")
     return np.array(all_columns)
 
 
@@ -338,7 +338,7 @@ def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
     if not reached:
         raise RockfallError(
             f"{scene.case.name}: &ensemble radius_factor: has no effect: boulders come to no zone "
-            "with rocks (R_m > 0): take it out"
+            "with rocks (R_m > 0): remove it"
         )
     return reached
 

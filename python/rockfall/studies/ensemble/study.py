@@ -55,9 +55,9 @@ KEPT = {  # of the draws: units, meaning
     "drop_height": ("1", "factor on the drop height"),
     "source_east": ("m", "shift of the sources eastwards"),
     "source_north": ("m", "shift of the sources northwards"),
-    "strength": ("1", "factor on the strength of each ground that has one"),
-    "relief": ("1", "factor on the relief of each ground that has one"),
-    "source_redrawn": ("1", "shifts drawn before, which left a source off the terrain"),
+    "strength": ("1", "factor on the strength of each ground"),
+    "relief": ("1", "factor on the relief of each ground"),
+    "source_redrawn": ("1", "rejected shifts, with a source off the terrain"),
     "draw": ("1", "row of the file of draws, from 0"),
     "set": ("1", "draw of the impact sets, by its place in all files of the case, from 0"),
 }
@@ -222,10 +222,10 @@ def _dataset(
         "epistemic_variance_error": table(indices.epistemic_error, "its standard error"),
         "first_order": table(indices.first, f"{fraction_of}alone, first-order Sobol' index"),
         "first_order_error": table(indices.first_error, "its standard error"),
-        "total": table(indices.total, f"{fraction_of}with all it does, total Sobol' index"),
+        "total": table(indices.total, f"{fraction_of}with its interactions, total Sobol' index"),
         "total_error": table(indices.total_error, "its standard error"),
         "too_few": table(
-            np.isnan(y).sum(axis=(0, 1)), "runs in which too few boulders pass, so no number"
+            np.isnan(y).sum(axis=(0, 1)), "runs with too few passing boulders for a value"
         ),
     }  # fmt: skip
 

@@ -176,7 +176,7 @@ class Uncertain:
             if not any(map(has_rocks, scene.rasters.sizes)):
                 raise RockfallError(
                     f"{scene.case.name}: &ensemble radius_factor: has no effect: no zone has rocks "
-                    "(R_m > 0): take it out"
+                    "(R_m > 0): remove it"
                 )
 
     def _check_pairs(self) -> None:
@@ -187,7 +187,7 @@ class Uncertain:
             where = f"{self.scene.case.name}: &ensemble {key}"
             if not self.pairs:
                 raise RockfallError(
-                    f"{where}: has no effect: no ground has strength and relief: take it out"
+                    f"{where}: has no effect: no ground has strength and relief: remove it"
                 )
             if any(operator.grounds for operator in self.sets):
                 raise RockfallError(
