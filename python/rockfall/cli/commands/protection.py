@@ -98,10 +98,12 @@ def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
     """Design by the return period of boulders that pass, over the scenarios of hazards."""
     for key in keys:
         if key != "costs" and getattr(arguments, key) is not None:
-            reason = "is for results OUT.nc: a hazard takes --return-period and --costs"
+            reason = "is only valid for results OUT.nc: a hazard takes --return-period and --costs"
             raise RockfallError(f"--{key.replace('_', '-')} {reason}")
     if arguments.tables:
-        raise RockfallError("--tables is for results OUT.nc: see rockfall dossier for a hazard")
+        raise RockfallError(
+            "--tables is only valid for results OUT.nc: see rockfall dossier for a hazard"
+        )
     folder, paths = arguments.output, arguments.results
     years = YEARS if arguments.return_period is None else arguments.return_period
     sheets = {str(path): yearly_design(read_hazard(path), years, arguments.costs) for path in paths}
