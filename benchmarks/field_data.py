@@ -142,7 +142,9 @@ def _local(file: RemoteFile, folder: Path, name: str) -> Path:
     except OSError as error:
         raise RockfallError(f"{path}: cannot be read: {error.strerror or error}") from None
     if digest != expected:
-        raise RockfallError(f"{path}: {algorithm} {digest} is not that of {file.url}: {expected}")
+        raise RockfallError(
+            f"{path}: {algorithm} {digest} differs from {expected} of {file.url}: download it again"
+        )
     return path
 
 
@@ -158,6 +160,6 @@ def _downloaded(file: RemoteFile, archive: Archive, name: str) -> Path:
     except ValueError as error:  # from pooch: another checksum
         raise RockfallError(f"{text}: {error}") from None
     except OSError as error:  # no network, no such file, no space
-        advice = f"or give a folder that holds {', '.join(archive.names)} ({FOLDER}, --data)"
+        advice = f"or give a folder with {', '.join(archive.names)} ({FOLDER}, --data)"
         raise RockfallError(f"{text}: cannot be downloaded: {error}; {advice}") from None
     return Path(path)

@@ -120,7 +120,7 @@ def test_every_kind_is_known_by_its_header():
 HOSTILE = {
     "no kind": (
         "line,speed\nN,3\n",
-        "o.csv: line 1: columns line, speed: must have those of: line, quantity, unit, mean | "
+        "o.csv: line 1: columns line, speed: must include one of: line, quantity, unit, mean | "
         "line, quantity, unit, value | line, method, quantity, p | impact, x, y | "
         "distance, fraction | distance, percent | distance, share | x, y | distance",
     ),

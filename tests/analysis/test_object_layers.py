@@ -166,7 +166,7 @@ def test_attributes_that_are_not_used_are_listed(tmp_path, given, listed):
     ({"speed": 22.0}, "speed = 22, as in 1 of 1 features: is it in m/s?"),
     ({"vehicle_length": 540.0}, "vehicle_length = 540, as in 1 of 1 features: is it in cm?"),
     ({"persons_per_vehicle": 1280.0}, "persons in a vehicle: are they per day?"),
-    ({"aadt": 0.2}, "aadt = 0.2, as in 1 of 1 features: vehicles a day: are they for"),
+    ({"aadt": 0.2}, "aadt = 0.2, as in 1 of 1 features: vehicles a day: are they per"),
     ({"trips": 700.0}, "trips = 700, as in 1 of 1 features: passages of a person a day: are they"),
     ({"speed": 120.0, "aadt": 40_000.0, "width": 30.0, "trips": 20.0}, None),
     ({"aadt": 0.0}, None),

@@ -397,7 +397,7 @@ def test_maps_alone_make_a_section(result):
 def test_refusals(result):
     with refused("within = 0.0: must be > 0 m"):
         section_of(result, SectionLine(DOWN, 0.0))
-    with refused("every = 0.001: makes 380,000 stations, at most 10,000"):
+    with refused("every = 0.001: gives 380,000 stations, at most 10,000"):
         section_of(result, SectionLine(DOWN, 10.0, 0.001))
     with refused("section: must have a length above 0 m"):
         section_of(result, SectionLine(np.array([1 + 1j, 1 + 1j])))

@@ -379,7 +379,7 @@ def test_what_cannot_be_is_refused(tmp_path):
         hazard(case, None, length=None, segments_layer="roads")
     hairpins = [(10.0 + 380.0 * (k % 2), 10.0 + 5.0 * k) for k in range(56)]
     long = make_layer(tmp_path / "long.gpkg", [shapely.LineString(hairpins)], CRS)
-    with refused(f"{long}: makes 20,902 segments: must be at most 20,000, give a longer "
+    with refused(f"{long}: gives 20,902 segments: must be at most 20,000, give a longer "
                  "--segment-length"):  # fmt: skip
         hazard(case, long, length=1.0)
     far = make_layer(tmp_path / "far.gpkg", [shapely.LineString([(900, 0), (990, 0)])], CRS)

@@ -366,7 +366,7 @@ def test_a_layer_of_blocks_in_another_crs_goes_through_the_commands(place, capsy
     printed = capsys.readouterr().out
     assert "blocks at rest" in printed and "reprojected from EPSG:4326" in printed
     assert "data" in Path("out/by_data.csv").read_text().partition("\n")[0]
-    for boulders, said in ((30, "fewer than 40 boulders from there"), (60, "outside of all")):
+    for boulders, said in ((30, "fewer than 40 boulders come to rest"), (60, "outside of all")):
         few = rockfall.read_case("case.nml").replace(case={"boulders": boulders})
         rockfall.write_result(rockfall.run(few.replace(output={"maps": "passages"})), "result.nc")
         assert main(["compare", "result.nc", "seen.gpkg"]) == 0

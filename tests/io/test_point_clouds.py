@@ -138,9 +138,9 @@ def test_files_of_several_systems_are_refused(tmp_path):
         cloud(tmp_path / name, places(), crs=crs)
         for name, crs in (("a.laz", 2056), ("b.laz", 25832), ("c.laz", None))
     )
-    with refused(f"{other}: names EPSG:25832, {one} EPSG:2056: all must have the same CRS"):
+    with refused(f"{other}: has EPSG:25832, but {one} has EPSG:2056: all must have the same CRS"):
         read_clouds([one, other])
-    with refused(f"{none}: names no CRS, {one} EPSG:2056: all must have the same CRS"):
+    with refused(f"{none}: has no CRS, but {one} has EPSG:2056: all must have the same CRS"):
         read_clouds([one, none])
     assert len(read_clouds([one, one])[0]) == 6000
     with refused(f"--crs: {one} names its own, EPSG:2056"):

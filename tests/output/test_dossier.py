@@ -301,7 +301,7 @@ def test_lines_design_and_report_take_a_hazard(
     for words in (["lines", path, "--by", "volume"], ["design", path, "--residual", "0.1"],
                   ["report", path, "--limits", "kJ=1"]):  # fmt: skip
         assert main(words) == 2
-        assert "is for results OUT.nc" in capsys.readouterr().err
+        assert "is only valid for results OUT.nc" in capsys.readouterr().err
     write_result(rockfall.run(case.replace(variant=[]), **PLACE), tmp_path / "out.nc")
     for words in ([path, str(tmp_path / "out.nc")], [str(tmp_path / "out.nc"), path]):
         assert main(["design", *words]) == 2
