@@ -68,6 +68,20 @@ def test_no_bit_depends_on_lanes(whole, lanes):
     same(run_scene(scene), result)
 
 
+@pytest.mark.parametrize("lanes", [1, 2, 3])
+def test_cells_along_contacts_are_the_same_in_lanes(whole, lanes):
+    """Without maps by source boulders go in lanes, which record cells and hits on the ground."""
+    maps = ["passages", "energy_mean", "passing_height_max", "travel_time_min"]
+    output = {"maps": [*maps, "hits_energy_exceeded"], "rebounds": True, "trajectories": 0}
+    scene = read_scene(whole[0].replace(output=output), **terrain())
+    results = []
+    for carried in (0, lanes):
+        _core.carry_in_lanes(scene.kernel.handle, carried)
+        results.append(run_scene(scene))
+    assert results[0]["hits_energy_exceeded"].max() > 1
+    same(*results)
+
+
 def test_threads_and_chunks_change_nothing(whole):
     case, result = whole
     same(rockfall.run(case, threads=3, chunk=17, **terrain()), result)

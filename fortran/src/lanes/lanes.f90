@@ -33,7 +33,7 @@ module rockfall_lanes
    use rockfall_start, only: start_boulder, energy_head, end_boulder
    use rockfall_contact, only: handle_impact, find_ground, find_impact_set, close_impact, rest_or_roll
    use rockfall_obstacles, only: obstacle_t, hit_obstacle, record_passed_over, none
-   use rockfall_paths, only: fly_to_obstacle, follow_roll
+   use rockfall_paths, only: fly_to_obstacle, follow_roll, visit_cells
    use rockfall_local_frame, only: in_local_frame, signed_w, face_forward, launch_velocity
    use rockfall_ground, only: is_stochastic
    use rockfall_tallies, only: totals_t, prepare_scratch, add_boulder
@@ -198,7 +198,7 @@ contains
          end if
          if (allocated(by_table)) then
             call handle_table_contacts(scene, landings, contacts%g1, contacts%g2, contacts%steepness, contacts%word, &
-                                       scratch(1)%cells_requested .or. needs_energies(scene), pool%touch, by_table)
+                                       needs_energies(scene), pool%touch, by_table)
          end if
          call advance_boulders(scene, sets, active, pool, landings, contacts, by_table, flights, scratch)
          call retire_boulders(scene, active, results, crossings, maps, landings, pool, scratch, totals)
@@ -844,6 +844,7 @@ contains
       call set_heading(pool, lane, b%heading1(k), b%heading2(k), b%next_w(k))
       call close_impact(scene, b%speed2(k), .not. b%stops(k) > 0, result)
       if (.not. (result%status /= 0 .or. b%stops(k) > 0 .or. b%walks(k))) then
+         if (scratch%cells_requested) call visit_slide(scene, b, l, k, result%time, scratch)
          result%path_length = result%path_length + b%length(k)
          result%time = result%time + b%slides(k)
          result%time = result%time + b%waits(k)
@@ -868,6 +869,28 @@ contains
       end if
       call roll_single(scene, number, l, k, pool, result, flight, b%roll(k), flights, scratch)
    end subroutine finish_table_contact
+
+   !> Record the cells along a contact by a table, as `follow_roll` does along the path of `find_slide`.
+   subroutine visit_slide(scene, b, l, k, start_time, scratch)
+      type(scene_t), intent(in) :: scene
+      type(table_batch_t), intent(in) :: b
+      type(landings_t), intent(in) :: l
+      integer, intent(in) :: k
+      real(wp), intent(in) :: start_time  !! since the release [s]
+      type(scratch_t), intent(inout) :: scratch
+      type(flight_t) :: path
+      type(span_t) :: span(1)
+
+      path%patch = patch_t(int(l%i(k)), int(l%j(k)))
+      path%x = l%x(k)
+      path%y = l%y(k)
+      path%z = l%z(k)
+      path%v = 0
+      if (b%slides(k) > 0) &
+         path%v = 1/b%slides(k)*[b%covered(k)*b%t1(k), b%covered(k)*b%t2(k), -(l%z(k) - b%z(k))]
+      span = span_t(path%patch%i, path%patch%j, 0.0_wp, b%slides(k), 0.0_wp, 0.0_wp, 0.0_wp)
+      call visit_cells(scene, 0.0_wp, path, sqrt(squared_length(path%v)), start_time, b%slides(k), span, scratch)
+   end subroutine visit_slide
 
    !> Compute a rebound that the loops do not handle, and the next flight.
    subroutine rebound_single(scene, number, l, k, pool, result, flights, scratch)

@@ -2,7 +2,7 @@
 !> Contacts by tables of impacts, for several boulders at a time. Each goes through the steps of `table_contact` in the
 !> same order, so results are bitwise identical. Steps with roots and divisions are loops over all contacts. Records are
 !> chosen in several short loops before the first is read, so that memory accesses overlap. `find_slide` is only called
-!> for paths that are needed, or that leave the known terrain.
+!> for paths whose energies are needed, that may cross a line, or that leave the known terrain.
 !>
 !> Compiled three times, like rockfall_lanes.
 module rockfall_table_lanes
@@ -75,7 +75,7 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: slide = 0, time = 0, speed = 0  !! as in find_slide [m], [s], [m/s]
       real(wp), dimension(lanes) :: inside = 0, off = 0           !! ends on its first patch; ground falls away: 1 or 0
       real(wp), dimension(lanes) :: i = 0, j = 0, z00 = 0, a = 0, b = 0, c = 0  !! patch of its end, as in patch_t
-      real(wp), dimension(lanes) :: covered = 0                   !! length within the known terrain [m]
+      real(wp), dimension(lanes) :: covered = 0                   !! length within the known terrain; to the end [m]
       real(wp), dimension(lanes) :: found = 0                     !! the loops find its end: 1 or 0
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0           !! end [m]
       real(wp), dimension(lanes) :: end1 = 0, end2 = 0            !! gradient at the end [-]
@@ -159,7 +159,7 @@ contains
       type(landings_t), intent(in) :: l
       real(wp), dimension(lanes), intent(in) :: g1, g2, steepness  !! of the ground where they landed [-]
       integer(i8), intent(in) :: word(lanes, words_per_block)      !! random words
-      logical, intent(in) :: paths                                 !! paths are needed for maps
+      logical, intent(in) :: paths                                 !! all paths are needed
       type(touch_t), intent(in) :: touch(lanes)                    !! of each lane
       type(table_batch_t), intent(inout), target :: b
       integer :: first(2*size(scene%grounds) + 1)
@@ -523,6 +523,7 @@ contains
                              b%j(k), b%z00(k), b%a(k), b%b(k), b%c(k), x, y, z, u, w, inside)
          b%found(k) = min(b%found(k), inside)
          call time_slide(b%t1(k), b%t2(k), slide, l%z(k) - z, time, b%speed(k), b%length(k), b%slides(k), b%waits(k))
+         b%covered(k) = slide
          b%x(k) = x
          b%y(k) = y
          b%z(k) = z

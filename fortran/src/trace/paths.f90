@@ -19,7 +19,7 @@ module rockfall_paths
    use rockfall_obstacles, only: obstacle_t, find_obstacle, none
    implicit none
    private
-   public :: fly_over_cells, fly_to_obstacle, follow_roll
+   public :: fly_over_cells, fly_to_obstacle, follow_roll, visit_cells
 
 contains
 
