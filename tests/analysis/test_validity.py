@@ -614,7 +614,7 @@ def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):
         only("vaujany-forest", state, "passing", "vaujany-observed") for state in ("bare", "forest")
     )
     assert known.observed == 34 < known.simulated
-    assert f"{known.simulated:.0f} % by vaujany-observed instead of 34 %" in text
+    assert f"{known.simulated:.0f} % pass by vaujany-observed, 34 % in" in text
     assert f"(without forest {bare.simulated:.0f} and 95 %)" in text
     assert f"  caution      {text}" in preview(scene_of(case)).splitlines()
     assert f"  caution: {text}" in summary(result).splitlines()
@@ -629,7 +629,7 @@ def test_a_forest_by_tables_is_judged_by_a_run_by_tables(tmp_path):
     known = only("vaujany-forest", "forest", "passing", "talus")
     (found,) = forest_remarks({}, tables)
     assert known.observed < known.simulated
-    assert f"{known.simulated:.0f} % by talus instead of" in found.text
+    assert f"{known.simulated:.0f} % pass by talus, " in found.text
     assert [remark.text for remark in forest_remarks({}, case)] == [forest_text()]
     by_ground, result = on_grounds(tmp_path, {"ground": "talus"}, forest=STAND)
     assert [*forest_remarks(result, by_ground)] == [found]

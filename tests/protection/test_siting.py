@@ -381,8 +381,8 @@ def test_refusals(case):
     for given, message in (
         ({"line": "rail"}, "case: line = 'rail': no such line, lines: road"),
         ({"every": 0.0}, "every = 0.0: must be > 0 m"),
-        ({"every": 0.1}, "every = 0.1: makes 1,000 alignments up to 100 m: must make 1 to 199"),
-        ({"every": 200.0}, "every = 200.0: makes 0 alignments up to 100 m: must make 1 to 199"),
+        ({"every": 0.1}, "every = 0.1: gives 1,000 alignments up to 100 m: must be 1 to 199"),
+        ({"every": 200.0}, "every = 200.0: gives 0 alignments up to 100 m: must be 1 to 199"),
         ({"direction": 361.0}, "direction = 361.0: must be 0 to 360 degrees"),
         ({"max_height": -1.0}, "max_height = -1.0: must be > 0 and <= 100 m"),
         ({"max_height": 400.0}, "max_height = 400.0: must be > 0 and <= 100 m"),

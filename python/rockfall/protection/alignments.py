@@ -130,7 +130,7 @@ def _steps(shift: Shift) -> int:
     number = math.floor(shift.to / shift.every * (1 + 1e-9))
     if not 1 <= number < MAX_ALIGNMENTS:
         raise RockfallError(
-            f"every = {shift.every}: makes {number:,} alignments up to {shift.to:g} m: must make 1 "
+            f"every = {shift.every}: gives {number:,} alignments up to {shift.to:g} m: must be 1 "
             f"to {MAX_ALIGNMENTS - 1}"
         )
     return number
