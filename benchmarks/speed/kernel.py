@@ -38,6 +38,7 @@ def rows(boulders: int, folder: Path) -> dict[str, float]:
     cases = {"bare": bare, "matrix": bare.replace(surface=surface)}
     for name in TABLES:
         cases[f"table {name}"] = bare.replace(surface=surface, impact=LAW | {"table": name})
+    cases["talus, seven maps"] = cases["table talus"].replace(output=NOTHING | {"maps": MAPS})
     for name, maps in {"two lines": None, "seven maps": MAPS, "every map": EVERY_MAP}.items():
         cases[name] = vaujany.replace(output=NOTHING | {"maps": maps})
     found = {name: measure(read_scene(case), 1, 1).rebound() for name, case in cases.items()}
