@@ -209,10 +209,10 @@ def test_rules_are_read_with_any_spaces_and_names():
     ("rules", "says"),
     [
         ("", "QUANTITY.STATISTIC@LINE<PERCENT%"), ("speed.mean@L<2", "PERCENT%"),
-        ("speed.mean@L<2%,", "PERCENT%"), ("speed.mean@L<2%; fraction@L<2%", "no line"),
+        ("speed.mean@L<2%,", "PERCENT%"), ("speed.mean@L<2%; fraction@L<2%", "unknown line"),
         ("speed.max@L<2%", "no interval for statistic 'max', known: mean, std, q50"),
-        ("speed@L<2%", "no interval"), ("spede.mean@L<2%", "no quantity 'spede', there are speed"),
-        ("fraction.mean@L<2%", "fraction alone"), ("speed.mean@M<2%", "no line 'M', the lines of"),
+        ("speed@L<2%", "no interval"), ("spede.mean@L<2%", "unknown quantity 'spede', known: speed"),
+        ("fraction.mean@L<2%", "fraction alone"), ("speed.mean@M<2%", "unknown line 'M', lines of"),
         ("speed.mean@L<0%", "above 0 and below 100"), ("speed.mean@L<-2%", "above 0"),
         ("speed.mean@L<100%", "below 100"), ("speed.mean@L<nan%", "a number"),
         ("speed.mean@L<1_0%", "a number"), ("speed.mean@L<%", "a number"),
