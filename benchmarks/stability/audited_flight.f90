@@ -72,7 +72,7 @@ contains
       end do
    end function depth
 
-   !> The first time after t0 [s] at which a coordinate comes to a side of patches.
+   !> First time after t0 [s] at which a coordinate reaches a side of the patch.
    pure subroutine next_side(x, v, cell, t0, node, t)
       real(wp), intent(in) :: x, v, cell
       real(xp), intent(in) :: t0

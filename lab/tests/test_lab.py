@@ -584,7 +584,7 @@ def test_a_picture_that_cannot_be_is_one_line(quiet_figures, place, capsys, name
     assert files(place) == before
 
 
-# ---- files and arguments that are none
+# ---- missing files, invalid arguments
 
 
 def other_netcdf(path, _):

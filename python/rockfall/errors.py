@@ -4,7 +4,7 @@
 from importlib import import_module
 
 BAD_INPUT = 2  # exit status of errors that the user can correct, as in the kernel
-OUR_FAULT = 1  # of internal errors
+OUR_FAULT = 1  # exit status of internal errors
 
 
 FAULT_MARK = "\x1e"  # separator of the kernel between several faults

@@ -51,7 +51,7 @@ class Text(str):
 
     key: str
     values: Mapping[str, Any]
-    is_count: bool  # of `say_count`
+    is_count: bool  # True for `say_count`
 
 
 @contextmanager

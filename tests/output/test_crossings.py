@@ -32,7 +32,7 @@ def result(tmp_path_factory):
 
 def test_the_table_is_sorted_and_follows_from_what_is_kept(result):
     table = rockfall.crossings(result)
-    assert table["line"].unique().tolist() == ["Straße Süd", "road 2"]  # nobody comes to the last
+    assert table["line"].unique().tolist() == ["Straße Süd", "road 2"]  # none reach the last
     for name, rows in table.groupby("line", sort=False):
         assert rows["boulder"].is_monotonic_increasing and rows["boulder"].is_unique
         assert rows.reset_index(drop=True).equals(rockfall.crossings(result, name))

@@ -138,7 +138,7 @@ VIEWS = {
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_no_view_draws_a_boulder_higher_than_it_jumped(view, drawn):
-    """Above the ground, as the kernel found it, nor below the ground."""
+    """Drawn heights are within the range of the kernel, and never below the ground."""
     result, folder = drawn
     draw, near = VIEWS[view]
     x, y, z = draw(result, folder).T

@@ -123,7 +123,7 @@ def check_scatter(out, c, v_in):
 
 
 def first_rebounds(folder, n):
-    """V_out (3, n) of the first rebounds on a plane, all of the same V_in."""
+    """V_out (3, n) of the first rebounds on a plane, for one V_in."""
     z = 100 + np.tan(np.radians(30.0)) * 2.5 * np.mgrid[59:-1:-1, 0:20][0]
     case = rockfall.Case(
         folder=folder,

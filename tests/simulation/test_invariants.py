@@ -213,7 +213,7 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
             assert (about.values[shown] <= 1.25 * above + lowest).all()
             linear = np.nanquantile(values, percent / 100, axis=0)  # as at the lines
             off = (about.values[shown] / linear)[linear > 4 * lowest] - 1
-            if off.size > 20:  # of fewer cells a mean says little
+            if off.size > 20:  # a mean over fewer cells is too uncertain
                 assert abs(off.mean()) < 0.07 and np.sqrt((off**2).mean()) < 0.09
                 seen.add(quantity)
     assert len(seen) == 4

@@ -42,7 +42,7 @@ def test_short_work_and_what_is_not_shown_are_silent(clock, capsys):
             add_steps(2)
             clock[0] += seconds
             step()
-    step()  # of no work
+    step()  # no work
     assert capsys.readouterr().err == ""
 
 

@@ -43,7 +43,7 @@ import { TopBar } from './top_bar';
 import type { Snapshot } from './variants';
 import { VariantList } from './variant_list';
 
-const OPACITY = 0.85; // of results, at first
+const OPACITY = 0.85; // initial opacity of results
 
 export class CaseWindow {
   readonly store = new DocumentStore();
@@ -189,7 +189,7 @@ export class CaseWindow {
     this.load(welcome);
   }
 
-  /** What tests and benchmarks read, as `window.rockfall`. */
+  /** State that tests and benchmarks read, as `window.rockfall`. */
   get handles(): object {
     const { sender, preliminary, results, store, view, scene } = this;
     return {
@@ -287,7 +287,7 @@ export class CaseWindow {
     this.variants.receive(message);
   }
 
-  // What is shown
+  // Display
 
   /** True while the results shown do not belong to the present document. */
   get preliminary(): boolean {

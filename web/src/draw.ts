@@ -25,7 +25,7 @@ interface Drawing {
   type: Feature['type'];
   letter: string;
 }
-/** What each tool draws, and its letter on the keyboard. */
+/** Layer and shape that each tool draws, and its key. */
 export const TOOLS: Readonly<Record<Tool, Drawing | { layer: null; letter: string }>> = {
   select: { layer: null, letter: 'V' },
   source: { layer: 'sources', type: 'Point', letter: 'S' },

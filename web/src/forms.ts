@@ -16,7 +16,7 @@ export function labelOf(field: Field): string {
   return sayOr(`app.key.${field.name}`, field.name);
 }
 
-/** What is allowed, and what is meant. */
+/** Allowed values and meaning of a field. */
 function describe(field: Field): string {
   const { min, max, unit } = field;
   const [low, high] = [min, max].map((limit) => limit !== null && decimal(limit));
@@ -58,7 +58,7 @@ export function read(field: Field, text: string): SettingValue | undefined | nul
 class Row {
   readonly root: HTMLElement;
   private readonly control: Control;
-  private unreadable = ''; // what is wrong with a text that is no value
+  private unreadable = ''; // error of a text that is not a value
   private readonly message = element('p', { class: 'field-error', id: uniqueId('error'), attributes: { role: 'alert' } });
 
   constructor(

@@ -15,7 +15,7 @@ export class Legend {
   private readonly zones = element('details', { class: 'zone-legend' });
   private unfolded = false; // the list of maps
 
-  /** Without maps to choose from, the legend names the one that is shown. */
+  /** If there is no choice of maps, the legend names the map that is shown. */
   constructor(
     private readonly maps: readonly MapName[],
     private shown: string,

@@ -20,7 +20,7 @@ export type Feature = Shaped<'Point', Position> | LineFeature | Shaped<'Polygon'
 export type Group = Readonly<Record<string, SettingValue>>;
 export type Settings = Readonly<Record<string, Group>>;
 export type Layers = Readonly<Record<Layer, readonly Feature[]>>;
-/** What is edited: settings as given in the case, and what is drawn. */
+/** Edited document: settings as given in the case, and drawn features. */
 export interface CaseDocument {
   readonly settings: Settings;
   readonly layers: Layers;
@@ -75,13 +75,13 @@ export type Request =
   | { type: 'resume'; name: string }
   | { type: 'open_recent'; index: number };
 
-/** What results are wanted: a map, a number of trajectories, and, where they are many, the lines in view. */
+/** Requested results: a map, a number of trajectories and, if there are many, the lines in view. */
 export interface Wanted {
   map: string;
   trajectories: number;
   lines: readonly string[];
   section: readonly Position[]; // its vertices
-  objects: string; // which of `Welcome.offers`; '': none
+  objects: string; // one of `Welcome.offers`; '': none
   basemap: string;
   net: string; // line or barrier whose design is checked
   hazard: boolean; // of the scenarios
@@ -234,7 +234,7 @@ export interface BatchMessage {
   seconds_left: number | null;
   warnings: string[];
   ended: Record<string, number>;
-  lines: (Line | LineStatistics)[]; // where they are many, only those in view have statistics at first
+  lines: (Line | LineStatistics)[]; // if there are many, only lines in view have statistics at first
   overlay: OverlayHeader | null;
 }
 /** Statistics of further lines, of the boulders of a batch. */

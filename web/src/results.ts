@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What the server computed: terrain, background, results and trajectories, handed to the parts that show them.
+// Pass terrain, background, results and trajectories from the server to the views that show them.
 import type { Legend } from './legend';
 import { MapBar } from './map/furniture';
 import type { MapView } from './map/map_view';
@@ -52,7 +52,7 @@ export class Results {
     if (isOf(message, 'terrain')) this.setTerrain(message);
     else if (isOf(message, 'background')) this.setBackground(message);
     else {
-      if ('revision' in message.header && message.header.revision < this.parts.sender.revision) return; // of an older state
+      if ('revision' in message.header && message.header.revision < this.parts.sender.revision) return; // result of an older state
       if (isOf(message, 'lines')) this.addLines(message.header);
       else if (isOf(message, 'batch')) this.setBatch(message);
       else if (isOf(message, 'section')) this.listener.onSection(message);
@@ -146,7 +146,7 @@ export class Results {
   }
 }
 
-/** How boulders ended, the most frequent way first. */
+/** Text on the final statuses of boulders, most frequent first. */
 function endedText({ ended, boulders }: BatchMessage): string {
   const percent = (n: number): string =>
     n < 0.0005 * boulders ? `< ${decimal(0.1, 1)}` : decimal((100 * n) / boulders, 1);

@@ -84,7 +84,7 @@ export class Sender {
   }
 }
 
-/** What makes a layer of another; all of it where the order differs by more than features added at the end. */
+/** Change from one layer to another; the complete layer if the order differs by more than features appended. */
 function change(before: readonly Feature[], after: readonly Feature[]): LayerChange {
   const old = new Map(before.map((feature) => [feature.id, feature]));
   const now = new Set(after.map(({ id }) => id));

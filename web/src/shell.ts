@@ -40,7 +40,7 @@ export class Shell {
     parent.replaceChildren(this.root);
   }
 
-  /** What a sheet of paper has in place of the map. */
+  /** Content that a printed sheet has in place of the map. */
   printed(picture: HTMLCanvasElement): void {
     this.sheet.replaceChildren(picture);
   }
@@ -77,7 +77,7 @@ export class Shell {
     this.root.classList.toggle('preliminary', text !== '');
   }
 
-  /** What to do next, on the map. */
+  /** Show the next step as a hint on the map. */
   hint(text: string): void {
     this.mapPane.dataset['hint'] = text;
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Which keys a distribution of volumes has: the others are only shown where they are given.
+// Keys of each distribution of volumes: other keys are only shown if they are given.
 import type { Values } from './forms';
 
 const OF_DISTRIBUTION: Readonly<Record<string, readonly string[]>> = {

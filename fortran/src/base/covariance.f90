@@ -12,7 +12,7 @@ module rockfall_covariance
    private
    public :: covariance_root, product_of, printed_tolerance
 
-   real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! of correlations [-]
+   real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! tolerance of correlations [-]
    !> Eigenvalues of correlations above this are far above rounding errors: Cholesky's method cannot fail [-].
    real(wp), parameter :: clearly_definite = 1.0e-12_wp
    !> Six printed digits change a correlation by up to 1e-5, so an eigenvalue of nine by up to 9e-5 [-].

@@ -75,7 +75,7 @@ contains
       end do
    end function nearest_names
 
-   !> Fewest characters to insert, drop or replace that make one word another (Levenshtein 1966).
+   !> Minimum number of insertions, deletions and replacements between two words (Levenshtein 1966).
    pure integer function changes_between(from, to) result(changes)
       character(len=*), intent(in) :: from, to
       integer :: row(0:len(to)), before, above, i, j

@@ -13,7 +13,7 @@ module rockfall_threads
    integer, parameter :: batch = 16  !! boulders that a thread takes at a time
    integer, parameter :: max_threads = 1024  !! far above the cores of any machine: a larger number is a mistake
    integer(c_int64_t), parameter :: kilobyte = 1024
-   integer(c_int64_t), parameter :: headroom = 16000*kilobyte   !! [bytes] of everything else
+   integer(c_int64_t), parameter :: headroom = 16000*kilobyte   !! memory for everything else [bytes]
    integer(c_int64_t), parameter :: work_space = 1000*kilobyte  !! [bytes] of a thread, in addition to its stack
    integer(c_int64_t), parameter :: min_stack = 500*kilobyte  !! [bytes] "ulimit -s 512" is enough
 

@@ -36,7 +36,7 @@ module rockfall_forest
    !> Parameters common to all stems.
    type :: tree_model_t
       real(wp) :: stem_height = huge(1.0_wp)      !! boulders above this height pass over the stem [m]
-      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]   !! of x: lateral from the first, scratch from the second [-]
+      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]   !! limits of x: lateral from the first, scratch from the second [-]
       !> Frequency of each class of the turn by type of hit (class, type), in any unit. The default, the widths of the
       !> classes, makes all angles up to 76 degrees equally likely.
       real(wp) :: weight(3, 3) = spread(class_ends(1:3) - class_ends(0:2), 2, 3)

@@ -98,7 +98,7 @@ contains
       edge = sign(distance, side_a)
       entry = 0
       if (abs(side_a) > distance) then
-         if ((side_b - edge)*side_a > 0) return  ! it stays beyond the edge
+         if ((side_b - edge)*side_a > 0) return  ! the path stays beyond the edge
          entry = (side_a - edge)/(side_a - side_b)
       end if
       along = dot_product(direction, a + entry*(b - a) - p)

@@ -49,7 +49,7 @@ module rockfall_rolling
       real(wp) :: ratio = 0.0_wp   !! R_b/R_m [-]
       logical :: rolling = .false.
       real(wp) :: normal = 0.0_wp  !! V_n [m/s]
-      real(wp) :: height = 0.0_wp  !! of its centre above the mean ground, over R_b [-]
+      real(wp) :: height = 0.0_wp  !! height of the centre above the mean ground, over R_b [-]
       real(wp) :: lift = 0.0_wp    !! rise of its centre since it landed, over R_b [-]
       integer :: part = 1          !! part of the table that serves it
       real(wp) :: key = 1.0_wp     !! as in approach_t [-]

@@ -61,8 +61,8 @@ module rockfall_case
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
       real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! of each of block_shapes; all 0: given by sources [-]
-      real(wp) :: radius_sigma = 0.0_wp          !! of ln R_m, from boulder to boulder [-]
-      real(wp) :: strength_sigma = -1.0_wp       !! of all grounds with tables, as in impact_table_t; < 0: of each [-]
+      real(wp) :: radius_sigma = 0.0_wp          !! standard deviation of ln R_m between boulders [-]
+      real(wp) :: strength_sigma = -1.0_wp       !! for all grounds with tables; < 0: value of each ground [-]
       logical :: by_source = .false.             !! sources specify their boulders; volumes are factors
       logical :: by_feature = .false.            !! the layer of the sources gives all volumes
       logical :: source_density = .false.        !! sources also give their density

@@ -208,7 +208,7 @@ contains
          call take_value(text, file, cursor, value, repeats, error)
          if (allocated(error)) return
          call skip_blanks(text, cursor)
-         if (is_at(text, cursor, "=") .and. .not. value%quoted) then  ! it was the next key
+         if (is_at(text, cursor, "=") .and. .not. value%quoted) then  ! the next key
             cursor = start
             exit
          end if

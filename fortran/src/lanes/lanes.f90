@@ -48,7 +48,7 @@ module rockfall_lanes
    integer, parameter :: lanes_with_visits = 64
    !> Number of inadmissible draws below which redrawing one by one is faster.
    integer, parameter :: few = 2
-   integer, parameter :: slots = lanes*width  !! of draws: each may be of another set
+   integer, parameter :: slots = lanes*width  !! slots of draws: each may use another set
    integer, parameter :: counters = 4  !! of the draws of a set
 
    !> Boulders of a thread, each in its own lane until it ends.
@@ -93,7 +93,7 @@ module rockfall_lanes
       real(wp), dimension(lanes) :: ratio = 0                    !! R_b/R_m [-]
       integer(i8) :: word(lanes, words_per_block) = 0            !! random words
       real(wp), dimension(lanes) :: column = 0, row = 0          !! the raster cell, row from the north [-]
-      real(wp), dimension(lanes) :: complete = 0                 !! it has all of its neighbours: 1 or 0
+      real(wp), dimension(lanes) :: complete = 0                 !! 1 if all neighbours exist, else 0
       real(wp), dimension(lanes) :: at = 1                       !! index of its north-western neighbour
       real(wp), dimension(lanes, 9) :: z = 0                     !! elevations of the cell and its neighbours [m]
    end type contacts_t
@@ -143,7 +143,7 @@ contains
       integer(i8), intent(in) :: first, step              !! number of the first boulder, from one to the next
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossings_t), intent(inout) :: crossings(:)  !! of each boulder
-      type(maps_t), intent(in) :: maps                    !! none counts sources
+      type(maps_t), intent(in) :: maps                    !! maps without counts by source
       integer, intent(inout) :: next                      !! index of the next boulder
       integer(i8), intent(in) :: deadline                 !! after which no more boulders start [ticks]
       type(totals_t), intent(inout) :: totals
@@ -417,7 +417,7 @@ contains
          across = shape(dem%z4)
          first = lbound(dem%z4)
       end if
-      if (any(across < 3)) return  ! none is complete
+      if (any(across < 3)) return  ! no patch is complete
       columns = across(1)
       !$omp simd private(column, row)
       do k = 1, padded(n)

@@ -65,8 +65,8 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: hold = 0                      !! as in impact_table_t [-]
       real(wp), dimension(lanes) :: stretch = 1, pull_across = 0  !! as in approach_t [-]
       real(wp) :: r(column, record_fields) = 1, map(column, map_fields) = 0  !! of each contact
-      type(c_ptr), dimension(lanes) :: record_at, map_at          !! where these are
-      real(sp) :: no_record(record_fields) = 1                    !! of contacts that have none
+      type(c_ptr), dimension(lanes) :: record_at, map_at          !! addresses of record and map
+      real(sp) :: no_record(record_fields) = 1                    !! record of contacts without a record
       real(wp) :: no_map(map_fields) = 0
       real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! kind of its end: 1 or 0
       real(wp), dimension(lanes) :: rolled = 0                    !! rolls, as the record did: 1 or 0
@@ -293,7 +293,7 @@ contains
             b%key(k) = kept%key
          end associate
          b%copies(k) = merge(1.0_wp, 0.0_wp, is_copied(table, max(1, b%record(k))))
-         b%copies(k) = min(b%copies(k), real(b%record(k), wp))  ! none if it did not follow
+         b%copies(k) = min(b%copies(k), real(b%record(k), wp))  ! none if the contact did not follow the sequence
          b%hold(k) = table%hold
       end do
    end subroutine find_parts
@@ -323,7 +323,7 @@ contains
    subroutine find_kind_bins(table, bins, rolling, contact, b)
       type(impact_table_t), intent(in) :: table
       type(bins_t), intent(in) :: bins           !! of this kind
-      logical, intent(in) :: rolling             !! which it is
+      logical, intent(in) :: rolling             !! kind of the contact: rolling or flight
       integer, intent(in) :: contact(:)
       type(table_batch_t), intent(inout) :: b
       integer :: m, k

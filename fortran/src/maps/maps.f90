@@ -562,7 +562,7 @@ contains
 
       if (maps%layer(quantity)%bin_offset < 0) return
       slot = maps%slot(i, r)
-      if (slot == 0) return  ! none was available
+      if (slot == 0) return  ! no slot was available
       bin = maps%layer(quantity)%bin_offset + log_bin(quantity, value)
       maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
    end subroutine count_bin

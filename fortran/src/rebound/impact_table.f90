@@ -96,7 +96,7 @@ module rockfall_impact_table
       ! From `index_records`:
       real(sp), allocatable :: pull_across(:)   !! gravity across the heading, over g, of each record
       real(sp), allocatable :: pull_along(:)    !! likewise along it, each bin filled to whole parts with infinite ones
-      integer, allocatable :: place(:)          !! where the parts of each bin begin, and end
+      integer, allocatable :: place(:)          !! first part of each bin, and end
       real(wp), allocatable :: fastest(:)       !! speed key of the fastest record of incidence and spin, of each bin
       real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
       real(wp), allocatable :: step(:)          !! logarithm of the next size over each [-], and 0
@@ -456,7 +456,7 @@ contains
    elemental real(wp) function own_velocity(scale, of_record, pull, duration, record_pull, record_duration)
       real(wp), intent(in) :: scale, of_record               !! from speed_scale [-]; of the record [-]
       real(wp), intent(in) :: pull, duration                 !! of gravity there, over g; of the contact [-]
-      real(wp), intent(in) :: record_pull, record_duration   !! those of the record [-]
+      real(wp), intent(in) :: record_pull, record_duration   !! pull and duration of the record [-]
 
       own_velocity = scale*of_record + pull*duration - scale*record_pull*record_duration
    end function own_velocity

@@ -158,7 +158,7 @@ contains
       integer(i8) :: quick
       integer :: k, from, to
 
-      quick = deadline_in(0.0_wp)  ! nothing is known of the first boulder
+      quick = deadline_in(0.0_wp)  ! no time is known before the first boulder
       do
          call take_batch(next, size(results), merge(batch, 1, deadline_in(0.0_wp) < quick), deadline, from, to)
          if (from > to) return

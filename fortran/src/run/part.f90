@@ -27,7 +27,7 @@ module rockfall_part
    type :: part_t
       integer(i8), allocatable :: number(:)            !! of the boulder of each row, if not all are kept
       type(layout_t) :: layout                         !! of samples
-      integer(i8), allocatable :: block(:)             !! of bins of samples
+      integer(i8), allocatable :: block(:)             !! blocks of bins of samples
       type(filled_bins_t) :: groups                    !! of samples
       type(reached_cells_t) :: maps
    end type part_t

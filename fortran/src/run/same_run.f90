@@ -12,7 +12,7 @@ module rockfall_same_run
 
    !> Identity of a run, and of a range of its boulders.
    type :: identity_t
-      character(len=:), allocatable :: version        !! of this software
+      character(len=:), allocatable :: version        !! version of this software
       type(namelist_t) :: keys                        !! of the case, complete
       character(len=:), allocatable :: read, decoded  !! checksums of inputs by name, as in files (JSON)
       integer(i8) :: total = 0, first = 0, last = 0   !! boulders of the run, of the range

@@ -234,7 +234,7 @@ contains
       integer(i8) :: size
 
       size = min(abs(number), largest_unit - 1)
-      ! of exponent and fraction of the number, which a real holds exactly, the bits that count octaves and their parts
+      ! bits of exponent and fraction that count octaves and their parts; the real represents the number exactly
       bin = int(shiftr(transfer(real(size, wp), size), fraction_bits - octave_bits)) - before_octaves
       bin = merge(int(iand(size, per_octave - 1_i8)), bin, size < per_octave)
       bin = below_zero + 1 + merge(bin, -min(bin, below_zero), number >= 0)

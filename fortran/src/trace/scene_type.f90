@@ -52,7 +52,7 @@ module rockfall_scene_type
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
       real(wp) :: stop_speed = 0.5_wp      !! speed after a rebound below which a boulder rests or rolls [m/s]
       real(wp) :: rest_slope = 1.0e30_wp   !! tangent of the rest angle of `sets`: rolls where steeper [-]
-      real(wp) :: object_width = 0.0_wp    !! of maps of hits [m]
+      real(wp) :: object_width = 0.0_wp    !! width for maps of hits [m]
       integer :: max_impacts = 100000      !! number of contacts after which a boulder ends
       logical :: histograms_requested = .false.
       logical :: energies_requested = .false.

@@ -25,7 +25,7 @@ module rockfall_scratch
    !> Boulder at its release, or fragment where its boulder broke: start of a path.
    type :: piece_t
       integer(i8) :: number = 0            !! as of fragment_number
-      type(boulder_result_t) :: result     !! so far
+      type(boulder_result_t) :: result     !! result up to now
       type(flight_t) :: flight             !! the first
       real(wp) :: omega_r = 0.0_wp         !! W [m/s]
       type(record_t) :: path               !! that led here

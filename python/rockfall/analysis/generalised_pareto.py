@@ -71,7 +71,7 @@ def _stationary(excess: np.ndarray, max_place: float) -> float | None:
         mean, more = lost.sum() / n, 1 + 1 / shape
         slope = mean * more - 1  # times theta, as the curvature times its square
         curvature = 1 - (lost @ lost) / n * more - (mean / shape) ** 2
-        growth = reach * (1 + 1 / (theta * largest))  # of log(theta) with the place
+        growth = reach * (1 + 1 / (theta * largest))  # derivative of log(theta)
         bend = growth * (curvature * growth + slope * reach)
         place -= (step := slope * growth / bend)
         if not (bend > 0 and -1 < place < max_place):
@@ -124,7 +124,7 @@ def _spectrum(shape: float) -> tuple[np.ndarray, np.ndarray]:
     beyond, log_beyond = 1 - t, np.log1p(-t)
     power = np.expm1(shape * log_beyond)
     slope = np.stack([power / shape, (shape * log_beyond - power) / shape**2]) * beyond
-    covariance = (1 + shape) * np.array([[2, -1], [-1, 1 + shape]])  # of log scale and shape
+    covariance = (1 + shape) * np.array([[2, -1], [-1, 1 + shape]])  # log scale and shape
     kernel = np.minimum.outer(t, t) - np.outer(t, t) - slope.T @ covariance @ slope
     kernel *= np.sqrt(np.outer(weight, weight) / np.outer(t * beyond, t * beyond))
     turn = np.outer(IMHOF, np.linalg.eigvalsh(kernel))

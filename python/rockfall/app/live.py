@@ -66,7 +66,7 @@ class Live:
         self._progress: Progress | None = None
         self._aside: Progress | None = None  # of a variant being compared
         self._made: tuple[Case, dict[str, Any]] | None = None  # of the document, with its layers
-        self._hazard: xr.Dataset | None = None  # of it
+        self._hazard: xr.Dataset | None = None  # hazard of the current result
         self._is_hazard_due, self._told_origin = False, ""
         self._compared: list[Document] = []  # variants that wait for their run
         self._thread = Thread(target=self._work, name="live", daemon=True)

@@ -267,7 +267,7 @@ class Room:
         document, revision = live.latest()
         with self._lock:
             if self._task is not None and self._task.name == name:
-                raise Refused(say("app.server_busy"))  # it runs the case with this name
+                raise Refused(say("app.server_busy"))  # a task runs the case with this name
             check_free(live.site.folder, others(name), overwrite)
             saved = save(live.site, document, name, overwrite)
         note_recent(saved.files[0])

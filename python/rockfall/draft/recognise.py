@@ -57,7 +57,7 @@ class Layer:
     shapes: np.ndarray
     own_names: dict[str, str]
     columns: dict[str, np.ndarray]
-    remarks: list[str]  # of reading it
+    remarks: list[str]  # remarks from reading the layer
 
     def __str__(self) -> str:
         return str(self.path) if self.alone else f"{self.path}, layer {self.name}"

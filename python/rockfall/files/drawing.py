@@ -15,7 +15,7 @@ from rockfall.io.atomic import atomic_write
 
 NAMING = ("name", "object")  # attributes of lines and objects that are written as texts
 TEXT_HEIGHT = 5.0  # [m]
-DARK = 64  # of 255
+DARK = 64  # grey value, 0 to 255
 METRES = 6  # $INSUNITS
 
 

@@ -47,7 +47,7 @@ from rockfall.tables.dossier import (
 )
 from rockfall.text.hazard import limits_of_hazard
 
-MAP = Room(180 / 25.4, 246 / 25.4)  # of page 2, with its title below
+MAP = Room(180 / 25.4, 246 / 25.4)  # area of the map on page 2, title below
 SHEETS, ROWS = 8, (12, 8, 5, 3)  # at most; rows of tables, if there are more
 LOWEST, TITLE = 95.0, 22.0  # of the figure that closes the texts, and of its title [mm]
 HOUSES, ADVICE, WARNINGS = 3, 4, 3  # sentences on page 1

@@ -30,9 +30,9 @@ from rockfall.tables.lines import Rows
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MM = 25.4  # of an inch
+MM = 25.4  # millimetres per inch
 SHEET = 263.0  # height between the margins [mm]; templates/page.css has the margins
-FIXED = 41.0  # of it: labels, date, program; headings, signature, and the space between parts [mm]
+FIXED = 41.0  # height of labels, date, program, headings, signature and gaps [mm]
 WARNING_LINES, ANSWER_LINES, SURE_LINES, BESIDE_LINES = 6, 4, 6, 20  # maximum numbers of lines
 HEAD = 3  # rows taken by the caption and header of a table
 CHARACTERS = {

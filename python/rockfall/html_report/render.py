@@ -30,7 +30,7 @@ UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # kept on 
 SHEET = re.compile(r"<style[^>]*>\s*\*\s*\{([^}]*)\}\s*</style>")
 STYLE = re.compile(r' style="([^"]*)"')
 COLOURS = 256  # of a rasterised figure
-NEARLY_WHITE = 250  # of 255: the mean of an octree's leaf
+NEARLY_WHITE = 250  # grey value, 0 to 255: mean of a leaf of the octree
 
 
 class Picture(NamedTuple):
@@ -108,7 +108,7 @@ def _saved(figure: Figure, ending: str) -> bytes:
 
             drawn = Image.open(path).convert("RGB").quantize(COLOURS, Image.Quantize.FASTOCTREE)
             palette: np.ndarray = np.reshape(drawn.getpalette() or [], (-1, 3))
-            palette[(palette >= NEARLY_WHITE).all(axis=1)] = 255  # as the paper
+            palette[(palette >= NEARLY_WHITE).all(axis=1)] = 255  # white, like the paper
             drawn.putpalette(palette.ravel().tolist())
             drawn.save(path)
         return path.read_bytes()

@@ -28,7 +28,7 @@ SHIPPED = {  # impact sets: docs/impact_sets.md
 }
 OWN = "validity.the_impact_set_is_the_users"
 AS_GIVEN = "validity.terrain_ground_sources_and_volumes_are"
-NOT_DRAWN = "validity.not_drawn"  # of an ensemble
+NOT_DRAWN = "validity.not_drawn"  # for an ensemble
 ABSENT = {  # by the group of the case that would add it
     "forest": "validity.the_case_has_no_trees",
     "barrier": "validity.the_case_has_no_nets_or",

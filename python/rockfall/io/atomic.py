@@ -34,7 +34,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
             try:
                 replace(part, path)
             except OSError as error:
-                if not part.exists():  # it was not written
+                if not part.exists():  # writing failed
                     raise
                 kept = keep_next_to(path, part)
                 stays.append(kept)

@@ -44,8 +44,8 @@ class Zone(NamedTuple):
 
     sizes: tuple[float, ...]  # in the order of RADII [m]; NaN: not given, Inf: absorbs
     ground: str = ""  # ground of its rebounds; "": the case's
-    strength: float = math.nan  # of that ground [Pa]; NaN: not given
-    relief: float = math.nan  # of that ground [degree]; NaN: not given
+    strength: float = math.nan  # strength of the ground [Pa]; NaN: not given
+    relief: float = math.nan  # relief of the ground [degree]; NaN: not given
     where: str = ""  # the row, for messages
     name: str = ""  # name; "": not given
 

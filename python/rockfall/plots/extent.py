@@ -36,7 +36,7 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
     for place in places:
         if place is not None and len(place):
             x, y = [*x, place[:, 0]], [*y, place[:, 1]]
-    if not sum(map(len, x)):  # neither rows nor maps: use the lines
+    if not sum(map(len, x)):  # no rows and no maps: use the lines
         x, y = ([result[f"line_vertex_{axis}"].values] for axis in "xy")
     return around(np.concatenate(x), np.concatenate(y), cell_of(result), terrain)
 

@@ -44,7 +44,7 @@ class Conditions:
     consequence: str = "CC2"  # of a failure: CC1, CC2, CC3
 
 
-#: What each condition may be.
+#: Allowed values of each condition.
 ALLOWED = {
     "standard": tuple(NEEDED),
     "survey": ("good", "poor"),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from rockfall.result.contents import Held
 
-    Known = Held | Mapping[str, Any]  # or arrays by name
+    Known = Held | Mapping[str, Any]  # a result, or arrays by name
 
 HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
 QUANTITIES = fields("line_quantity")  # in the kernel's order; the last one is not derived

@@ -42,12 +42,12 @@ class Ground:
     numbers: list[np.ndarray] = field(default_factory=list)  # their grounds, from 1
     rocks: list[np.ndarray] = field(default_factory=list)  # of these: sizes (n, 1 or 3) [m]
     source_z: list[np.ndarray] = field(default_factory=list)  # of the sources: elevations [m]
-    source_slopes: list[np.ndarray] = field(default_factory=list)  # and tangents of their slopes
+    source_slopes: list[np.ndarray] = field(default_factory=list)  # tangents at the sources
     sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  # sizes of materials [m]
     used: set[int] = field(default_factory=set)  # rows of `sizes` that occur in some cell
     falling: int = 0  # cells whose Rg70, Rg20, Rg10 decrease, if sizes are rasters
     rising: int = 0  # cells whose sizes increase instead
-    smallest: float = np.inf  # where sizes are rasters [m]
+    smallest: float = np.inf  # extremes if sizes are rasters [m]
     largest: float = 0.0
 
     def take(self, band: Rasters, box: Box) -> None:

@@ -92,7 +92,7 @@ class Sources:
     area: np.ndarray | None = None  # surface over plan area of each, for release by area
     frequency: np.ndarray | None = None  # weight of each source in boulders_total
     features: Features | None = None  # of the source layer
-    source_boulders: SourceBoulders | None = None  # where sources define their boulders
+    source_boulders: SourceBoulders | None = None  # if sources define their boulders
     #: Negative values of the source cells.
     source_values: ExtremeCount = field(default_factory=ExtremeCount)
 

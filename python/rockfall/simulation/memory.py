@@ -14,7 +14,7 @@ from rockfall.system import memory_limits
 
 #: Memory for a crossing of an evaluation line.
 BYTES_AT_LINE = sum(np.dtype(kind).itemsize for kind in TYPES["crossing"].values())
-#: Likewise in a result, where its integers are compressed to less than a byte.
+#: Bytes per boulder in a result file, where integers are compressed to less than a byte.
 BYTES_IN_FILE = 1 + sum(
     np.dtype(kind).itemsize for kind in TYPES["crossing"].values() if np.dtype(kind).kind == "f"
 )

@@ -25,7 +25,7 @@ PROGRAM = 80e6  # bytes of the program and its packages, while boulders are simu
 PACKAGES = 20e6  # additional bytes of the packages that write results
 READING = 80e6  # additional bytes for reading a window
 START = 0.4  # CPU seconds to start and end
-CALL_BYTES = 170  # bytes of a crossing during a call of the kernel
+CALL_BYTES = 170  # bytes per crossing during a kernel call
 ROW = 1.0e-6  # CPU seconds to write the row of a boulder
 VALUE = 20e-9  # CPU seconds to write the value of a cell
 

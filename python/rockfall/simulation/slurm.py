@@ -106,7 +106,7 @@ def write_jobs(
     if any(character.isspace() for character in str(folder)):
         raise RockfallError(f"{folder}: folder names in #SBATCH lines cannot contain blanks")
     inputs = list(input_files(case))
-    check_outputs([folder / f"{Path(path).stem}.nc"], inputs)  # which merge.sh writes
+    check_outputs([folder / f"{Path(path).stem}.nc"], inputs)  # written by merge.sh
     attrs = {
         "case": shlex.quote(str(Path(path).absolute())), "folder": shlex.quote(str(folder)),
         "name": "rockfall", "stem": shlex.quote(Path(path).stem), "shards": shards,

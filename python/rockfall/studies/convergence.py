@@ -324,7 +324,7 @@ def larger_cells(scene: Scene, factor: int) -> Scene:
     ny, nx, _ = z.shape
     grid = replace(scene.grid, cell=factor * scene.grid.cell, nx=nx, ny=ny)
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN slice")  # of nodata only
+        warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN slice")  # all nodata
         z = np.nanmean(z, axis=2, dtype="f8").astype(cells.z.dtype)
         values = cells.values
         if values is not None:

@@ -96,7 +96,7 @@ def read_dossier(
     """Read and check all inputs of a dossier before any run; arguments are those of
     `rockfall.studies.hazard.read_study`. With `one_model` no second model is run."""
     base_case(case)  # refuses a case without scenarios
-    arrays = {"stages": KeptStages()} | arrays  # what the variants have in common is read once
+    arrays = {"stages": KeptStages()} | arrays  # reads inputs shared by the variants only once
     check_all_kept(case, "a dossier needs")
     cases = variants(case) or {"": case}
     remarks = list(check_variant_scenes(case, **arrays)) if len(cases) > 1 else []

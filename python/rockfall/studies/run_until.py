@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 FIRST = 1000  # boulders of the first stage, over all sources
 CAP = 1_000_000  # boulders over all sources, if no cap is given
 
-# Growth from one stage to the next: min, max; needs within the former take a single stage.
+# Minimum and maximum growth per stage, and the growth up to which one stage suffices.
 MIN_GROWTH, MAX_GROWTH, NEAR = 1.05, 4.0, 1.25
 SHORT, MARGIN = 0.8, 1.02  # fraction of the boulders needed: for a distant target, for a near one
 USELESS = 0.3  # ratio of the boulders' error to the limit below which more boulders do not help

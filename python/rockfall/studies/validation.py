@@ -35,7 +35,7 @@ BOUNDS = {"mean": 0.10, "std": 0.25}  # of an error relative to the observation
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 APART = "ks", "p", "wasserstein"  # distances of both distributions
 RUN_OUT, AT_REST = "stopping_distance", "at_rest"
-LOG_DENSITY = "log_density"  # of simulated boulders at blocks at rest, mean; in m-2
+LOG_DENSITY = "log_density"  # mean over observed blocks of simulated boulders at rest [m-2]
 COLUMNS = ["law", "line", "quantity", "statistic", "n_observed", "observed", "observed_error",
            "simulated", "simulated_error", "verdict"]  # fmt: skip
 WITHIN, BEYOND, UNDECIDED = "within", "beyond", "undecided"

@@ -44,7 +44,7 @@ class YearlyRun(NamedTuple):
 
     energies: dict[str, np.ndarray]
     source: Sources
-    per_cluster: dict[str, float]  # boulders that count as one at each place
+    per_cluster: dict[str, float]  # boulders per independent cluster, by place
     yearly: float  # frequency of the scenario [1/year]
 
 

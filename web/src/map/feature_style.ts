@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// How features look: a colour for each layer, a white halo on any ground, handles where one is selected.
+// Styles of features: a colour for each layer, a white halo, handles of a selected feature.
 import type OlFeature from 'ol/Feature';
 import { LineString, MultiPoint, Point, Polygon } from 'ol/geom';
 import { Circle, Fill, RegularShape, Stroke, Style, Text } from 'ol/style';

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What lies on and below a map: zoom and fit, north, scale bar, coordinates and elevation under the pointer.
+// Controls of a map: zoom and fit, north arrow, scale bar, coordinates and elevation under the pointer.
 import { element, svg } from '../dom';
 import { iconButton, type Icon } from '../icons';
 import { decimal, say } from '../texts';

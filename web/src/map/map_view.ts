@@ -23,14 +23,14 @@ import { ShapeLayer } from './surroundings';
 import { webMapSource } from './web_map';
 import { DotLayer, TrajectoryLayer } from './trajectory_layer';
 
-/** What can be switched on and off. */
+/** Layers that can be switched on and off. */
 export type Shown = keyof MapView['switched'];
 
 const CODE = 'rockfall:terrain'; // of the CRS of the map
 const FIRST = 40; // cells that are in view at least, at first
 const PADDING = 28; // pixels around what the view is fitted to
-const TAG = 44; // and above it, where preliminary is written
-const LEGEND = 156; // and on a phone, where the legend is
+const TAG = 44; // margin above the map for the word preliminary
+const LEGEND = 156; // margin on a phone, for the legend
 
 export class MapView {
   readonly map: OlMap;
@@ -214,7 +214,7 @@ export class MapView {
     this.moved = true;
     this.fit(this.terrainExtent());
   }
-  /** Where there are results; without any, the terrain. */
+  /** Fit the map to the results or, without results, to the terrain. */
   fitResults(): void {
     this.moved = true;
     this.fit(this.resultExtent() ?? this.terrainExtent());

@@ -15,7 +15,7 @@ interface Caption {
   classes: HazardMessage['classes'] | null;
 }
 
-/** What is written below a picture: the case, how many boulders, and when. */
+/** Caption of a picture: case, number of boulders, and time. */
 export function captionOf({ title, file, language }: Welcome, batch: BatchMessage | null, preliminary: boolean, classes: Caption['classes']): Caption {
   const notes = [
     batch && say('app.run.of_result', { n: batch.boulders }),

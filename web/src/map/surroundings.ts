@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What is around the document on the map: houses and other objects, stands of forest, each with its name.
+// Surroundings on the map: houses and other objects, forest stands, each with its name.
 import OlFeature from 'ol/Feature';
 import VectorLayer from 'ol/layer/Vector';
 import VectorSource from 'ol/source/Vector';

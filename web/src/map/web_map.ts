@@ -9,7 +9,7 @@ export function webMapSource({ url, layers, crs }: WebMap, code: string): ImageW
     url,
     params: { LAYERS: layers, VERSION: '1.1.1', FORMAT: 'image/png' }, // x before y in every CRS
     ratio: 1,
-    crossOrigin: 'anonymous', // so that a picture of the map can be saved
+    crossOrigin: 'anonymous', // required to save a picture of the map
     imageLoadFunction: (image, address) => {
       const asked = new URL(address);
       if (asked.searchParams.get('SRS') === code) asked.searchParams.set('SRS', crs);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What the map shows: layers on and off, opacity of the result, number and colour of trajectories.
+// Display settings of the map: layers, opacity of the result, number and colour of trajectories.
 import { LAYER_COLOURS } from '../colours';
 import { checkbox, element, labelled, select } from '../dom';
 import type { Shown } from '../map/map_view';
@@ -73,7 +73,7 @@ export class DisplayPanel {
     this.number.disabled = this.objects.disabled = this.basemap.disabled = !on;
   }
 
-  /** Whether a layer is switched on. */
+  /** True if a layer is switched on. */
   isShown(name: Shown): boolean {
     return this.rows.get(name)?.querySelector('input')?.checked ?? true;
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What is drawn: a list by layer, and the properties of what is selected.
+// Drawn features: a list by layer, and the properties of the selected feature.
 import { LineString, Polygon } from 'ol/geom';
 import { LAYER_COLOURS } from '../colours';
 import { button, element } from '../dom';

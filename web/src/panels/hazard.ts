@@ -42,7 +42,7 @@ export class HazardPanel {
     );
   }
 
-  /** Whether the scenarios are run, and their classes shown. */
+  /** Set whether the scenarios are run, and whether their classes are shown. */
   set(running: boolean, shown: boolean, enabled: boolean): void {
     this.runs.checked = running;
     this.shows.checked = shown;

@@ -17,7 +17,7 @@ interface Pose { target: Vector3; theta: number; phi: number; radius: number }
 /** Camera over a terrain whose z points up. */
 export class Camera {
   readonly eye = new PerspectiveCamera(40, 1, 1, 1e5);
-  /** Whether the reader has chosen a view, which new trajectories do not change. */
+  /** True once the reader has chosen a view, which new trajectories do not change. */
   chosen = false;
   private readonly controls: OrbitControls;
   private readonly pointer = new Raycaster();
@@ -134,7 +134,7 @@ export class Camera {
     if (target) this.fly({ ...this.pose(), target, radius: Math.max(this.eye.position.distanceTo(target) / 2, this.controls.minDistance) });
   }
 
-  /** Put the point about which the camera turns as far away as the ground under the pointer. */
+  /** Move the pivot of the camera to the distance of the ground under the pointer. */
   private anchor(event: MouseEvent, zooms: boolean): void {
     this.controls.screenSpacePanning = zooms;
     const point = this.hit(event);

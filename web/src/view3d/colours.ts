@@ -5,7 +5,7 @@ import { element, select } from '../dom';
 import { decimal, say } from '../texts';
 
 const UNITS = { speed: 'm/s', energy: 'kJ', height: 'm' };
-/** What colours a trajectory. */
+/** Quantities by which trajectories can be coloured. */
 export type Quantity = keyof typeof UNITS;
 
 /** Layers whose lines are drawn. */

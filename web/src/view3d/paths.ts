@@ -96,7 +96,7 @@ export class Paths {
   setTime(time: number | null, camera: PerspectiveCamera, pictureHeight: number): void {
     this.ribbons.setTime(time);
     const { points, first, placed, coloured, length } = this;
-    const pixel = (2 * Math.tan((camera.fov * Math.PI) / 360)) / pictureHeight; // [m] at 1 m distance
+    const pixel = (2 * Math.tan((camera.fov * Math.PI) / 360)) / pictureHeight; // size of a pixel [m] at 1 m distance
     const { x: eyeX, y: eyeY, z: eyeZ } = camera.position;
     let nearest = Infinity;
     for (const point of this.sample) nearest = Math.min(nearest, camera.position.distanceToSquared(point));
@@ -243,7 +243,7 @@ function chord(gravity: number): number {
 
 const there = new Float32Array(COLUMNS);
 
-/** Whether the motion from a kept point to the point after this one is short, and passes through this one or is too short to be seen. */
+/** True if the motion from a kept point to the point after this one is short, and passes through this one or is too short to be seen. */
 function isSpare(points: Float32Array, kept: number, at: number): boolean {
   const next = at + COLUMNS;
   const span = points[next + 3]! - points[kept + 3]!;

@@ -15,7 +15,7 @@ import { Lines } from './lines';
 import { Paths } from './paths';
 import { Player } from './player';
 
-/** What a scene shows. */
+/** Content of a scene. */
 export interface SceneContent {
   terrain: Terrain | null;
   shade: Shade | null;
@@ -24,7 +24,7 @@ export interface SceneContent {
   layers: Layers;
 }
 
-const FRAMES = 120; // whose times are kept
+const FRAMES = 120; // number of frame times kept
 const MAX_RATIO = 2; // pixels of the picture in a CSS pixel
 
 /** Make a view that fills its parent, or explain there that the browser cannot draw it (null). */

@@ -70,7 +70,7 @@ class HazardInputs:
     objects: Objects
     segments: Segments
     remarks: list[str] = field(default_factory=list)  # likely mistakes, one line each
-    warnings: list[InputWarning] = field(default_factory=list)  # of its scenes
+    warnings: list[InputWarning] = field(default_factory=list)  # warnings of all scenes
 
 
 class ScenarioRun:

@@ -132,6 +132,6 @@ def _zones(
         held_cells(pairs, grid, patch)
     cells = np.bincount(patch.ravel(), minlength=len(polygons) + 1)[1:]
     zones = Zones(np.array(polygons, dtype=object), number, cells, patch)
-    for values in zones:  # they are shared
+    for values in zones:  # callers share these arrays
         values.flags.writeable = False
     return zones

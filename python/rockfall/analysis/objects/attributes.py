@@ -18,7 +18,7 @@ from rockfall.language import remark
 Columns = dict[str, np.ndarray]
 
 NAMED = "lethality_curve"  # a text, although its name begins like those of numbers
-FRACTIONS = ("vulnerability", "exposure", "presence", "lethality")  # and names that begin with them
+FRACTIONS = ("vulnerability", "exposure", "presence", "lethality")  # also as prefixes
 RANGES = {  # other attributes: lowest and highest value
     "width": (0.0, 100.0),  # as in a case [m]
     "speed": (1.0, 500.0),  # [km/h]

@@ -44,7 +44,7 @@ class Segments:
 
     path: str = ""
     roads: list[str] = field(default_factory=list)  # the road of each segment
-    names: list[str] = field(default_factory=list)  # of its feature; "" without
+    names: list[str] = field(default_factory=list)  # name of the feature; "" if none
     start: np.ndarray = field(default_factory=lambda: np.empty(0))  # chainage [m]
     end: np.ndarray = field(default_factory=lambda: np.empty(0))
     width: np.ndarray = field(default_factory=lambda: np.empty(0))  # [m]
@@ -71,7 +71,7 @@ class _Stretch(NamedTuple):
     road: int
     name: str
     width: float
-    chainage: float  # of its first vertex [m]
+    chainage: float  # at the first vertex [m]
     axis: Any
 
 

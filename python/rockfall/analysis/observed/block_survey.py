@@ -22,8 +22,8 @@ MIN_VOLUME, MAX_VOLUME = 1e-6, 1e5  # [m3] the largest is 58 m across
 MAX_AXIS = 50.0  # [m]
 MAX_YEARS = 1e4
 CALENDAR = (1800.0, 2100.0)  # numbers that are calendar years
-LARGE = 150.0  # [m3] 6.6 m across; larger blocks are rare, in litres they are common
-LONG = 200.0  # [year] no record of falls is as long
+LARGE = 150.0  # [m3] 6.6 m across; larger numbers suggest litres
+LONG = 200.0  # [year] longer than any record of falls
 UNLIKELY = 1e-3  # probability below which a survey is implausible
 
 Volumes = str | Path | Sequence[float] | np.ndarray  # a table, or volumes [m3]

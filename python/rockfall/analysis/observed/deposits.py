@@ -52,7 +52,7 @@ MAX_FITTED = 1000  # boulders to which the kernels are fitted
 MIN_FITTED = 20  # boulders at rest, below which there is no density
 MIN_COMPARED = 2 * MIN_FITTED  # half of them form the density
 PIECE = 2_000_000  # distances at a time
-ROUNDING = 1e-9  # of squared distances
+ROUNDING = 1e-9  # rounding error of squared distances
 LOW = 0.05  # quantile of an equal number of simulated boulders, below which blocks differ
 ALL = ""  # name of the unknown source of blocks
 

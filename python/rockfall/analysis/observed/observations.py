@@ -33,7 +33,7 @@ UNITS = {  # quantity -> unit -> its value in SI units
     "energy_total": _ENERGY,
     "rotational_share": {"-": 1.0},
 }
-CONTACT = ("x", "y", "speed", "height", "dbh", "side", "hits")  # of an impact [m, m/s, cm, degree]
+CONTACT = ("x", "y", "speed", "height", "dbh", "side", "hits")  # columns [m, m/s, cm, degree]
 START = ("start_x", "start_y")  # release of a boulder that was found [m]
 SOURCE, VOLUME = "source", "volume"  # polygon that a block came from; its volume [m3]
 SHAPE = "block_shape"  # of a block

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SIMPSON = np.r_[1, np.tile([4, 2], 199), 4, 1] / 1200.0  # weights of 401 values
 STEPS = np.arange(SIMPSON.size, dtype=float)
 MOST_FREEDOM = 1000  # degrees of freedom with nearly a normal distribution
-ROUNDING = 1e-9  # of sums
+ROUNDING = 1e-9  # rounding error of sums
 
 
 def independent_boulders(n: np.ndarray, held: np.ndarray, heaviest: float = 1.0) -> float:

@@ -26,7 +26,7 @@ from rockfall.kernel_rules import Z
 from rockfall.limits import MIN_FOR_MEAN
 
 LEVEL = 0.95
-Difference = tuple[float, float, float]  # and the limits of its interval, NaN from too few
+Difference = tuple[float, float, float]  # value and limits; NaN: too few values
 NONE = 0.0, 0.0, 0.0
 
 

@@ -27,7 +27,8 @@ from rockfall.limits import MIN_FOR_STD
 
 OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
 FITTED, FITTED_POINTS = 3.0, 41  # window of a fit over the interval's, and its points
-LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)  # of bins, in units; 1: a single number
+#: Lower edges and widths of bins, in units. Width 1: a single number.
+LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)
 
 
 class Sample(ABC):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rockfall.case import Case
 
 SLOW = 2.0  # [m/s]: bouncing boulders pass a line faster
-LOWEST_REST = 22.0  # [degree] of all shipped grounds: soft soil
+LOWEST_REST = 22.0  # [degree] lowest rest angle of the shipped grounds: soft soil
 MAX_SLOW = 0.1  # fraction of passing boulders above which quantiles are no design load
 MAX_CUT = 0.01  # fraction of boulders ending while moving above which it is a warning
 MAX_LOST = 0.1  # ratio of boulders lost before a line to its crossings above which it is a warning

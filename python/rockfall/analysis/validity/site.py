@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 FARTHEST = 0.01  # fraction of the boulders with the lowest energy-line angles
 MIN_BOULDERS = 1000  # boulders, so that the fraction is ten
-LOWEST = -90.0  # [degree] of any energy line
+LOWEST = -90.0  # [degree] lower bound of any energy line
 
 
 def angle_remarks(values: Variables, case: Case) -> Iterator[Remark]:

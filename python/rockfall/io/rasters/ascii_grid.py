@@ -41,7 +41,7 @@ class AsciiCells:
     shape: tuple[int, int]
     transform: Transform
     nodata: float | None  #: from the header
-    start: tuple[int, int]  #: where the numbers begin: byte, and line
+    start: tuple[int, int]  #: byte offset and line of the first number
     dtype = np.dtype(np.float64)
     packing = 1.0, 0.0
 

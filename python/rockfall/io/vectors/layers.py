@@ -548,7 +548,7 @@ def _plain_geojson(path: str) -> bytes:
         text = json.dumps(plain, allow_nan=False)
     except (ValueError, RecursionError, AttributeError) as error:
         raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
-    return text.replace("<", "\\u003c").encode()  # nothing in it looks like XML
+    return text.replace("<", "\\u003c").encode()  # so that GDAL does not take it for XML
 
 
 def _no_number(token: str) -> None:

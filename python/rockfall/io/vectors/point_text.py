@@ -45,8 +45,8 @@ class _Layout(NamedTuple):
     """Columns of a text."""
 
     separator: str
-    columns: tuple[int, int, int]  # of x, y and z
-    total: int  # columns
+    columns: tuple[int, int, int]  # indices of x, y and z
+    total: int  # number of columns
     head: int  # lines
     named: bool = True
 

@@ -20,11 +20,11 @@ from rockfall.result.trajectories import lines
 SMALL = 7  # size of names
 FEW_SOURCES = 20  # fewer are drawn individually
 FINEST = 2.5  # side of a cell of the outline of sources [points]
-ROCK = "#00604a"  # of where boulders start
+ROCK = "#00604a"  # colour of sources
 SOURCE: dict[str, Any] = {"color": ROCK, "linewidth": 0.8}
 NET: dict[str, Any] = BARRIER | {"color": BLUE, "linewidth": 2.4}  # on colours of classes
 OBJECT: dict[str, Any] = {"color": INK, "linewidth": 1.1}
-CASING = 1.6  # of white about a line [points]
+CASING = 1.6  # width of the white halo of a line [points]
 
 
 def starts(result: xr.Dataset) -> np.ndarray:

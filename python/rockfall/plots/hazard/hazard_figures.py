@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 OPAQUE = 0.7  # so that the relief remains visible under classes
 HATCH = "/////"
-LOOKS = {False: LINE, True: NET}  # of lines; of barriers
+LOOKS = {False: LINE, True: NET}  # by whether it is a barrier
 
 
 def hazard_figures(hazard: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:

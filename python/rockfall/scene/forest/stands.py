@@ -34,7 +34,7 @@ from rockfall.scene.layers import Inputs
 PART = re.compile(r"(?P<name>[^\d%]*[^\d%\s])\s*(?P<percent>\d+(\.\d+)?)?\s*%?")
 STAND = "stems", "dbh_mean", "dbh_std", "conifers", "species", "name"  # attributes of a stand
 WHOLE = 1.0  # [%] tolerance for the sum of a stand's species
-SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # and above 0: in m2, m, as fractions
+SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # below: per m2, in m, fractions?
 
 
 class Mixture(NamedTuple):

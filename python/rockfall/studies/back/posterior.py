@@ -19,13 +19,13 @@ from rockfall.studies.back.study import Back
 from rockfall.studies.ensemble.uncertain_inputs import PAIR
 
 LEVELS = (0.05, 0.5, 0.95)
-KS = 1.63  # of Kolmogorov-Smirnov at 1 %, since smoothing has errors too; times root n
+KS = 1.63  # critical value of Kolmogorov-Smirnov at 1 %, times root n; 1 % allows for smoothing
 EDGE = 0.5  # fraction of the posterior beyond the prior's 5 or 95 % quantile
 NOISY = 1.0  # variance of the log-likelihood above which boulders help more than members
 DRAWS = 256  # rows of the file of draws
 ALONE = "by_data.csv"  # the posterior by each set of data alone
 TRADED = 0.7  # correlation of strength and relief of a ground above which it is a warning
-CONTRADICTED = 0.05  # of all sets of data together
+CONTRADICTED = 0.05  # p-value, all sets of data together
 
 
 class Parameter(NamedTuple):

@@ -18,7 +18,7 @@ class Ridge(NamedTuple):
 
     ground: str
     correlation: float  # of their logarithms
-    degrees: float  # of relief that compensate twice the strength, along the ridge
+    degrees: float  # change of relief along the ridge that compensates twice the strength
 
 
 def ridges(analysis: Back) -> Iterator[Ridge]:

@@ -47,7 +47,7 @@ MEMBERS, EFFECTIVE = 1024, 100
 ROUND = 128  # members; double in the first
 REPLICATES = 24  # runs of the unchanged case, with new draws of inputs that are not parameters
 NOT_MEMBERS = 2**30  # draw numbers from here are not members
-STREAM = 1  # of random numbers, in addition to those of the ensemble
+STREAM = 1  # random stream, next to those of the ensemble
 
 
 @dataclass(frozen=True)
