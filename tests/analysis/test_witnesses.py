@@ -366,7 +366,7 @@ def test_a_layer_of_blocks_in_another_crs_goes_through_the_commands(place, capsy
     printed = capsys.readouterr().out
     assert "blocks at rest" in printed and "reprojected from EPSG:4326" in printed
     assert "data" in Path("out/by_data.csv").read_text().partition("\n")[0]
-    for boulders, said in ((30, "fewer than 40 boulders come to rest"), (60, "outside of all")):
+    for boulders, said in ((30, "fewer than 40 of its boulders"), (60, "outside of all")):
         few = rockfall.read_case("case.nml").replace(case={"boulders": boulders})
         rockfall.write_result(rockfall.run(few.replace(output={"maps": "passages"})), "result.nc")
         assert main(["compare", "result.nc", "seen.gpkg"]) == 0
@@ -494,7 +494,7 @@ def test_only_boulders_in_the_area_that_was_walked_count(truth, tmp_path, monkey
     _, result = truth
     make_layer("walked.gpkg", [shapely.box(0, 150, 300, 500)])
     walked = read_observed("walked.gpkg", grid=grid(TERRAIN))
-    assert "walked.gpkg: the area in which blocks at rest were mapped." in walked.notes
+    assert "walked.gpkg: is the area in which blocks at rest were mapped." in walked.notes
     all_seen = witnessed(result)
     with pytest.raises(RockfallError, match=r"block \d+: .*: is outside the area"):
         witnesses(result, replace(all_seen, area=walked.area))
