@@ -25,7 +25,7 @@ from benchmarks.machine import NOTHING, VAUJANY, machine
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
-DENSITIES = (0, 100, 500, 1000)  # stems a hectare
+DENSITIES = (0, 100, 500, 1000)  # stems per hectare
 AIM = 2.0  # times the rebound without trees, at 500
 STAND = {"uniform_dbh_mean": 30.0, "uniform_dbh_std": 0.0, "uniform_conifers": 60.0}
 AHEAD = dict.fromkeys(("turn_frontal", "turn_lateral", "turn_scratch"), [1.0, 0.0, 0.0])

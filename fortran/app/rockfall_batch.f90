@@ -176,7 +176,7 @@ contains
          "  -h, --help, --version", &
          "", &
          "Exit status: 0 done, 2 wrong input, 1 internal error, 130 and 143 stopped by Ctrl-C or", &
-         "SIGTERM: boulders done are in PART.checkpoint, --resume continues."]
+         "SIGTERM: completed boulders are in PART.checkpoint, --resume continues."]
       integer :: k
 
       write (output_unit, "(a)") (trim(help(k)), k=1, size(help))
@@ -192,9 +192,9 @@ contains
       if (is_folder(output)) then
          call fail(error, output//": is a folder; a file name is needed")
       else if (.not. is_folder(folder_of(output)//".")) then
-         call fail(error, output//": there is no folder "//folder_of(output))
+         call fail(error, output//": folder "//folder_of(output)//" does not exist")
       else if (same_file(output, arguments%case) .or. same_file(output, scene)) then
-         call fail(error, output//": is an input; it is not overwritten")
+         call fail(error, output//": is an input; not overwritten")
       else if (path_exists(output) .and. .not. is_regular(output)) then
          call fail(error, output//": not a regular file")
       else if (path_exists(output) .and. .not. (arguments%overwrite .or. arguments%resume .or. &

@@ -574,7 +574,7 @@ def test_layers_are_listed_and_drawn(quiet_figures, place, capsys):
     ("name", "message"),
     [
         ("layer", "cannot be written: .*"),
-        ("lab.nml", "is an input; it is not overwritten"),
+        ("lab.nml", "is an input; not overwritten"),
     ],
 )
 def test_a_picture_that_cannot_be_is_one_line(quiet_figures, place, capsys, name, message):
@@ -635,7 +635,7 @@ ARGUMENTS = {
     "negative threads": (["lab", "impact", "lab.nml", "--threads=-1"],
         r"threads = -1: must be 0 \(all cores\) to 1024"),
     "folder of the output missing": (["lab", "impact", "lab.nml", "-o", "no/out.nc"],
-        "no/out.nc: there is no folder no"),
+        "no/out.nc: folder no does not exist"),
     "remake of what was not made": (["lab", "remake", "lab.nml"],
         "lab.nml: does not say what laboratory case it was made from"),
     "remake of bytes": (["lab", "remake", "bytes"], r"bytes: is not text \(UTF-8\)"),

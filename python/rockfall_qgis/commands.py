@@ -52,7 +52,7 @@ DRAFTS = (
     Option("BARRIERS", "Barriers with height [m], and capacity [kJ] or class", "layer",
            choices=(LINE,)),
     Option("DAMS", "Dams with height [m]", "layer", choices=(LINE,)),
-    Option("FOREST", "Forest: trees with dbh [cm], or stands with stems a hectare", "layer",
+    Option("FOREST", "Forest: trees with dbh [cm], or stands with stems per hectare", "layer",
            choices=(POINT, POLYGON)),
 )  # fmt: skip
 #: Ground of zones without one, for `rockfall new`.

@@ -180,7 +180,7 @@ ARGUMENTS = {
     "observations missing": (["r.nc", "no.csv"], r"no.csv: no such file or directory"),
     "observations twice": (["r.nc", "o.csv", "./o.csv"], r"o.csv: is given twice"),
     "table over the observations": (["r.nc", "o.csv", "-o", "./o.csv"],
-        r"o.csv: is an input; it is not overwritten"),
+        r"o.csv: is an input; not overwritten"),
 }  # fmt: skip
 
 

@@ -267,8 +267,8 @@ def test_names_must_be_unique_for_every_file_system(tmp_path):
 @pytest.mark.parametrize(
     ("group", "message"),
     [
-        ({"barriers": ["net", "nett"]}, "no &barrier is called 'nett'; those are net, wall"),
-        ({"dams": "dam 2"}, "dams: no &dam is called 'dam 2'; those are dam"),
+        ({"barriers": ["net", "nett"]}, "unknown &barrier 'nett', known: net, wall"),
+        ({"dams": "dam 2"}, "dams: unknown &dam 'dam 2', known: dam"),
         ({"release_steep_cells": True}, "&release steep_cells = .true.: is not valid for points"),
         ({"forest_polygons": "a.gpkg"}, "&forest: give one of polygons, trees and stems"),
         ({"without": "surface"}, "&surface: give one of"),

@@ -934,7 +934,7 @@ def test_variants_are_saved_with_what_they_name(varied, place):
         assert line_names(same_ends(one, cases[name]))[:2] == ["L", "M"], name
     nets = [one._asdict() for one in document.layers["barriers"][1:]]
     saved = save(site, site.edited(document, {"barriers": nets}, {}), "less", False)
-    assert "&variant name = 'net' barriers: no &barrier is called 'Netz'" in saved.remark
+    assert "&variant name = 'net' barriers: unknown &barrier 'Netz'" in saved.remark
     assert rockfall.read_case("less.nml").variant == []
 
 

@@ -110,10 +110,10 @@ ARGUMENTS = {
     (CASE, "--checkpoint", "nan"): "--checkpoint nan: must be >= 0 seconds",
     (CASE, "--scene", "none.nc"): "none.nc: no such file",
     (CASE, "--scene", CASE): f"{CASE}: cannot be read as netCDF-4",
-    (CASE, "-o", "none/x"): "none/x: there is no folder none/",
+    (CASE, "-o", "none/x"): "none/x: folder none/ does not exist",
     (CASE, "-o", "ready"): "ready: is a folder; a file name is needed",
-    (CASE, "-o", CASE): f"{CASE}: is an input; it is not overwritten",
-    (CASE, "-o", "ready/scene.nc"): "ready/scene.nc: is an input; it is not overwritten",
+    (CASE, "-o", CASE): f"{CASE}: is an input; not overwritten",
+    (CASE, "-o", "ready/scene.nc"): "ready/scene.nc: is an input; not overwritten",
     (CASE, "-o", "zones.csv"): "zones.csv: already exists; not overwritten (--overwrite "
     "replaces it)",
 }  # fmt: skip
@@ -171,7 +171,7 @@ def test_help_and_version(batch, tmp_path):
 def test_another_scene_must_be_prepared_again(change, key, ready, batch):
     case = rockfall.read_case(ready / "case.nml").replace(**change)
     (ready / CASE).write_text(case.text(), encoding="utf-8")
-    said = f"{CASE}: {key}: is not as in the case that ready/scene.nc was made of: prepare again"
+    said = f"{CASE}: {key}: differs from the case that ready/scene.nc was made from: prepare again"
     refused_in_one_line(batch(CASE, cwd=ready), said)
 
 

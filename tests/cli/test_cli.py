@@ -194,11 +194,11 @@ ARGUMENTS = {
     "unknown option": (["run", "case.nml", "--fast"], r"unrecognized arguments: --fast: see .*"),
     "negative seed": (["run", "case.nml", "--seed=-1"], r"case.nml: &case seed = -1: must be >= 0"),
     "folder of the output missing": (["run", "case.nml", "-o", "no/out.nc"],
-        r"no/out.nc: there is no folder no"),
+        r"no/out.nc: folder no does not exist"),
     "output is another file": (["run", "case.nml", "-o", "dem.tif"],
-        r"dem.tif: is an input; it is not overwritten"),
+        r"dem.tif: is an input; not overwritten"),
     "prepare over the case": (["prepare", "case.nml", ".", "--overwrite"],
-        r"case.nml: is an input; it is not overwritten"),
+        r"case.nml: is an input; not overwritten"),
 }  # fmt: skip
 if sys.platform != "win32":  # where /dev and /proc are names like others
     ARGUMENTS |= {

@@ -380,7 +380,7 @@ def test_bad_scenarios_are_one_line_and_nothing_is_written(hazard_case, capsys, 
 
 
 def test_bad_places_and_layers_are_one_line(hazard_case, capsys):
-    refuses([*ARGUMENTS[:3], "none/out"], "none/out: there is no folder none", capsys)
+    refuses([*ARGUMENTS[:3], "none/out"], "none/out: folder none does not exist", capsys)
     refuses([*ARGUMENTS[:3], "dem.tif"], "dem.tif: is a file, a folder is needed", capsys)
     refuses([*ARGUMENTS, "--checkpoint", "-1"], "--checkpoint -1.0: must be >= 0 seconds", capsys)
     refuses([*ARGUMENTS[:4], "--objects", "far.gpkg"], "far.gpkg: .*", capsys)

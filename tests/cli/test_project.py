@@ -159,6 +159,6 @@ def test_a_grid_without_a_crs_gets_one(tmp_path, monkeypatch, capsys):
     make_raster("none.tif", scenes.rough(6, 8, 5.0, dtype="f4"), crs=None)
     assert main(["dem", "none.tif", "-o", "dem.tif", "--crs", "EPSG:31254"]) == 0
     assert main(["dem", "dem.tif", "-o", "again.tif", "--crs", "EPSG:2056"]) == 2
-    assert "dem.tif names its own, EPSG:31254" in capsys.readouterr().err
+    assert "dem.tif has its own CRS, EPSG:31254" in capsys.readouterr().err
     assert main(["dem", "none.tif", "-o", "again.tif", "--crs", "EPSG:4326"]) == 2
     assert not Path("again.tif").exists()

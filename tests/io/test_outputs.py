@@ -140,9 +140,9 @@ def test_a_case_that_is_called_like_its_dem_keeps_it(place, capsys):
         (place.parent / "x").mkdir(exist_ok=True)
         words = [word.replace("../x/../", f"../x/../{place.name}/") for word in words]
         assert main(["run", "dem.nml", *words]) == 2
-        assert capsys.readouterr().err.endswith("dem.nc: is an input; it is not overwritten\n")
+        assert capsys.readouterr().err.endswith("dem.nc: is an input; not overwritten\n")
     assert contents(place) == before
-    with refused("dem.tif: is an input; it is not overwritten"):
+    with refused("dem.tif: is an input; not overwritten"):
         rockfall.write_result(rockfall.read_result("r.nc"), "dem.tif")
 
 
@@ -180,7 +180,7 @@ def test_every_file_behind_a_case_is_known(place, capsys):
         os.link(name, "out.nc")
         before = Path(name).read_bytes()
         assert main(["run", "all.nml", "-o", "out.nc"]) == 2
-        assert capsys.readouterr().err == "rockfall: out.nc: is an input; it is not overwritten\n"
+        assert capsys.readouterr().err == "rockfall: out.nc: is an input; not overwritten\n"
         assert Path(name).read_bytes() == before
         Path("out.nc").unlink()
     assert main(["run", "all.nml", "-o", "out.nc", "--quiet"]) == 0

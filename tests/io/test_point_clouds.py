@@ -143,7 +143,7 @@ def test_files_of_several_systems_are_refused(tmp_path):
     with refused(f"{none}: has no CRS, but {one} has EPSG:2056: all must have the same CRS"):
         read_clouds([one, none])
     assert len(read_clouds([one, one])[0]) == 6000
-    with refused(f"--crs: {one} names its own, EPSG:2056"):
+    with refused(f"--crs: {one} has its own CRS, EPSG:2056"):
         dem_of_points(one, crs="EPSG:2056")
     dem, _ = dem_of_points(none, crs="EPSG:2056", cell=5.0)
     assert dem.grid.crs.to_epsg() == 2056
@@ -222,8 +222,8 @@ def test_text_of_every_layout(text, tmp_path):
         ("1 2\n3 4\n", "line 1: 2 columns: x, y and z are needed"),
         ("x y height\n1 2 3\n", "line 1: must have one column z, or be numbers"),
         ("x y z z\n1 2 3 4\n", "line 1: must have one column z, or be numbers"),
-        ("1 2 3\n4 5\n", "x = 4, y = 5, z = nan: no place [m]"),
-        ("1 2 3\n4 5 1e99\n", "x = 4, y = 5, z = 1e+99: no place [m]"),
+        ("1 2 3\n4 5\n", "x = 4, y = 5, z = nan: not a position [m]"),
+        ("1 2 3\n4 5 1e99\n", "x = 4, y = 5, z = 1e+99: not a position [m]"),
     ],
 )
 def test_wrong_texts_are_one_line(text, message, tmp_path):

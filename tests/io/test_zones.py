@@ -380,7 +380,7 @@ def test_reprojected_polygons_are_those_of_the_terrain(crs):
 
 def test_coordinates_that_are_nowhere_in_the_crs_of_the_dem():
     make_layer("a.gpkg", [box(0, 0, 9, 9)], "EPSG:4326", zone=[3])
-    with pytest.raises(RockfallError, match=r"^a.gpkg: feature 1: EPSG:4326 has no such place "):
+    with pytest.raises(RockfallError, match=r"^a.gpkg: feature 1: EPSG:4326: position does not "):
         inside("a.gpkg", utm_grid())
 
 

@@ -594,7 +594,7 @@ def test_the_command_writes_beside_the_result(stored, capsys):
     ("arguments", "message"),
     [
         (["out.nc", "-o", "out.nc"], "out.nc: output name must end in .html"),
-        (["out.nc", "-o", "none/out.html"], f"{Path('none/out.html')}: there is no folder none"),
+        (["out.nc", "-o", "none/out.html"], f"{Path('none/out.html')}: folder none does not exist"),
         (["out.nc", "--dem", "none.tif"], "none.tif"),
     ],
 )

@@ -249,7 +249,7 @@ def refused_cases():
     yield "line", {"file": "point.gpkg"}, "point.gpkg: feature 1: is a Point, lines are needed"
     yield "line", {"file": "none.gpkg"}, "case.nml: &line file = 'none.gpkg': no such file"
     yield "line", road | {"field": "id"}, "road.gpkg: no attribute id, has: none"
-    yield "line", {"file": "far.gpkg"}, "far.gpkg: feature 1: EPSG:4326 has no such place in .*"
+    yield "line", {"file": "far.gpkg"}, "far.gpkg: feature 1: EPSG:4326: position does not .*"
     yield "line", road | typed(ROAD), f"{case}&line x, y: give these, or file with lines in a layer"
     yield "line", {"name": "a"}, f"{case}&line x, y: give these, or file with lines in a layer"
     yield "line", typed(ROAD), f"{case}&line name is missing: .*"

@@ -162,7 +162,7 @@ def test_stems_a_hectare_diameters_and_conifers_are_as_they_should(tmp_path):
 
 @pytest.mark.parametrize("spread", ["random", "even"])
 def test_the_mean_distance_from_tree_to_tree_along_a_line(tmp_path, spread):
-    """10000/(stems a hectare (2 R_b + DBH)); of trees anywhere also that to the first of them."""
+    """10000/(stems per hectare (2 R_b + DBH)); of trees anywhere also that to the first of them."""
     wide = MADE | {"uniform_dbh_std": 0.0, "spread": spread}
     trees = trees_of(tmp_path, wide, nx=200, ny=200)
     rng = np.random.default_rng(2)
@@ -246,7 +246,7 @@ def test_no_trees_where_no_number_is_known(tmp_path):
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("stems", -1.0, "-1 where trees stand: must be 0 to 1,000,000 stems a hectare"),
+        ("stems", -1.0, "-1 where trees stand: must be 0 to 1,000,000 stems per hectare"),
         ("stems", 2e6, r"2e\+06 where trees stand"),
         ("stems", 0.0, "all trees are outside the terrain"),
         ("dbh_mean", np.nan, "nan where trees stand: must be > 0 and at most 1000 cm"),

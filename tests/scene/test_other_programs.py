@@ -150,7 +150,7 @@ def test_unknown_and_misspelt_attributes_are_listed(tmp_path):
         ("rocks.geojson", None, "", "no rocks: needs a GeoJSON of polygons with number, z, "
          "rocks_min_vol, rocks_max_vol"),
         ("rocks.geojson", collection(({"number": 5}, WHERE), ({"nb_rocks": 5}, WHERE)),
-         "/rocks.geojson", "has number and nb_rocks, which are one attribute: keep one of them"),
+         "/rocks.geojson", "has number and nb_rocks, which are the same attribute: keep one"),
         ("rocks.geojson", collection(({"number": 0}, WHERE)), "/rocks.geojson",
          "polygon 1: number = 0: must be a number >= 1"),
         ("rocks.geojson", collection(({"rocks_min_vol": 0}, WHERE)), "/rocks.geojson",
@@ -252,7 +252,7 @@ def test_rasters_of_forest_are_refused_by_name(tmp_path):
     folder = avaframe(tmp_path / "avaHill")
     with refused(
         f"{folder / 'Inputs/RES/fsi.asc'}: a forest structure index (FSI) has no stems: give "
-        "--no-forest, then &forest with stems a hectare and diameters"
+        "--no-forest, then &forest with stems per hectare and diameters"
     ):
         rockfall.import_avaframe(folder, tmp_path / "out", ground="talus")
     assert not (tmp_path / "out").exists()

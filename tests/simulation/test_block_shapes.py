@@ -345,14 +345,14 @@ WRONG_MIXES = [
     ({SHAPE: [*BLOCK_SHAPES, "compact"]}, SHAPE,
         "= 'compact', 'elongated', 'platy', 'compact': must list each shape once"),
     ({SHARE: [0.5, 0.5]}, SHARE, "= 0.5, 0.5: must be 3, one for each block_shape"),
-    ({SHARE: [0.5, 0.3, 0.3]}, SHARE, "= 0.5, 0.3, 0.3: must sum to 1, and sums to 1.1"),
-    ({SHARE: [0.3, 0.3, 0.3]}, SHARE, "= 0.3, 0.3, 0.3: must sum to 1, and sums to 0.9"),
-    ({SHARE: [0.0, 0.0, 0.0]}, SHARE, "= 0.0, 0.0, 0.0: must sum to 1, and sums to 0"),
+    ({SHARE: [0.5, 0.3, 0.3]}, SHARE, "= 0.5, 0.3, 0.3: must sum to 1, but sums to 1.1"),
+    ({SHARE: [0.3, 0.3, 0.3]}, SHARE, "= 0.3, 0.3, 0.3: must sum to 1, but sums to 0.9"),
+    ({SHARE: [0.0, 0.0, 0.0]}, SHARE, "= 0.0, 0.0, 0.0: must sum to 1, but sums to 0"),
     ({SHARE: [0.5, -0.3, 0.8]}, SHARE, "(value 2) = -0.3: must be 0 to 1"),
     ({SHARE: [0.5, 0.5, float("nan")]}, SHARE, "(value 3) = nan: must be a finite real number"),
     ({SHARE: [50.0, 30.0, 20.0]}, SHARE, "(value 1) = 50.0: must be 0 to 1"),
     ({SHAPE: "platy"}, SHARE, "= 0.5, 0.3, 0.2: must be 1, one for each block_shape"),
-    ({SHAPE: "platy", SHARE: 0.5}, SHARE, "= 0.5: must sum to 1, and sums to 0.5"),
+    ({SHAPE: "platy", SHARE: 0.5}, SHARE, "= 0.5: must sum to 1, but sums to 0.5"),
 ]  # fmt: skip
 
 

@@ -380,7 +380,7 @@ contains
       else if (size(shares) /= n) then
          call refuse_list(group, "block_shape_share", "must be "//integer_text(n)//", one for each block_shape", error)
       else if (abs(sum(shares) - 1) > share_rounding) then
-         call refuse_list(group, "block_shape_share", "must sum to 1, and sums to "//real_text(sum(shares), 4), error)
+         call refuse_list(group, "block_shape_share", "must sum to 1, but sums to "//real_text(sum(shares), 4), error)
       else
          this%shape_share = [(sum(shares, mask=names == block_shapes(k)), k=1, size(block_shapes))]
       end if

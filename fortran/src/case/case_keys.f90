@@ -63,7 +63,7 @@ module rockfall_case_keys
       key_t("case", "boulders", "integer", 1, "absent", "1 to 1e15", "", "boulders from each source"), &
       key_t("case", "boulders_total", "integer", 1, "absent", "1 to 2147483647", "", &
             "instead of boulders: total over all sources, distributed evenly or by their weights"), &
-      key_t("case", "threads", "integer", 1, "0", "0 to 1024", "", "0 = all cores"), &
+      key_t("case", "threads", "integer", 1, "0", "0 to 1024", "", "number of threads; 0: all cores"), &
       key_t("terrain", "dem", "text", 1, "required", "", "", &
             "elevation raster, square cells in metres", in_scene, "raster"), &
       key_t("surface", "zones", "text", 1, "absent", "", "", &
@@ -86,8 +86,8 @@ module rockfall_case_keys
       key_t("surface", "rg10", "text", 1, "absent", "", "", &
             "raster of obstacle sizes at 10 % of rebounds [m]", in_scene, "raster"), &
       key_t("surface", "uniform_mean_radius", "real", 1, "absent", ">= 0", "m", &
-            "one mean rock radius everywhere", in_scene), &
-      key_t("surface", "uniform_rg", "real", 3, "absent", ">= 0", "m", "Rg70, Rg20, Rg10 everywhere", in_scene), &
+            "uniform mean rock radius", in_scene), &
+      key_t("surface", "uniform_rg", "real", 3, "absent", ">= 0", "m", "uniform Rg70, Rg20, Rg10", in_scene), &
       key_t("surface", "method", "text", 1, "'B'", "A, B", "", &
             "A: three obstacle sizes, B: one mean radius", in_scene), &
       key_t("surface", "rg_reading", "text", 1, "'diameter'", "diameter, radius", "", "meaning of Rg"), &
@@ -200,39 +200,39 @@ module rockfall_case_keys
             "layer name, if the GeoPackage has several", in_scene), &
       key_t("forest", "stems", "text", 1, "absent", "", "", &
             "raster of stems per hectare, for random trees", in_scene, "raster"), &
-      key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "stems per hectare everywhere", in_scene), &
+      key_t("forest", "uniform_stems", "real", 1, "absent", "> 0", "1/ha", "uniform stems per hectare", in_scene), &
       key_t("forest", "dbh_mean", "text", 1, "absent", "", "", &
             "raster of mean diameters at breast height [cm]", in_scene, "raster"), &
       key_t("forest", "uniform_dbh_mean", "real", 1, "absent", "> 0", "cm", &
-            "one mean diameter everywhere", in_scene), &
+            "uniform mean diameter", in_scene), &
       key_t("forest", "dbh_std", "text", 1, "absent", "", "", &
             "raster of standard deviations of diameters [cm]", in_scene, "raster"), &
       key_t("forest", "uniform_dbh_std", "real", 1, "absent", ">= 0", "cm", &
-            "one standard deviation of diameters everywhere", in_scene), &
+            "uniform standard deviation of diameters", in_scene), &
       key_t("forest", "conifers", "text", 1, "absent", "", "", &
             "raster of the percentage of conifers among stems", in_scene, "raster"), &
       key_t("forest", "uniform_conifers", "real", 1, "absent", "0 to 100", "%", &
-            "one percentage of conifers everywhere", in_scene), &
+            "uniform percentage of conifers", in_scene), &
       key_t("forest", "spread", "text", 1, "'random'", "random, even", "", &
             "random: stems anywhere; even: number of stems in each cell as in the raster", in_scene), &
       key_t("forest", "seed", "integer", 1, "1", ">= 0", "", "seed of random trees", in_scene), &
       key_t("forest", "clear_of_sources", "real", 1, "0.0", "0 to 1000", "m", &
             "no stems within this distance of a source, in plan", in_scene), &
       key_t("forest", "density_factor", "real", 1, "1.0", "0.001 to 1", "", &
-            "fraction of the stems that remains; the same stems in every variant", in_scene), &
+            "fraction of stems that remain, the same stems in every variant", in_scene), &
       key_t("forest", "clearings", "text", 1, "absent", "", "", &
             "polygons without stems, or with their attribute density_factor: after felling or storm", in_scene, &
             "layer"), &
       key_t("forest", "clearings_layer", "text", 1, "absent", "", "", &
             "layer name, if the GeoPackage has several", in_scene), &
       key_t("forest", "species_table", "text", 1, "absent", "", "", &
-            "CSV with species, genus, factor; absent: as shipped", in_scene, "table"), &
+            "CSV with species, genus, factor; absent: the shipped table", in_scene, "table"), &
       key_t("forest", "stem_height", "real", 1, "absent", "> 0", "m", &
             "higher boulders pass over; absent: no boulder passes over"), &
       key_t("forest", "lateral_from", "real", 1, "0.58", "0 to 1", "", &
-            "place on the stem from which a hit is lateral"), &
+            "hit position on the stem from which a hit is lateral"), &
       key_t("forest", "scratch_from", "real", 1, "0.75", "0 to 1", "", &
-            "place on the stem from which a hit is a scratch"), &
+            "hit position on the stem from which a hit is a scratch"), &
       key_t("forest", "turn_frontal", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", &
             "weights of turns by 0-22.5, 22.5-67.5, 67.5-76 degrees at a frontal hit"), &
       key_t("forest", "turn_lateral", "real", 3, "22.5, 45.0, 8.5", ">= 0", "", "weights of turns at a lateral hit"), &
@@ -279,7 +279,7 @@ module rockfall_case_keys
       key_t("dam", "file", "text", 1, "absent", "", "", &
             "instead of x and y: lines, whose attributes give values missing in the group", in_scene, "layer"), &
       key_t("dam", "layer", "text", 1, "absent", "", "", "layer name, if the GeoPackage has several", in_scene), &
-      key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "rasters of results"), &
+      key_t("output", "maps", "text", n_maps, "absent", "as in result.md", "", "maps in the result"), &
       key_t("output", "map_extent", "text", 1, "'reach'", "reach, terrain", "", &
             "reach: cells that boulders can reach; terrain: all cells"), &
       key_t("output", "min_passages", "integer", 1, "1", "1 to 2147483647", "", &
@@ -306,7 +306,7 @@ module rockfall_case_keys
             "geometric standard deviation of relief, ground by ground"), &
       key_t("ensemble", "dem_error", "real", 1, "0.0", "0 to 20", "m", "standard deviation of elevations"), &
       key_t("ensemble", "dem_correlation", "real", 1, "absent", "> 0", "m", &
-            "distance at which the correlation of their errors is 1/e"), &
+            "distance at which the correlation of elevation errors is 1/e"), &
       key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
             "standard deviation of a common shift of all sources, east and north"), &
       key_t("ensemble", "sets", "text", 100, "absent", "", "", &

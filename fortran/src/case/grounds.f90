@@ -55,18 +55,18 @@ module rockfall_grounds
       parameter_t(key_t("ground", "r_n", "real", 1, "required", "0 to 1", "", &
                         "normal restitution"), with_r_n), &
       parameter_t(key_t("ground", "r_n_std", "real", 1, "0.0", "0 to 1", "", &
-                        "standard deviation of r_n from rebound to rebound"), with_r_n), &
+                        "standard deviation of r_n between rebounds"), with_r_n), &
       parameter_t(key_t("ground", "r_n_min", "real", 1, "0.0", "0 to 1", "", "minimum of r_n"), with_r_n), &
       parameter_t(key_t("ground", "r_n_max", "real", 1, "1.0", "0 to 1", "", "maximum of r_n"), with_r_n), &
       parameter_t(key_t("ground", "r_t", "real", 1, "required", "0 to 1", "", "tangential restitution"), with_r_t), &
       parameter_t(key_t("ground", "r_t_std", "real", 1, "0.0", "0 to 1", "", &
-                        "standard deviation of r_t from rebound to rebound"), with_r_t), &
+                        "standard deviation of r_t between rebounds"), with_r_t), &
       parameter_t(key_t("ground", "r_t_min", "real", 1, "0.0", "0 to 1", "", "minimum of r_t"), with_r_t), &
       parameter_t(key_t("ground", "r_t_max", "real", 1, "1.0", "0 to 1", "", "maximum of r_t"), with_r_t), &
       parameter_t(key_t("ground", "half_speed", "real", 1, "required", "0.01 to 1000", "m/s", &
                         "normal speed that halves the normal restitution"), "bourrier_hungr"), &
       parameter_t(key_t("ground", "half_speed_std", "real", 1, "0.0", "0 to 1000", "m/s", &
-                        "standard deviation of half_speed from rebound to rebound"), "bourrier_hungr"), &
+                        "standard deviation of half_speed between rebounds"), "bourrier_hungr"), &
       parameter_t(key_t("ground", "friction_angle", "real", 1, "required", "0 to 80", "degree", &
                         "friction angle between boulder and ground"), "bourrier_hungr"), &
       parameter_t(key_t("ground", "soil_density", "real", 1, "1800.0", "100 to 10000", "kg/m3", &

@@ -45,7 +45,7 @@ contains
       if (boulders < 0) then
          call fail(error, name//": exists but is not a readable checkpoint: remove it, or choose another output")
       else if (.not. resume) then
-         call fail(error, name//": holds "//integer_text(boulders)//" boulders of a stopped run: continue with " &
+         call fail(error, name//": contains "//integer_text(boulders)//" boulders of a stopped run: continue with " &
                    //"--resume, or remove it")
       end if
    end subroutine check_checkpoint

@@ -88,8 +88,8 @@ contains
             return
          end if
          key = differing_key(keys_of(text_of(file, nf90_global, "case")), inputs%keys, of_arrays=.true.)
-         if (key /= "") call fail(error, case%file//": "//key//": is not as in the case that "//file%name &
-                                  //" was made of: prepare again")
+         if (key /= "") call fail(error, case%file//": "//key//": differs from the case that "//file%name &
+                                  //" was made from: prepare again")
          inputs%case_file = text_of(file, nf90_global, "case_file")
          inputs%feature_names = ""
          inputs%input_warnings = text_of(file, nf90_global, "input_warnings")

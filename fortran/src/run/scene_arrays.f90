@@ -43,7 +43,7 @@ module rockfall_scene_arrays
       scene_array_t("source_inertia", "f8", "source", "1", "moment of inertia over mass and squared radius"), &
       scene_array_t("source_shape", "i1", "source", "1", &
                     "block shape of its boulders: compact, elongated, platy; 0: the case's"), &
-      scene_array_t("source_density", "f8", "source", "kg/m3", "their density"), &
+      scene_array_t("source_density", "f8", "source", "kg/m3", "density of the boulders of the source"), &
       scene_array_t("ground_length", "i4", "ground", "1", &
                     "bytes of the text of each ground; 0: the case's impact sets"), &
       scene_array_t("ground_table", "i4", "ground", "1", "table of impacts of the ground, counted from 1; 0: none"), &

@@ -74,7 +74,7 @@ module rockfall_variables
       variable_t("boulder", "speed_max", "real", "m s-1", "maximum speed"), &
       variable_t("boulder", "jump_height_max", "real", "m", &
                  "maximum height of the boulder's point above the surface"), &
-      variable_t("boulder", "status", "integer", "1", "why the boulder ended", stored="i1"), &
+      variable_t("boulder", "status", "integer", "1", "reason why the boulder ended", stored="i1"), &
       variable_t("boulder", "impacts", "integer", "1", "contacts with the slope", stored="i4"), &
       variable_t("boulder", "source", "integer", "1", "number of the source", "counts from 1", "i4"), &
       variable_t("count", "rebounds", "integer", "1", "rebounds of all boulders"), &
@@ -90,7 +90,7 @@ module rockfall_variables
                  "rebounds at incidence angles outside the set's angle_range"), &
       variable_t("ground", "rebounds_by_ground", "integer", "1", "rebounds on the ground"), &
       variable_t("energy", "energy_released", "real", "J", &
-                 "kinetic energy at the release, and potential energy from there to the end"), &
+                 "kinetic energy at the release plus potential energy from release to end"), &
       variable_t("energy", "energy_ground", "real", "J", "energy lost in rebounds"), &
       variable_t("energy", "energy_trees", "real", "J", "energy absorbed by trees"), &
       variable_t("energy", "energy_barriers", "real", "J", "energy absorbed by barriers"), &
@@ -100,7 +100,7 @@ module rockfall_variables
       variable_t("shape", "block_shape", "integer", "1", "shape of the block", stored="i4"), &
       variable_t("mass", "mass", "real", "kg", "mass of the boulder"), &
       variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each hit counts", "i4"), &
-      variable_t("breakage", "fines_volume", "real", "m3", "volume that broke into pieces below min_volume"), &
+      variable_t("breakage", "fines_volume", "real", "m3", "volume of pieces below min_volume"), &
       variable_t("breakage", "energy_breakage", "real", "J", "energy lost in breaking, including fines"), &
       variable_t("breakage", "fragments", "integer", "1", "blocks into which the boulder broke", &
                  "1: it did not break", "i4"), &
@@ -136,7 +136,7 @@ module rockfall_variables
                  "height of the boulder's point above the surface, 0 at a contact", stored="f4"), &
       variable_t("crossing", "passing_height", "real", "m", &
                  "height of the boulder's centre above the surface, vertical", stored="f4"), &
-      variable_t("fragment", "volume", "real", "m3", "volume of the fragment whose crossing is given", &
+      variable_t("fragment", "volume", "real", "m3", "volume of the fragment of this crossing", &
                  "the fragment with the most energy; heights are maxima over all fragments", "f4"), &
       variable_t("fragment", "fragments", "integer", "1", "fragments that crossed", stored="i4"), &
       variable_t("line_vertex", "line", "integer", "1", &
@@ -145,7 +145,7 @@ module rockfall_variables
       variable_t("line_vertex", "y", "real", "m", "northing"), &
       variable_t("barrier", "height", "real", "m", "height of the top edge above the ground"), &
       variable_t("barrier", "capacity", "real", "J", "maximum energy that the barrier absorbs"), &
-      variable_t("hit", "outcome", "integer", "1", "what the barrier did", &
+      variable_t("hit", "outcome", "integer", "1", "effect of the barrier", &
                  "of several crossings in this order: stopped, broken_through, passed_over", "i1"), &
       variable_t("map", "passages", "integer", "1", &
                  "boulders that passed the cell, each counted once"), &
@@ -252,20 +252,20 @@ module rockfall_variables
       variable_t("tally", "bin_counts", "integer", "1", "counts of classes", stored="i4"), &
       variable_t("tally", "shared_cell", "integer", "1", "cell reached from a source that the part divides"), &
       variable_t("tally", "shared_source", "integer", "1", "number of that source", stored="i4"), &
-      variable_t("tally", "shared_boulders", "integer", "1", "its boulders in the part", stored="i4"), &
+      variable_t("tally", "shared_boulders", "integer", "1", "boulders of that source in the part", stored="i4"), &
       variable_t("kept", "boulder", "integer", "1", "number of the boulder"), &
       variable_t("sample", "block", "integer", "1", &
-                 "block of bins of place, part, quantity that is not empty", axes="entry"), &
+                 "non-empty block of bins of place, part and quantity", axes="entry"), &
       variable_t("sample", "count", "integer", "1", &
                  "boulders in the bins of a block", stored="i4", axes="entry fine"), &
       variable_t("sample", "group_bin", "integer", "1", &
-                 "coarse bin of place, group, quantity that is not empty", axes="group_entry"), &
+                 "non-empty coarse bin of place, group and quantity", axes="group_entry"), &
       variable_t("sample", "group_count", "integer", "1", &
                  "boulders in the coarse bin", stored="i4", axes="group_entry"), &
       variable_t("sample", "sums", "integer", "1", &
                  "sums, sums of squares, maxima, in units", axes="place part quantity word"), &
       variable_t("sample", "largest", "real", "1", &
-                 "largest numbers at lines, rising, then 0", stored="f4", axes="line tail rank"), &
+                 "largest values at lines, increasing, padded with 0", stored="f4", axes="line tail rank"), &
       variable_t("sample", "ended", "integer", "1", "boulders by status", axes="status"), &
       variable_t("sample", "part_last", "integer", "1", &
                  "last feature or source of each part", stored="i4", axes="part"), &

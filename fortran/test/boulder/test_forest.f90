@@ -298,7 +298,7 @@ contains
       call check("many hits", hits > 500)
    end subroutine test_symmetry
 
-   !> Along a line through a random forest the mean distance between stems is 10000/(stems a hectare (2 R_b + DBH)).
+   !> Along a line through a random forest the mean distance between stems is 10000/(stems per hectare (2 R_b + DBH)).
    subroutine test_spacing()
       integer, parameter :: n = 200000
       real(wp), parameter :: width = 2000.0_wp, per_hectare = 500.0_wp, radius = 0.6_wp, dbh = 35.0_wp

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Trees from stems a hectare: their numbers have the distributions that they should, and depend on nothing but the
+!> Trees from stems per hectare: their numbers have the distributions that they should, and depend on nothing but the
 !> seed and the cell.
 program test_stand
    use rockfall_kinds, only: wp, i8

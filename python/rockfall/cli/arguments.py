@@ -380,7 +380,7 @@ def _add_results(commands: _Commands) -> None:
     _option(export, "--tolerance M", float, "tolerance of drawn parabolas; default: 0.05")
     _add_tables(export, "line statistics and return levels")
     text = "also write project.qgz, with groups, styles and layouts on A3"
-    project = export.add_argument_group("project of QGIS")
+    project = export.add_argument_group("QGIS project")
     project.add_argument("--qgis", action="store_true", help=text)
     _option(project, "--dem FILE", Path, "default: DEM of the case, if found")
     _option(project, "--hazard HAZARD.nc", Path, "add the zones of this hazard")
@@ -558,7 +558,7 @@ def _add_ground(commands: _Commands) -> None:
         ("--speed-error M_S", "standard error of the speed; default: 0"),
     ):
         _option(ground, names, float, does, nargs="+")
-    _option(ground, "--patch PATCH.tif", Path, "elevations in small cells, for the relief")
+    _option(ground, "--patch PATCH.tif", Path, "DEM of a patch in small cells, for the relief")
     _option(ground, "--radius R", float, "R_b for the relief [m]; default: mean of the scars")
     _option(
         ground, "--shortest L", float, "shortest wave of the patch, in R_b; default: 2", default=2.0
@@ -566,8 +566,10 @@ def _add_ground(commands: _Commands) -> None:
     _option(
         ground, "--longest L", float, "longest wave of the patch, in R_b; default: 32", default=32.0
     )
-    _option(ground, "--model MODEL", str, "ploughed (default) or hard", default="ploughed")
-    text = "sphere, compact (default), elongated or platy"
+    _option(
+        ground, "--model MODEL", str, "ground model: ploughed (default) or hard", default="ploughed"
+    )
+    text = "block shape: sphere, compact (default), elongated or platy"
     _option(ground, "--shape SHAPE", str, text, default="compact")
     _switch(ground, "--proportional", "strength in proportion to R_b; default: equal for all")
     _option(

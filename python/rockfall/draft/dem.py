@@ -203,7 +203,7 @@ def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | N
     z, grid = read_dem(path)
     if crs is not None:
         if grid.crs is not None:
-            raise RockfallError(f"--crs {crs}: {path} names its own, {crs_name(grid.crs)}")
+            raise RockfallError(f"--crs {crs}: {path} has its own CRS, {crs_name(grid.crs)}")
         grid = replace(grid, crs=_crs(crs))
         check_metres(grid, str(path))
         check_area(grid, str(path), [] if remarks is None else remarks)

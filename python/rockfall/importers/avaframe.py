@@ -93,7 +93,7 @@ def _check_forest(inputs: Path, no_forest: bool) -> None:
         if not no_forest:
             raise RockfallError(
                 f"{path}: a forest structure index (FSI) has no stems: give --no-forest, then "
-                "&forest with stems a hectare and diameters"
+                "&forest with stems per hectare and diameters"
             )
 
 

@@ -126,7 +126,7 @@ class Layer:
         names = [name for name in key.names if name in self.columns]
         if len(names) > 1:
             raise RockfallError(
-                f"{self.path}: has {' and '.join(names)}, which are one attribute: keep one of them"
+                f"{self.path}: has {' and '.join(names)}, which are the same attribute: keep one"
             )
         return [*map(plain, self.columns[names[0]])] if names else [None] * len(self.shapes)
 

@@ -101,7 +101,7 @@ def check_outputs(paths: Iterable[Path], inputs: Iterable[str | Path] = ()) -> N
         if path.is_dir():
             raise RockfallError(f"{path}: is a folder; a file name is needed")
         if path.exists() and _identity(path) in read:
-            raise RockfallError(f"{path}: is an input; it is not overwritten")
+            raise RockfallError(f"{path}: is an input; not overwritten")
         check_regular(path)
         if not _replacing.get():
             raise RockfallError(f"{path}: {EXISTS}")

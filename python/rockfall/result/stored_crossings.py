@@ -29,7 +29,7 @@ def crossings_in_file(data: xr.Dataset, path: str | Path) -> dict[str, xr.Variab
 
     sizes, kept = data["row_size"].values, data["boulder"].values
     if (sizes < 0).any() or sizes.sum() != data.sizes["crossing"]:
-        raise RockfallError(f"{path}: row_size: holds what no run has")
+        raise RockfallError(f"{path}: row_size: contains impossible values")
     rows = _Rows(str(path), data, np.cumsum(sizes, dtype="i8"), kept)
     return {
         str(name): xr.Variable(

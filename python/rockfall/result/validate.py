@@ -161,7 +161,7 @@ def check_crossings(data: xr.Dataset, path: str | Path) -> None:
         return
     sizes, kept, fault = data["row_size"].values, data["boulder"].values, ""
     if (sizes < 0).any() or sizes.sum() != data.sizes["crossing"]:
-        fault = "row_size: holds what no run has"
+        fault = "row_size: contains impossible values"
     else:  # line by line: together they would take several times their memory
         for k, end in enumerate(np.cumsum(sizes, dtype="i8").tolist()):
             for name in ("crossing_line", "crossing_boulder"):
@@ -182,7 +182,7 @@ def fault_of_crossings(name: str, values: np.ndarray, line: np.ndarray, kept: np
         good = not values.size or bool(rising.all() and (kept[place] == values).all())
     elif not np.isfinite(values).all():
         return f"{name}: must be a number for every crossing"
-    return "" if good else f"{name}: holds what no run has"
+    return "" if good else f"{name}: contains impossible values"
 
 
 def check_samples(data: xr.Dataset, path: str | Path) -> None:
@@ -203,7 +203,7 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
             values = data[array.file_name].values
             own = array.values
             if (values.shape, values.dtype.kind) != (own.shape, own.dtype.kind):
-                raise RockfallError(f"{path}: {array.file_name}: holds what no run has")
+                raise RockfallError(f"{path}: {array.file_name}: contains impossible values")
             own[...] = values
     run.unpack_part(str(path), Grid(0.0, 0.0, 1.0, 0, 0), only_samples=True)
 

@@ -177,7 +177,7 @@ def _forest(made: Import) -> Iterator[Group]:
             deviation = Entry("dbh_std", made.path("dbhstd"))
         else:
             made.notes.append("dbhstd.asc is missing: all stems of a cell have the mean diameter")
-        text = "nrtrees.asc a hectare in place of a cell"
+        text = "nrtrees.asc per hectare instead of per cell"
         entries = [
             Entry("stems", STEMS, text), Entry("spread", "even", "as many in each cell"),
             Entry("dbh_mean", made.path("dbhmean")), deviation, conifers,

@@ -237,8 +237,8 @@ def _forest(scene: Scene) -> list[tuple[str, str]]:
         return []
     n, area = trees.x.size, sum(stand.area for stand in scene.stands) or trees.area()
     text = (
-        f"{n:,} stems on {area:.3g} ha, {n / area:,.0f} a hectare, mean DBH {trees.dbh.mean():.1f} "
-        f"cm, basal area {trees.basal_area() / area:.3g} m2/ha"
+        f"{n:,} stems on {area:.3g} ha, {n / area:,.0f} per hectare, mean DBH "
+        f"{trees.dbh.mean():.1f} cm, basal area {trees.basal_area() / area:.3g} m2/ha"
     )
     return [("forest", text)]
 

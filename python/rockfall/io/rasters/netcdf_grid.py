@@ -164,7 +164,7 @@ class _Validity:
 def _unit(path: str, name: str, attributes: dict[str, Any]) -> str | None:
     unit = attributes.get("units")
     if unit is not None and not isinstance(unit, str):
-        raise RockfallError(f"{path}: {name}: units = {unit}: must be a text")
+        raise RockfallError(f"{path}: {name}: units = {unit}: must be text")
     return unit
 
 

@@ -374,7 +374,7 @@ def _reprojected(
     shapes = shapely.transform(shapes, lambda xy: np.column_stack(way.transform(*xy.T)))
     for number in np.flatnonzero(~np.isfinite(shapely.bounds(shapes)).all(axis=1))[:1]:
         raise RockfallError(
-            f"{where}: feature {number + 1}: {crs_name(crs)} has no such place in "
+            f"{where}: feature {number + 1}: {crs_name(crs)}: position does not exist in "
             f"{crs_name(grid.crs)}, the CRS of the DEM"
         )
     key = "input.reprojected" if way.is_best else "input.reprojected_roughly"

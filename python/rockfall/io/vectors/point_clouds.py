@@ -92,7 +92,7 @@ def _checked(path: str | Path, chunks: Chunks) -> Chunks:
         limits = np.array([MAX_REAL, MAX_REAL, MAX_ELEVATION])
         for row in np.flatnonzero(~(np.abs(chunk) <= limits).all(axis=1))[:1]:
             x, y, z = chunk[row].tolist()
-            raise RockfallError(f"{path}: x = {x:g}, y = {y:g}, z = {z:g}: no place [m]")
+            raise RockfallError(f"{path}: x = {x:g}, y = {y:g}, z = {z:g}: not a position [m]")
         total += len(chunk)
         yield chunk
     if not total:
@@ -155,7 +155,7 @@ def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
     named = [(path, _laser_crs(path)) for path in paths if _is_laser(path)]
     for path, crs in named:
         if crs is not None and given is not None:
-            raise RockfallError(f"--crs: {path} names its own, {crs_name(crs)}")
+            raise RockfallError(f"--crs: {path} has its own CRS, {crs_name(crs)}")
     named += [(path, None) for path in paths if not _is_laser(path)]
     (first, common), *others = named
     for path, crs in others:

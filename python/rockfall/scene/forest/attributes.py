@@ -31,7 +31,7 @@ NAMES = {  # the first name is that of the case; English, German, French, Italia
 }  # fmt: skip
 _CONIFERS = keys_of("forest")["uniform_conifers"]
 LIMITS: dict[str, Any] = {  # minimum, maximum, and the rule in words
-    "stems": (0.0, MAX_DENSITY, f"0 to {MAX_DENSITY:,.0f} stems a hectare"),
+    "stems": (0.0, MAX_DENSITY, f"0 to {MAX_DENSITY:,.0f} stems per hectare"),
     "dbh_mean": (1e-2, MAX_DBH, f"> 0 and at most {MAX_DBH:g} cm"),
     "dbh_std": (0.0, MAX_DBH, f"0 to {MAX_DBH:g} cm"),
     "conifers": (_CONIFERS.low, _CONIFERS.high, f"{_CONIFERS.allowed} %"),
