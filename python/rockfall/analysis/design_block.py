@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Design block of a return period, from a survey of blocks (De Biagi et al. 2017).
 
-The frequency of blocks above a threshold is that of the dated blocks; their volumes follow a
-generalised Pareto distribution (GPD), fitted to all deposited blocks. The block of a return period
-T is exceeded once in T years. Intervals follow from the joint profile likelihood of volumes and
-number: no random numbers, and better than resampling for few blocks.
+The annual frequency of blocks above a threshold comes from the dated blocks; a generalised Pareto
+distribution (GPD) of volumes is fitted to all deposited blocks. On average one block in T years
+exceeds the block of return period T. Intervals come from the joint profile likelihood of volumes
+and number: no random numbers, and better than resampling for few blocks.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from rockfall.quantities import number
 
 PERIODS = (10.0, 30.0, 100.0, 300.0)  # [year], in each table
 MIN_BLOCKS = 20  # deposited blocks above the threshold
-MIN_DATED = 3  # dated blocks above it
-HEAVIEST = 4.0  # shape of a GPD; volumes of rockfall have up to 1/0.4
+MIN_DATED = 3  # dated blocks above the threshold
+HEAVIEST = 4.0  # shape of a GPD; rockfall volumes have up to 1/0.4
 MAX_PLACE = 6.0  # search range of the fit: shapes are larger than in `return_levels`
 REJECTED = 0.05  # p-value below which a distribution or a comparison is in doubt
 WIDE = 10  # ratio of the upper limit to the block above which there is a warning
 BEYOND = 10  # return periods after which a block larger than volume_max is expected
 FARTHEST = 1e6  # search range for an upper limit: ratio of excesses
-_PLACES = np.arange(-1.0, MAX_PLACE, 0.005)  # of the profile likelihood
+_PLACES = np.arange(-1.0, MAX_PLACE, 0.005)  # grid for the profile likelihood
 _LEVELS = ["return_period", *with_limits("volume"), "power_law", "extrapolated", "refused"]
 
 
@@ -51,7 +51,7 @@ class Rate(NamedTuple):
 
 
 class PowerLaw(NamedTuple):
-    """Number of blocks a year that are larger than V: activity V**-exponent; exponent with its 95 %
+    """Annual number of blocks larger than V as activity V**-exponent: exponent with its 95 %
     interval, and `p_value` of a test against the GPD."""
 
     exponent: float
@@ -71,9 +71,9 @@ class PowerLaw(NamedTuple):
 class DesignBlock:
     """Design block [m3] of a return period [year] with its 95 % interval, and its components.
 
-    `levels`: a row for each return period; `volume` is NaN where `refused` gives a reason, and
-    `extrapolated` where it is larger than any surveyed block; `power_law` is the volume by that
-    distribution. `scenario` has the keys of `&scenario`, None if the power law gives no scenario.
+    `levels` has a row for each return period. `volume` is NaN where `refused` gives a reason, and
+    `extrapolated` is True where it exceeds every surveyed block; `power_law` is the volume from the
+    power law. `scenario` has the keys of `&scenario`, None if the power law gives no scenario.
     """
 
     survey: Survey
@@ -106,11 +106,11 @@ def design_block(
 ) -> DesignBlock:
     """Design block of a return period [year], from a survey of blocks.
 
-    `blocks` is a table of deposited blocks with `volume` [m3] or the axes `a`, `b`, `c` [m], whose
-    rows with a `year` fell within the observation period of `years`; or `events` is a table of
-    these blocks. Both may also be plain volumes. Blocks larger than `threshold` [m3] count; the
-    default is the lowest above which a generalised Pareto distribution fits. `volume_max` [m3] is
-    the largest block of the scenario.
+    `blocks` is a table of deposited blocks with `volume` [m3] or the axes `a`, `b`, `c` [m]. Rows
+    with a `year` fell within the observation period of `years`; alternatively, `events` is a table
+    of these blocks. Both may also be plain volumes. Only blocks larger than `threshold` [m3] count;
+    the default is the lowest above which a generalised Pareto distribution fits. `volume_max` [m3]
+    is the largest block of the scenario.
 
     >>> import rockfall
     >>> found = rockfall.design_block("survey.csv", 100.0, years=40.0)
@@ -169,7 +169,7 @@ def _check_largest(survey: Survey, asked: dict[str, Any], volume_max: float) -> 
 
 
 def _fit(survey: Survey, threshold: float | None) -> Fit:
-    """Fit a GPD above the threshold, or above the lowest threshold above which one fits."""
+    """Fit a GPD above the threshold, by default the lowest above which a GPD fits."""
     if threshold is not None:
         _check_numbers(survey, threshold)
         fit = _fit_above(survey.volumes, threshold)
@@ -223,8 +223,8 @@ def _tried(survey: Survey) -> Iterator[Fit]:
 
 
 def _rate(survey: Survey, threshold: float) -> Rate:
-    """Frequency of larger blocks with the exact interval of a Poisson number (Garwood 1936);
-    clustered blocks count as fewer independent ones."""
+    """Annual frequency of larger blocks with the exact interval of a Poisson number (Garwood 1936);
+    clustered blocks count as fewer independent blocks."""
     from scipy.stats import chi2
 
     above = survey.dated > threshold
@@ -251,7 +251,7 @@ def _dispersion(dates: np.ndarray, years: float) -> float:
 
 def _power_law(survey: Survey, fit: Fit, rate: Rate) -> PowerLaw:
     """Maximum-likelihood power law above the threshold (Hill 1975): the GPD with scale = shape x
-    threshold, tested by the ratio of likelihoods."""
+    threshold, with a likelihood-ratio test."""
     from scipy.stats import chi2
 
     u, n = fit.threshold, fit.exceedances
@@ -298,8 +298,8 @@ def _levels(
 
 
 class _Likelihood:
-    """Profile likelihood of the excess of a return period (Coles 2001, section 4.3.3), of the GPD
-    of n blocks and the Poisson number of dated ones; the latter with weight 1/dispersion."""
+    """Profile likelihood of the block volume above the threshold for a return period (Coles 2001,
+    section 4.3.3): GPD of n blocks, and Poisson number of dated blocks weighted by 1/dispersion."""
 
     def __init__(self, survey: Survey, fit: Fit, rate: Rate) -> None:
         excess = survey.volumes[survey.volumes > fit.threshold] - fit.threshold
@@ -307,13 +307,15 @@ class _Likelihood:
         self.dated = rate.dated / rate.dispersion
         self.years = survey.years / rate.dispersion
         theta = np.expm1(_PLACES * math.log(n))
-        self.theta = np.where(np.abs(theta) < 1e-9, 1e-9, theta) / excess[-1]  # not 0: exponential
+        #: avoids 0 (exponential)
+        self.theta = np.where(np.abs(theta) < 1e-9, 1e-9, theta) / excess[-1]
         self.total = np.array([np.log1p(theta * excess).sum() for theta in self.theta])
         self.least = n * (best_of(fit.shape / fit.scale, excess)[2] + 1)
         self.least += self.dated * (1 - math.log(rate.value))
 
     def loss(self, excess: float, period: float) -> float:
-        """Twice the log-likelihood below its maximum if this is the excess of the period.
+        """Twice the drop of the log-likelihood below its maximum, for a given excess of the return
+        period.
 
         For each theta = shape / scale the cost is convex in z = log(1 + theta excess) / shape, the
         logarithm of the number of blocks above the threshold in a period; Newton's steps from
@@ -334,7 +336,7 @@ class _Likelihood:
         return 2 * float(cost.min() + self.dated * math.log(period) - self.least)
 
     def limits(self, excess: float, period: float) -> tuple[float, float]:
-        """Limits of the 95 % interval: 0 if it reaches the threshold, infinite without a limit."""
+        """Limits of the 95 % interval: 0 if it reaches the threshold, infinite if unbounded."""
         allowed = Z**2 * (1 + BARTLETT / self.n)
 
         def surplus(place: float) -> float:
@@ -385,7 +387,7 @@ def _rounded(value: Any) -> Any:
 
 
 def _beyond_keys(scenario: dict[str, Any]) -> str | None:
-    """Value outside the range that the table of keys allows."""
+    """Message for a value outside the range in the table of keys."""
     for key in key_table():
         if key.group == "scenario" and isinstance(value := scenario.get(key.name), float):
             if rule := broken_rule(key.group, key.name, value):

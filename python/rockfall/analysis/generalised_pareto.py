@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Generalised Pareto distribution (GPD) of values above a threshold: fit, test, and choice of the
-threshold.
+"""Generalised Pareto distribution (GPD) of values above a threshold: fit, test, threshold
+selection.
 
 The fit is implemented here: SciPy's takes four times as long, and it has no test of a GPD whose
 parameters were fitted to clustered values.
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 FALSE = 0.05  # rate of falsely rejected thresholds
 MAX_PLACE = 2.0  # upper end of the search variable of `fit_gpd`, near the largest shape found
-NEAR_ZERO = 1e-6  # theta times the largest value, of an exponential distribution
-SHAPES = -0.49, 2.0  # of the tables of `_p_value`; the covariance of the fit ends at -0.5
-IMHOF = 0.25 + 0.5 * np.arange(400)  # places of Imhof's integral
+NEAR_ZERO = 1e-6  # |theta| x largest value below which the GPD is taken as exponential
+SHAPES = -0.49, 2.0  # range of the tables of `_p_value`; the covariance of the fit ends at -0.5
+IMHOF = 0.25 + 0.5 * np.arange(400)  # grid for Imhof's integral
 
 
 class Fit(NamedTuple):
@@ -39,8 +39,8 @@ class Fit(NamedTuple):
 def fit_gpd(
     excess: np.ndarray, threshold: float, weight: float = 1.0, max_place: float = MAX_PLACE
 ) -> Fit:
-    """Maximum-likelihood GPD of ordered values, sought along the line of `best_of`; the search
-    variable is that of `theta_at`. `weight` is the fraction of independent values."""
+    """Maximum-likelihood GPD of ordered values, found by a search along the curve of `best_of` with
+    the variable of `theta_at`. `weight` is the fraction of independent values."""
     place = _stationary(excess, max_place)
     if place is None:
         from scipy.optimize import minimize_scalar
@@ -55,13 +55,13 @@ def fit_gpd(
 
 
 def theta_at(place: ArrayLike, excess: np.ndarray) -> np.ndarray:
-    """Theta = shape / scale, never 0, at a place log(1 + theta max) / log(n), near the shape."""
+    """Theta = shape / scale, never 0, for the search variable log(1 + theta max) / log(n)."""
     grown = np.expm1(np.multiply(place, np.log(excess.size)))
     return np.where(np.abs(grown) > NEAR_ZERO, grown, NEAR_ZERO) / excess[-1]
 
 
 def _stationary(excess: np.ndarray, max_place: float) -> float | None:
-    """Place of the optimum, by Newton's method; None if it leaves the bounds."""
+    """Search variable at the optimum, by Newton's method; None if it leaves the bounds."""
     place, n, largest = 0.0, excess.size, excess[-1]
     reach = np.log(n)
     for _ in range(20):
@@ -69,7 +69,7 @@ def _stationary(excess: np.ndarray, max_place: float) -> float | None:
         inverse = 1 / (1 + theta * excess)
         shape, lost = -np.log(inverse).sum() / n, 1 - inverse
         mean, more = lost.sum() / n, 1 + 1 / shape
-        slope = mean * more - 1  # times theta, as the curvature times its square
+        slope = mean * more - 1  # slope times theta, like the curvature times theta squared
         curvature = 1 - (lost @ lost) / n * more - (mean / shape) ** 2
         growth = reach * (1 + 1 / (theta * largest))  # derivative of log(theta)
         bend = growth * (curvature * growth + slope * reach)
@@ -89,7 +89,7 @@ def best_of(theta: float | np.ndarray, excess: np.ndarray) -> tuple[float, float
 
 
 def _anderson_darling(excess: np.ndarray, shape: float, scale: float) -> float:
-    """The statistic A2 of ordered values (Anderson and Darling 1954)."""
+    """Anderson-Darling statistic A2 of ordered values (Anderson and Darling 1954)."""
     log_beyond = -np.log1p(shape * excess / scale) / shape
     log_below = np.log(-np.expm1(log_beyond))
     odd = 2 * np.arange(1, excess.size + 1) - 1
@@ -97,8 +97,8 @@ def _anderson_darling(excess: np.ndarray, shape: float, scale: float) -> float:
 
 
 def _p_value(a2: float, shape: float) -> float:
-    """Probability of a larger A2 with both parameters fitted (Imhof 1961, eq. 3.2)."""
-    a2 = min(a2, 12.0)  # the sum below has a period of 25; the probability vanishes far earlier
+    """Probability of a larger A2 when both parameters are fitted (Imhof 1961, eq. 3.2)."""
+    a2 = min(a2, 12.0)  # the sum below has a period of 25, but the probability vanishes far earlier
     angle, damping = _spectra()(np.clip(shape, *SHAPES))
     wave = np.sin(angle - a2 * IMHOF / 2) / (IMHOF * np.exp(damping))
     return float(np.clip(0.5 + 0.5 * wave.sum() / np.pi, 0, 1))
@@ -106,7 +106,7 @@ def _p_value(a2: float, shape: float) -> float:
 
 @cache
 def _spectra() -> CubicSpline:
-    """Angle and damping of Imhof's integral by shape, to 1e-8: each takes eigenvalues."""
+    """Angle and damping of Imhof's integral by shape, tabulated to 1e-8 to avoid eigenvalues."""
     from scipy.interpolate import CubicSpline
 
     shapes = np.linspace(*SHAPES, 128)
@@ -114,7 +114,7 @@ def _spectra() -> CubicSpline:
 
 
 def _spectrum(shape: float) -> tuple[np.ndarray, np.ndarray]:
-    """Angle and logarithm of the damping at the places of Imhof's integral.
+    """Angle and logarithm of the damping on the grid of Imhof's integral.
 
     A2 tends to a sum of chi-squares with the eigenvalues of a covariance as weights (Choulakian and
     Stephens 2001, section 3).
@@ -124,7 +124,8 @@ def _spectrum(shape: float) -> tuple[np.ndarray, np.ndarray]:
     beyond, log_beyond = 1 - t, np.log1p(-t)
     power = np.expm1(shape * log_beyond)
     slope = np.stack([power / shape, (shape * log_beyond - power) / shape**2]) * beyond
-    covariance = (1 + shape) * np.array([[2, -1], [-1, 1 + shape]])  # log scale and shape
+    #: parameters: log scale and shape
+    covariance = (1 + shape) * np.array([[2, -1], [-1, 1 + shape]])
     kernel = np.minimum.outer(t, t) - np.outer(t, t) - slope.T @ covariance @ slope
     kernel *= np.sqrt(np.outer(weight, weight) / np.outer(t * beyond, t * beyond))
     turn = np.outer(IMHOF, np.linalg.eigvalsh(kernel))
@@ -132,7 +133,7 @@ def _spectrum(shape: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def lowest_valid(tried: Sequence[Fit]) -> Fit | None:
-    """The lowest threshold that ForwardStop keeps (Bader, Yan and Zhang 2018, eq. 4)."""
+    """Lowest threshold that ForwardStop keeps (Bader, Yan and Zhang 2018, eq. 4)."""
     p = np.minimum([fit.p_value for fit in tried], 1 - 1e-12)
     mean = -np.log1p(-p).cumsum() / np.arange(1, p.size + 1)
     given_up = np.flatnonzero(mean <= FALSE)

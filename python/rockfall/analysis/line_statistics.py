@@ -39,9 +39,9 @@ QUANTITIES = (
     "position",
 )
 
-FRAGMENTS = "fragments"  # further quantity of boulders that may break
+FRAGMENTS = "fragments"  # additional quantity for boulders that may break
 
-SIGNED = ("omega", "position")  # signed quantities: neither end is bounded
+SIGNED = ("omega", "position")  # signed quantities, unbounded in both directions
 
 
 def line_statistics(
@@ -51,27 +51,26 @@ def line_statistics(
     quantities: Sequence[str] | None = None,
     lines: Sequence[str | int] | None = None,
 ) -> pd.DataFrame:
-    """One row for each line and quantity (or for each of the `lines`, given by name or index, and
-    `quantities` chosen): n and fraction of the boulders that crossed, then mean, standard deviation
+    """One row for each line and quantity (or for the chosen `lines`, by name or index, and
+    `quantities`): number n and fraction of the boulders that crossed, then mean, standard deviation
     (n - 1), quantiles and maximum, in the units of the result; NaN where none crossed. `NAME_low`
     and `NAME_high` are the limits of the 95 % confidence interval of fraction (Wilson 1927), mean,
     std (Hall 1992) and quantiles (order statistics). The maximum has no interval, because it grows
-    with n. Too few boulders give no valid interval: below 10 that of the mean is NaN, below 100
-    that of std, and limits of quantiles beyond the values of the sample are NaN. `withheld` names
-    the numbers without an interval.
+    with n. With too few boulders limits are NaN: for the mean below 10 boulders, for std below 100,
+    and for quantiles whose limits lie beyond the sample. `withheld` lists the statistics without an
+    interval.
 
-    by = 'source', 'volume' or 'shape' gives these rows for each group of boulders, named in a
-    column of that name, with the number released in `boulders`, to which `fraction` then refers;
-    `classes` are the edges between classes of volume [m3] (see
-    `rockfall.analysis.lines.groups.groups`). Raises RockfallError for another `by` or quantity,
-    or edges that do not increase.
+    by = 'source', 'volume' or 'shape' gives these rows for each group of boulders. A column of that
+    name has the group, and `boulders` its released number, the denominator of `fraction`; `classes`
+    are the edges between classes of volume [m3] (see `rockfall.analysis.lines.groups.groups`).
+    Raises RockfallError for another `by` or quantity, or edges that do not increase.
 
-    energy_total is E_trans + E_rot, rotational_share is E_rot / E_total; position is the distance
-    along the line, from its first vertex, at which a boulder crossed [m]: its std is the lateral
-    spread. jump_height is that of the boulder's point, passing_height of its centre, upper_edge of
+    energy_total is E_trans + E_rot, and rotational_share is E_rot / E_total. position is the
+    distance from the first vertex along the line to the crossing [m]; its std is the lateral
+    spread. jump_height refers to the boulder's point, passing_height to its centre, upper_edge to
     its highest point, all vertical; normal_height and normal_upper_edge are normal to the slope.
     Where boulders may break, fragments is the number of fragments of a boulder that crossed; the
-    other numbers are those of its most energetic fragment (docs/breakage.md).
+    other numbers refer to its most energetic fragment (docs/breakage.md).
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -110,12 +109,12 @@ def line_numbers(
     result: Held, line: int, quantity: str, source: Sources | None = None
 ) -> dict[str, float]:
     """Row of `line_statistics` for a quantity at the line with this index; `source` gives the
-    source of each boulder, if different from the result's."""
+    source of each boulder if it differs from the result's."""
     return numbers(LineSamples(result, source).sample(line, quantity), quantity)
 
 
 def numbers_at(samples: LineSamples, line: int, quantity: str) -> dict[str, float]:
-    """Statistics of a quantity of all boulders at the line of this index, computed once."""
+    """Statistics of a quantity for all boulders at the line with this index, cached."""
     kept = samples.kept(line)
     if quantity not in kept:
         kept[quantity] = numbers(samples.sample(line, quantity), quantity)
@@ -134,8 +133,8 @@ def numbers(sample: Sample, quantity: str) -> dict[str, float]:
 
 def sample_numbers(v: np.ndarray, source: Sources, signed: bool = False) -> dict[str, float]:
     """Mean, standard deviation, quantiles and maximum of values of boulders from these sources,
-    with their intervals; numbers undefined for a single value are absent, limits from too few
-    values NaN. Unless `signed`, means and intervals are not below 0, which keeps their coverage."""
+    with their intervals. Statistics undefined for a single value are absent; limits from too few
+    values are NaN. Unless `signed`, means and limits are at least 0, which keeps the coverage."""
     return numbers_of(Values(v, source), signed)
 
 
@@ -159,7 +158,7 @@ def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
 
 
 def withheld(row: Mapping[str, float]) -> list[str]:
-    """Names of the numbers in a row without a complete interval: too few boulders."""
+    """Names of the statistics in a row without a complete interval: too few boulders."""
     return [
         name
         for name in ("mean", "std", *map(quantile_name, QUANTILES))
@@ -174,12 +173,12 @@ def quantile_name(level: float) -> str:
 
 
 def with_limits(name: str) -> list[str]:
-    """Names of a number and its 95 % limits."""
+    """Names of a statistic and its 95 % limits."""
     return [name, f"{name}_low", f"{name}_high"]
 
 
 def limited(numbers: Mapping[str, float], name: str) -> list[float]:
-    """Number of a row and its limits; NaN where missing."""
+    """Statistic in a row and its limits; NaN where missing."""
     return [numbers.get(key, np.nan) for key in with_limits(name)]
 
 

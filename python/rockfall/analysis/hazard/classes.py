@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulder counts to frequencies with intervals, and frequencies to hazard classes."""
+"""Frequencies with intervals from boulder counts, and hazard classes from frequencies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.case import Case, keys_of
 from rockfall.kernel_rules import count_limits
 
-#: Labels by number; the first one if no boulder passes.
+#: Class labels by number; the first label if no boulder passes.
 CLASSES = ("none", *keys_of("hazard")["matrix"].allowed.split(", "))
 RESIDUAL = 1
 
@@ -27,7 +27,7 @@ class Frequencies(NamedTuple):
 class Matrix(NamedTuple):
     """Hazard classes by intensity and return period."""
 
-    periods: np.ndarray  # [year], rising
+    periods: np.ndarray  # [year], ascending
     classes: np.ndarray  # (intensities + 1, periods); the first intensity is none
 
     @classmethod
@@ -42,13 +42,13 @@ def frequencies(
     parts: Iterable[tuple[np.ndarray, int, float | np.ndarray, float]],
     factor: Sequence[float] = (1.0, 1.0),
 ) -> Frequencies:
-    """Combine scenarios, each given as counts, number of boulders, number of boulders that count as
-    one (`boulders_per_cluster`; of each place, the last dimension, if an array), and annual
-    frequency.
+    """Combine scenarios. Each has counts, the number of boulders, `boulders_per_cluster` (number of
+    boulders that count as one; an array has a value for each place, the last dimension), and an
+    annual frequency.
 
-    The limits are sums of the limits of the scenarios (Wilson's). Scenarios share random numbers,
-    so their errors may have the same sign, for which other rules would be too narrow. They include
-    the lowest and highest `factor` on the annual frequencies.
+    The limits are sums of the Wilson limits of the scenarios: scenarios share random numbers, so
+    their errors may have the same sign, and other rules would be too narrow. They include the
+    lowest and highest `factor` on the annual frequencies.
     """
     value = low = high = np.zeros(())
     for counts, boulders, per_cluster, yearly in parts:
@@ -60,12 +60,12 @@ def frequencies(
 
 def intensities(frequency: np.ndarray, periods: np.ndarray) -> np.ndarray:
     """Intensity reached at least once in each period (periods, ...): 0 none, then from the weakest.
-    `frequency` (intensities, ...) is that of each intensity or a stronger one."""
+    `frequency` (intensities, ...) counts each intensity and stronger ones."""
     return np.stack([np.count_nonzero(frequency >= 1 / period, axis=0) for period in periods])
 
 
 def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) -> np.ndarray:
-    """Highest class over all intensities and periods; residual where only rarer ones passed."""
+    """Highest class over all intensities and periods; residual if boulders pass less often."""
     highest = np.zeros(frequency.shape[1:], "i1")
     for column, intensity in enumerate(intensities(frequency, matrix.periods)):
         np.maximum(highest, matrix.classes[intensity, column], out=highest)
@@ -87,7 +87,7 @@ class Classes(NamedTuple):
 
 
 def classify(rates: Frequencies, matrix: Matrix) -> Classes:
-    """Classify frequencies (intensities, ...); the first is for all passages."""
+    """Classify frequencies (intensities, ...), where the first row counts all passages."""
     passed = rates.value[0] > 0
     value, low, high = (hazard_classes(rate, matrix, passed) for rate in rates)
     return Classes(value, low, high)
@@ -101,16 +101,16 @@ def intensity_words(case: Case) -> list[str]:
 
 
 def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1.0)) -> float:
-    """Upper limit of the frequency [1/year] of an event that no boulder showed, from the numbers of
-    boulders and the frequencies of the scenarios."""
+    """Upper limit of the frequency [1/year] of an event not observed in any simulation, from the
+    numbers of boulders and the frequencies of the scenarios."""
     none = np.zeros(1, "i4")
     parts_known = ((none, boulders, 1, yearly) for boulders, yearly in parts)
     return float(frequencies(parts_known, factor).high[0])
 
 
 def boulders_needed(yearly: float, period: float) -> int:
-    """Number of boulders per scenario needed to show that an event without a simulated occurrence
-    is rarer than once in a period: the upper limit of 0 in n is z2/(n + z2)."""
-    upper = unseen([(1, 1.0)])  # z2/(1 + z2)
+    """Number of boulders per scenario needed to show that an unobserved event is rarer than once in
+    a period: the upper limit of 0 in n is z2/(n + z2)."""
+    upper = unseen([(1, 1.0)])  # equals z2/(1 + z2)
     z2 = upper / (1 - upper)
     return max(1, int(np.ceil(z2 * (yearly * period - 1))))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results of scenarios combined by frequency: a hazard."""
+"""Hazard from the results of scenarios, combined by frequency."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ from rockfall.result.samples import simulated
 from rockfall.result.variables import ENDS
 from rockfall.scene.scene import Scene
 
-LAYOUT = 2  # of the file
+LAYOUT = 2  # version of the file layout
 
 
 @dataclass
@@ -66,7 +66,8 @@ class HazardInputs:
     case: Case
     scene: Scene
     scenarios: list[Scenario]
-    lines: list[dict[str, Any]]  # evaluation lines of the case, after those of objects and segments
+    #: evaluation lines of the case, listed after lines of objects and segments
+    lines: list[dict[str, Any]]
     objects: Objects
     segments: Segments
     remarks: list[str] = field(default_factory=list)  # likely mistakes, one line each
@@ -74,14 +75,14 @@ class HazardInputs:
 
 
 class ScenarioRun:
-    """Numbers kept from the result of a scenario."""
+    """Numbers kept from the result of one scenario."""
 
     def __init__(self, inputs: HazardInputs, scenario: Scenario, result: xr.Dataset) -> None:
         self.boulders, self.yearly = simulated(result), scenario.frequency
         clusters = Clusters.of(result)
-        self.per_cluster = clusters.most  # in cells
+        self.per_cluster = clusters.most  # applies to cells
         self.sample = self.boulders, self.per_cluster, self.yearly
-        # counts by cell (intensities, y, x)
+        # cell counts (intensities, y, x)
         self.passages = _counts(result, "passages", "energy_exceeded")
         self.hits = _counts(result, "hits", "hits_energy_exceeded")
         self.extremes = {name: result[name].values for name in EXTREMES}
@@ -126,7 +127,7 @@ class ScenarioRun:
         self.warnings = model_warnings(without_objects, case_of(result))
 
     def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:
-        """Read boulders at lines and barriers, without lying logs; return their indices."""
+        """Read boulders at lines and barriers, except lying logs; return their indices."""
         names, first = line_names(result), len(inputs.objects.lines) + len(inputs.segments.lines)
         logs = {barrier["name"] for barrier in inputs.case.barrier if "diameter" in barrier}
         has_rows = inputs.case.output["kept"] == "all"
@@ -148,7 +149,7 @@ class ScenarioRun:
         return lines
 
     def samples(self, kind: str) -> list[Sample]:
-        """Sample at each line, object or segment (`kind`)."""
+        """Samples at each line, object or segment (`kind`)."""
         return [(self.boulders, each, self.yearly) for each in self.per_place[kind].tolist()]
 
     def _risk(self, objects: Objects, result: xr.Dataset, clusters: Clusters) -> RunRisk:
@@ -165,7 +166,7 @@ def _counts(result: xr.Dataset, name: str, exceeded: str) -> np.ndarray:
 
 
 def combined(inputs: HazardInputs, runs: Runs) -> xr.Dataset:
-    """Hazard of all scenarios."""
+    """Hazard from all scenarios."""
     matrix, case = Matrix.of(inputs.case), inputs.case
     values = _scenarios(inputs, runs)
     factor = case.hazard["frequency_factor"]
@@ -206,7 +207,7 @@ def combined(inputs: HazardInputs, runs: Runs) -> xr.Dataset:
 
 
 def _grounds(runs: Runs) -> dict[str, np.ndarray]:
-    """Grounds, their models and rebounds over all scenarios; empty with impact sets only."""
+    """Grounds, their models and rebounds over all scenarios; empty if all use impact sets."""
     counts: dict[tuple[str, str], int] = {}
     for ground in (ground for run in runs for ground in run.grounds):
         key = ground.name, ground.model
@@ -231,7 +232,7 @@ def _places(inputs: HazardInputs, run: ScenarioRun, matrix: Matrix) -> dict[str,
 
 
 def _scenarios(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Properties and counts of each scenario, to which other frequencies may be applied."""
+    """Properties and counts of each scenario, so that other frequencies can be applied later."""
     return {
         "frequency": np.array([run.yearly for run in runs]),
         "boulders": np.array([run.boulders for run in runs]),
@@ -248,7 +249,7 @@ def _scenarios(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
 
 
 def _frequencies(rates: Frequencies, yearly: float) -> dict[str, np.ndarray]:
-    """Frequencies of cells with their limits, and quantities derived from them."""
+    """Cell frequencies with their limits, and quantities derived from them."""
     values = _with_ends("passage_frequency", "exceedance_frequency", rates, "f4")
     with np.errstate(divide="ignore"):
         periods = np.where(rates.value > 0, 1 / rates.value, np.nan).astype("f4")
@@ -261,7 +262,7 @@ def _frequencies(rates: Frequencies, yearly: float) -> dict[str, np.ndarray]:
 def _with_ends(
     name: str, exceeded: str, rates: Frequencies, kind: str = "f8"
 ) -> dict[str, np.ndarray]:
-    """Frequencies of all boulders and of those above each threshold, with limits."""
+    """Frequencies of all boulders and of boulders above each threshold, with limits."""
     values = {}
     for end, rate in zip(ENDS, rates, strict=True):
         values[f"{name}{end}"] = rate[0].astype(kind)
@@ -299,7 +300,7 @@ def _objects(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.n
 
 
 def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Frequencies, energies and heights at lines and barriers, and what barriers let pass."""
+    """Frequencies, energies and heights at lines and barriers, and boulders past each barrier."""
     counts = [np.array([[at.energy.size for at in run.at_lines]]) for run in runs]
     rates = _rates("line", runs, counts, inputs.case.hazard["frequency_factor"])
     values = {f"line_frequency{end}": rate[0] for end, rate in zip(ENDS, rates, strict=True)}
@@ -318,7 +319,7 @@ def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
 def _rates(
     kind: str, runs: Runs, counts: Sequence[np.ndarray], factor: Sequence[float]
 ) -> Frequencies:
-    """Frequencies of counts (..., places) of each run at lines, objects or segments (`kind`)."""
+    """Frequencies from counts (..., places) of each run at lines, objects or segments (`kind`)."""
     parts = (
         (count, run.boulders, run.per_place[kind], run.yearly)
         for count, run in zip(counts, runs, strict=True)
@@ -340,7 +341,7 @@ def _by_period(
 
 
 def _levels() -> dict[str, tuple]:
-    """Coordinates of energies and heights by return period, and of the counts above levels."""
+    """Coordinates of energies and heights by return period, and of the exceedance counts."""
     periods = {"units": "year", "long_name": "return period of an event"}
     return {"event_period": ("event_period", np.array(PERIODS), periods)} | {
         f"exceeded_{name}": (
@@ -377,7 +378,7 @@ def _segments(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.
 
 
 def _assumptions(texts: Sequence[Text]) -> dict[str, str]:
-    """Assumptions of the risk: one line each, and as message ids with their values."""
+    """Assumptions of the risk, one per line, and as message ids with values."""
     messages = json.dumps([packed(text) for text in texts])
     return {"risk_assumptions": "\n".join(texts), "risk_messages": messages}
 

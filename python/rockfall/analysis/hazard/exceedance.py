@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Energies and heights by return period, and frequencies by energy, at lines, objects and segments:
-over all scenarios, with boulders weighted by their annual frequency."""
+"""Energies and heights by return period, and frequencies by energy, at lines, objects and segments.
+They cover all scenarios, with boulders weighted by their annual frequency."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from rockfall.result.variables import ENDS, OUTCOME
 class Passing(NamedTuple):
     """Boulders of a run that pass a place."""
 
-    energy: np.ndarray  # kinetic [J]
-    height: np.ndarray  # of the centre above the ground, vertical [m]
+    energy: np.ndarray  # kinetic energy [J]
+    height: np.ndarray  # height of the centre above the ground, vertical [m]
 
 
 def passing_of(result: xr.Dataset, line: int) -> Passing:
-    """Boulders of a result that cross the line of this index."""
+    """Boulders of a result that cross the line with this index."""
     at = AtLine(result, line)
     return Passing(at.values("energy_total"), at.values("passing_height"))
 
 
 def behind(result: xr.Dataset, line: int) -> int:
-    """Number of boulders that reach the line of this index and are stopped by no barrier."""
+    """Number of boulders that reach the line with this index and that no barrier stops."""
     at = AtLine(result, line)
     if "crossing_outcome" not in result:
         return at.boulders.size
@@ -38,8 +38,8 @@ def behind(result: xr.Dataset, line: int) -> int:
 
 
 def class_behind(at: Passing) -> np.ndarray:
-    """Number of boulders (classes, heights) that a barrier of each class of EAD 340059 and each
-    height of `EXCEEDED` would let pass, through or over it, by the rule of the kernel."""
+    """Number of boulders (classes, heights) that would pass through or over a barrier of each EAD
+    340059 class and each height of `EXCEEDED`, by the rule of the kernel."""
     counts = np.empty((CLASS_ENERGY.size, EXCEEDED["height"].size), "i4")
     for row, capacity in zip(counts, CLASS_ENERGY, strict=True):
         held = np.sort(at.height[at.energy <= capacity])
@@ -56,11 +56,10 @@ def exceedance_numbers(
     runs: Sequence[Sequence[Sample]],
     factor: Sequence[float] = (1.0, 1.0),
 ) -> dict[str, np.ndarray]:
-    """Values of the table of a hazard at places, by their names without the prefix: energies and
-    heights by return period with their limits, and counts above each of `EXCEEDED`, from the
-    boulders of each run that pass each place; None where only counts are known. `runs` has a sample
-    for each place of each run. `factor`: as in
-    `rockfall.analysis.hazard.classes.frequencies`."""
+    """Values for the hazard table at places, by name without the prefix: energies and heights by
+    return period with their limits, and counts above each of `EXCEEDED`, from the boulders of each
+    run that pass each place; None where only counts are known. `runs` has a sample for each place
+    of each run. `factor`: as in `rockfall.analysis.hazard.classes.frequencies`."""
     places = [*zip(*passing, strict=True)]
     by_place = [*zip(*runs, strict=True)]
     values: dict[str, np.ndarray] = {}
@@ -87,15 +86,16 @@ def levels_by_period(
     """Value reached once in each of `PERIODS` with its 95 % limits, (3, periods), from the values
     of passing boulders in each run.
 
-    The value is 0 if boulders pass less often. Limits are the values at which the limits of the
-    frequency (`frequencies`) equal one event in the period; the upper limit is infinite if even
-    unobserved values may be that frequent.
+    The value is 0 if boulders pass less often. At each limit, the same limit of the frequency
+    (`frequencies`) is once per period. The upper limit is infinite if even unobserved values may be
+    that frequent.
     """
     sample = np.concatenate(values)
     of_run = np.repeat(np.arange(len(runs)), [part.size for part in values])
     order = np.argsort(-sample, kind="stable")
     counts = np.cumsum(of_run[order, None] == np.arange(len(runs)), axis=0, dtype="i4")
-    counts = np.concatenate([np.zeros((1, len(runs)), "i4"), counts])  # from that of no boulder
+    #: starts with a row for no boulders
+    counts = np.concatenate([np.zeros((1, len(runs)), "i4"), counts])
     rates = frequencies(((counts[:, k], *run) for k, run in enumerate(runs)), factor)
     steps = np.concatenate([[np.inf], sample[order], [0.0]])
     return np.array([steps[np.searchsorted(rate, [1 / T for T in PERIODS])] for rate in rates])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recognition of a finished hazard, which `--resume` leaves unchanged."""
+"""Detection of a finished hazard, which `--resume` leaves unchanged."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from rockfall.result.dataset import DAMAGED
 from rockfall.scene.scene import Scene
 from rockfall.version import __version__
 
-ENERGIES = np.geomspace(1.0, 1e9, 64)  # [J] at which curves are compared
+ENERGIES = np.geomspace(1.0, 1e9, 64)  # energies [J] at which curves are compared
 
 
 def layers_checksum(objects: Objects, segments: Segments) -> str:
-    """SHA-256 of the decoded objects with attributes and curves, and of the segments."""
+    """SHA-256 checksum of decoded objects with attributes and curves, and of segments."""
     harms = [
         (quantity, harm and (harm.scale, harm.length, harm.curve.fraction(ENERGIES).tolist()))
         for quantity, all_harms in objects.exposed.harms.items()
@@ -38,8 +38,8 @@ def layers_checksum(objects: Objects, segments: Segments) -> str:
 
 
 def is_finished(path: Path, case: Case, scene: Scene, objects: Objects, segments: Segments) -> bool:
-    """Return True if a file is the hazard of a case, of these inputs, by this version. Return False
-    for any other file, or a damaged one."""
+    """Return True if a file is a hazard made from this case and these inputs by this version.
+    Return False for any other or damaged file."""
     expected = {
         "version": __version__,
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),

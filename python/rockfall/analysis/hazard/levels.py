@@ -21,7 +21,7 @@ PLACES = "line", "object", "segment"
 
 
 class Period(NamedTuple):
-    """Return period [year] and its limits; infinite if no boulder arrived."""
+    """Return period [year] with its limits; infinite if no boulder arrived."""
 
     value: float
     low: float
@@ -29,10 +29,10 @@ class Period(NamedTuple):
 
 
 def exceedance(hazard: xr.Dataset, place: str, quantity: str = "energy") -> pd.DataFrame:
-    """Annual frequency of boulders with more than each energy [J], or height of the centre above
-    the ground [m], at a line, object or segment of a hazard: columns `energy` or `height`,
-    `frequency` [1/year], and the limits `low`, `high` of its 95 % interval. The first row, 0, is
-    for all boulders. A RockfallError lists the names if there is no such place.
+    """Annual frequency of boulders that exceed each energy [J], or height of the centre above the
+    ground [m], at a line, object or segment of a hazard: columns `energy` or `height`, `frequency`
+    [1/year], and the limits `low`, `high` of its 95 % interval. The first row, 0, counts all
+    boulders. A RockfallError for an unknown place lists the known names.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -50,8 +50,8 @@ def return_period(
     hazard: xr.Dataset, place: str, *, energy: float | None = None, height: float | None = None
 ) -> Period:
     """Return period [year] of boulders above an energy [J] or a height [m] at a line, object or
-    segment; of all boulders if neither is given. Between two counted levels the frequency follows a
-    power law, with the limits of the levels on either side.
+    segment, or of all boulders if neither is given. Between two counted levels the frequency
+    follows a power law; its limits are the limits at the two levels.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -82,9 +82,10 @@ def return_period(
 
 
 def period_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """One row for each line, object and segment, and each return period: `place` (line, object or
-    segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with their limits. 0:
-    boulders are rarer than that; an empty or infinite upper limit: too few boulders."""
+    """Table with one row for each line, object and segment, and each return period: `place` (line,
+    object or segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with their
+    limits. 0 means that boulders arrive less often; an empty or infinite upper limit means too few
+    boulders."""
     rows = [
         {
             "place": kind,
@@ -106,8 +107,8 @@ def period_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def yearly(hazard: xr.Dataset, kind: str, k: int, counts: np.ndarray) -> Frequencies:
-    """Frequencies [1/year] from boulder counts by scenario (scenario, ...), at the line, object
-    or segment (`kind`) of index k."""
+    """Frequencies [1/year] from boulder counts by scenario (scenario, ...), at the line, object or
+    segment (`kind`) with index k."""
     per_cluster = hazard["boulders_per_cluster"].values
     if (name := f"{kind}_boulders_per_cluster") in hazard:
         per_cluster = hazard[name].values[:, k]
@@ -125,7 +126,7 @@ def _kinds(hazard: xr.Dataset) -> Iterator[str]:
 
 
 def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, Frequencies]:
-    """Levels from 0, and the exceedance frequency of each."""
+    """Levels from 0, and the exceedance frequency of each level."""
     if quantity not in LEVELS:
         raise RockfallError(f"{quantity}: must be one of {', '.join(LEVELS)}")
     kind, k = find_place(hazard, place)
@@ -140,7 +141,7 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
 
 
 def find_place(hazard: xr.Dataset, place: str, among: Sequence[str] = PLACES) -> tuple[str, int]:
-    """Kind (one of the given kinds) and index of a place with this name."""
+    """Kind (from the given kinds) and index of the place with this name."""
     if "frequency" not in hazard:
         raise RockfallError(
             f"{place}: a run has no annual frequencies: add &scenario groups to the case, and use "

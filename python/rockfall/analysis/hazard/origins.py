@@ -19,31 +19,32 @@ if TYPE_CHECKING:
 
     from rockfall.io.rasters.grid import Grid
 
-SOURCES = ("line", "object")  # kinds of places with sources
+SOURCES = ("line", "object")  # kinds of places with known sources
 LEVEL = 0.95
-ENERGIES = ("energy_mean", *(f"energy_q95{end}" for end in ENDS))  # of the boulders that arrive [J]
+#: energies of arriving boulders [J]
+ENERGIES = ("energy_mean", *(f"energy_q95{end}" for end in ENDS))
 
 
 class Arrivals(NamedTuple):
     """Boulders that reach a place."""
 
-    start: np.ndarray  # grid number of the cell where each starts; here, index of the boulder
-    energy: np.ndarray  # kinetic [J]
+    start: np.ndarray  # grid number of each start cell; here, index of the boulder
+    energy: np.ndarray  # kinetic energy [J]
 
 
 class Origins(NamedTuple):
     """Start cells of the boulders of a run, and the boulders that reach each place, by kind of
-    place; None for a place where only counts are known."""
+    place. None for a place with known counts only."""
 
     cells: np.ndarray  # grid numbers, ascending
-    boulders: np.ndarray  # that start in each
+    boulders: np.ndarray  # number of boulders that start in each cell
     at: Mapping[str, Sequence[Arrivals | None]]
 
     @classmethod
     def of(
         cls, result: xr.Dataset, grid: Grid, at: Mapping[str, Sequence[Arrivals | None]]
     ) -> Origins:
-        """Origins of the boulders of a result; `at`: those that reach each place, by index."""
+        """Origins of the boulders of a result; `at`: boulders that reach each place, by index."""
         rows, columns = grid.cells(*(result[f"start_{axis}"].values for axis in "xy"))
         cells = rows * grid.nx + columns
         places = {
@@ -56,9 +57,9 @@ class Origins(NamedTuple):
 def origin_numbers(
     runs: Sequence[Origins], weights: Sequence[float], grid: Grid
 ) -> dict[str, np.ndarray]:
-    """Variables of a hazard for its origins, from the runs and the frequency [1/year] that a
-    boulder of each represents: cell centres, boulders a year that start in each cell, and for each
-    place the boulders a year from there that reach it, and their energies [J]."""
+    """Origin variables of a hazard, from the runs and the frequency [1/year] that each boulder
+    represents: cell centres, annual number of boulders that start in each cell, and for each place
+    the annual number from each cell that reaches it, with energies [J]."""
     cells = np.unique(np.concatenate([run.cells for run in runs]))
     rows, columns = np.divmod(cells, grid.nx)
     numbers = {"source_x": grid.x[columns], "source_y": grid.y[rows]}
@@ -79,8 +80,8 @@ def origin_numbers(
 def _arriving(
     runs: Sequence[Arrivals | None], weights: Sequence[float], cells: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Boulders a year that reach a place from each cell, and mean and 95 % quantile of their
-    energies with its interval; NaN without boulders, or where only counts are known."""
+    """Annual number of boulders that reach a place from each cell, and mean and 95 % quantile of
+    their energies with its interval; NaN without boulders, or with known counts only."""
     arrivals = [run for run in runs if run is not None]
     if len(arrivals) < len(runs):
         return dict.fromkeys(("frequency", *ENERGIES), np.full(cells.size, np.nan))
@@ -105,9 +106,8 @@ def origins(hazard: xr.Dataset, place: str) -> pd.DataFrame:
     centre `x`, `y` [m], `frequency` [1/year] of its boulders that arrive, their `share` of all
     arriving boulders, the fraction `reach` of the cell's boulders that arrive, and their kinetic
     energies [J]: `energy_mean` and `energy_q95`, the 95 % quantile, with its 95 % interval
-    `energy_q95_low`, `energy_q95_high`, NaN where too few boulders arrive for a limit. A
-    RockfallError lists the names if there is no such place, and refuses points
-    without a width.
+    `energy_q95_low`, `energy_q95_high`, NaN if too few boulders arrive. A RockfallError for an
+    unknown place lists the known names; points without a width are refused.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -125,7 +125,7 @@ def origins(hazard: xr.Dataset, place: str) -> pd.DataFrame:
 
 
 def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
-    """Table of `origins` at the line or object (`kind`) of index k."""
+    """Table of `origins` at the line or object (`kind`) with index k."""
     import pandas as pd
 
     rates = hazard[f"{kind}_source_frequency"].values[k]
@@ -135,6 +135,6 @@ def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
     columns["share"] = rates[order] / rates.sum() if order.size else rates[order]
     columns["reach"] = rates[order] / hazard["source_frequency"].values[order]
     for name in ENERGIES:
-        if f"{kind}_source_{name}" in hazard:  # not in older files
+        if f"{kind}_source_{name}" in hazard:  # missing in older files
             columns[name] = hazard[f"{kind}_source_{name}"].values[k][order]
     return pd.DataFrame(columns)

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from shapely import Geometry
 
-ARC = 4  # segments of a quarter of a circle
-TOLERANCE = 0.25  # of simplified outlines, in cells
-NEGLIGIBLE = 0.01  # area of rounding errors, in cells
-TOUCHING = 1e-6  # [m]
-GRID = 2.0**-20  # grid of coordinates, in cells: overlays without it fail with some builds of GEOS
-PASSES = 2  # passes of raising narrow parts: raising a part may narrow its neighbours
+ARC = 4  # segments per quarter circle
+TOLERANCE = 0.25  # tolerance of simplified outlines, in cells
+NEGLIGIBLE = 0.01  # area attributed to rounding, in cells
+TOUCHING = 1e-6  # distance at which parts count as touching [m]
+GRID = 2.0**-20  # coordinate grid, in cells: without it overlays fail with some builds of GEOS
+PASSES = 2  # passes that raise narrow parts: a raised part may narrow its neighbours
 
 
 def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Geometry]:
-    """Generalise the areas of classes, from the lowest. They do not overlap, and cover the same
-    area as before, to the resolution of the coordinates. `width` and `cell` are in metres."""
+    """Generalise the areas of classes, from the lowest class. The results do not overlap, and cover
+    the same area to coordinate resolution. `width` and `cell` are in metres."""
     import shapely
 
     least, grid = NEGLIGIBLE * cell**2, {"grid_size": GRID * cell}
@@ -51,16 +51,16 @@ def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Ge
 
 
 def polygons_of(area: Geometry, least: float = 0.0) -> Iterator[Geometry]:
-    """The polygons of an area that are larger than the given area [m2]."""
+    """Polygons of an area that are larger than the given area [m2]."""
     for part in getattr(area, "geoms", [area]):
         if part.geom_type == "Polygon" and part.area > least:
             yield part
 
 
 def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
-    """Smooth outline around an area, which fills gaps narrower than the width. A simplified outline
-    deviates by up to the tolerance, so simplification starts from an outline offset by that
-    distance; straight segments may still cut a curved corner."""
+    """Smooth outline around an area that fills gaps narrower than the width. Simplification may
+    deviate by the tolerance, so it starts from an outline offset by that distance; straight
+    segments may still cut a curved corner."""
     out, tolerance = width / 2, TOLERANCE * cell
     smooth = area.buffer(out, ARC).buffer(tolerance - out, ARC).simplify(tolerance)
     return smooth.union(area, grid_size=GRID * cell)
@@ -69,7 +69,7 @@ def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
 def _narrow_parts(
     area: Geometry, width: float, least: float, grid: dict[str, float]
 ) -> list[Geometry]:
-    """Parts of an area, larger than `least` [m2], where no disc of this width fits."""
+    """Parts of an area, larger than `least` [m2], too narrow for a disc of this width."""
     attrs = {"join_style": "mitre", "mitre_limit": 2.0}
     wide = area.buffer(-width / 2, **attrs).buffer(width / 2 * (1 + 1e-9), **attrs)
     return list(polygons_of(area.difference(wide, **grid), least))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenarios of a case: classes of boulders, each with its run, and their frequencies."""
+"""Scenarios of a case: boulder classes with their runs and frequencies."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ OUTPUT: dict[str, Any] = {  # output needed for a hazard
     ],
     "map_extent": "terrain", "rebounds": False, "trajectories": 0,
 }  # fmt: skip
-KM2 = 1e6  # [m2]
+KM2 = 1e6  # area in m2
 
 
 class Scenario(NamedTuple):
-    """A class of boulders as its own case, with the annual number of releases."""
+    """A boulder class as its own case, with the annual number of releases."""
 
     name: str
-    frequency: float  # of all sources together [1/year]
+    frequency: float  # total over all sources [1/year]
     case: Case
 
 
 def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
-    """Case common to all scenarios, with this output; refused without valid scenarios."""
+    """Case common to all scenarios, with this output; invalid scenarios raise an error."""
     if not case.scenario:
         raise RockfallError(
             f"{case.name}: a hazard needs a &scenario: a class of boulders with its frequency"
@@ -54,7 +54,7 @@ def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
 
 
 def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
-    """Scenarios for the scene of a base case, with evaluation lines."""
+    """Scenarios for the scene of a base case with evaluation lines."""
     case = scene.case.replace(line=lines)
     return [
         Scenario(scenario["name"], _frequency(scenario, scene), _case(case, scenario))
@@ -63,8 +63,8 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
 
 
 def scenario_remarks(scene: Scene) -> Iterator[str]:
-    """Remarks on properties given both by scenarios and by the source layer; refused if the layer
-    gives the property for every source."""
+    """Remarks on properties given by both the scenarios and the source layer; an error if the layer
+    gives a property for every source."""
     case = scene.case
     for what, keys, given in _of_layer(scene):
         for scenario in case.scenario:
@@ -81,7 +81,7 @@ def scenario_remarks(scene: Scene) -> Iterator[str]:
 
 
 def scenario_warnings(scene: Scene, scenarios: Sequence[Scenario]) -> list[InputWarning]:
-    """Likely mistakes in a case and, under their names, in its scenarios; each once."""
+    """Likely mistakes in a case and in its scenarios (with their names), each listed once."""
     doubts = list(input_warnings(scene))
     for scenario in scenarios:
         own = replace(scene, case=scenario.case, findings=Findings())
@@ -95,8 +95,8 @@ def scenario_warnings(scene: Scene, scenarios: Sequence[Scenario]) -> list[Input
 
 
 def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
-    """Properties that both a source layer and a scenario may give: name, keys of the scenario, and
-    a mask of sources for which the layer gives it."""
+    """Properties that both a source layer and a scenario may give: name, scenario keys, and a mask
+    of sources for which the layer gives the property."""
     features = scene.features
     if features is not None and features.law is not None and features.value is not None:
         yield "volume", VOLUMES, features.law[features.number - 1] > 0
@@ -104,8 +104,8 @@ def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]
 
 
 def _case(case: Case, scenario: dict[str, Any]) -> Case:
-    """Case with the boulders of a scenario. A scenario with a volume distribution defines all its
-    keys; otherwise it changes single keys of &boulder."""
+    """Case with the boulders of a scenario. A volume distribution in the scenario replaces all
+    volume keys; otherwise the scenario changes single keys of &boulder."""
     boulder: dict[str, Any] = dict.fromkeys(VOLUMES) if "volume" in scenario else {}
     boulder |= {"rock_density": None} if "density" in scenario else {}
     boulder |= {key: scenario[key] for key in (*VOLUMES, "density") if key in scenario}
@@ -117,7 +117,7 @@ def _case(case: Case, scenario: dict[str, Any]) -> Case:
 
 
 def _frequency(scenario: dict[str, Any], scene: Scene) -> float:
-    """Annual number of boulders over all sources [1/year]."""
+    """Annual number of boulders from all sources [1/year]."""
     given = stated_frequency(scenario, scene.case.boulder)
     values: dict[str, Any] = {
         "year": 1.0,

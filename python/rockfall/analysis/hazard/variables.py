@@ -18,13 +18,13 @@ from rockfall.result.variables import ENDS, MAP
 
 MEANINGS = ("", "lower limit of the 95 % interval of ", "upper limit of the 95 % interval of ")
 CLASS_ENDS = {"": "", "_lower": "lowest ", "_upper": "highest "}
-EXTREMES = {  # maps whose extreme over the scenarios is kept
+EXTREMES = {  # maps with the extreme over the scenarios
     "energy_line_angle_max": np.fmax,
     "energy_line_angle_min": np.fmin,
     "travel_time_min": np.fmin,
 }
 YEARLY, YEARS, PART = "year-1", "year", "1"
-PERIODS = (10.0, 30.0, 100.0, 300.0, 1000.0)  # of energies and heights [year]
+PERIODS = (10.0, 30.0, 100.0, 300.0, 1000.0)  # return periods of energies and heights [year]
 LEVELS = {  # units and meaning of quantities listed by return period
     "energy": ("J", "kinetic energy"),
     "height": ("m", "vertical height of the centre above the ground"),
@@ -58,12 +58,12 @@ class Variable(NamedTuple):
     dims: tuple[str, ...]
     units: str
     long_name: str
-    words: str = ""  # words for numbers: hazard, intensity, certain or risk
+    words: str = ""  # kind of words for the numbers: hazard, intensity, certain or risk
     comment: str = ""
 
     @property
     def is_map(self) -> bool:
-        """Return True for one or several maps in plan."""
+        """Return True if the variable is one or several maps in plan."""
         return self.dims[-2:] == PLAN and {*self.dims} <= {*PLAN, *BEYOND}
 
     def about(self, case: Case) -> dict[str, Any]:
@@ -78,7 +78,7 @@ class Variable(NamedTuple):
 
 
 def words_of(kind: str, case: Case) -> Sequence[str]:
-    """Meanings of the numbers from 0."""
+    """Words for the numbers, counted from 0."""
     words = {"hazard": CLASSES, "certain": ("no", "yes"), "risk": RISK_CLASSES}
     return intensity_words(case) if kind == "intensity" else words[kind]
 
@@ -101,7 +101,7 @@ def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable
 
 
 def _by_period(prefix: str, dims: tuple[str, ...], where: str) -> Iterator[tuple[str, Variable]]:
-    """Energies and heights by return period, the counts behind exceedance curves, and the
+    """Energies and heights by return period, counts for exceedance curves, and the number of
     boulders that count as one in their limits."""
     what = f"boulders {where} that count as one independent boulder in the intervals"
     yield f"{prefix}boulders_per_cluster", Variable(("scenario", *dims), PART, what)
@@ -262,11 +262,11 @@ def _exposed() -> Iterator[tuple[str, Variable]]:
 
 
 TABLE = dict(_table())
-CLASS_ENERGY = np.array(EAD_ENERGY)  # of barriers of each class [J]
+CLASS_ENERGY = np.array(EAD_ENERGY)  # barrier energy of each class [J]
 
 
 def map_names(case: Case) -> Iterator[tuple[str, Variable]]:
-    """The maps in plan of the hazard of a case."""
+    """Names of the maps in plan in the hazard of a case."""
     places = {
         "threshold": [1000 * threshold for threshold in case.hazard["thresholds"]],
         "return_period": case.hazard["return_periods"],

@@ -27,12 +27,12 @@ class Zones(NamedTuple):
     shapes: np.ndarray
     number: np.ndarray
     cells: np.ndarray
-    patch: np.ndarray  # (y, x): polygon around the middle of each cell, from 1; 0 if none
+    patch: np.ndarray  # (y, x): number of the polygon at the centre of each cell, from 1; 0 if none
 
 
 def zones_by_cell(hazard: xr.Dataset) -> Zones:
-    """Zones of a hazard class along cell edges, each of at least the `minimum_area` of the case:
-    GDAL's sieve merges smaller patches into their largest neighbour."""
+    """Zones of a hazard class along cell edges, each at least the case's `minimum_area`: GDAL's
+    sieve merges smaller patches into their largest neighbour."""
     numbers, grid = _north_up(hazard["hazard_class"])
     return _by_cell(numbers, grid, case_in(hazard.attrs).hazard["minimum_area"])
 
@@ -45,8 +45,8 @@ def _by_cell(numbers: np.ndarray, grid: Grid, minimum_area: float) -> Zones:
 
 
 def zones_of(hazard: xr.Dataset) -> Zones:
-    """Zones of a hazard class with generalised outlines, no part narrower than the `minimum_width`
-    of the case; along cell edges if that is zero. Used for texts, files and figures."""
+    """Zones of a hazard class with generalised outlines, no part narrower than the case's
+    `minimum_width`; along cell edges if that is zero. Used for texts, files and figures."""
     numbers, grid = _north_up(hazard["hazard_class"])
     keys = case_in(hazard.attrs).hazard
     return _generalised(numbers.tobytes(), grid, keys["minimum_area"], keys["minimum_width"])
@@ -79,7 +79,7 @@ def highest_classes(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def lowered_area(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
-    """Area [m2] of each class that the zones show with a lower class or none."""
+    """Area [m2] of each class that the zones show in a lower class or omit."""
     numbers, grid = _north_up(hazard["hazard_class"])
     shown = np.concatenate([[0], zones.number])[zones.patch]
     return np.bincount(numbers[shown < numbers], minlength=len(CLASSES)) * grid.cell**2

@@ -19,7 +19,7 @@ MAX_AROUND = 0.01  # fraction of the boulders of a line that may pass around the
 
 def goes_around(result: xr.Dataset, line: int, barriers: Sequence[int]) -> np.ndarray:
     """Mask (boulder,) of the boulders that reach a line without meeting any of these barriers
-    before; lines and barriers by index."""
+    before. Lines and barriers are given by index."""
     there = line_values(result, "time", line)
     around = np.isfinite(there)
     for barrier in barriers:
@@ -40,15 +40,16 @@ def barriers_above(result: xr.Dataset, line: int) -> list[int]:
 
 
 def _meets_first(here: np.ndarray, there: np.ndarray) -> bool:
-    """Return True if a boulder that comes here at a time did not come there before."""
+    """Return True for a boulder that arrives here at a time and did not arrive there before."""
     return bool((np.isfinite(here) & ~(there < here)).any())
 
 
 def around_by_line(
     result: xr.Dataset, lines: Sequence[int]
 ) -> Iterator[tuple[int, list[int], np.ndarray]]:
-    """Each line with barriers above it, these, and the mask of `goes_around`, where more than
-    `MAX_AROUND` of the boulders that reach the line or one of the barriers go around."""
+    """Lines with more than `MAX_AROUND` of the boulders passing around barriers above them,
+    relative to the boulders that reach the line or a barrier: line, barriers, and the mask of
+    `goes_around`."""
     for line in lines:
         if barriers := barriers_above(result, line):
             around = goes_around(result, line, barriers)

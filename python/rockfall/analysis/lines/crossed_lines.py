@@ -23,8 +23,8 @@ COLUMNS = ["name", "kind", "distance", "height", "capacity", "n", *envelope_name
 
 
 def crossed_lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> pd.DataFrame:
-    """One row for each place where a section (vertices x + iy) crosses a line, a barrier or a dam
-    of a result, in order: COLUMNS, with the barrier's height [m] and capacity [J]. The numbers
+    """Table with one row for each place where a section (vertices x + iy) crosses a line, barrier
+    or dam of a result, in order: COLUMNS, with barrier height [m] and capacity [J]. The numbers
     cover all boulders that cross the line within a distance [m] on either side; NaN unless all rows
     are kept."""
     rows = [*_lines(result, vertices, within), *_dams(result, vertices)]
@@ -52,7 +52,7 @@ def _lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> Iterator[
 
 
 def _dams(result: xr.Dataset, vertices: np.ndarray) -> Iterator[dict[str, Any]]:
-    """Rows of dams, at their centre lines."""
+    """Rows of dams, located at their centre lines."""
     for k, dam in enumerate(case_of(result).dam, start=1):
         middle = np.array(dam["x"]) + 1j * np.array(dam["y"])
         for distance in intersections(vertices, middle)[0]:

@@ -24,8 +24,8 @@ def envelope_names(prefix: str = "") -> list[str]:
 def envelopes(
     values: Mapping[str, np.ndarray], source: Sources, prefix: str = ""
 ) -> dict[str, float]:
-    """Statistics of the boulders with known (not NaN) quantities, by `envelope_names`. Those
-    without a complete interval are left out; the maximum is given for any number of boulders."""
+    """Statistics of the boulders with known (not NaN) quantities, by `envelope_names`. Statistics
+    without a complete interval are omitted; the maximum is given for any number of boulders."""
     columns: dict[str, float] = {}
     for quantity in QUANTITIES:
         is_known = np.isfinite(values[quantity])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Groups of the boulders of a result: by source, by class of volume, or by block shape."""
+"""Groups of the boulders of a result: by source, volume class, or block shape."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 BY = ("source", "volume", "shape")
-MAX_SOURCES = 50  # beyond this, neighbours by number share a group
-RANGES = 20  # number of these groups
-MAX_VOLUMES = 6  # maximum number of distinct volumes with a class each
+MAX_SOURCES = 50  # with more sources, neighbours by number share a group
+RANGES = 20  # number of these shared groups
+MAX_VOLUMES = 6  # maximum number of distinct volumes that each get a class
 
-Group = tuple[str, np.ndarray]  # name, and mask of its boulders
+Group = tuple[str, np.ndarray]  # name, and mask of boulders
 
 
 def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> list[Group]:
     """Groups of boulders: each boulder is in exactly one group, and no group is empty.
 
-    by = 'source': the polygons or points of the source layer, by their names; without a layer the
-    sources, by number. by = 'volume': `classes` are the edges between classes [m3]; by default the
-    distinct volumes if few, or quarters of the boulders. An edge belongs to the class above it.
-    by = 'shape': the block shapes, of a run with several.
+    by = 'source': the polygons or points of the source layer, by name, or without a layer the
+    sources, by number. by = 'volume': `classes` are the edges between classes [m3]; the default is
+    the distinct volumes if few, else quarters of the boulders. An edge belongs to the class above
+    it. by = 'shape': the block shapes, in a run with several shapes.
     """
     check_by(by, classes)
     if by == "shape":

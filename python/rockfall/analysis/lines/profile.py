@@ -19,9 +19,9 @@ from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import lines
 from rockfall.terrain.polyline import lengths
 
-MAX_WINDOWS = 10_000  # of a line
-ROUNDING = 1e-9  # relative to lengths: narrower windows are rounding errors
-WINDOWS = 40  # approximate number per line, if no width is given
+MAX_WINDOWS = 10_000  # maximum per line
+ROUNDING = 1e-9  # narrower windows, relative to the line length, are rounding errors
+WINDOWS = 40  # approximate number per line without a given width
 SHOWN = {"energy_total": ("mean", "q95"), "passing_height": ("mean", "q95")}
 _NUMBERS = [f"{name}_{number}" for name, numbers in SHOWN.items() for number in numbers]
 _COLUMNS = ["line", "start", "end", "n"]
@@ -31,15 +31,15 @@ _COLUMNS += [
 
 
 def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> pd.DataFrame:
-    """One row for each window of `width` [m] along a line, from its first vertex; the last may be
-    shorter. The default is a round width that gives about 40 windows.
+    """Table with one row for each window of `width` [m] along a line, from its first vertex. The
+    last window may be shorter. The default is a round width that gives about 40 windows.
 
-    `start` and `end` [m]; `n` and `fraction` of boulders whose first crossing is there; `per_metre`
-    is that fraction divided by the window length [1/m]; mean and 95 % quantile of the total energy
-    [J] and of the passing height (centre, vertical) [m] of crossing boulders. `..._low` and
-    `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`; NaN where too
-    few cross. Raises RockfallError for an unknown line, and for a width that is not above 0 or
-    gives more than 10,000 windows.
+    `start` and `end` [m] of the window; `n` and `fraction` of boulders whose first crossing is in
+    it; `per_metre`, the fraction divided by the window length [1/m]; mean and 95 % quantile of the
+    total energy [J] and of the passing height (centre, vertical) [m] of crossing boulders.
+    `..._low` and `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`;
+    NaN where too few cross. Raises RockfallError for an unknown line, and for a width that is not
+    above 0 or gives more than 10,000 windows.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -77,7 +77,7 @@ def line_number(result: xr.Dataset, line: str) -> int:
 def windows(
     result: xr.Dataset, line: int, width: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of windows along a line [m], and each boulder's window, -1 if it misses the line."""
+    """Window edges along a line [m], and each boulder's window, -1 if it misses the line."""
     _, x, y = lines(result)[line]
     length = float(lengths(x + 1j * y)[-1])
     width = round_step(length / WINDOWS) if width is None else width

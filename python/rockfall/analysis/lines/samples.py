@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples of the quantities at lines, for all boulders of a result or for groups: from rows of
-boulders or, if a run keeps none, from counts and sums."""
+"""Samples of the quantities at lines, for all boulders of a result or for groups, from boulder rows
+or, in a run without rows, from counts and sums."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class LineSamples:
         if self._has_kept:
             source = sources(result)
         self._source = source
-        self._last: tuple[int, AtLine, Passing] | None = None  # of the last line
+        self._last: tuple[int, AtLine, Passing] | None = None  # for the last line requested
         self.sampled = are_sampled(result) if source is None else source.sampled
 
     @property
@@ -49,7 +49,7 @@ class LineSamples:
 
     @property
     def sources(self) -> int:
-        """Number of sources; at most that of groups for counted boulders of unequal releases."""
+        """Number of sources; for counted boulders with unequal releases at most that of groups."""
         if self._source is not None:
             return self._source.count
         case = case_of(self.result)
@@ -58,15 +58,15 @@ class LineSamples:
         return int(np.count_nonzero(self._released(None)))
 
     def given(self) -> LineSamples:
-        """Samples that treat the sources as given rather than sampled."""
+        """Samples with the sources taken as given rather than sampled."""
         source = None if self._source is None else replace(self._source, sampled=False)
         samples = LineSamples(self.result, source)
         samples.sampled = False
         return samples
 
     def groups(self, by: str, classes: Sequence[float] | None = None) -> list[Group]:
-        """Groups of boulders, as in `rockfall.analysis.lines.groups.groups`; for counted boulders,
-        the parts of the sources in each."""
+        """Groups of boulders, as in `rockfall.analysis.lines.groups.groups`; for boulders kept as
+        counts, the parts of the sources in each group."""
         if not self._counted:
             return groups(self.result, by, classes)
         check_by(by, classes)
@@ -77,7 +77,7 @@ class LineSamples:
         return [group for group in chosen if self._released(group[1]).any()]
 
     def sample(self, line: int, quantity: str, chosen: np.ndarray | None = None) -> Sample:
-        """Sample of a quantity at the line of this index, for all boulders or a group."""
+        """Sample of a quantity at the line with this index, for all boulders or a group."""
         if self._counted:
             return self._counts(line, quantity, chosen)
         at, passing = self._at(line)
@@ -86,16 +86,16 @@ class LineSamples:
             return Values(values, passing)
         assert self._source is not None
         among = chosen[at.boulders]
-        places = np.cumsum(chosen) - 1  # among those chosen
+        places = np.cumsum(chosen) - 1  # positions among the chosen boulders
         which = places[at.boulders[among]]
         return Values(values[among], Passing(self._source[chosen], which))
 
     def kept(self, line: int) -> dict[Any, Any]:
-        """Cache of numbers of all boulders at a line, shared by analyses."""
+        """Cached statistics of all boulders at a line, shared by analyses."""
         return self._at(line)[0].kept if self._has_kept else {}
 
     def _at(self, line: int) -> tuple[AtLine, Passing]:
-        """Crossings of a line and the boulders that pass it, shared by all its quantities."""
+        """Crossings of a line and the boulders that pass it, shared by all quantities."""
         assert self._source is not None
         if self._last is None or self._last[0] != line:
             at = at_line(self.result, line)
@@ -103,14 +103,14 @@ class LineSamples:
         return self._last[1:]
 
     def ends(self, quantity: str) -> Sample:
-        """Sample of a quantity at the ends of boulders, such as plan_distance or path_length."""
+        """Sample of an end quantity, such as plan_distance or path_length."""
         if self._counted:
             return self._counts(-1, quantity, None)
         assert self._source is not None
         return Values(self.result[quantity].values, self._source)
 
     def _counts(self, line: int, quantity: str, parts: np.ndarray | None) -> Counts:
-        """Counts at the line of this index; -1: at the end."""
+        """Counts at the line with this index; -1 for the end of boulders."""
         result, kind = self.result, int(line < 0)
         number = fields("end_quantity" if kind else "line_quantity").index(quantity)
         all_parts = np.full(result.sizes["sample_part"], True)
@@ -132,7 +132,7 @@ class LineSamples:
         )
 
     def _released(self, parts: np.ndarray | None) -> np.ndarray:
-        """Number of boulders of each source group in these parts; every boulder has an end."""
+        """Number of boulders released by each source group in these parts; all have an end."""
         part_of_group = self.result["sample_group_part"].values - 1
         chosen = np.full(part_of_group.size, True) if parts is None else parts[part_of_group]
         return self._in_groups(0, 0, np.flatnonzero(chosen)).sum(axis=1)
@@ -159,5 +159,5 @@ class LineSamples:
 
     @staticmethod
     def _first(place: int, column: int, columns: int, quantity: int) -> int:
-        """Index of the first coarse bin for a line, part or group, and quantity."""
+        """First coarse bin for a line, part or group, and quantity."""
         return ((place * columns + int(column)) * SAMPLE_QUANTITIES + quantity) * SAMPLE_COARSE

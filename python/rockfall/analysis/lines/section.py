@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Section along a drawn line: the ground below it, and energies, speeds and heights of the boulders
-near it, from recorded trajectories, from maps, and at the lines that it crosses.
+"""Section along a drawn line: the ground below it, and energies, speeds and heights of nearby
+boulders, from recorded trajectories, maps, and crossed lines.
 
 A station is a short line across the section. A recorded boulder counts where it first crosses the
-station, by the rules of an evaluation line: between contacts it flies on a parabola.
+station, by the rules of an evaluation line. Between contacts it flies on a parabola.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from rockfall.scene.rebounds.rebound import kinetic_energy, sphere_radius
 from rockfall.terrain.height import height, inside, steepness
 from rockfall.terrain.polyline import beside, lengths
 
-PATHS = 200  # trajectories kept, at most
-RECORDED = "recorded_"  # before numbers of recorded trajectories
+PATHS = 200  # maximum number of trajectories kept
+RECORDED = "recorded_"  # prefix for numbers of recorded trajectories
 COLUMNS = ["distance", "x", "y", "elevation", "crossed", "recorded_n", "unknown_energy"]
 COLUMNS += [*envelope_names(RECORDED), *section_maps.COLUMNS]
 
@@ -41,17 +41,17 @@ COLUMNS += [*envelope_names(RECORDED), *section_maps.COLUMNS]
 class Section:
     """A section of a result, in its units; intervals are 95 % confidence intervals.
 
-    `table` has COLUMNS, a row for each station: `recorded_...` of recorded trajectories that cross
-    it within the corridor, `cell_...` of all boulders in the cell of the maps below it,
-    `corridor_..._max` of all boulders in the cells that it crosses; `crossed` names the lines
-    crossed since the station before. `lines` has a row for each place where the section crosses a
-    line, a barrier or a dam, with the numbers of all boulders that cross the line in the corridor.
+    `table` has COLUMNS, with a row for each station: `recorded_...` for recorded trajectories that
+    cross it within the corridor, `cell_...` for all boulders in the map cell below it,
+    `corridor_..._max` for all boulders in the cells that it crosses; `crossed` lists the lines
+    crossed since the previous station. `lines` has a row for each place where the section crosses a
+    line, barrier or dam, with the numbers of all boulders that cross the line in the corridor.
     `passages` has a row for each recorded boulder at each station: distance along the section,
     boulder, elevation of its point, and QUANTITIES. `paths` are up to 200 of the trajectories
-    within the corridor: distance along the section and elevation (2, n), NaN outside. It is based
-    on `recorded` trajectories of `boulders`; `has_maps` is True if the result has maps of these
-    quantities. `not_kept` more recorded trajectories are left out: the rows of their boulders, with
-    sizes and masses, are not kept.
+    within the corridor: distance along the section and elevation (2, n), NaN outside. `recorded` is
+    the number of recorded trajectories, out of `boulders`; `has_maps` is True if the result has
+    maps of these quantities. `not_kept` is the number of other recorded trajectories, omitted
+    because sizes and masses of their boulders are not kept.
     """
 
     line: SectionLine
@@ -71,7 +71,7 @@ class Section:
 
     @property
     def unknown_energies(self) -> int:
-        """Number of recorded passages without an energy, because the boulder's mass is unknown."""
+        """Number of recorded passages without an energy, because the mass is unknown."""
         return int(self.passages["energy_total"].isna().sum())
 
 
@@ -84,11 +84,10 @@ class _Known(NamedTuple):
 
 
 def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = None) -> Section:
-    """Section of a result along a line. Without terrain, or beyond it, elevations and heights of
-    trajectories are unknown (NaN), heights also above terrain that is coarser than that of the
-    run; energies are unknown where neither the case nor a crossing of a line gives the mass. A
-    RockfallError refuses a result that has neither trajectories of boulders that moved nor maps
-    of speeds, energies or heights."""
+    """Section of a result along a line. Without terrain, or outside it, elevations and heights of
+    trajectories are NaN. Heights are also NaN if the terrain is coarser than in the run; energies
+    are NaN if neither the case nor a line crossing gives the mass. Raises RockfallError for a
+    result with neither trajectories of moving boulders nor maps of speeds, energies or heights."""
     stations = stations_of(line)
     mapped = section_maps.has_maps(result)
     followed, boulders = motion_of(result), result["boulder"].values
@@ -139,7 +138,7 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
 
 
 def _crossed(lines: pd.DataFrame, distance: np.ndarray) -> list[str]:
-    """Names of the lines crossed up to each station since the one before."""
+    """Names of the lines crossed between the previous station and each station."""
     names_at: list[list[str]] = [[] for _ in distance]
     for name, at in zip(lines["name"], lines["distance"], strict=True):
         names_at[min(np.searchsorted(distance, at * (1 - 1e-12)), distance.size - 1)].append(name)
@@ -147,7 +146,7 @@ def _crossed(lines: pd.DataFrame, distance: np.ndarray) -> list[str]:
 
 
 def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
-    """Return True if the terrain has the cells of the run; large terrain is coarsened."""
+    """Return True if the terrain has the cell size of the run; large terrain is coarsened."""
     return terrain is not None and terrain[1].cell <= 1.001 * corner_of(result["crs"].attrs)[2]
 
 
@@ -166,7 +165,7 @@ def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.
 def _first_crossings(
     motion: Motion, place: complex, direction: complex, within: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pieces of trajectory in which boulders first cross a station, and the fraction of the piece
+    """Trajectory pieces in which boulders first cross a station, and the fraction of each piece
     before the crossing (0 to 1)."""
     start, end = (x + 1j * y for x, y, *_ in (motion.start, motion.end))
     before = ((start - place) * np.conj(direction)).real
@@ -183,7 +182,7 @@ def _first_crossings(
 def _values(
     motion: Motion, part: np.ndarray, spin: np.ndarray, row: np.ndarray, context: _Known
 ) -> dict[str, np.ndarray]:
-    """QUANTITIES of these boulders within pieces, and the elevation of their point."""
+    """QUANTITIES of these boulders within pieces, and elevations of their points."""
     (x, y, z, _), speed = motion.at(part)
     here = x + 1j * y
     jump = np.maximum(0.0, z - _ground(context.terrain, here, height))
@@ -196,7 +195,7 @@ def _values(
 def _ground(
     terrain: Terrain | None, places: np.ndarray, what: Callable[..., np.ndarray]
 ) -> np.ndarray:
-    """Property of the ground (`height` or `steepness`) at places; NaN where unknown."""
+    """Ground property (`height` or `steepness`) at places; NaN where unknown."""
     ground = np.full(places.shape, np.nan)
     if terrain is not None:
         z, grid = terrain

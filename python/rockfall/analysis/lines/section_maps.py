@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of a result along a section: numbers of all boulders, by the cells of the terrain.
+"""Maps of a result along a section: statistics of all boulders, by terrain cell.
 
-In a map each boulder counts once in a cell, with its maximum there. Mean and quantile are those of
-the cell below the section; the maximum is that of all cells that a station crosses.
+In a map each boulder counts once in a cell, with its maximum there. Mean and quantile come from the
+cell below the section; the maximum comes from all cells that a station crosses.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.result.maps.passages import passages_of, passed_map, thin_cells
 from rockfall.result.samples import simulated
 
-#: Quantities of maps: their beginnings, and the names of their maxima.
+#: Map quantities: name prefixes, and the names of their maxima.
 MAPPED = {
     "speed": ("speed", "speed_max_map"),
     "energy_total": ("energy", "energy_max"),
@@ -32,8 +32,8 @@ COLUMNS += [f"corridor_{quantity}_max" for quantity in MAPPED]
 
 
 def map_numbers(result: xr.Dataset, stations: Stations) -> dict[str, np.ndarray]:
-    """COLUMNS at each station; NaN where the result has no such map, outside the maps, and where
-    too few boulders passed for a reliable number."""
+    """COLUMNS at each station; NaN outside the maps, where the result lacks the map, and where too
+    few boulders passed."""
     columns = {name: np.full(stations.distance.size, np.nan) for name in COLUMNS}
     if (passed := passed_map(result)) is not None:
         count = _at(result, passed, stations, passages_of(result))
@@ -61,8 +61,8 @@ def has_maps(result: xr.Dataset) -> bool:
 
 
 def known(result: xr.Dataset, name: str) -> np.ndarray:
-    """Values of a map (y, x), NaN where too few boulders passed for a reliable one. Without a
-    passage count, a quantile is reliable where both its limits exist."""
+    """Values of a map (y, x), NaN where too few boulders passed. Without a passage count, a
+    quantile is reliable where both its limits exist."""
     values = result[name].values
     if (thin := thin_cells(result, name)) is not None:
         return np.where(thin, np.nan, values)

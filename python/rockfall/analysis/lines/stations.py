@@ -11,13 +11,13 @@ from rockfall.errors import RockfallError
 from rockfall.quantities import round_step
 from rockfall.terrain.polyline import lengths
 
-STATIONS = 100  # approximate number, if no interval is given
+STATIONS = 100  # approximate number without a given interval
 MAX_STATIONS = 10_000
 
 
 class SectionLine(NamedTuple):
-    """A section: vertices as x + iy [m], the half-width of its corridor, and the interval between
-    stations [m]; None: a round value that gives about 100."""
+    """A section: vertices as x + iy [m], the half-width of its corridor [m], and the interval
+    between stations [m]; None for a round interval that gives about 100 stations."""
 
     vertices: np.ndarray
     within: float = 10.0
@@ -25,8 +25,8 @@ class SectionLine(NamedTuple):
 
 
 class Stations(NamedTuple):
-    """Short lines across a section, which reach `within` [m] to either side of it: distances along
-    the section [m], places as x + iy [m], and unit vectors along the section there."""
+    """Short lines across a section that extend `within` [m] to either side: distances along the
+    section [m], places as x + iy [m], and unit vectors along the section there."""
 
     distance: np.ndarray
     place: np.ndarray
@@ -35,8 +35,8 @@ class Stations(NamedTuple):
 
 
 def stations_of(line: SectionLine) -> Stations:
-    """Stations at equal intervals from the first vertex of a section, and one at its end. A
-    RockfallError refuses a line without a length, a width or an interval."""
+    """Stations at equal intervals from the first vertex of a section, and one station at its end.
+    Raises RockfallError for a line without length, width or interval."""
     vertices, within, every = line
     if vertices.size < 2 or not np.isfinite(vertices).all():
         raise RockfallError("section: must have two or more vertices")

@@ -14,7 +14,8 @@ class AtRisk(NamedTuple):
     """Arguments of `rockfall.hazard` and `rockfall.dossier` that describe objects at risk."""
 
     objects: Any = None  # a path or a GeoDataFrame, or a list of these
-    objects_layer: str | Sequence[str] | None = None  # of a file with several, or of each file
+    #: layer name in a file with several layers, or one name per file
+    objects_layer: str | Sequence[str] | None = None
     vulnerability: str | Path | None = None  # table of curves for the objects
     segments: Any = None  # roads: a path or a GeoDataFrame
     segments_layer: str | None = None
@@ -22,7 +23,7 @@ class AtRisk(NamedTuple):
 
     @property
     def files(self) -> list[Path]:
-        """Files among them."""
+        """Files among the layers."""
         several = isinstance(self.objects, list | tuple)
         given = [*(self.objects if several else [self.objects]), self.vulnerability, self.segments]
         return [Path(item) for item in given if item is not None and not is_frame(item)]

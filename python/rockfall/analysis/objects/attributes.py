@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Attributes of objects at risk: read from the columns of a layer and checked against their range.
-Errors name file, feature and attribute in one line."""
+"""Attributes of objects at risk, read from the columns of a layer and checked against their range.
+Errors give file, feature and attribute in one line."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from rockfall.language import remark
 
 Columns = dict[str, np.ndarray]
 
-NAMED = "lethality_curve"  # a text, although its name begins like those of numbers
-FRACTIONS = ("vulnerability", "exposure", "presence", "lethality")  # also as prefixes
-RANGES = {  # other attributes: lowest and highest value
-    "width": (0.0, 100.0),  # as in a case [m]
+NAMED = "lethality_curve"  # a text, although its name starts like a number attribute
+FRACTIONS = ("vulnerability", "exposure", "presence", "lethality")  # also used as prefixes
+RANGES = {  # lowest and highest value of the other attributes
+    "width": (0.0, 100.0),  # same limits as in a case [m]
     "speed": (1.0, 500.0),  # [km/h]
     "vehicle_length": (0.0, 1000.0),  # [m]
 }
 
-USUAL = {  # plausible layers: lowest and highest value, and the likely unit otherwise
+USUAL = {  # plausible range in a layer, and the likely unit otherwise
     "width": (0.0, 50.0, "is it in cm?"),  # [m]
     "speed": (25.0, 300.0, "is it in m/s?"),  # [km/h]
-    "vehicle_length": (1.5, 420.0, "is it in cm?"),  # [m] bicycle, train
+    "vehicle_length": (1.5, 420.0, "is it in cm?"),  # [m] from a bicycle to a train
     "aadt": (10.0, 1e5, "vehicles a day: are they per hour, per year, or in thousands?"),
     "trips": (0.0, 50.0, "passages of a person a day: are they per year?"),
     "persons_per_vehicle": (0.5, 500.0, "persons in a vehicle: are they per day?"),
     "persons": (0.0, 1e4, "persons in one object: are they for all objects?"),
 }
 
-NEEDED = {  # attributes without effect, unless the layer has one of these
+NEEDED = {  # attributes that need one of these in the layer to have an effect
     "curve": ("value",),
     "exposure": ("value", "vulnerability"),
     "presence": ("persons",),
@@ -50,12 +50,12 @@ NEEDED = {  # attributes without effect, unless the layer has one of these
 
 @dataclass(frozen=True)
 class Layer:
-    """Path and columns of a layer, by names in lower case."""
+    """Path and columns of a layer, with names in lower case."""
 
     path: str
     columns: Columns
     size: int
-    asked: set[str] = field(default_factory=set)  # attributes that were looked for
+    asked: set[str] = field(default_factory=set)  # attributes that have been looked up
 
     def has(self, name: str) -> bool:
         """Return True if the layer has an attribute."""
@@ -63,8 +63,8 @@ class Layer:
         return attribute(self.columns, name) is not None
 
     def numbers(self, name: str, default: float, *, missing: bool = False) -> np.ndarray:
-        """Values of an attribute, `default` if the layer does not have it. Single objects may lack
-        it (NaN) if it may be `missing`."""
+        """Values of an attribute; `default` if the layer lacks it. If it may be `missing`, single
+        objects may lack it (NaN)."""
         self.asked.add(name)
         values = attribute(self.columns, name)
         if values is None:
@@ -81,7 +81,7 @@ class Layer:
         return values.astype(float)
 
     def unit_remarks(self) -> Iterator[str]:
-        """One line for each attribute that is likely in another unit."""
+        """Remarks on attributes that are likely in another unit, one line each."""
         for name, (low, high, question) in USUAL.items():
             if name not in self.asked or not self.has(name):
                 continue
@@ -94,7 +94,7 @@ class Layer:
                 )
 
     def idle_remarks(self) -> Iterator[str]:
-        """One line for each attribute that has no effect because another one is missing."""
+        """Remarks on attributes without effect because another is missing, one line each."""
         for name, needed in NEEDED.items():
             if attribute(self.columns, name) is None or name not in self.asked:
                 continue
@@ -116,8 +116,8 @@ class Layer:
         raise RockfallError(f"{self.path}: feature {number + 1}: {name} = {value}: {rule}")
 
     def by_intensity(self, name: str, intensities: int, *, missing: bool = False) -> np.ndarray:
-        """Values (objects, intensities) of an attribute that is one number for all intensities, or
-        one for each (name_1, name_2, ...), not falling; empty if the layer has neither."""
+        """Values (objects, intensities) of an attribute given as one number for all intensities, or
+        as non-decreasing numbers for each (name_1, name_2, ...); empty if the layer has neither."""
         several = [f"{name}_{k}" for k in range(1, intensities + 1)]
         self.asked.update((name, *several))
         given = [column for column in self.columns if column.startswith(name) and column != NAMED]

@@ -16,22 +16,22 @@ from rockfall.errors import RockfallError
 from rockfall.language import Text, remark, say, word
 
 QUANTITIES = ("damage", "individual_risk", "collective_risk")
-PRESENCE, LETHALITY, VEHICLE_LENGTH, TRIPS = 1.0, 1.0, 5.0, 2.0  # without an attribute
-BY_DEFAULT = "default"  # source of a curve without an attribute
-HOURS, METRES = 24.0, 1000.0  # of a day, of a kilometre
-MAX_NAMED = 5  # objects in an assumption
-ALWAYS = (  # messages
+PRESENCE, LETHALITY, VEHICLE_LENGTH, TRIPS = 1.0, 1.0, 5.0, 2.0  # defaults without an attribute
+BY_DEFAULT = "default"  # source of a default curve
+HOURS, METRES = 24.0, 1000.0  # hours per day, metres per kilometre
+MAX_NAMED = 5  # maximum number of objects listed in an assumption
+ALWAYS = (  # messages for every risk
     "risk.any_height", "risk.alone", "risk.independent", "risk.expected", "risk.limits",
     "risk.classes",
 )  # fmt: skip
 
 
 class Harm(NamedTuple):
-    """Expected harm by a boulder: scale x curve(energy), for traffic also x (diameter + length)."""
+    """Expected harm per boulder: scale x curve(energy), for traffic also x (diameter + length)."""
 
     scale: float
     curve: Curve
-    length: float | None = None  # of a vehicle [m]; None: the object does not move
+    length: float | None = None  # vehicle length [m]; None: the object does not move
 
     def by(self, energy: np.ndarray, diameter: np.ndarray) -> np.ndarray:
         """Harm from boulders of these energies [J] and diameters [m]; 0 for NaN (a miss)."""
@@ -43,14 +43,14 @@ class Harm(NamedTuple):
         return harm
 
     def most(self, diameter: float) -> float:
-        """Upper bound of the harm from boulders up to a diameter [m]."""
+        """Upper bound of the harm from boulders up to this diameter [m]."""
         extent = 1.0 if self.length is None else diameter + self.length
         return self.scale * self.curve.most * extent
 
 
 @dataclass(frozen=True)
 class Exposure:
-    """Harm to each object by quantity (None: none exposed), and assumptions."""
+    """Harm to each object by quantity (None if none is exposed), and assumptions."""
 
     kinds: list[str] = field(default_factory=list)
     harms: dict[str, list[Harm | None]] = field(default_factory=dict)
@@ -91,7 +91,7 @@ def read_exposure(
 def curve_remarks(
     path: str | Path, curves: Mapping[str, Curve], exposed: Exposure
 ) -> Iterator[Text]:
-    """Remarks on curves of a table: curves in other units, and curves that no object uses."""
+    """Remarks on table curves in other units, and on curves that no object uses."""
     used = [
         (harm.curve, quantity == "damage")
         for quantity in QUANTITIES
@@ -110,7 +110,7 @@ def _is_building(kind: str) -> bool:
 
 
 def joined(parts: Sequence[tuple[Exposure, int]]) -> Exposure:
-    """Exposure of the objects of several layers, each with their number."""
+    """Exposure of the objects of several layers, each with its number of objects."""
     if not any(exposure for exposure, _ in parts):
         return Exposure()
     kinds = [kind for exposure, size in parts for kind in exposure.kinds or [""] * size]
@@ -126,8 +126,8 @@ def joined(parts: Sequence[tuple[Exposure, int]]) -> Exposure:
 def _damage(
     layer: Layer, kinds: list[str], thresholds: np.ndarray, curves: Mapping[str, Curve]
 ) -> tuple[list[Harm | None], list[int]]:
-    """Harm to property, and the objects with a value but no vulnerability. Vulnerability comes from
-    `curve`, else the vulnerability attributes, else the default for buildings."""
+    """Damage to property, and the objects with a value but no vulnerability. Vulnerability comes
+    from `curve`, else the vulnerability attributes, else the default for buildings."""
     if not layer.has("value"):
         return [None] * layer.size, []
     worth = layer.numbers("value", 1.0) * layer.numbers("exposure", 1.0)
@@ -174,7 +174,7 @@ class _Deaths:
     def _lethalities(
         self, thresholds: np.ndarray, curves: Mapping[str, Curve]
     ) -> list[Curve | None]:
-        """Lethality of each object: by `lethality_curve`, else by its attributes; None without."""
+        """Lethality of each object from `lethality_curve`, else from its attributes, else None."""
         named = _named_curves(self.layer, NAMED, curves)
         steps = self.layer.by_intensity("lethality", thresholds.size + 1, missing=True)
         for k, fractions in enumerate(steps):
@@ -203,7 +203,8 @@ class _Deaths:
             if np.isnan(self.numbers[name][k]):
                 self.layer.refuse(k, "aadt", f"{aadt:g}", f"needs the attribute {name}")
         curve, length = self._lethality(k), self._number(k, "vehicle_length", VEHICLE_LENGTH)
-        per_metre = 1 / (HOURS * METRES * float(self.numbers["speed"][k]))  # of a vehicle a day
+        #: vehicles per day and metre
+        per_metre = 1 / (HOURS * METRES * float(self.numbers["speed"][k]))
         inside = float(self.numbers["persons_per_vehicle"][k])
         return _OfPersons(
             Harm(self._number(k, "trips", TRIPS) * per_metre, curve, length),
@@ -211,7 +212,7 @@ class _Deaths:
         )
 
     def _number(self, k: int, name: str, default: float) -> float:
-        """Value of an attribute, or its default, which is noted."""
+        """Value of an attribute, or its default, which is recorded."""
         if np.isnan(value := self.numbers[name][k]):
             self.defaults.setdefault((name, default), []).append(k)
             return default

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of objects at risk as files or frames, and unique names of objects across them."""
+"""Layers of objects at risk as files or frames, with unique object names."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class File(NamedTuple):
 
 
 def given_layers(given: Any, layers: str | Sequence[str] | None) -> list[Source]:
-    """Pair files with the names of layers: any number of names in one file, or one name for each of
-    several files. A layer may be given once, or its objects would count twice."""
+    """Pair files with layer names: any number of names for one file, or one name for each of
+    several files. A layer may be given once, because repeated objects would count twice."""
     several = [] if given is None else list(given) if isinstance(given, list | tuple) else [given]
     names = [layers] if isinstance(layers, str) else list(layers or [])
     if names and len(several) != 1 and len(names) != len(several):
@@ -83,13 +83,13 @@ def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
 
 
 def only_layer(path: str | Path) -> str:
-    """Layer name of a file with a single layer; otherwise the file name, which is refused later."""
+    """Layer name of a file with a single layer; otherwise the file name, refused later."""
     names = layer_names(path)
     return names[0] if len(names) == 1 else Path(path).stem
 
 
 def distinct_names(names: Sequence[Sequence[str]], labels: Sequence[str]) -> list[list[str]]:
-    """Names of the objects of each layer, with its label where layers share a name."""
+    """Names of the objects of each layer, with the layer's label for names in several layers."""
     numbers: dict[str, set[int]] = {}
     for k, own in enumerate(names):
         for name in own:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Objects at risk: number of boulders that hit each, and the resulting cost.
+"""Objects at risk: number of boulders that hit each object, and the resulting cost.
 
-A boulder hits an object when it touches it with its side in plan. Lines and outlines become
-evaluation lines with the width of the object, which count a boulder once; so do points with a width
-of their own. Other points are as wide as the objects of the maps, in their cell.
+A boulder hits an object when its side touches the object in plan. Lines and outlines become
+evaluation lines with the width of the object, and count a boulder once; points with their own width
+do, too. Other points are as wide as the objects of the maps, in their cell.
 """
 
 from __future__ import annotations
@@ -32,26 +32,29 @@ from rockfall.result.samples import check_all_rows
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
 
-VULNERABILITY = "vulnerability"  # an attribute for all intensities, or with _1, _2, ... for each
-MAX_NAMED = 5  # of objects in a remark
+#: attribute for all intensities, or with suffix _1, _2, ... for each
+VULNERABILITY = "vulnerability"
+MAX_NAMED = 5  # maximum number of objects listed in a remark
 
 
 @dataclass
 class Objects:
     """Points, lines and polygons, with their attributes."""
 
-    paths: list[str] = field(default_factory=list)  # of the layers
-    layers: list[str] = field(default_factory=list)  # name of the layer of each object
+    paths: list[str] = field(default_factory=list)  # paths of the layers
+    layers: list[str] = field(default_factory=list)  # layer name of each object
     shapes: np.ndarray = field(default_factory=lambda: np.empty(0, object))
     names: list[str] = field(default_factory=list)
-    lines: list[dict[str, Any]] = field(default_factory=list)  # in the form of a case
-    owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # object of each line
+    lines: list[dict[str, Any]] = field(default_factory=list)  # lines in the form of a case
+    #: object number of each line
+    owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))
     point: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # points without a width
-    places: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # their x and y [m]
+    #: x and y of these points [m]
+    places: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     vulnerability: np.ndarray | None = None  # (objects, intensities)
     exposure: np.ndarray = field(default_factory=lambda: np.empty(0))
     value: np.ndarray = field(default_factory=lambda: np.empty(0))
-    exposed: Exposure = field(default_factory=Exposure)  # persons and property
+    exposed: Exposure = field(default_factory=Exposure)  # exposed persons and property
 
     def __len__(self) -> int:
         return len(self.shapes)
@@ -64,8 +67,8 @@ def read_objects(
     remarks: list[str],
     curves: Mapping[str, Curve] = SHIPPED,
 ) -> Objects:
-    """Read the objects of layers: vulnerability for each intensity between the thresholds [J], or
-    by a curve, and the exposed persons and values."""
+    """Read the objects of layers: vulnerability by curve or for each intensity between the
+    thresholds [J], and exposed persons and values."""
     all_objects = []
     for file, (layer, own) in zip(files, named_layers(files, grid, remarks), strict=True):
         objects = Objects([str(file.path)], [file.label] * len(own), layer.shapes, own)
@@ -105,14 +108,14 @@ def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
 def named_layers(
     files: Sequence[File], grid: Grid, remarks: list[str]
 ) -> list[tuple[Read, list[str]]]:
-    """Layers with their shapes and names of objects, with the layer where layers share one."""
+    """Layers with shapes and object names; names in several layers include the layer name."""
     read = [_read(file, grid, remarks) for file in files]
     names = distinct_names([layer.names for layer in read], [file.label for file in files])
     return list(zip(read, names, strict=True))
 
 
 class Read(NamedTuple):
-    """A layer with its shapes and names of objects."""
+    """A layer with its shapes and object names."""
 
     layer: Layer
     shapes: np.ndarray
@@ -134,7 +137,7 @@ def _read(file: File, grid: Grid, remarks: list[str]) -> Read:
 
 
 def _joined(parts: Sequence[Objects]) -> Objects:
-    """Objects of several layers as one; those of a layer without vulnerability have NaN."""
+    """Objects of several layers as one; objects of a layer without vulnerability have NaN."""
     objects = Objects()
     before = 0
     for part in parts:
@@ -192,7 +195,7 @@ def beyond_remarks(objects: Objects, scene: Scene) -> list[str]:
 
 
 def source_remarks(objects: Objects, scene: Scene) -> Iterator[str]:
-    """Remark on objects on which boulders start: on their shapes, or within half their width."""
+    """Remark on objects that contain boulder sources, or have sources within half their width."""
     width = np.full(len(objects), scene.case.hazard["object_width"])
     width[objects.owner] = [line["object_width"] for line in objects.lines]
     grounds = [shape.buffer(w / 2) for shape, w in zip(objects.shapes, width.tolist(), strict=True)]
@@ -204,13 +207,13 @@ def source_remarks(objects: Objects, scene: Scene) -> Iterator[str]:
 
 
 def check_kept(case: Case, lines: int) -> None:
-    """Refuse lines for which a run would not keep all rows, before the run."""
+    """Refuse, before the run, lines whose rows the run would not keep completely."""
     if lines:
         check_all_kept(case, "objects with a width, lines, polygons and segments of roads need")
 
 
 def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
-    """Refuse more lines than fit in memory with their boulders."""
+    """Refuse lines whose boulders do not fit in memory."""
     need = BYTES_AT_LINE * lines * boulders
     if need > ROOM * machine_memory():
         raise RockfallError(
@@ -220,7 +223,7 @@ def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
 
 
 def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) -> None:
-    """Place an object: add the line or cell at which boulders hit it. `width` is NaN if none."""
+    """Place an object: add its evaluation line or cell. `width` is NaN if not given."""
     west, south, east, north = shape.bounds
     if not (
         west <= grid.east and east >= grid.west and south <= grid.north and north >= grid.south
@@ -233,7 +236,8 @@ def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) 
     for part in getattr(shape, "geoms", [shape]):
         curve = part.exterior if part.geom_type == "Polygon" else part
         x, y = np.array(curve.coords)[[0, 0] if part.geom_type == "Point" else slice(None)].T
-        attrs = {"name": "", "object_width": 0.0 if np.isnan(width) else width}  # named when joined
+        #: name set when layers are joined
+        attrs = {"name": "", "object_width": 0.0 if np.isnan(width) else width}
         objects.lines.append(attrs | {"x": x.tolist(), "y": y.tolist()})
         objects.owner = np.append(objects.owner, number)
 
@@ -247,8 +251,8 @@ def _take_values(objects: Objects, layer: Layer, intensities: int) -> None:
 
 
 def object_hits(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:
-    """Energy [J] and height of the centre [m] of each boulder of a run at each line object, (2,
-    boulders), by object number; NaN for boulders that miss it."""
+    """Energy [J] and centre height [m] of each boulder of a run at each line object, (2, boulders),
+    by object number; NaN for boulders that miss it."""
     for number in np.unique(objects.owner):
         check_all_rows(result, "an object that is a line")
         hits = np.full((2, result.sizes["boulder"]), np.nan)
@@ -265,8 +269,8 @@ def object_counts(
     grid: Grid,
     maps: np.ndarray,
 ) -> np.ndarray:
-    """Boulders of a run that hit each object, and those with more energy than each threshold [J]
-    (intensities, objects); `energies` are those that hit each object that is a line, by its number;
+    """Number of boulders that hit each object, and number above each energy threshold [J]
+    (intensities, objects). `energies` are the energies at each line object, by object number;
     `maps` are the corresponding counts by cell (intensities, y, x)."""
     counts = np.zeros((1 + thresholds.size, len(objects)), "i4")
     rows, columns = grid.cells(*objects.places.T)
@@ -278,12 +282,13 @@ def object_counts(
 
 
 def risks(objects: Objects, frequencies: Frequencies) -> Frequencies | None:
-    """Annual risk of each object: the sum over intensities of their frequency, times vulnerability,
-    exposure and value; limits follow from those of frequencies, since vulnerability does not
-    decrease with intensity."""
+    """Annual risk of each object: the sum over intensities of frequency x vulnerability x exposure
+    x value. Limits follow from the limits of frequencies, since vulnerability does not decrease
+    with intensity."""
     if objects.vulnerability is None:
         return None
-    more = np.diff(objects.vulnerability, axis=1, prepend=0.0).T  # than at the next lower intensity
+    #: increase from the next lower intensity
+    more = np.diff(objects.vulnerability, axis=1, prepend=0.0).T
     worth = objects.exposure * objects.value
     value, low, high = ((more * rate).sum(axis=0) * worth for rate in frequencies)
     return Frequencies(value, low, high)

@@ -18,16 +18,16 @@ from rockfall.result.samples import check_all_rows
 from rockfall.result.variables import ENDS
 
 LEVEL = 0.95
-QUANTITIES = "energy", "passing_height", "upper_edge", "diameter"  # of `Hits`
+QUANTITIES = "energy", "passing_height", "upper_edge", "diameter"  # fields of `Hits`
 
 
 class Hits(NamedTuple):
-    """Boulders that hit a segment, where they first touch it, and how many count as one."""
+    """Boulders that hit a segment, values where they first touch it, and how many count as one."""
 
-    energy: np.ndarray  # kinetic [J]
-    passing_height: np.ndarray  # of the centre above the ground, vertical [m]
-    upper_edge: np.ndarray  # of the highest point, vertical [m]
-    diameter: np.ndarray  # of a sphere of their volume [m]
+    energy: np.ndarray  # kinetic energy [J]
+    passing_height: np.ndarray  # height of the centre above the ground, vertical [m]
+    upper_edge: np.ndarray  # height of the highest point, vertical [m]
+    diameter: np.ndarray  # diameter of a sphere of equal volume [m]
     per_cluster: float
 
 
@@ -50,7 +50,7 @@ def segment_hits(
 
 
 def hit_counts(hits: Sequence[Hits], thresholds: np.ndarray) -> np.ndarray:
-    """Numbers of hits, and of those above each threshold [J] (intensities, segments)."""
+    """Number of hits, and of hits above each threshold [J] (intensities, segments)."""
     counts = np.zeros((1 + thresholds.size, len(hits)), "i4")
     for k, segment in enumerate(hits):
         counts[0, k] = segment.energy.size
@@ -61,13 +61,13 @@ def hit_counts(hits: Sequence[Hits], thresholds: np.ndarray) -> np.ndarray:
 class Weighted(NamedTuple):
     """Hits of a run with their annual weights."""
 
-    hits: Sequence[Hits]  # of each segment
-    weight: float  # of a boulder [1/year]
+    hits: Sequence[Hits]  # hits on each segment
+    weight: float  # annual weight of a boulder [1/year]
 
 
 def segment_numbers(runs: Sequence[Weighted]) -> dict[str, np.ndarray]:
-    """Numbers of the boulders that hit each segment, by name: means and 95 % quantiles, with limits
-    of the latter. NaN without boulders."""
+    """Statistics of the boulders that hit each segment, by name: means, and 95 % quantiles with
+    limits. NaN without boulders."""
     rows = [_numbers(runs, k) for k in range(len(runs[0].hits))]
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
@@ -76,7 +76,7 @@ def _numbers(runs: Sequence[Weighted], segment: int) -> dict[str, float]:
     weights = np.repeat(
         [run.weight for run in runs], [run.hits[segment].energy.size for run in runs]
     )
-    # boulders of a number may behave alike in all runs, which share random numbers
+    # boulders with the same number may behave alike in all runs, which share random numbers
     unit = sum(run.weight * run.hits[segment].per_cluster for run in runs)
     numbers: dict[str, float] = {"boulders": weights.size}
     for name in QUANTITIES:

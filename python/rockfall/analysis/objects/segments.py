@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Segments of roads: lines of a layer cut into pieces, each an object of its own that boulders hit.
+"""Road segments: lines of a layer cut into pieces, each treated as an object that boulders hit.
 
-A segment with a width is the strip of ground along its piece of the axis, with straight ends, whose
-outline becomes an evaluation line with no width: a boulder hits the segment as soon as it touches
-the strip with its side. A boulder that touches two segments therefore hits both, and a boulder that
-crosses a winding road twice is counted at both places.
+A segment with a width is a strip of ground along its piece of the axis, with straight ends. The
+outline of the strip is an evaluation line without width: a boulder hits the segment as soon as its
+side touches the strip. A boulder that touches two segments hits both, and a boulder that crosses a
+winding road twice is counted at both places.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from rockfall.scene.lines import numbered
 from rockfall.scene.scene import Scene
 
 KEY = "--segments-layer"
-FRAME = "segments"  # name of a GeoDataFrame
-TOUCHING = 1e-3  # [m] between the end of a line and the start of the next of the same road
-SLIVER = 1e-6  # area left by rounding between strips, over the square of their width
-UNEQUAL = 2.0  # ratio of lengths above which classes are not comparable
-MIN_LENGTH = 1.0  # of segments [m]
-MAX_SEGMENTS = 20_000  # a boulder is tested against the segments near each of its flights
+FRAME = "segments"  # layer name for a GeoDataFrame
+TOUCHING = 1e-3  # maximum gap [m] between consecutive lines of the same road
+SLIVER = 1e-6  # area left by rounding between strips, relative to their squared width
+UNEQUAL = 2.0  # ratio of segment lengths above which classes are not comparable
+MIN_LENGTH = 1.0  # minimum segment length [m]
+MAX_SEGMENTS = 20_000  # limit because a boulder is tested against segments near each flight
 
 
 @dataclass
@@ -43,22 +43,24 @@ class Segments:
     """Pieces of roads, in the order of the layer."""
 
     path: str = ""
-    roads: list[str] = field(default_factory=list)  # the road of each segment
-    names: list[str] = field(default_factory=list)  # name of the feature; "" if none
-    start: np.ndarray = field(default_factory=lambda: np.empty(0))  # chainage [m]
+    roads: list[str] = field(default_factory=list)  # road of each segment
+    names: list[str] = field(default_factory=list)  # feature name; "" if none
+    start: np.ndarray = field(default_factory=lambda: np.empty(0))  # chainage at the start [m]
     end: np.ndarray = field(default_factory=lambda: np.empty(0))
     width: np.ndarray = field(default_factory=lambda: np.empty(0))  # [m]
     axes: list[Any] = field(default_factory=list)  # lines
-    within: np.ndarray = field(default_factory=lambda: np.empty(0, bool))  # the elevations
-    lines: list[dict[str, Any]] = field(default_factory=list)  # in the form of a case
-    owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # segment of each line
+    #: whether each segment is on the terrain
+    within: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
+    lines: list[dict[str, Any]] = field(default_factory=list)  # lines in the form of a case
+    #: segment number of each line
+    owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))
 
     def __len__(self) -> int:
         return len(self.axes)
 
     @property
     def labels(self) -> list[str]:
-        """A name for each segment: its road, and where it begins and ends."""
+        """Segment names: the road, and start and end."""
         places = zip(self.roads, self.start.round(1), self.end.round(1), strict=True)
         return list(
             numbered([f"{road}, {start:.10g} to {end:.10g} m" for road, start, end in places])
@@ -71,7 +73,7 @@ class _Stretch(NamedTuple):
     road: int
     name: str
     width: float
-    chainage: float  # at the first vertex [m]
+    chainage: float  # chainage at the first vertex [m]
     axis: Any
 
 
@@ -86,7 +88,7 @@ class _Piece(NamedTuple):
 
 
 def check_roads(given: AtRisk) -> None:
-    """Refuse lengths of segments below 1 m, and options without a layer."""
+    """Refuse segment lengths below 1 m, and options without a layer."""
     length = given.segment_length
     if given.segments is None and (given.segments_layer is not None or length is not None):
         name = KEY if length is None else "--segment-length"
@@ -111,8 +113,8 @@ def roads_of(given: AtRisk, scene: Scene, remarks: list[str]) -> Segments:
 
 
 def read_segments(file: File, length: float | None, scene: Scene, remarks: list[str]) -> Segments:
-    """Cut the lines of a layer into segments of a length [m], or keep each as one (None). Segments
-    outside the terrain are left out, with a remark."""
+    """Cut the lines of a layer into segments of a given length [m], or keep whole lines (None).
+    Segments outside the terrain are omitted, with a remark."""
     parts, columns = read_lines(file.path, file.layer, scene.grid, remarks, KEY)
     columns = {name.lower(): values for name, values in columns.items()}
     layer = Layer(str(file.path), columns, len(parts))
@@ -154,7 +156,7 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
 def _remarks(
     segments: Segments, pieces: Sequence[_Piece], layer: Layer, scene: Scene
 ) -> Iterator[str]:
-    """Remarks on reasons why frequencies of segments are too low."""
+    """Remarks on reasons why segment frequencies are too low."""
     if np.isnan(layer.numbers("width", np.nan, missing=True)).any():
         yield (
             f"{layer.path}: lines have no width, so only boulders that touch the axis count: give "
@@ -173,7 +175,7 @@ def _remarks(
 
 
 def _unequal(stretches: Sequence[_Stretch], path: str) -> Iterator[str]:
-    """Remark on lines that are too different in length for their classes to be compared."""
+    """Remark on lines whose lengths differ too much for a comparison of their classes."""
     lengths = [stretch.axis.length for stretch in stretches]
     if max(lengths) > UNEQUAL * min(lengths):
         yield (
@@ -183,9 +185,9 @@ def _unequal(stretches: Sequence[_Stretch], path: str) -> Iterator[str]:
 
 
 def _stretches(parts: Sequence[Sequence[np.ndarray]], layer: Layer) -> Iterator[_Stretch]:
-    """The lines of a layer in turn. A line that begins where the one before it ends belongs to the
-    same road, and its chainage continues; with the attribute `chainage`, so do later lines of the
-    same name."""
+    """Lines of a layer in turn. A line that begins where the previous line ends belongs to the same
+    road, and its chainage continues. With the attribute `chainage`, later lines of the same name
+    also belong to it."""
     import shapely
 
     given, names = layer.numbers("chainage", np.nan, missing=True), layer.texts("name")
@@ -210,7 +212,7 @@ def _stretches(parts: Sequence[Sequence[np.ndarray]], layer: Layer) -> Iterator[
 
 
 def _roads(stretches: Sequence[_Stretch], label: str) -> list[str]:
-    """Name of each road: the common name of its lines, or else the name of the layer."""
+    """Name of each road: the common name of its lines, else the layer name."""
     names: dict[int, set[str]] = {}
     for stretch in stretches:
         names.setdefault(stretch.road, set()).add(stretch.name)
@@ -219,9 +221,9 @@ def _roads(stretches: Sequence[_Stretch], label: str) -> list[str]:
 
 
 def edges_along(length: float, step: float | None) -> np.ndarray:
-    """Distances at which a line is cut [m]: multiples of a step, or only its ends (None). A
-    remainder shorter than half a step is added to the piece before it: a short piece would get too
-    low a class."""
+    """Cut positions along a line [m]: multiples of a step, or only the ends (None). A remainder
+    shorter than half a step is added to the previous piece, because a short piece would get too low
+    a class."""
     number = 1 if step is None else max(1, math.floor(length / step + 0.5))
     return np.append((step or 0.0) * np.arange(number), length)
 
@@ -239,8 +241,8 @@ def _pieces(stretch: _Stretch, step: float | None, path: str) -> Iterator[_Piece
 
 
 def strips_along(whole: Any, axes: Sequence[Any], width: float) -> list[Any]:
-    """Strips of ground along pieces of a line, with straight ends, that together cover the whole
-    strip: the outer gap in a bend belongs to the first piece."""
+    """Strips of ground with straight ends along pieces of a line, which together cover the whole
+    strip. The outer gap in a bend belongs to the first piece."""
     import shapely
 
     strips = [shapely.buffer(axis, width / 2, cap_style="flat") for axis in axes]
@@ -254,7 +256,7 @@ def strips_along(whole: Any, axes: Sequence[Any], width: float) -> list[Any]:
 
 
 def _sources_on(grounds: Sequence[Any], scene: Scene) -> int:
-    """Number of sources on strips of ground, from which boulders need not cross an outline."""
+    """Number of sources on strips of ground; boulders from there need not cross an outline."""
     import shapely
 
     ground = np.array([shapely.union_all(grounds)])
@@ -262,8 +264,8 @@ def _sources_on(grounds: Sequence[Any], scene: Scene) -> int:
 
 
 def _outlines(ground: Any) -> Iterator[Any]:
-    """Curves that a boulder touches first: the axis, or the outline of a strip; for a closed road
-    also the inner outline, since boulders may come from inside."""
+    """Curves that a boulder touches first: the axis, or the outline of a strip. A closed road also
+    has its inner outline, since boulders may come from inside."""
     for part in getattr(ground, "geoms", [ground]):
         yield from (part.exterior, *part.interiors) if part.geom_type == "Polygon" else (part,)
 
@@ -271,7 +273,7 @@ def _outlines(ground: Any) -> Iterator[Any]:
 def _on_terrain(
     pieces: Sequence[_Piece], scene: Scene, path: str, remarks: list[str]
 ) -> list[_Piece]:
-    """Segments that lie on the terrain, at least in part."""
+    """Segments at least partly on the terrain."""
     import shapely
 
     grid = scene.grid
