@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Atomic writing: files appear under their names only when complete, all of a folder or none."""
+"""Atomic writing: a file, or the set of files of a folder, appears only when complete."""
 
 import itertools
 import os
@@ -16,16 +16,17 @@ from rockfall.io.output_files import TEMPORARY, check_folder, check_outputs, exi
 from rockfall.system import lock, replace
 
 LOCK, UNLOCKED = "lock", "unlocked"  # files in a temporary folder
-OLD = "old"  # folder in it of files that are replaced
+OLD = "old"  # subfolder for the old versions of replaced files
 IN_USE = "cannot be replaced; is it open in another program?"
 
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path of the same name, renamed to `path` if the block succeeds and removed
-    if it fails. It is in a new folder next to `path` with access for its owner only, so that in a
-    shared folder nobody can place a link where format drivers will write. If the file cannot be
-    renamed, as on Windows over an open one, it is left next to `path`."""
+    if it fails. It is in a new folder next to `path` that only its owner can access, so that other
+    users of a shared folder cannot place a link there. If the file cannot be renamed (on Windows,
+    over an open file), it is left next to `path`.
+    """
     path = Path(path)
     try:
         with _temporary(path.parent) as (place, stays):
@@ -48,9 +49,10 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 def atomic_folder(
     folder: str | Path, inputs: Iterable[str | Path] = (), last: str = ""
 ) -> Iterator[Path]:
-    """Yield a temporary folder, whose files are moved to `folder` if the block succeeds, `last` at
-    the end. If it fails, nothing has changed; if a file in it cannot be replaced, such as an open
-    file on Windows, the new files are left in a folder next to it."""
+    """Yield a temporary folder. If the block succeeds, its files are moved to `folder`, `last` at
+    the end; if the block fails, nothing changes. If an old file cannot be replaced (on Windows, an
+    open file), the new files are left in a folder next to `folder`.
+    """
     folder = Path(folder)
     check_folder(folder, tries=False)
     new = kept = None
@@ -66,7 +68,7 @@ def atomic_folder(
             moves = [(path, old / path.name) for path in reversed(targets) if os.path.lexists(path)]
             moves += zip(paths, targets, strict=True)
             try:
-                with _made(folder), interrupts():  # all or none of them
+                with _made(folder), interrupts():  # move all files or none
                     _move_all(moves)
             except OSError as error:
                 kept = keep_next_to(folder.resolve(), new)
@@ -84,11 +86,11 @@ def atomic_folder(
 
 @contextmanager
 def _temporary(parent: Path) -> Iterator[tuple[Path, list[Path]]]:
-    """Yield a new folder with access for its owner only, and a list for new files that had to stay
-    in it, without which it is removed. Folders of killed processes of this machine, which nobody
-    has locked, are removed first, unless they have the only copy of a file that was about to be
-    replaced."""
-    machine = socket.gethostname().encode()  # locks may be unknown to others of a cluster
+    """Yield a new folder that only its owner can access, and a list for files that must stay in it;
+    if the list is empty, the folder is removed. Unlocked folders left by killed processes on this
+    machine are removed first, unless they contain the only copy of a replaced file.
+    """
+    machine = socket.gethostname().encode()  # other machines of a cluster may not see the lock
     for left in parent.glob(f"{TEMPORARY}*/{LOCK}"):
         with suppress(OSError), open(left, "r+b") as file:
             lock(file.fileno())
@@ -99,7 +101,7 @@ def _temporary(parent: Path) -> Iterator[tuple[Path, list[Path]]]:
         with open(place / UNLOCKED, "xb") as file:
             file.write(machine)
             file.flush()
-            with suppress(OSError):  # without locks it would stay if killed
+            with suppress(OSError):  # without locks, the folder stays if the process is killed
                 lock(file.fileno())
                 os.rename(place / UNLOCKED, place / LOCK)
             yield place, kept
@@ -144,8 +146,9 @@ def not_replaced(error: OSError) -> str:
 
 
 def keep_next_to(path: Path, new: Path) -> Path:
-    """Move a file or folder next to the one that it cannot replace, as NAME-2, NAME-3, ...; it
-    stays in place on a file system that cannot rename."""
+    """Move a file or folder next to `path`, which it cannot replace, as NAME-2, NAME-3, ...; it
+    stays in place on a file system that cannot rename.
+    """
     names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
     kept = next(name for name in names if not os.path.lexists(name))
     try:

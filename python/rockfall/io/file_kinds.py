@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Kind(NamedTuple):
-    """A kind of files: its name in a sentence, and a pattern of first bytes."""
+    """Kind of file: its name for messages, and a pattern of its first bytes."""
 
     name: str
     first: bytes
@@ -38,7 +38,7 @@ KML = Kind("KML", rb"(?i)\s*<(.*<)?kml\b")
 GPX = Kind("GPX", rb"(?i)\s*<(.*<)?gpx\b")
 XML = Kind("XML", rb"\s*<")
 
-#: The first that matches holds.
+#: The first match is used.
 KINDS = (
     KMZ, XLSX, ZIP, XLS, GZIP, BZIP2, XZ, SEVEN_ZIP, RAR, GEOPACKAGE, SHAPEFILE, UTF_16, CLOUD, PDF,
     PNG, JPEG, JPEG_2000, SURFER, GRASS, GRIB, HTML, JSON, KML, GPX, XML,
@@ -47,7 +47,7 @@ ARCHIVES = ZIP, GZIP, BZIP2, XZ, SEVEN_ZIP, RAR
 
 
 def kind_of(start: bytes) -> Kind | None:
-    """Kind of a file with these first bytes; None if it is unknown."""
+    """Kind of a file, from its first bytes; None if unknown."""
     start = start.removeprefix(b"\xef\xbb\xbf")
     for kind in KINDS:
         if re.match(kind.first, start, re.DOTALL):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Input files: regular ones, their first bytes, their text."""
+"""Input files: check that they are regular; read their first bytes or their text."""
 
 import os
 from pathlib import Path
@@ -7,8 +7,8 @@ from pathlib import Path
 from rockfall.errors import RockfallError
 from rockfall.limits import MAX_TEXT
 
-START = 1024  # number of bytes by which GDAL also identifies a format
-#: First bytes of netCDF files, of the classic ones among them, and of GeoTIFFs.
+START = 1024  # bytes read to identify a format, as in GDAL
+#: First bytes of netCDF, classic netCDF and GeoTIFF files.
 CLASSIC = (b"CDF\1", b"CDF\2", b"CDF\5")
 NETCDF = (*CLASSIC, b"\x89HDF\r\n\x1a\n")
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -44,7 +44,7 @@ def relative_name(path: str | Path, folder: str | Path) -> str:
 
 
 def check_text_file(path: str | Path) -> None:
-    """Refuse files that are not regular, or too large for a text."""
+    """Refuse a file that is not regular or too large for a text."""
     check_regular(path)
     if os.path.isfile(path) and os.path.getsize(path) > MAX_TEXT:
         raise RockfallError(f"{path}: larger than 64 MB, so not a text file of rockfall")

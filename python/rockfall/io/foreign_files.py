@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files that are no readable raster: what they are, and what to do."""
+"""Advice on files that are not readable rasters."""
 
 import re
 import shlex
@@ -10,7 +10,7 @@ from rockfall.io import file_kinds as kinds
 from rockfall.io.vectors.point_text import first_line, is_row
 
 _CONVERT = "make a GeoTIFF of it: "
-#: Advice; files of other kinds may be rasters that are read.
+#: Advice by kind of file; other kinds may be readable rasters.
 _CURES = {
     **dict.fromkeys((*kinds.ARCHIVES, kinds.KMZ), "unpack it"),
     **dict.fromkeys(
@@ -25,7 +25,7 @@ _CURES = {
     kinds.UTF_16: "save it as UTF-8",
     kinds.HTML: "the download failed",
 }
-#: Rasters with a header in another file: extension, that of the header, and the name.
+#: Rasters with a separate header file: extension of each, and name of the format.
 _HEADED = (
     (".sdat", ".sgrd", "a SAGA grid"),
     (".bil", ".hdr", "an EHdr grid"),
@@ -36,7 +36,7 @@ _HEADED = (
 
 
 def check_foreign(path: str, start: bytes) -> None:
-    """Refuse a file of a known kind that is not read; `start` are its first bytes."""
+    """Refuse a file of a known but unsupported kind; `start` is its first bytes."""
     file = Path(path)
     what, cure = _kind(file, start)
     if not what:
@@ -49,7 +49,7 @@ def check_foreign(path: str, start: bytes) -> None:
 
 
 def _kind(file: Path, start: bytes) -> tuple[str, str]:
-    """Name of the kind of a file, and the cure; "" if it is unknown."""
+    """Name of the kind of a file, and advice; empty if unknown."""
     kind = kinds.kind_of(start)
     if kind in _CURES:
         return kind.name, _CURES[kind]

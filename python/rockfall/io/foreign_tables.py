@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files given as a table that are something else: what they are, and what to do."""
+"""Advice on files given as a table that are not tables."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from rockfall.io import file_kinds as kinds
 from rockfall.io.files import start_of
 
 _TABLE, _LAYER = "save the table as CSV", "save it as a GeoPackage (.gpkg), as QGIS does"
-#: Advice; tables of other kinds are to be saved as CSV.
+#: Advice by kind of file; other tables must be saved as CSV.
 _CURES = {
     **dict.fromkeys(kinds.ARCHIVES, "unpack it"),
     **dict.fromkeys((kinds.KMZ, kinds.KML, kinds.GPX, kinds.XML), _LAYER),
@@ -23,7 +23,7 @@ _TRAJECTORIES = (".rts", ".pts")
 
 
 def check_table(path: str | Path) -> None:
-    """Refuse a file of a known kind that is no table; files that cannot be read pass."""
+    """Refuse a file of a known kind other than a table; unreadable files pass."""
     if not Path(path).is_file():
         return
     if Path(path).suffix.lower() in _TRAJECTORIES:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files that GDAL may open: plain files of a few formats, without references elsewhere.
+"""Files that GDAL may open: plain files of a few formats, without references to other files.
 
-GDAL identifies files by content, not by name: a text may be a map service or a mosaic of other
-files, and a pipe has no end. Everything GDAL would access is checked here first. A mosaic (VRT) may
-name any file or server, run Python, or read bytes of any file as numbers: it is refused.
+GDAL identifies files by content, not by name: a text may define a map service or a mosaic of other
+files, and a pipe may be endless. Every file that GDAL would access is checked here first. A mosaic
+(VRT) is refused, because it may access any file or server and run Python.
 """
 
 import math
@@ -19,7 +19,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.files import TIFF, check_regular, start_of
 from rockfall.io.tables import plain_decimal
 
-#: Rasters without text in their headers, where GDAL would read invalid numbers as zero.
+#: Formats whose headers contain no text that GDAL could misread as zero.
 BINARY = ("GTiff", "HFA", "GSBG", "GS7BG")
 #: Driver of SRTM tiles, which are recognised by their names, such as N46E007.hgt.
 TILE = ("SRTMHGT",)
@@ -35,7 +35,7 @@ _MAX_TAG = 65536  # bytes
 
 
 def plain_file(path: str | Path) -> str:
-    """Absolute path of a regular file, whose companion files are regular too.
+    """Return the absolute path of a file after checking that it and its companions are regular.
 
     GDAL never reads an absolute path as a command such as `WMS:...`.
     """
@@ -67,7 +67,7 @@ def is_tile(path: str | Path) -> bool:
 
 
 def check_imagine(path: str) -> None:
-    """Refuse an Erdas Imagine file whose numbers are stored in another file."""
+    """Refuse an Erdas Imagine file whose values are in another file."""
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         if content.find(b"ExternalRasterDMS") >= 0:
             raise RockfallError(f"{path}: its numbers are in another file: make a GeoTIFF of it")
@@ -86,13 +86,13 @@ def tiff_text(path: str | Path, tag: int) -> str:
 
 
 def tiff_numbers(path: str | Path, tag: int) -> tuple[int, ...]:
-    """Integers of 16 bits of a tag in the first directory; empty as `tiff_text`."""
+    """16-bit integers of a tag in the first directory; empty if absent, or in a truncated file."""
     raw, end = _tiff_tag(path, tag, _SHORT)
     return struct.unpack(f"{end}{len(raw) // 2}H", raw[: len(raw) // 2 * 2])
 
 
 def _tiff_tag(path: str | Path, tag: int, kind: int) -> tuple[bytes, str]:
-    """Bytes of a tag of a type, and their order."""
+    """Bytes of a tag with the given type, and their byte order."""
     with open(path, "rb") as file:
         try:
             return _tag_bytes(file, os.path.getsize(path), tag, kind)
@@ -120,7 +120,7 @@ def _tag_bytes(file: BinaryIO, size: int, wanted: int, wanted_kind: int) -> tupl
 
 
 def companions(path: Path) -> list[Path]:
-    """Companion files, named after a file: masks, world files, tables."""
+    """Companion files of a file: masks, world files, tables."""
     stem, folder = f"{path.stem}.".lower(), path.parent
     names = [name for name in os.listdir(folder) if name.lower().startswith(stem)]
     return [folder / name for name in names if name != path.name]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Likely mistakes in inputs, as stored in files of results."""
+"""Warnings about likely mistakes in inputs, as stored in result files."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class InputWarning(NamedTuple):
 
     @property
     def is_reprojection(self) -> bool:
-        """Return True if a layer was reprojected, which reports list with the files."""
+        """Return True for a reprojected layer, which reports list with the files."""
         if isinstance(self.text, Text):
             return self.text.key.startswith("input.reprojected")
         return self.text.startswith(REPROJECTED)
 
 
 def stored_warnings(warnings: Iterable[InputWarning]) -> str:
-    """Attribute `input_warnings` of a file: place and English text, with its message."""
+    """Value of the attribute `input_warnings`: place, English text and message."""
     return json.dumps([[*warning, packed(warning.text)] for warning in warnings])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""NetCDF-4 files, opened and written under names that are valid on Windows too."""
+"""Open and write netCDF-4 files, under names that are also valid on Windows."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 Mode = Literal["r", "w", "x", "a"]
 _LOCKING = "HDF5_USE_FILE_LOCKING"
 
-CACHE = 2**20  # bytes cached of a variable; by default 16 MB, or all of its chunks
+CACHE = 2**20  # cache of a variable [bytes]; netCDF's default is 16 MB or more
 
-# HDF5 locks the files that it reads or writes, and fails on file systems without locks. Nothing
-# here needs these locks: files are written under temporary names. HDF5 reads the variable when it
-# opens its first file.
+# HDF5 locks its files and fails on file systems without locks, which are not needed here: files are
+# written under temporary names. HDF5 reads this variable when it opens its first file.
 os.environ.setdefault(_LOCKING, "FALSE")
 
 
 def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
-    """Open a netCDF-4 file. A RockfallError refuses files that are not regular, classic netCDF (if
-    its header claims more than the file holds, the library allocates that memory, and aborts the
-    process if there is too little), and names that netCDF cannot open."""
+    """Open a netCDF-4 file. A RockfallError refuses files that are not regular, names that netCDF
+    cannot open, and classic netCDF: a header that exceeds the file makes the library allocate too
+    much memory and abort the process.
+    """
     import netCDF4
 
     check_regular(path)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Permission to write outputs: never over an input, and over an existing file only on request."""
+"""Checks before writing outputs: inputs are never overwritten, other files only on request."""
 
 import errno
 import os
@@ -19,7 +19,7 @@ from rockfall.system import replace, reserve
 TEMPORARY = ".rockfall-"  # prefix of temporary folders
 RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 EXISTS = "already exists; not overwritten (--overwrite replaces it)"
-#: A disk with fewer bytes left counts as full: some libraries remove their last writes again.
+#: A disk with less free space [bytes] counts as full: some libraries undo their last writes.
 LEFT_FREE = 2**24
 #: Permission to replace files: given in scripts, where the call implies it.
 _replacing: ContextVar[bool] = ContextVar("replacing", default=True)
@@ -48,9 +48,10 @@ def check_result_path(
 def check_output(
     path: str | Path, inputs: Iterable[str | Path] = (), *, tries: bool = True
 ) -> None:
-    """Refuse an output path before the work starts: an input, an existing file unless `overwriting`
-    allows it, a folder, a missing folder, or a path that is not writable, which is only tested on
-    request: after the work, finished files are written wherever possible."""
+    """Refuse an output path before the work starts: an input, an existing file (unless
+    `overwriting` allows it), a folder, or a file in a missing folder; with `tries`, also a path
+    that is not writable. After the work, finished files are written wherever possible.
+    """
     path = Path(path)
     check_outputs([path], inputs)
     if not path.parent.is_dir():
@@ -60,7 +61,7 @@ def check_output(
 
 
 def _check_place(path: Path, folder: Path) -> None:
-    """Refuse an output in a folder without permission to write, or that cannot rename files."""
+    """Refuse an output in a folder that is not writable or cannot rename files."""
     try:
         _try_renaming(folder)
     except OSError as error:
@@ -69,8 +70,9 @@ def _check_place(path: Path, folder: Path) -> None:
 
 
 def _try_renaming(folder: Path) -> None:
-    """Try the last steps of writing; an OSError if the folder permits no new folders and files, or
-    its file system cannot rename a file over another."""
+    """Try the last steps of writing; an OSError if the folder does not permit new folders and
+    files, or if its file system cannot replace a file by renaming.
+    """
     descriptor, target = tempfile.mkstemp(dir=folder, prefix=TEMPORARY)
     os.close(descriptor)
     try:
@@ -93,8 +95,9 @@ def check_space(path: Path, size: int) -> None:
 
 
 def check_outputs(paths: Iterable[Path], inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse to overwrite an input under any name, a folder or a device, or, unless `overwriting`
-    allows it, any existing file."""
+    """Refuse to overwrite an input (under any name), a folder or a device; or any existing file,
+    unless `overwriting` allows it.
+    """
     taken = [path for path in paths if os.path.lexists(path)]
     read = {_identity(path) for path in inputs if os.path.exists(path)} if taken else set()
     for path in taken:
@@ -108,19 +111,19 @@ def check_outputs(paths: Iterable[Path], inputs: Iterable[str | Path] = ()) -> N
 
 
 def _identity(path: str | Path) -> tuple[int, int]:
-    """Identity of a file, equal for all its names."""
+    """Device and inode of a file, equal for all its names."""
     status = os.stat(path)
     return status.st_dev, status.st_ino
 
 
 def why_unwritten(error: Exception, folder: Path) -> str:
-    """Reason why a library could not write a file: most report no full disk."""
+    """Reason why a library could not write a file; most do not report a full disk."""
     full = shutil.disk_usage(folder).free < LEFT_FREE
     return os.strerror(errno.ENOSPC) if full else str(error)
 
 
 def check_folder(folder: Path, *, tries: bool = True) -> None:
-    """Refuse a file in place of a folder that may not exist yet, or an unwritable one."""
+    """Refuse an output folder that is a file or not writable; it may not exist yet."""
     if folder.exists() and not folder.is_dir():
         raise RockfallError(f"{folder}: is a file, a folder is needed")
     if tries:
@@ -128,6 +131,6 @@ def check_folder(folder: Path, *, tries: bool = True) -> None:
 
 
 def existing(folder: Path) -> Path:
-    """The folder, or its nearest existing parent."""
+    """Return the folder, or its nearest existing parent."""
     place = folder.resolve()
     return next(path for path in (place, *place.parents) if path.exists())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""CSV tables: reading those written by users, and writing tables for spreadsheets."""
+"""Read CSV tables of users, and write CSV tables for spreadsheets."""
 
 from __future__ import annotations
 
@@ -22,16 +22,17 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MAX_COLUMNS = 1000
-#: First line that gives spreadsheets the separator of a CSV.
+#: First line of a CSV that defines its separator for spreadsheets.
 SEPARATOR_LINE = re.compile(r'"?sep=([,;\t|])"?', re.IGNORECASE)
-# Texts that a spreadsheet would run as formulas, or that look like escaped ones: some programs skip
-# blanks and invisible marks, and accept full-width East Asian signs.
+# Texts that a spreadsheet would run as formulas, or that look like escaped formulas. Some programs
+# skip blanks and invisible marks, and accept full-width East Asian signs.
 _FORMULA = re.compile(r"['\s\x00-\x1f\u200b\ufeff]*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r]")
 
 
 def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
-    """(line number, cells) of each line that is not blank; cells are separated by commas or
-    semicolons. Texts escaped by `spreadsheet_text` are restored."""
+    """Yield the number and cells of each line that is not blank. Cells are separated by commas or
+    semicolons; texts escaped by `spreadsheet_text` are restored.
+    """
     line = 1
     check_text_file(path)
     check_table(path)
@@ -61,12 +62,12 @@ def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def decimal(text: str) -> float:
-    """Number spelled by a text; NaN if invalid or out of range."""
+    """Convert a text to a number; NaN if invalid or out of range."""
     return float(kernel_rules.decimal(text.encode() or b"-"))
 
 
 def plain_decimal(text: str) -> float:
-    """Number spelled by a text, without the exponents specific to Fortran (1d3); NaN if invalid."""
+    """Convert a text to a number; NaN if invalid or with a Fortran exponent (1d3)."""
     return math.nan if "d" in text.lower() else decimal(text)
 
 
@@ -101,8 +102,9 @@ class Row(NamedTuple):
 
 
 def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
-    """Position of the header of a table, its columns in lower case, and the rows below: at least
-    one, each as long as the header."""
+    """Return the position of a table's header, its columns in lower case, and its rows: at least
+    one, each as long as the header.
+    """
     lines = table_rows(path)
     number, header = next(lines, (1, []))
     columns = [name.lower() for name in header]
@@ -114,7 +116,7 @@ def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
 def read_columns(
     path: str | Path, needed: Iterable[str]
 ) -> tuple[list[str], dict[str, np.ndarray]]:
-    """Position of each row of a table, and its texts by column (objects)."""
+    """Return the position of each row of a table, and its texts by column (arrays of objects)."""
     where, columns, rows = read_table(path)
     for column in needed:
         if column not in columns:
@@ -148,7 +150,7 @@ def _rows(
 
 
 def write_csv(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table without its index, atomically; its texts are safe in a spreadsheet."""
+    """Write a table atomically, without its index, with texts that spreadsheets do not run."""
 
     def safe(value: object) -> object:
         return spreadsheet_text(value) if isinstance(value, str) else value
@@ -160,7 +162,7 @@ def write_csv(table: pd.DataFrame, path: str | Path) -> None:
 
 
 def spreadsheet_text(text: str) -> str:
-    """Text with an apostrophe in front if a spreadsheet would run it; not for numbers."""
+    """Add an apostrophe to a text (not a number) that a spreadsheet would run as a formula."""
     return f"'{text}" if _FORMULA.match(text) else text
 
 

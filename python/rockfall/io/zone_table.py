@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones of surface material: their table, and the table row of each cell."""
+"""Table of the zones of surface material, and the row of each cell in it."""
 
 import math
 import re
@@ -19,7 +19,7 @@ from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 
 #: Columns of lengths in metres, in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
-#: Columns of a ground's own strength [Pa] and relief [degree].
+#: Columns of the zone's strength [Pa] and relief [degree].
 PAIR = ("ground_strength", "ground_relief")
 MATERIAL = (*RADII, "ground", *PAIR)  # a zone table has at least one of these columns
 NAMES = ("name", "description")  # columns of free text that name a zone
@@ -28,7 +28,7 @@ _INTEGER = re.compile(r"[+-]?[0-9]+")
 
 
 class NamedGround(NamedTuple):
-    """A ground by name, with a strength [Pa] and relief [degree] that replace its own."""
+    """Name of a ground, with a strength [Pa] and relief [degree] that replace its values."""
 
     name: str
     pair: Mapping[str, float] = MappingProxyType({})  # by their names in a table of grounds
@@ -42,16 +42,16 @@ class NamedGround(NamedTuple):
 class Zone(NamedTuple):
     """A row of a table of zones."""
 
-    sizes: tuple[float, ...]  # in the order of RADII [m]; NaN: not given, Inf: absorbs
-    ground: str = ""  # ground of its rebounds; "": the case's
+    sizes: tuple[float, ...]  # [m], ordered as RADII; NaN: not given, Inf: absorbs
+    ground: str = ""  # ground of its rebounds; "": that of the case
     strength: float = math.nan  # strength of the ground [Pa]; NaN: not given
     relief: float = math.nan  # relief of the ground [degree]; NaN: not given
-    where: str = ""  # the row, for messages
+    where: str = ""  # position of the row, for messages
     name: str = ""  # name; "": not given
 
     @property
     def pair(self) -> dict[str, float]:
-        """Strength and relief of the zone, by names as in a table of grounds, if given."""
+        """Strength and relief of the zone, if given, by their names in a table of grounds."""
         given = {"strength": self.strength, "relief": self.relief}
         return {name: value for name, value in given.items() if not math.isnan(value)}
 
@@ -73,11 +73,11 @@ class Zone(NamedTuple):
 
 
 def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[int, Zone]:
-    """Rows by zone id, in the order of the file.
+    """Read the zones by id, in the order of the file.
 
-    Cells are separated by commas or semicolons; unknown columns are ignored, with one of the
-    `remarks`. An empty size is not given, and is refused where it is needed. A zone with its own
-    ground may have no rocks: sizes of zero. A strength and relief replace those of the ground.
+    Cells are separated by commas or semicolons; unknown columns are ignored and added to `remarks`.
+    An empty cell means that no size is given. A zone with its own ground may have sizes of zero (no
+    rocks). A strength and relief replace those of the ground.
     """
     where, columns, rows = read_table(path)
     names = ("zone", *MATERIAL)
@@ -108,11 +108,11 @@ def _note_marks(remarks: list[str], path: str | Path, zones: dict[int, Zone]) ->
 def zones_of_polygons(
     columns: dict[str, np.ndarray], path: str, field: str, remarks: list[str] | None = None
 ) -> tuple[np.ndarray, dict[int, Zone], bool]:
-    """Id of each polygon (int32), the zones by id, and whether the ids are from the layer, for
-    polygons whose attributes are the columns of a table of zones.
+    """Return the zone id of each polygon (int32), the zones by id, and whether the layer has these
+    ids. The attributes of polygons are the columns of a zone table.
 
-    Polygons with equal attributes are one zone. Its id is the integer attribute `field` if that
-    identifies zones, else its number in file order, from 1.
+    Polygons with equal attributes are one zone. Its id is the integer attribute `field` if unique
+    for each zone, else its number in file order, from 1.
     """
     texts_of = {name: attribute(columns, name) for name in (*MATERIAL, *NAMES)}
     given = {
@@ -144,7 +144,7 @@ def zones_of_polygons(
 
 
 def _own_ids(values: np.ndarray | None, kinds: list[tuple[str, ...]]) -> list[int] | None:
-    """Ids of polygons, unless one id is used for polygons that differ."""
+    """Ids of polygons; None if polygons that differ have the same id."""
     if values is None or values.dtype.kind not in "iu":
         return None
     ids = [int(value) for value in values]
@@ -153,7 +153,7 @@ def _own_ids(values: np.ndarray | None, kinds: list[tuple[str, ...]]) -> list[in
 
 
 def _text(value: Any) -> str:
-    """Attribute as the text of a cell; "" if empty."""
+    """Convert an attribute to the text of a cell; "" if empty."""
     value = plain(value)
     return "" if value is None else str(value).strip()
 
@@ -177,9 +177,9 @@ def index_blocks(
 ) -> np.ndarray:
     """Table row (int8 or int16, counted from 1) of each cell; 0 where the terrain is not valid.
 
-    `blocks` are zone ids by rows, `NO_ID` in cells without a zone, which take `default_zone`.
-    `valid` is a mask, or the elevations themselves (NaN = not valid). `path` and `table` are names
-    for messages, `what` is the term for an id.
+    `blocks` are rows of zone ids; cells with `NO_ID` belong to `default_zone`. `valid` is a mask,
+    or the elevations (NaN = not valid). `path`, `table` and `what` (the term for an id) are for
+    messages.
     """
     if len(table_ids) > np.iinfo(np.int16).max:
         raise RockfallError(f"{table}: {len(table_ids)} zones: at most {np.iinfo(np.int16).max}")
@@ -230,7 +230,7 @@ def _is_valid(block: np.ndarray) -> np.ndarray:
 
 
 def _without_row(unknown: dict[int, int], path: str, table: str, what: str) -> str:
-    """Message about cells whose zone is missing or not in the table."""
+    """Error message about cells whose zone is missing or not in the table."""
     if NO_ID in unknown:
         return (
             f"{path}: {unknown[NO_ID]} cells of the terrain have no zone: "

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Contents of a result, from which netCDF files and xarray.Datasets are made. Writing a file does
-not need xarray, whose import takes longer than a small run."""
+"""Contents of a result, for netCDF files and xarray.Datasets. Writing a file does not need xarray,
+which takes longer to import than a small run.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from rockfall.accessor import add_accessor
 if TYPE_CHECKING:
     import xarray as xr
 
-Held: TypeAlias = "xr.Dataset | Contents"  # can be read by the same names in either form
+Held: TypeAlias = "xr.Dataset | Contents"  # both forms are read by the same names
 HeldVariable: TypeAlias = "xr.Variable | xr.DataArray | Variable"
 
 
@@ -36,12 +37,12 @@ class Variable:
         return self.held[rows]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        array = np.asarray(self.values, dtype)  # NumPy 1 only has always and never
+        array = np.asarray(self.values, dtype)  # NumPy 1 cannot copy only if needed
         return array.copy() if copy and array is self.values else array
 
 
 class Contents:
-    """Variables by name, some of them coordinates of the others; read like an xarray.Dataset."""
+    """Variables and coordinates by name, with the reading interface of an xarray.Dataset."""
 
     def __init__(
         self, data: Mapping[str, tuple], attrs: Mapping[str, Any], coords: Iterable[str] = ()
@@ -61,8 +62,9 @@ class Contents:
         return self.variables[name]
 
     def dataset(self) -> xr.Dataset:
-        """Dataset with the same values. Variables are made here because xarray would load Dask, if
-        installed, to check their type, which takes half a second."""
+        """Convert to an xarray.Dataset. Variables are made explicitly: otherwise xarray loads Dask,
+        if installed, to check their type (half a second).
+        """
         import xarray as xr
 
         add_accessor()

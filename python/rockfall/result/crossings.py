@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""First crossings of evaluation lines: one row for each line that a boulder crosses, sorted by
-line, then by boulder. Results keep the values measured by the kernel; speeds, energies and further
-heights follow by its rules."""
+"""First crossings of evaluation lines: one row per line and boulder, sorted by line, then by
+boulder. Results store the kernel's measurements; speeds, energies and other heights are derived
+from them by the kernel's rules.
+"""
 
 from __future__ import annotations
 
@@ -29,16 +30,16 @@ if TYPE_CHECKING:
     Known = Held | Mapping[str, Any]  # a result, or arrays by name
 
 HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
-QUANTITIES = fields("line_quantity")  # in the kernel's order; the last one is not derived
+QUANTITIES = fields("line_quantity")  # in the kernel's order
 DERIVED = {name: k for k, name in enumerate(QUANTITIES[:-1])}
 MOTION = ("velocity_x", "velocity_y", "velocity_z", "omega", "jump_height", "passing_height")
-POSITION = "position"  # the distance along a line, among quantities
+POSITION = "position"  # quantity: the distance along a line
 MAX_DENSE = 2e9  # bytes of a dense view
 MAX_SHARED = 5e8  # bytes of cached quantities of lines within `sharing`
 
 
 def line_names(result: Known) -> list[str]:
-    """Names of the evaluation lines of a result, which may have none."""
+    """Names of the evaluation lines of a result; may be empty."""
     return [str(name) for name in np.asarray(result["line_name"])] if "line_name" in result else []
 
 
@@ -67,14 +68,16 @@ def rows_at(result: Known, line: int) -> slice:
 
 
 class AtLine:
-    """Crossings at the line with this index, perhaps of selected boulders; values are cached."""
+    """Crossings at the line with this index, of all or selected boulders; values are cached."""
 
     def __init__(self, result: Known, line: int) -> None:
-        """Crossings of a result, or of arrays by name, which have no energies: they lack a case."""
+        """Crossings of a result, or of arrays by name; the latter have no energies, as they lack a
+        case.
+        """
         self._result: Any = result
-        self._held: Any = getattr(result, "variables", result)  # a DataArray of each costs more
+        self._held: Any = getattr(result, "variables", result)  # faster than making DataArrays
         self._line = line
-        self.kept: dict[Any, Any] = {}  # few numbers of analyses, kept for others
+        self.kept: dict[Any, Any] = {}  # results of analyses, cached for other analyses
         self._rows, self.boulders = self._rows_and_boulders()
 
     def _rows_and_boulders(self) -> tuple[slice | np.ndarray, np.ndarray]:
@@ -119,7 +122,7 @@ class AtLine:
         return np.ascontiguousarray(line_quantities(motion, self.volumes, mass))
 
     def values(self, quantity: str) -> np.ndarray:
-        """Values of a quantity, in the order of `boulders`; the result must keep rows."""
+        """Values of a quantity, in the order of `boulders`; the result must have rows."""
         if quantity in ("x", "y"):
             return self.places()["xy".index(quantity)]
         if quantity in DERIVED and quantity not in MOTION:
@@ -135,7 +138,7 @@ class AtLine:
 
 
 def masses_of(result: Held, boulders: np.ndarray | slice = slice(None)) -> np.ndarray:
-    """Mass [kg] of each boulder, or of those with these indices."""
+    """Mass [kg] of all boulders, or of the boulders with these indices."""
     if "mass" in result:
         return np.asarray(result["mass"])[boulders]
     density = _density(str(result.attrs["case"]), str(result.attrs["case_file"]))
@@ -150,7 +153,7 @@ def _density(text: str, file: str) -> float:
 
 
 class _Shared:
-    """Cache of crossings at the lines of a result, most recent last, as far as memory allows."""
+    """Cache of crossings at lines, most recent last, with a limited size."""
 
     def __init__(self, result: Known) -> None:
         self.result = result
@@ -193,13 +196,13 @@ def at_line(result: Known, line: int) -> AtLine:
 
 
 def kept_of(result: Known) -> dict[Any, Any]:
-    """Cache of what analyses find in a result, shared within `sharing`."""
+    """Cache for results of analyses, shared within `sharing`."""
     shared = _shared.get()
     return shared.kept if shared is not None and shared.result is result else {}
 
 
 def boulders_at(result: Known, line: int) -> np.ndarray:
-    """Index along `boulder` of each boulder that crosses a line, in the order of their numbers."""
+    """Index along `boulder` of each boulder that crosses a line, by increasing number."""
     return at_line(result, line).boulders
 
 
@@ -279,7 +282,7 @@ def crossings(result: xr.Dataset, line: str | int | None = None) -> pd.DataFrame
 
 
 def columns_at(result: Held, line: int) -> dict[str, np.ndarray]:
-    """Columns of `crossings` at the line of this index, without its name."""
+    """Columns of `crossings` for the line with this index, without its name."""
     at = at_line(result, line)
     x, y = at.places()
     columns = {"boulder": at.stored("boulder"), "x": x, "y": y}
@@ -289,8 +292,8 @@ def columns_at(result: Held, line: int) -> dict[str, np.ndarray]:
 
 
 def at_lines(result: xr.Dataset) -> xr.Dataset:
-    """Crossings as a dense Dataset of line_x, line_y, line_time and so on, dimensions (line,
-    boulder), NaN where a boulder does not cross; for a few lines.
+    """Crossings of a few lines as a dense Dataset: line_x, line_y, line_time and so on, with
+    dimensions (line, boulder); NaN where a boulder does not cross.
 
     A RockfallError refuses more than 2 GB.
 

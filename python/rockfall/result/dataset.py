@@ -34,13 +34,13 @@ NO_COUNT = -1  # fill value of counts
 DAMAGED = (
     OSError, ValueError, TypeError, LookupError, RuntimeError, AttributeError, OverflowError,
 )  # fmt: skip
-CHUNK = 32_768  # crossings compressed together
-SAMPLES = {"sample_entry": 2048, "sample_line": 1}  # rows of samples compressed together
-TILE = 256  # cells of a compressed tile along each side
+CHUNK = 32_768  # crossings per chunk
+SAMPLES = {"sample_entry": 2048, "sample_line": 1}  # rows of samples per chunk
+TILE = 256  # width of a compressed tile [cells]
 
 
 def centre_variables(x: np.ndarray, y: np.ndarray) -> dict[str, tuple]:
-    """Coordinates of cell centres [m] in CF form."""
+    """Coordinates of cell centres [m] as CF variables."""
     words = (("x", x, "easting"), ("y", y, "northing"))
     return {
         axis: (axis, centres, {
@@ -52,7 +52,7 @@ def centre_variables(x: np.ndarray, y: np.ndarray) -> dict[str, tuple]:
 
 
 def georeference(grid: Grid) -> dict[str, Any]:
-    """Attributes of the variable that georeferences a grid (CF, and GDAL's GeoTransform)."""
+    """Attributes that georeference a grid (CF, and GDAL's GeoTransform)."""
     transform = f"{grid.west!r} {grid.cell!r} 0.0 {grid.north!r} 0.0 {-grid.cell!r}"
     attrs = {"units": "1", "long_name": "coordinate reference system", "GeoTransform": transform}
     return attrs | (grid_mapping(grid.crs) if grid.crs else {})
@@ -76,7 +76,9 @@ def feature_names(scene: Any) -> dict[str, str]:
 
 
 def open_result(path: str | Path) -> xr.Dataset:
-    """Open a netCDF result as stored: counts remain integers, seconds remain numbers."""
+    """Open a netCDF result without decoding: counts remain integers, times remain numbers of
+    seconds.
+    """
     if Path(path).is_dir():
         names = ", ".join(sorted(each.name for each in Path(path).glob("*.nc"))[:5])
         raise RockfallError(f"{path}: is a folder: give one of its files, {names or 'OUT.nc'}")
@@ -95,9 +97,8 @@ def open_result(path: str | Path) -> xr.Dataset:
 
 
 def read_result(path: str | Path) -> xr.Dataset:
-    """Read the result of a run from its netCDF file into memory, as `rockfall.run` returned it.
-    More than a million crossings of lines stay in the file, and are read on demand until the result
-    is closed.
+    """Read the result of a run from its netCDF file, as `rockfall.run` returned it. More than a
+    million line crossings stay in the file and are read on demand until the result is closed.
 
     >>> import rockfall
     >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "result.nc")
@@ -129,7 +130,7 @@ def read_result(path: str | Path) -> xr.Dataset:
     return result
 
 
-#: Attribute of results from functions. Files omit it, because every reader derives these warnings.
+#: Attribute of results in memory only: readers of files derive these warnings again.
 MODEL_WARNINGS = "model_warnings"
 
 
@@ -145,9 +146,9 @@ def write_result(result: Held, path: str | Path) -> None:
 
 
 def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
-    """Write the complete data to a new file, not through a link; `name` is for messages. Uses
-    netCDF4 directly: xarray would copy entire maps, and load Dask if installed, which takes longer
-    than writing."""
+    """Write the data to a new file, not through a link; `name` is for messages. netCDF4 is used
+    directly, because xarray would copy entire maps and load Dask, if installed.
+    """
     try:
         with open_netcdf(path, "x") as file:
             file.setncatts({key: data.attrs[key] for key in data.attrs if key != MODEL_WARNINGS})
@@ -157,18 +158,19 @@ def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
                 variable = data.variables[stored]
                 how = _storage(variable, {"part_layout", "scene_layout"} & data.attrs.keys())
                 _write_variable(file, stored, variable, how, _attached(data, stored))
-    except (RuntimeError, PermissionError) as error:  # netCDF4's of a failed write
+    except (RuntimeError, PermissionError) as error:  # netCDF4's errors for a failed write
         reason = why_unwritten(error, Path(path).parent)
         raise RockfallError(f"{name}: cannot be written: {reason}") from error
 
 
 def _attached(result: Held, name: str) -> dict[str, Any]:
-    """Attributes of a variable in the file only: its missing value, and its auxiliary coordinates
-    (CF). Coordinates and texts have no missing values."""
+    """Attributes that a variable has only in the file: missing value and auxiliary coordinates
+    (CF). Coordinates and texts have no missing values.
+    """
     variable = result.variables[name]
     if name in result.coords:
         return {}
-    beside = [  # by name: a DataArray of each costs more than writing small variables
+    beside = [  # avoids DataArrays, which cost more than writing
         other for other in map(str, result.coords)
         if other not in result.sizes and {*result.variables[other].dims} <= {*variable.dims}
     ]  # fmt: skip
@@ -190,8 +192,8 @@ def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
         tile = [1] * (variable.ndim - 2) + [min(TILE, size) for size in variable.shape[-2:]]
         how = {"chunksizes": tile, "zlib": True, "complevel": 1, "shuffle": True}
     if not checksums and variable.dims == ("crossing",) and variable.shape[0]:
-        # by default a chunk is most of a variable, so that a line costs reading everything;
-        # compression saves a quarter of reals, and takes longer than all else
+        # With default chunks, reading a line would read most of a variable. Compression would save
+        # a quarter of the reals, but would dominate the writing time.
         how = {"chunksizes": [min(variable.shape[0], CHUNK)], "chunk_cache": CACHE}
         if variable.dtype.kind == "i":
             how |= {"zlib": True, "complevel": 1, "shuffle": True}
@@ -211,7 +213,7 @@ def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
 def _write_variable(
     file: Any, name: str, variable: HeldVariable, how: dict[str, Any], attached: dict[str, Any]
 ) -> None:
-    """Write a variable, rasters in blocks of rows."""
+    """Write a variable; rasters are written in blocks of rows."""
     text, is_map = variable.dtype.kind in "OU", variable.dims == ("y", "x")
     how |= {"fill_value": attached.pop("_FillValue", None)}
     stored = file.createVariable(name, str if text else variable.dtype, variable.dims, **how)

@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 
 
 class GroundRebounds(NamedTuple):
-    """Rebounds on a ground, and their fraction of all rebounds."""
+    """Number of rebounds on a ground, and their fraction of all rebounds."""
 
     name: str
     model: str
     rebounds: int
     fraction: float
-    block_radius: float  # R_b [m] of the largest blocks of its table; NaN: none, or unknown
+    block_radius: float  # R_b [m] of the largest blocks of its impact table; NaN: none or unknown
 
 
 def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
-    """Rebounds of each ground, as in the scene; empty if it has only the case's sets."""
+    """Rebounds by ground, in the order of the scene; empty if it has only the case's sets."""
     if "rebounds_by_ground" not in values:
         return []
     names, models, counts = (
@@ -49,19 +49,19 @@ def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
 
 
 def source_text(values: Variables) -> str:
-    """Program and rebound models of a run, in English, for its file."""
+    """Program and rebound models of a run, in English, for its result file."""
     with speaking("en"):
         return f"rockfall {__version__}, {_models(values)}"
 
 
 def program_text(data: xr.Dataset) -> str:
-    """The program of a result or a hazard, and its rebound models, in the language of a report."""
+    """Program and rebound models of a result or hazard, in the language of a report."""
     program, _, _ = str(data.attrs["source"]).partition(", ")
     return f"{program}, {_models(data)}"
 
 
 def _models(values: Variables) -> Text:
-    """Rebound models of a run: stochastic, tables of impacts, classical ones by name."""
+    """Rebound models of a run: stochastic, impact tables, and classical models by name."""
     grounds = rebounds_by_ground(values)
     followed = {ground.model for ground in grounds if ground.rebounds}
     parts = []
@@ -75,7 +75,7 @@ def _models(values: Variables) -> Text:
 
 
 def stochastic_fraction(values: Variables) -> float:
-    """Fraction of the rebounds by impact sets or tables of impacts."""
+    """Fraction of the rebounds from impact sets or impact tables."""
     grounds = rebounds_by_ground(values)
     if not grounds:
         return 1.0
@@ -83,7 +83,7 @@ def stochastic_fraction(values: Variables) -> float:
 
 
 def classical_grounds(values: Variables) -> list[GroundRebounds]:
-    """Grounds with coefficients on which boulders rebounded, most often first."""
+    """Grounds with coefficients on which boulders rebounded, most rebounds first."""
     grounds = [
         ground
         for ground in rebounds_by_ground(values)
@@ -98,7 +98,7 @@ def table_grounds(values: Variables) -> list[GroundRebounds]:
 
 
 def sets_followed(values: Variables, case_set: str) -> list[str]:
-    """Names of the impact sets that rebounds used; `case_set` is the case's set."""
+    """Names of the impact sets used by rebounds; `case_set` is the impact set of the case."""
     if "rebounds_by_ground" not in values:
         return [case_set]
     grounds = rebounds_by_ground(values)

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Motion of recorded boulders between their vertices, by the kind of each leg.
+"""Motion of recorded boulders between their vertices.
 
-A boulder flies on a parabola. On the ground it goes from point to point of the terrain, straight in
-plan at its mean speed; if a contact takes longer, it waits at the end. A roll or slide begins at a
-rebound; the flight after it begins above its last vertex, by the rise of the boulder during the
-contact.
+A boulder flies on a parabola. On the ground it moves straight in plan at its mean speed, on the
+terrain; if a contact takes longer, it waits at the end. A roll or slide begins at a rebound. The
+next flight begins above the last vertex, by the rise of the boulder during the contact.
 """
 
 from __future__ import annotations
@@ -31,18 +30,19 @@ _NAMES = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
 
 
 class Motion(NamedTuple):
-    """Flights, legs on the ground and waits, in order of time for each boulder. A boulder that
-    never moved has one piece, without duration."""
+    """Pieces of motion (flights, legs on the ground, waits) of each boulder in order of time. A
+    boulder that never moved has one piece of zero duration.
+    """
 
     start: np.ndarray  # (4, n) x, y, z [m], time since release [s]
     end: np.ndarray  # (4, n)
     velocity: np.ndarray  # (3, n) at the start [m/s]
     gravity: np.ndarray  # (n) [m/s2]; 0: straight and steady
-    boulder: np.ndarray  # (n) number
+    boulder: np.ndarray  # (n) number of the boulder
     vertex: np.ndarray  # (n) index, in the result, of the last contact, release or obstacle hit
 
     def take(self, pieces: Any) -> Motion:
-        """Pieces selected by index or mask; None selects all, with an axis for several parts."""
+        """Select pieces by index or mask; None selects all and adds an axis."""
         return Motion(*(values[..., pieces] for values in self))
 
     def straightened(self) -> Motion:
@@ -56,7 +56,7 @@ class Motion(NamedTuple):
     def at(self, part: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x, y, z [m], time [s] (4, ...) and speed [m/s] at a fraction (0 to 1) of each piece."""
         step = self.end - self.start
-        fallen = self.gravity * step[3]  # g t at the end
+        fallen = self.gravity * step[3]  # g t at the end of the step
         place = self.start + part * step
         place[2] += 0.5 * fallen * step[3] * (part * (1 - part))
         x, y, z = self.velocity
@@ -71,8 +71,9 @@ def spread(recorded: list[_Kept], number: int | None) -> list[_Kept]:
 
 
 def motion_of(result: Held, number: int | None = None, gravity: float | None = None) -> Motion:
-    """Motion of the recorded boulders, or of at most `number` of them, evenly selected. Gravity
-    [m/s2] is that of the case, unless given."""
+    """Motion of the recorded boulders, or of at most `number` evenly selected boulders. The default
+    gravity [m/s2] is that of the case.
+    """
     if "trajectory_boulder" not in result:
         none = np.empty(0, int)
         return Motion(np.empty((4, 0)), np.empty((4, 0)), np.empty((3, 0)), none, none, none)
@@ -89,7 +90,9 @@ def motion_of(result: Held, number: int | None = None, gravity: float | None = N
 
 
 def are_met(boulder: np.ndarray, leg: np.ndarray) -> np.ndarray:
-    """Mask of vertices at releases, contacts, hits and ends, not within legs on the ground."""
+    """Mask of vertices that are releases, contacts, hits or ends, not points of a leg on the
+    ground.
+    """
     straight, same = leg > LEG["flight"], np.diff(boulder, prepend=-1) == 0
     return ~(straight & np.roll(straight, 1) & same)
 
@@ -125,9 +128,10 @@ def seconds(values: np.ndarray) -> np.ndarray:
 
 
 def spins(result: Held, motion: Motion) -> np.ndarray:
-    """W = R_b omega [m/s] of each piece of all motion of a result. For a roll or slide, W is the
-    speed. At vertices without a rebound it follows from the previous piece: at a tree or barrier, W
-    and speed fall by the same fraction."""
+    """W = R_b omega [m/s] of each piece of the motion of all recorded boulders. On a roll or slide,
+    W is the speed. At vertices without a rebound, W follows from the previous piece: a tree or
+    barrier reduces W and speed by the same fraction.
+    """
     vertex, first, indices = np.unique(motion.vertex, return_index=True, return_inverse=True)
     piece = motion.take(first)
     out_w, ratio = (result[f"trajectory_{name}"].values[vertex] for name in ("out_w", "ratio"))
@@ -136,7 +140,7 @@ def spins(result: Held, motion: Motion) -> np.ndarray:
     follows = (ratio == 0) & (np.diff(piece.boulder, prepend=-1) == 0)
     hit = follows & ~np.roll(straight, 1)
     rolled = follows & ~hit & _are_parallel(piece.velocity, np.roll(piece.velocity, 1, axis=1))
-    leaves = np.where(rolled, after, out_w)  # W with which a boulder leaves each vertex
+    leaves = np.where(rolled, after, out_w)  # W after each vertex
     kept = np.where(hit, after / np.where(before > 0, before, np.inf), 1.0)
     for k in np.flatnonzero(follows & ~rolled).tolist():
         leaves[k] = leaves[k - 1] * kept[k]
@@ -144,7 +148,7 @@ def spins(result: Held, motion: Motion) -> np.ndarray:
 
 
 def _are_parallel(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """True for vectors (3, n) of equal or opposite directions; never for vectors without length."""
+    """True for vectors (3, n) of equal or opposite direction; False for zero vectors."""
     size = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
     return np.linalg.norm(np.cross(a, b, axis=0), axis=0) < PARALLEL * size
 
@@ -157,7 +161,7 @@ class Sampled(NamedTuple):
     piece: np.ndarray  # (m) index of its piece
 
     def strings(self, by: np.ndarray) -> list[np.ndarray]:
-        """Samples (m, 4) of pieces that share a number `by`, without duplicate points."""
+        """Samples (m, 4) of the pieces with the same number in `by`, without duplicate points."""
         group = by[self.piece]
         begins = np.diff(group, prepend=-1) != 0
         new = begins | np.append(True, (np.diff(self.samples, axis=0) != 0).any(axis=1))

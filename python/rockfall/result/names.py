@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Names as words for files and flags."""
+"""Conversion of names to words for files and flags."""
 
 import re
 import unicodedata
@@ -7,8 +7,9 @@ from collections.abc import Iterable
 
 
 def distinct_words(names: Iterable[str], only_ascii: bool = False) -> list[str]:
-    """Names in letters, digits and a few marks, valid in file names and in CF's flag_meanings (the
-    latter in ASCII only), made unique where necessary."""
+    """Convert names to unique words of letters, digits and a few marks, valid in file names and
+    (with `only_ascii`) in CF's flag_meanings.
+    """
     words: list[str] = []
     taken: set[str] = set()
     for name in names:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results of a run in the kernel: handle, and views of its arrays by name."""
+"""Results of a run in the kernel: its handle, and views of its arrays by name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rockfall.io.rasters.grid import Box, Grid
 
 
 class Array(NamedTuple):
-    """A row of the kernel's table of the arrays of a run, with a view of the array."""
+    """A row of the kernel's table of arrays, with a view of the array."""
 
     group: str  # group and name in the table of variables; "work": in no file
     name: str
@@ -26,7 +26,7 @@ class Array(NamedTuple):
 
 
 class _Row(NamedTuple):
-    """A row of the kernel's table. (RunArrays keeps no views, because they would keep it alive.)"""
+    """A row of the kernel's table, without a view, which would keep RunArrays alive."""
 
     group: str
     name: str
@@ -52,8 +52,10 @@ class RunArrays:
         cls, case: Case, boulders: tuple[int, int, int], box: Box, grounds: int, features: bool,
         shapes: bool, *layout: np.ndarray,
     ) -> Self:  # fmt: skip
-        """Create a run to be joined from parts, or a part. `boulders`: numbers in the complete run,
-        before the part, and in the part; `layout`: part_last and group_part of samples."""
+        """Create an empty run for joining parts, or a part. `boulders`: numbers of boulders in the
+        complete run, before the part, and in the part; `layout`: part_last and group_part of
+        samples.
+        """
         extent = in_kernel(case), boulders, window(box), grounds, features, shapes
         return cls(_core.open_joined_run(*extent, *layout), "merge")
 
@@ -64,13 +66,17 @@ class RunArrays:
         check_kernel(code, message, "merge")
 
     def arrays(self, *groups: str) -> Iterator[Array]:
-        """All arrays, or those of some groups, including arrays that the next chunk replaces."""
+        """Yield all arrays, or the arrays of some groups, including arrays that the next chunk
+        replaces.
+        """
         if self._table is None:
             self._table = [*self._listed()]
         return self._views(row for row in self._table if not groups or row.group in groups)
 
     def part_arrays(self) -> Iterator[Array]:
-        """All arrays of the part, as in files; the next part replaces those not owned."""
+        """Yield all arrays of the part, as in files; the next part replaces arrays that are not
+        owned.
+        """
         return self._views([*self._listed(of_part=True)])
 
     def _views(self, rows: Iterable[_Row]) -> Iterator[Array]:
@@ -102,7 +108,7 @@ class RunArrays:
         raise KeyError(file_name)
 
     def pack_part(self, only_samples: bool = False) -> None:
-        """Pack the results, or only samples, into a part; complete up to this boulder."""
+        """Pack the results up to the last boulder, or only samples, into a part."""
         check_kernel(*_core.pack_part(self.handle, only_samples))
 
     def begin_part(self, boulders: int, lengths: Sequence[int], name: str) -> None:
@@ -121,12 +127,12 @@ class RunArrays:
         self.changed()
 
     def sort_crossings(self) -> None:
-        """Sort the crossings by line, those of a line by boulder; views of them become invalid."""
+        """Sort the crossings by line, then by boulder; views of crossings become invalid."""
         check_kernel(*_core.sort_crossings(self.handle))
         self.changed()
 
     def forget_crossings(self) -> None:
-        """Forget the crossings; views of them become invalid."""
+        """Free the memory of the crossings; views of crossings become invalid."""
         _core.forget_crossings(self.handle)
         self.changed()
 
@@ -137,7 +143,7 @@ class RunArrays:
     def forget_tallies(
         self, counts: bool = False, sums: bool = False, maxima: bool = False
     ) -> None:
-        """Free the memory of maps and samples after their results, unless views remain."""
+        """Free the memory of used maps and samples, unless views remain."""
         _core.forget_tallies(self.handle, [not held for held in (counts, sums, maxima)])
         self.changed()
 
@@ -153,5 +159,5 @@ class _Memory:
 
 
 def window(box: Box) -> list[int]:
-    """First column and row, from 1, and numbers of columns and rows, in the kernel's form."""
+    """First column and row, from 1, and numbers of columns and rows, as the kernel expects them."""
     return [box.column + 1, box.row + 1, *box.shape[::-1]]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks that compared results belong together: the same case, or variants on one site. They use
-file metadata: case, input checksums, CRS, extent."""
+"""Check by metadata (case, input checksums, CRS, extent) that compared results have the same case,
+or are variants at one site.
+"""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -17,8 +18,7 @@ from rockfall.io.coordinates.crs import same_crs
 from rockfall.io.rasters.arrays import corner_of
 from rockfall.result.samples import has_rows
 
-#: Groups that define the case of a slope; seeds, numbers of boulders, their volumes, lines and
-#: outputs may differ.
+#: Groups that must be equal; seeds, numbers and volumes of boulders, lines and outputs may differ.
 GROUPS = (
     "terrain", "surface", "impact", "release", "breakage", "flight", "forest", "barrier", "dam",
 )  # fmt: skip
@@ -42,7 +42,7 @@ def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
 
 
 def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
-    """Refuse results (by file name) of other sites: another CRS, or far apart."""
+    """Refuse results (by file name) of different sites: with different CRS, or far apart."""
     for (name, data), (next_name, other) in pairwise(results.items()):
         _check_crs(data, other, next_name)
         if not _overlap(_extent(data), _extent(other)):
@@ -73,8 +73,9 @@ def _crs_name(data: xr.Dataset) -> str:
 
 
 def _extent(result: xr.Dataset) -> np.ndarray:
-    """Extent of the boulders: minimum and maximum x and y [m], (2, 2); the extent of all places if
-    neither maps nor rows give it."""
+    """Extent of the boulders: minimum and maximum x and y [m], (2, 2); without maps and rows, the
+    extent of all places.
+    """
     if "x" in result.sizes:
         half = corner_of(result["crs"].attrs)[2] / 2
         ends = [

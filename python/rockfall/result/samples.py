@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Samples of boulder values at lines and at their ends, for runs that do not keep all rows
-(`&output kept`): counts in narrow bins, exact sums, the largest values. They are sums over
-boulders, so that parts add up exactly, bit for bit."""
+(`&output kept`): counts in narrow bins, exact sums, the largest values. Adding the samples of parts
+is exact to the bit.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +16,14 @@ if TYPE_CHECKING:
 
 
 def simulated(result: Held) -> int:
-    """Number of boulders of a result, which may have rows for some of them only."""
+    """Number of boulders simulated for a result, with or without rows."""
     if "sample_ended" in result:
         return int(result["sample_ended"].values.sum())
     return int(result.sizes["boulder"])
 
 
 def kept_note(result: Held) -> str:
-    """Note on the boulders behind numbers that need rows; "" if all boulders have rows."""
+    """Note on how many boulders have rows; "" if all have."""
     rows, boulders = result.sizes["boulder"], simulated(result)
     return "" if rows == boulders else say("compare.kept", part=rows, n=boulders)
 
@@ -33,7 +34,7 @@ def has_rows(result: Held) -> bool:
 
 
 def check_rows(result: Held, what: str) -> None:
-    """Refuse an analysis that needs rows of boulders if a run kept none."""
+    """Refuse an analysis that needs rows of boulders if the run kept none."""
     if "sample_ended" in result and not has_rows(result):
         raise RockfallError(
             f"{what}: requires rows of boulders, but &output kept = 'none' keeps none; run with a "
@@ -42,11 +43,11 @@ def check_rows(result: Held, what: str) -> None:
 
 
 def check_all_rows(result: Held, what: str) -> None:
-    """Refuse an analysis that needs rows of all boulders if a run did not keep them."""
+    """Refuse an analysis that needs rows of all boulders if the run did not keep them."""
     if result.sizes["boulder"] < simulated(result):
         raise RockfallError(f"{what}: needs rows of all boulders: &output kept = 'all'")
 
 
 def is_ensemble(result: Held) -> bool:
-    """Return True if a result is an ensemble, which includes the result of the unchanged case."""
+    """Return True for an ensemble, which includes the result of the unchanged case."""
     return "ensemble_runs" in result.attrs

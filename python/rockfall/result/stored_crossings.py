@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crossings that stay in the result's file: few lines are read and checked at a time."""
+"""Crossings read on demand from the result file, checked a few lines at a time."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ MOST = 1_000_000  # maximum number of crossings read into memory at once
 
 
 def crossings_in_file(data: xr.Dataset, path: str | Path) -> dict[str, xr.Variable]:
-    """Variables of the crossings of an opened result, which are read from its file on demand; {} if
-    they are few. `data` must stay open as long as they are read: HDF5 fails on a file that is
-    opened twice and closed once."""
+    """Crossing variables of an open result, read from its file on demand; {} if there are few
+    crossings. `data` must stay open while they are read: HDF5 fails on a file that is opened twice
+    and closed once.
+    """
     if data.sizes.get("crossing", 0) <= MOST:
         return {}
     import xarray as xr
@@ -79,7 +80,7 @@ def _column(rows: _Rows, name: str) -> Any:
     from xarray.core.indexing import IndexingSupport, explicit_indexing_adapter
 
     class Column(BackendArray):
-        """One-dimensional and read-only, so that a copy is identical."""
+        """One-dimensional read-only column; copies are identical."""
 
         shape, dtype = (rows.size,), rows.dtype(name)
 

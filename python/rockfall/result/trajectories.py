@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Paths of boulders: recorded trajectories as curves, evaluation lines, distances, ends."""
+"""Recorded trajectories as curves, evaluation lines, distances and ends of boulders."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
     from rockfall.result.contents import Held, HeldVariable
 
-Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and their grid
+Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m] and grid
 
-POINTS = 25  # of each piece of a curve
-MOVING = "left_domain", "hit_nodata", "impact_limit"  # ends of boulders not at rest
+POINTS = 25  # per piece of a curve
+MOVING = "left_domain", "hit_nodata", "impact_limit"  # status of boulders not at rest
 
 
 class Trajectory(NamedTuple):
@@ -38,7 +38,7 @@ class Trajectory(NamedTuple):
 
 
 def vertices_of(result: Held, *names: str) -> list[np.ndarray]:
-    """Variables trajectory_`names` (names, vertices) of each recorded trajectory."""
+    """Variables trajectory_NAME of each recorded trajectory, as arrays (names, vertices)."""
     if "trajectory_boulder" not in result:
         return []
     cuts = np.flatnonzero(np.diff(result["trajectory_boulder"].values)) + 1
@@ -47,14 +47,14 @@ def vertices_of(result: Held, *names: str) -> list[np.ndarray]:
 
 
 def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
-    """Recorded trajectories, at most `number` of them, evenly selected, with the parabolas between
-    their contacts.
+    """Return the recorded trajectories, or at most `number` evenly selected trajectories, as curves
+    with parabolas between contacts.
 
     A parabola is fixed by the velocity after a contact, the time and gravity. A boulder rolls and
-    slides along the terrain at a mean speed; where it rests, time passes at speed 0. A result has
-    the trajectories requested by its case (`&output trajectories`); each is a named tuple of
-    arrays x, y, z, distance [m], speed [m/s] and time [s], the boulder's number, and gravity
-    [m/s2], which is 0 on the ground and at rest.
+    slides along the terrain at its mean speed; while it rests, the speed is 0. `&output
+    trajectories` defines which trajectories are recorded. Each is a named tuple of arrays x, y, z,
+    distance [m], speed [m/s] and time [s], the boulder's number, and gravity [m/s2] (0 on the
+    ground and at rest).
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml").replace(output={"trajectories": 3})
@@ -66,8 +66,10 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
 
 
 def curves(motion: Motion) -> list[Trajectory]:
-    """A curve for each boulder, `POINTS` a piece of its motion; a point if it never moved."""
-    # If the ground falls away from a table's contact, the slide has neither length nor duration.
+    """A curve for each boulder, with `POINTS` points per piece of motion; a single point if it
+    never moved.
+    """
+    # Where the ground falls away after a contact from a table, the slide has no length or duration.
     motion = motion.take((motion.gravity > 0) | (motion.end[3] > motion.start[3]))
     (x, y, z, time), speed = motion.take(None).at(np.linspace(0, 1, POINTS))
     numbers, first, size = np.unique(motion.boulder, return_index=True, return_counts=True)
@@ -96,7 +98,7 @@ def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:
 def from_start(
     result: xr.Dataset, x: np.ndarray, y: np.ndarray, boulders: np.ndarray | slice = slice(None)
 ) -> np.ndarray:
-    """Plan distance [m] from the start of each boulder, or of some, to a place."""
+    """Plan distance [m] from the start of each boulder (or of selected boulders) to a place."""
     start_x, start_y = (result[f"start_{axis}"].values[boulders] for axis in "xy")
     return np.hypot(x - start_x, y - start_y)
 
@@ -126,13 +128,15 @@ def gone(result: Held) -> int:
 
 
 def left_terrain(result: xr.Dataset) -> np.ndarray:
-    """Boulders that left the known terrain: their full distance is unknown."""
+    """Mask of boulders that left the known terrain, whose full distance is unknown."""
     ended = ends(result)
     return ended["left_domain"] | ended["hit_nodata"]
 
 
 def ended_moving(values: Held | Mapping[str, ArrayLike]) -> np.ndarray:
-    """Boulders of unknown rest: they left the terrain, or reached the limit of contacts."""
+    """Mask of boulders that did not come to rest: they left the terrain, or reached the limit of
+    contacts.
+    """
     return np.isin(np.asarray(values["status"]), [STATUS[name] for name in MOVING])
 
 

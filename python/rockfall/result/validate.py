@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks of a result, so that a damaged file is refused in one line before its use."""
+"""Checks of a result, to refuse a damaged file with a clear message before it is used."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 #: Name of a variable -> its dimensions.
 _Group = dict[str, tuple[str, ...]]
 
-ALWAYS = (  # attributes that every result has
+ALWAYS = (  # required attributes
     "title", "source", "case", "case_file", "seed", "boulder_first", "boulder_last",
     "boulders_requested", "complete", "impact_set", "impact_set_checksum", "input_checksums",
     "threads", "wall_seconds", "cpu_seconds",
 )  # fmt: skip
-NUMBERS = (  # the numeric attributes among them
+NUMBERS = (  # numeric required attributes
     "seed", "boulder_first", "boulder_last", "boulders_requested", "complete", "threads",
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip
 TEXTS = ("line_name", "feature_name", "ground", "ground_model")  # text variables
-#: Dimensions without missing values.
+#: Dimensions whose variables have no missing values.
 FINITE = ("x", "y", "boulder", "crossing", "line_vertex", "trajectory_vertex")
 
 
@@ -58,7 +58,7 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
     for name in (name for name in ours if name in data.variables):
         attrs = data.variables[name].attrs
         words = [attrs.get(word) for word in ("units", "long_name")]
-        fewest = np.asarray(attrs.get("min_passages", 0))  # maps that are blank below this count
+        fewest = np.asarray(attrs.get("min_passages", 0))  # minimum passages for a map value
         if not all(isinstance(word, str) for word in words) or fewest.dtype.kind not in "iu":
             raise RockfallError(f"{path}: {name}: has no type")
 
@@ -82,7 +82,7 @@ def _check_groups(data: xr.Dataset, path: str | Path) -> None:
 
 
 def known_variables() -> _Group:
-    """All known variables; others in a result are not checked."""
+    """All known variables; unknown variables of a result are not checked."""
     dims_of: _Group = {name: ("boulder",) for name in variables.BOULDER}
     dims_of |= {name: () for name in variables.COUNT}
     dims_of |= {name: variables.map_dims(name) for name in variables.MAP}
@@ -92,7 +92,7 @@ def known_variables() -> _Group:
 
 
 def _groups() -> Iterator[_Group]:
-    """Groups of variables that a result has completely or not at all."""
+    """Yield groups of variables; a result has all variables of a group, or none."""
     crossed = {f"crossing_{name}": ("crossing",) for name in variables.CROSSING}
     vertices = {f"line_vertex_{name}": ("line_vertex",) for name in variables.LINE_VERTEX}
     of_line: _Group = {name: ("line",) for name in ("line", "line_name", "row_size")}
@@ -157,12 +157,12 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
 
 def check_crossings(data: xr.Dataset, path: str | Path) -> None:
     """Refuse crossings out of order by line and boulder, or of a boulder without a row."""
-    if "crossing_line" not in data:  # none, or they are checked when read
+    if "crossing_line" not in data:  # none, or checked when read
         return
     sizes, kept, fault = data["row_size"].values, data["boulder"].values, ""
     if (sizes < 0).any() or sizes.sum() != data.sizes["crossing"]:
         fault = "row_size: contains impossible values"
-    else:  # line by line: together they would take several times their memory
+    else:  # line by line, to save memory
         for k, end in enumerate(np.cumsum(sizes, dtype="i8").tolist()):
             for name in ("crossing_line", "crossing_boulder"):
                 values = data[name].values[end - int(sizes[k]) : end]
@@ -172,7 +172,7 @@ def check_crossings(data: xr.Dataset, path: str | Path) -> None:
 
 
 def fault_of_crossings(name: str, values: np.ndarray, line: np.ndarray, kept: np.ndarray) -> str:
-    """Fault in crossings at these lines in turn, given the boulders kept; "" if none."""
+    """Error text for invalid crossings at these lines; "" if valid. `kept`: boulders with rows."""
     good = True
     if name == "crossing_line":
         good = bool((values == line).all())
@@ -186,7 +186,7 @@ def fault_of_crossings(name: str, values: np.ndarray, line: np.ndarray, kept: np
 
 
 def check_samples(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse samples that are impossible for a run."""
+    """Refuse samples that no run can produce."""
     if "sample_ended" not in data:
         return
     requested, first, last = (
@@ -209,7 +209,7 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
 
 
 def _are_edges(bounds: np.ndarray) -> bool:
-    """Check for contiguous bins (n, 2)."""
+    """Return True for contiguous bins (n, 2)."""
     if bounds.shape[1:] != (2,) or not np.isfinite(bounds).all():
         return False
     return bool((bounds[:, 0] < bounds[:, 1]).all() and (bounds[1:, 0] == bounds[:-1, 1]).all())

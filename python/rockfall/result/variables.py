@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""All variables of a result: name -> CF attributes, by groups, from the kernel's table."""
+"""All variables of a result, from the kernel's table: groups of name -> CF attributes."""
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 
-_TABLE: dict[str, dict[str, dict[str, str]]] = {}  # in the order of the kernel's
+_TABLE: dict[str, dict[str, dict[str, str]]] = {}  # in the kernel's order
 TYPES: dict[str, dict[str, str]] = {}  # group -> name -> type in part files
-SAMPLE_DIMS: dict[str, tuple[str, ...]] = {}  # of samples, in files
+SAMPLE_DIMS: dict[str, tuple[str, ...]] = {}  # dimensions of samples, in files
 while _text := _core.table_row("variables", sum(map(len, TYPES.values())) + 1).decode().strip():
     _group, _name, _type, _axes, *_rest = _text.split("|")
     _about = zip(("units", "long_name", "comment"), _rest, strict=True)
@@ -17,9 +17,9 @@ while _text := _core.table_row("variables", sum(map(len, TYPES.values())) + 1).d
         SAMPLE_DIMS[_name] = tuple(f"sample_{axis}" for axis in _axes.split())
 
 BOULDER = _TABLE["boulder"]
-COUNT = _TABLE["count"]  # over all boulders
+COUNT = _TABLE["count"]  # sums over all boulders
 GROUND = _TABLE["ground"]  # counts by ground
-ENERGY = _TABLE["energy"]  # of each boulder, on request
+ENERGY = _TABLE["energy"]  # by boulder, on request
 FEATURE = _TABLE["feature"]  # by boulder, if its source comes from a layer
 SHAPE = _TABLE["shape"]  # by boulder, if there are several block shapes
 MASS = _TABLE["mass"]  # by boulder, if its source comes from a layer or gives densities
@@ -61,11 +61,12 @@ def map_dims(name: str) -> tuple[str, ...]:
 
 
 def fault_of(name: str, values: np.ndarray) -> str:
-    """Fault of values that are impossible in a run, by the variable's name in files; "" if none."""
+    """Error text for values of a variable (name in files) that no run can produce; "" if valid."""
     return _core.value_fault(name, np.ravel(values)).decode().strip() if values.size else ""
 
 
 def fields(rows: str) -> list[str]:
-    """Names of the kernel's columns: of a boulder, its counts, a line, a crossing, a vertex, an
-    energy, and of the quantities of samples."""
+    """Names of the kernel's columns: boulder values, counts, lines, crossings, vertices, energies,
+    and sample quantities.
+    """
     return _core.fields(rows).decode().split()

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run in batches of a given time, each with boulders from all sources; it can be cancelled
-between pieces of a few milliseconds."""
+"""Run in batches of a given duration, each with boulders from all sources. It can be cancelled
+between pieces of a few milliseconds.
+"""
 
 import time
 from collections.abc import Callable, Iterator
@@ -14,14 +15,14 @@ from rockfall.scene.scene import Scene
 from rockfall.simulation.map_plan import tells_sources
 from rockfall.simulation.tally import Tally
 
-PIECE_SECONDS = 0.012  # between checks for a cancel, which must be answered within 0.05 s
-FIRST_PIECE = int(_core.constant("first_chunk"))  # number of boulders, small in case they are slow
-LANES = int(_core.constant("lanes"))  # boulders of a thread in a call: fewer leave lanes empty
+PIECE_SECONDS = 0.012  # between checks for a cancel (at most 0.05 s)
+FIRST_PIECE = int(_core.constant("first_chunk"))  # few boulders, in case they are slow
+LANES = int(_core.constant("lanes"))  # boulders per thread and call: fewer leave lanes empty
 RECOVERY = 1.5  # expected growth of the rate after a slow piece
 
 
 class Batches:
-    """Boulders of an empty tally, in an order that spreads the completed ones evenly."""
+    """Boulders of an empty tally, ordered so that completed boulders are evenly spread."""
 
     def __init__(self, tally: Tally) -> None:
         self.tally, self.lock = tally, RLock()
@@ -54,7 +55,9 @@ class Batches:
             yield range(self.tally.done, stop)
 
     def _spread(self) -> Iterator[range]:
-        """Every n-th boulder, then those halfway, and so on, in evenly spread pieces."""
+        """Yield evenly spread pieces: every n-th boulder, then the boulders halfway between, and so
+        on.
+        """
         boulders = range(self.tally.boulders)
         for part in spread_parts(boulders, -(-len(boulders) // (LANES * self._threads))):
             for piece in spread_parts(part, -(-len(part) // self._size())):
@@ -81,16 +84,17 @@ class Batches:
         tally.done += len(piece)
         if tally.marks is not None:
             tally.marks[piece.start : piece.stop : piece.step] = True
-        # by CPU time: while a busy machine waits, smaller pieces would not help. Windows counts CPU
-        # time in steps of 1/64 s: zero for a short piece, or more than has passed
+        # CPU time, because smaller pieces do not help on a busy machine. Windows counts it in steps
+        # of 1/64 s: zero for a short piece, or more than the elapsed time
         computed = min(max(own, cpu / self._threads), wall) or wall
         rate = len(piece) / max(computed, 1e-9)
         self._rate = min(rate, RECOVERY * self._rate) if self._rate else rate
 
 
 def spread_parts(numbers: range, parts: int) -> Iterator[range]:
-    """Every `parts`-th number, starting from each of the first ones, ordered so that each part
-    falls in a gap between earlier parts (van der Corput's order)."""
+    """Yield `parts` ranges with this stride, from different first numbers, ordered so that each
+    fills a gap between earlier ranges (van der Corput's order).
+    """
     parts = min(parts, len(numbers))
     bits = max(0, parts - 1).bit_length()
     for k in range(1 << bits):

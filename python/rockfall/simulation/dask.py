@@ -24,7 +24,7 @@ from rockfall.simulation.simulate import simulate
 if TYPE_CHECKING:
     from rockfall.result.contents import Contents
 
-PARTS = 16  # parts per thread of the cluster: workers finish together, and a lost part costs little
+PARTS = 16  # parts per thread: workers finish together, a lost part costs little
 SECONDS = 20  # timeout for reaching a scheduler
 WINDOWS = threading.Lock()  # lock of the terrain windows on this worker
 
@@ -35,8 +35,8 @@ def run_on_cluster(
     """Run a scene on the Dask cluster at an address, or on `local:N` processes of this machine.
 
     Each worker reads the rasters once; the files of the case must have the same paths on all
-    workers. If a worker fails, another repeats its part. The result is that of `simulate`, bit for
-    bit.
+    workers. If a worker fails, another repeats its part. The result equals that of `simulate`, bit
+    for bit.
     """
     need("a Dask cluster needs", "cluster", "distributed")
     from distributed import as_completed
@@ -67,7 +67,7 @@ def run_on_cluster(
 
 @contextmanager
 def _client(where: str) -> Iterator[Any]:
-    """Client of the cluster at an address, or of a local one that lives as the block."""
+    """Client of the cluster at an address, or of a local cluster that ends with the block."""
     from distributed import Client, LocalCluster
     from distributed.security import Security
 
@@ -108,7 +108,7 @@ def _result(future: Any) -> Contents:
 
 
 def _part(case: Case, memory: float | None, which: int, parts: int) -> Contents:
-    """Run a part on a worker. Terrain windows move, so they are used by one thread at a time."""
+    """Run a part on a worker. Only one thread at a time uses terrain windows, because they move."""
     scene = _scene(case, memory)
     with WINDOWS if scene.windows else nullcontext():
         return simulate(scene, shard=(which, parts))

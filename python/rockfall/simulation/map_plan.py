@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plan of the maps of a run: the layers of the kernel's stacks for a case."""
+"""Plan of the maps of a run: the layers that a case needs in the kernel's stacks."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -8,14 +8,16 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.result.variables import EXCEEDED
 
-HITS = "tree_impacts"  # a map of counts, kept among the sums because they hold larger numbers
+HITS = "tree_impacts"  # map of counts, stored with the sums, whose range is larger
 
 
 class Plan(NamedTuple):
-    """Tallies needed for the maps of a case: layer in the stack by name, from 1; 0: not needed."""
+    """Tallies needed for the maps of a case: number of the layer in its stack, from 1; 0: not
+    needed.
+    """
 
-    #: passages, deposits, sources; released: boulders of these sources; hits; energy_exceeded and
-    #: hits_energy_exceeded: the first of those for thresholds
+    #: passages, deposits, sources; released: boulders from these sources; hits; energy_exceeded and
+    #: hits_energy_exceeded: first layer of the thresholds
     counts: dict[str, int]
     sums: dict[str, int]  # of the quantities below, by name, followed by their squares
     maxima: dict[str, int]

@@ -12,7 +12,7 @@ from rockfall.limits import MACHINE_MEMORY
 from rockfall.result.variables import TYPES
 from rockfall.system import memory_limits
 
-#: Memory for a crossing of an evaluation line.
+#: Memory [bytes] for a crossing of an evaluation line.
 BYTES_AT_LINE = sum(np.dtype(kind).itemsize for kind in TYPES["crossing"].values())
 #: Bytes per boulder in a result file, where integers are compressed to less than a byte.
 BYTES_IN_FILE = 1 + sum(
@@ -23,18 +23,21 @@ UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 
 
 def machine_memory() -> float:
-    """Bytes that this process may use, by machine, job (control group) and shell."""
+    """Memory [bytes] that this process may use: smallest limit of machine, job (control group) and
+    shell.
+    """
     limits = [MACHINE_MEMORY, *memory_limits()]
     with suppress(OSError):
         for file in limit_files(Path("/proc/self/cgroup").read_text()):
-            with suppress(OSError, ValueError):  # values for no limit, or "max"
+            with suppress(OSError, ValueError):  # no limit, or "max"
                 limits.append(int(file.read_text()))
     return float(min(limits))
 
 
 def limit_files(groups: str) -> list[Path]:
-    """Files that may hold a limit of the process's control group or of a parent group, from the
-    text of /proc/self/cgroup: in the unified hierarchy, or in the older one for memory."""
+    """Files that may contain a limit of the process's control group or its parents, in the unified
+    hierarchy or the older memory hierarchy. `groups` is the text of /proc/self/cgroup.
+    """
     files = []
     for pattern, root, name in (
         (r"^0::/(.*)$", Path("/sys/fs/cgroup"), "memory.max"),

@@ -20,8 +20,8 @@ from rockfall.simulation.tally_dataset import MAXIMA, line_variables
 
 PROBE_BOULDERS = 100  # to estimate the number of rebounds
 PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second, and the same on every machine
-PILOT_BOULDERS = 20_000  # maximum; reached cells of larger runs are extrapolated from these
-PROGRAM = 80e6  # bytes of the program and its packages, while boulders are simulated
+PILOT_BOULDERS = 20_000  # maximum; cells of larger runs are extrapolated
+PROGRAM = 80e6  # bytes of the program and its packages during a simulation
 PACKAGES = 20e6  # additional bytes of the packages that write results
 READING = 80e6  # additional bytes for reading a window
 START = 0.4  # CPU seconds to start and end
@@ -32,13 +32,13 @@ VALUE = 20e-9  # CPU seconds to write the value of a cell
 
 @dataclass
 class Pilot:
-    """Pilot run with some boulders, and estimates for the complete run."""
+    """Results of a pilot run, and estimates for the complete run."""
 
     tally: Tally
     seconds: float  # CPU time per boulder
     reading: float  # CPU time for windows of the terrain
-    cells: float  # reached by all boulders of the run
-    density: np.ndarray | float  # of these boulders [kg/m3]
+    cells: float  # cells reached by all boulders of the run
+    density: np.ndarray | float  # of the pilot's boulders [kg/m3]
     blocks: float  # blocks of bins filled by all boulders of the run, if not all rows are kept
 
     def values(self) -> dict[str, Any]:
@@ -61,8 +61,9 @@ class Pilot:
 
 
 def pilot_run(scene: Scene) -> Pilot:
-    """Pilot run with a number of boulders that depends on the scene, not on time, so that `check`
-    always prints the same for a case."""
+    """Run a pilot. The number of boulders depends on the scene, not on time, so that `check` always
+    prints the same numbers for a case.
+    """
     check_team(scene.case.case["threads"])
     probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
     rebounds = max(1.0, float(probe.tally.columns()["impacts"].mean()))
@@ -71,7 +72,9 @@ def pilot_run(scene: Scene) -> Pilot:
 
 
 def _follow(scene: Scene, number: int) -> Pilot:
-    """Simulate boulders of random sources twice: the second pass allocates no memory."""
+    """Simulate boulders from random sources twice; the second pass, which allocates no memory, is
+    timed.
+    """
     maps = scene.case.output.get("maps", [])
     output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
     drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
@@ -87,7 +90,7 @@ def _follow(scene: Scene, number: int) -> Pilot:
     few = start(sample, threads=1)
     run_chunks(few, None, lambda: False, lambda _: None)
     cells, few.done, few.cpu = _all_cells(few, scene.boulders), 0, 0.0
-    for array in few.arrays("count", "ground"):  # sums, which the second pass would count again
+    for array in few.arrays("count", "ground"):  # reset sums before the second pass
         array.values[...] = 0
     few.run.forget_crossings()
     before = sample.windows.reading if sample.windows else 0.0
@@ -109,7 +112,9 @@ def _all_cells(few: Tally, boulders: int) -> float:
 
 
 def _counted(sample: Scene, boulders: int) -> tuple[float, float]:
-    """CPU time per boulder of the pilot without rows, and bin blocks of all boulders."""
+    """CPU time per boulder [s] of a pilot that keeps no rows, and bin blocks filled by all
+    boulders.
+    """
     counted = replace(sample, case=sample.case.replace(output={"kept": "none"}))
     few = start(counted, threads=1)
     before = sample.windows.reading if sample.windows else 0.0
@@ -123,8 +128,8 @@ def _counted(sample: Scene, boulders: int) -> tuple[float, float]:
 
 
 def _all_reached(passages: np.ndarray, more: float) -> float:
-    """Number of cells that this multiple of boulders would reach, if passages per cell follow a
-    gamma distribution: counts are then negative binomial (Fisher, Corbet & Williams 1943). Mean and
+    """Number of cells that `more` times as many boulders would reach, if passage rates of cells
+    follow a gamma distribution (negative binomial counts; Fisher, Corbet & Williams 1943). Mean and
     shape are fitted to the numbers of cells passed at least once and exactly once in the pilot run.
     """
     total, cells, once = passages.sum(dtype="i8"), (passages > 0).sum(), (passages == 1).sum()
@@ -139,7 +144,7 @@ def _all_reached(passages: np.ndarray, more: float) -> float:
 
 
 def _densities(scene: Scene) -> np.ndarray | float:
-    """Densities, one per source, or a single one."""
+    """Densities [kg/m3] by source, or a single value."""
     boulders, features = scene.source_boulders, scene.features
     if boulders is not None and boulders.density is not None:
         return boulders.density
@@ -150,8 +155,9 @@ def _densities(scene: Scene) -> np.ndarray | float:
 
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
-    """Memory of a run in bytes: its rasters, map tallies, class counts, result rows, the program;
-    `made`, for the outputs made after the rasters are freed; and `file`, bytes of rows in it."""
+    """Memory of a run [bytes] by use: rasters, map tallies, class counts, result rows, the program;
+    `made`: outputs made after the rasters are freed; `file`: rows in the result file.
+    """
     names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
     plan, held = (
@@ -162,7 +168,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
         is_map = "y" in array.dims
         if array.file_name not in ("tally_bin_counts", "sample_largest"):
             held["maps" if is_map else "results"] += array.values.nbytes
-    sorting = 3 * 8  # bytes: two orders of the crossings, and a column of them again
+    sorting = 3 * 8  # bytes: two orders and a copy of a column of crossings
     more = scene.boulders / max(1, pilot.tally.rows)
     rows = tally.run.array("status").size / scene.boulders
     crossings = round(more * rows * pilot.tally.crossed())
@@ -190,8 +196,9 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 
 def _sample_bytes(tally: Tally, pilot: Pilot) -> float:
-    """Bytes of counts in bins, their positions, and the largest values at lines. Those are in huge
-    pages of memory, so a line that few boulders cross takes as much as another."""
+    """Memory [bytes] of bin counts, their positions, and the largest values at lines. The latter
+    are in huge pages, so every line takes the same memory.
+    """
     tails = 4 * math.prod(tally.run.array("sample_largest").shape)
     places = math.prod(tally.run.array("sample_sums").shape[:3]) * SAMPLE_COARSE
     each = 4 * SAMPLE_BINS / SAMPLE_COARSE
@@ -199,7 +206,7 @@ def _sample_bytes(tally: Tally, pilot: Pilot) -> float:
 
 
 def cpu_seconds(scene: Scene, pilot: Pilot) -> tuple[float, float]:
-    """CPU seconds of a run, and its wall time [s] with the threads of the case."""
+    """CPU time of a run [s], and its wall time [s] with the threads of the case."""
     flight, maps = pilot.seconds * scene.boulders, len(scene.case.output.get("maps", []))
     cells = maps * math.prod(pilot.tally.box.shape) if maps else 0
     rest = START + ROW * scene.boulders + VALUE * cells + pilot.reading

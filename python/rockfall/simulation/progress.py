@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Progress of work: on a terminal a bar with fraction done, rate and time left; else a line every
-ten seconds, or lines for another program."""
+"""Progress of work: on a terminal, a bar with fraction done, rate and time left; otherwise a line
+every ten seconds, or lines for another program.
+"""
 
 import os
 import sys
@@ -41,7 +42,7 @@ def progress_bar(
 
 @contextmanager
 def _bar(total: int, what: str, patience: float) -> Iterator[Callable[..., None]]:
-    """Progress bar of a terminal."""
+    """Show a progress bar on a terminal."""
     from rich import progress
     from rich.console import Console
 
@@ -98,7 +99,7 @@ def _seldom(total: int, what: str) -> Callable[..., None]:
 
 
 class _Work:
-    """Steps of work shared by several functions."""
+    """Progress shared by several functions."""
 
     def __init__(self, advance: Callable[..., None]) -> None:
         self.advance, self.made, self.total = advance, 0, 0

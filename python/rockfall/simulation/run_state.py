@@ -12,11 +12,11 @@ from rockfall.io.rasters.grid import Box
 from rockfall.result.run_arrays import RunArrays, window
 from rockfall.scene.scene import Scene
 
-MAX_COLUMNS = int(_core.constant("max_columns"))  # maximum columns of `bin_counts`, one to spare
+MAX_COLUMNS = int(_core.constant("max_columns"))  # maximum columns of `bin_counts` (one is spare)
 
 
 class Run(RunArrays):
-    """Handle of a run that a scene may advance."""
+    """Handle of a run of a scene, which can be advanced."""
 
     successor: Run | None = None  # run that took over the tallies
 
@@ -41,9 +41,11 @@ class Run(RunArrays):
         step: int = 1,
         seconds: float = sys.float_info.max,
     ) -> tuple[int, np.ndarray, np.ndarray]:
-        """Run boulders on a scene (or window): every `step`-th from number `first` (from 1). After
-        some seconds no more are started. Returns the number completed, at least one, and the
-        numbers and exit places (2, n) of boulders that left the window, which are not tallied."""
+        """Simulate boulders on a scene or window: every `step`-th, starting with number `first`
+        (from 1); none is started after `seconds`. Returns the number of completed boulders (at
+        least one), and the numbers and exit places (2, n) of boulders that left the window, which
+        are not tallied.
+        """
         done, left, code, message = _core.advance(
             self.handle, scene.kernel.handle, first, step, size, seconds
         )

@@ -37,15 +37,13 @@ if TYPE_CHECKING:
 # A forked child would wait forever for the idle threads of a run in its parent.
 before_fork(_core.end_team)
 
-CHUNK_SECONDS = 0.25  # between calls of the kernel: progress, Ctrl-C
-MAX_SECONDS = 1.0  # of a call; afterwards it starts no more boulders, in case they are slow
-FIRST_CHUNK = int(_core.constant("first_chunk"))  # number of boulders, small in case they are slow
-CHUNK_CROSSINGS = int(
-    _core.constant("chunk_crossings")
-)  # approximate; a call keeps all of them in memory
-STATUS = fields("count").index("status")  # row of the kernel's integers
+CHUNK_SECONDS = 0.25  # duration of a kernel call, between checks for Ctrl-C
+MAX_SECONDS = 1.0  # a call starts no more boulders after this time
+FIRST_CHUNK = int(_core.constant("first_chunk"))  # few boulders, in case they are slow
+CHUNK_CROSSINGS = int(_core.constant("chunk_crossings"))  # approximate; a call keeps all in memory
+STATUS = fields("count").index("status")  # row of the kernel's integer values
 STOP = [fields("boulder").index(name) for name in ("stop_x", "stop_y")]  # rows of its reals
-LEFT_WINDOW = int(_core.constant("left_window"))  # status: to be repeated in a larger window
+LEFT_WINDOW = int(_core.constant("left_window"))  # status: repeated in a larger window
 
 
 class Interrupted(KeyboardInterrupt):
@@ -94,11 +92,11 @@ def simulate(
     keep: bool = True,
     spill: Path | None = None,
 ) -> Contents:
-    """Results of the run of a scene; see `run`.
+    """Run a scene and return its results; see `run`.
 
-    The run resumes from `checkpoint`, and updates it at intervals. Crossings of lines are stored in
-    an unnamed file in the folder `spill`, if given, so that memory does not grow with them. The
-    rasters of a scene that need not be kept are freed before the result is made, to save memory.
+    The run resumes from `checkpoint`, and updates it at intervals. Line crossings are stored in an
+    unnamed file in the folder `spill`, if given, to limit memory. Unless `keep`, the rasters of the
+    scene are freed before the result is made.
     """
     import netCDF4  # noqa: F401  what writes the result, before the run: there may be no memory
 
@@ -146,7 +144,7 @@ def check_team(threads: int) -> None:
 
 
 def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
-    """Empty tallies for the outputs of the case."""
+    """Create empty tallies for the outputs of the case."""
     numbers, survey = shard_range(scene, shard), scene.survey()
     check_overflow(scene, survey)
     box = survey.box(scene.kernel)
@@ -155,7 +153,7 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
 
 
 def check_overflow(scene: Scene, survey: Survey) -> None:
-    """Refuse a run whose boulders could overflow the numbers in a cell of a map."""
+    """Refuse a run whose boulders could overflow the counters in a map cell."""
     if "maps" in scene.case.output:
         kernel = scene.kernel
         kernel.check(*_core.check_maps(kernel.handle, survey.head[0] - survey.minima.min()))
@@ -181,8 +179,9 @@ def run_chunks(
 
 
 def _run_range(tally: Tally, first: int, size: int) -> int:
-    """Simulate boulders from number `first`, and store them: `size` of them, or as many as have
-    sources in one window of the terrain, or as time allows. Returns their number."""
+    """Simulate and store up to `size` boulders from number `first`: fewer if their sources are in
+    different windows of the terrain, or if time is up. Returns their number.
+    """
     scene = tally.scene
     assert isinstance(scene, Scene)
     windows, grid = scene.windows, scene.grid
@@ -219,8 +218,9 @@ def trace(tally: Tally) -> None:
 
 
 def recorded_numbers(scene: Scene, wanted: int, first: int, last: int) -> list[int]:
-    """Boulders from the first to the last whose trajectories are recorded, if a number is
-    requested: evenly spread over the run."""
+    """Numbers from `first` to `last` of the boulders whose trajectories are recorded, if `wanted`
+    boulders are evenly spread over the run.
+    """
     numbers, n = _core.recorded_numbers(scene.kernel.handle, first, last, wanted)
     return numbers[:n].tolist()
 
@@ -238,7 +238,7 @@ def trajectory(scene: Scene, number: int) -> np.ndarray:
 def _run_alone(
     scene: Scene, number: int
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-    """Vertices of a boulder, and where it left the window, if so; tallies are unchanged."""
+    """Vertices of a boulder, and the exit place if it left the window; tallies are unchanged."""
     vertex, recorded = np.empty((0, len(fields("vertex")))), 256
     while recorded > len(vertex):
         vertex = np.empty((recorded, len(fields("vertex"))))

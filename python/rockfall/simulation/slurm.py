@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Slurm job arrays for a case: one job per shard, and a last one that merges them."""
+"""Slurm job array for a case: one job per shard, and a final job that merges the shards."""
 
 import re
 import shlex
@@ -16,7 +16,7 @@ from rockfall.io.atomic import atomic_folder
 from rockfall.io.output_files import check_outputs
 
 MAX_SHARDS = 10_000
-#: Jobs of an array that Slurm takes unless configured otherwise: MaxArraySize - 1.
+#: Default maximum number of jobs in a Slurm array: MaxArraySize - 1.
 USUAL_SHARDS = 1_000
 ROCKFALL = shlex.join([sys.executable, "-m", "rockfall"])
 #: Formats of `sbatch --time`: minutes, M:S, H:M:S, D-H, D-H:M, D-H:M:S.
@@ -78,12 +78,11 @@ def write_jobs(
     time: str,
     variant: str | None = None,
 ) -> list[Path]:
-    """Write run.sh, merge.sh and submit.sh for a case to `folder`, created if missing: all of them
-    or none.
+    """Write run.sh, merge.sh and submit.sh for a case to `folder` (created if missing): all or
+    none.
 
-    `program` is python or batch; the latter needs a case made by `rockfall prepare`. `threads` and
-    `time` (in Slurm's format) are the request of each job. `variant` selects one of several
-    variants of a case.
+    `program` is python or batch; batch needs a case made by `rockfall prepare`. Each job requests
+    `threads` and `time` (in Slurm's format). `variant` selects a variant of the case.
     """
     case = chosen_variant(read_case(path), variant)
     if program not in PROGRAMS:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crossings of a long run in a file next to its output, so that memory does not grow with them. The
-kernel hands them over in blocks, each sorted by line; the result reads them line by line."""
+"""Crossings of a long run in a file next to its output, to limit memory. The kernel delivers blocks
+sorted by line; the result reads line by line.
+"""
 
 import tempfile
 from collections.abc import Iterator
@@ -14,19 +15,19 @@ from rockfall.errors import RockfallError
 from rockfall.result.run_arrays import Array, RunArrays
 
 GROUPS = ("crossing", "fragment", "hit")
-BLOCK = 1_000_000  # crossings in the kernel above which they are moved to the file
-PIECE = 1_000_000  # crossings in memory when they are read again
+BLOCK = 1_000_000  # maximum number of crossings kept in the kernel
+PIECE = 1_000_000  # crossings read at a time
 
 
 class _Block(NamedTuple):
-    """Position in the file of a block's columns, and its crossings of each line."""
+    """Positions of a block's columns in the file, and its rows by line."""
 
-    offsets: dict[str, int]  # by name in files
+    offsets: dict[str, int]  # position by column name
     ends: np.ndarray  # rows up to the end of each line, from 0 for none
 
 
 class SpilledCrossings:
-    """Blocks of crossings of the boulders of a run, in the order in which boulders end."""
+    """Blocks of crossings of a run, in the order in which boulders end."""
 
     def __init__(self, folder: Path, lines: int) -> None:
         self._folder = folder
@@ -36,7 +37,7 @@ class SpilledCrossings:
         self._lines = lines
 
     def take(self, run: RunArrays, least: int | None = None) -> None:
-        """Move crossings to the file if there are this many or more (default: a block)."""
+        """Move crossings to the file if there are at least `least` (default: a block)."""
         if run.array("crossing_line").size < (BLOCK if least is None else least):
             return
         run.sort_crossings()
@@ -60,7 +61,7 @@ class SpilledCrossings:
             ) from error
 
     def columns(self, run: RunArrays) -> list[Array]:
-        """All crossings, including those still in the run, as arrays read on demand."""
+        """Arrays of all crossings, including crossings still in the run, read on demand."""
         self.take(run, 1)
         if not self._blocks:
             return [*run.arrays(*GROUPS)]
@@ -100,7 +101,7 @@ class SpilledCrossings:
 
 
 class _Column:
-    """A column of all crossings, which NumPy reads completely or by slices."""
+    """Column of all crossings, which NumPy reads completely or in slices."""
 
     def __init__(self, store: SpilledCrossings, name: str, dtype: np.dtype) -> None:
         self._store, self._name, self.dtype = store, name, dtype
@@ -118,7 +119,7 @@ class _Column:
         return values[start - self._ends[first] : stop - self._ends[first] : step]
 
     def pieces(self) -> Iterator[np.ndarray]:
-        """All values, some lines at a time."""
+        """Yield all values, a few lines at a time."""
         first = 0
         while first < self._ends.size - 1:
             last = int(np.searchsorted(self._ends, self._ends[first] + PIECE, side="right")) - 1

@@ -33,7 +33,7 @@ ANY = range(1, 2)  # placeholder for boulders that do not matter
 
 @dataclass
 class Origin:
-    """Origin of a part: its run. Also used instead of its scene."""
+    """Run to which a part belongs; replaces its scene when parts are merged."""
 
     case: Case
     boulders: int  # of the complete run
@@ -42,16 +42,17 @@ class Origin:
     checksums: dict[str, str]
     decoded: dict[str, str]
     version: str
-    grounds: Sequence[GroundRule] = ()  # names and models of the grounds
-    features: Features | None = None  # names of the features
+    grounds: Sequence[GroundRule] = ()  # grounds: names and models
+    features: Features | None = None  # features of the source layer, by name
     shapes: Sequence[str] = ()  # block shapes, where boulders have several
     warnings: list[InputWarning] | None = None
     dams: Sequence[DamShape] = ()
     stands: Sequence[Stand] = ()
 
     def difference(self, other: Origin, own: range = ANY, theirs: range = ANY) -> str:
-        """First item in which another run differs, "" if none; threads and notation of the case are
-        ignored. Ranges of boulders may differ only if the other range starts this one."""
+        """First item in which another run differs; "" if none. Threads and notation of the case are
+        ignored. Ranges of boulders may differ only if this range begins with the other.
+        """
         texts, numbers, corners = zip(self._identity(own), other._identity(theirs), strict=True)
         cases = in_kernel(self.case), in_kernel(other.case)
         what = _core.run_difference(*cases, *texts, np.array(numbers).T, np.array(corners).T)
@@ -68,7 +69,7 @@ class Origin:
 
 @dataclass
 class Tally:
-    """A kernel run, of a scene or of parts only, with data that the kernel does not store."""
+    """A kernel run, of a scene or of parts, with data that the kernel does not store."""
 
     scene: Scene | Origin
     run: Run
@@ -79,17 +80,17 @@ class Tally:
     trajectories: dict[int, np.ndarray] = field(
         default_factory=dict
     )  # (vertices, fields) by boulder
-    date: str = ""  # date of the last part, for a run in parts alone; "": now
+    date: str = ""  # date of the last part, for a run of parts only; "": now
     wall: float = 0.0
     cpu: float = 0.0
     threads: int = 0
     crs: dict[str, Any] = field(default_factory=dict)  # attributes of a grid without a CRS
-    marks: np.ndarray | None = None  # bool, of each boulder: done; None: the first `done` are
+    marks: np.ndarray | None = None  # bool: boulder is done; None: the first `done` are
     spilled: SpilledCrossings | None = None  # crossings stored in a file instead of the run
-    goes_on: bool = False  # results made while the run continues are copies
+    goes_on: bool = False  # the run continues after results, which are copies
 
     def array(self, file_name: str) -> np.ndarray:
-        """A view of an array of the run, by its name in files."""
+        """View of an array of the run, by its name in files."""
         return self.run.array(file_name)
 
     def differs_in(self, arrays: Mapping[str, np.ndarray], *names: str) -> str:
@@ -101,7 +102,7 @@ class Tally:
         return next(differ, "")
 
     def arrays(self, *groups: str) -> list[Array]:
-        """Arrays of groups of the table of variables; rows of completed boulders only."""
+        """Arrays of some groups of variables, with rows of completed boulders only."""
         return self._chosen(self.run.arrays(*groups))
 
     def crossings(self) -> list[Array]:
@@ -119,7 +120,7 @@ class Tally:
         return before + self.array("crossing_line").size
 
     def part_arrays(self) -> list[Array]:
-        """Arrays of the packed part, in the same form."""
+        """Arrays of the packed part, in the form of `arrays`."""
         arrays = self._chosen(self.run.part_arrays())
         if self.spilled is None:
             return arrays
@@ -144,13 +145,13 @@ class Tally:
 
     @property
     def row_bytes(self) -> int:
-        """Size of the rows of all boulders [bytes]: every file of the run is larger."""
+        """Size of the rows of all boulders [bytes]: the minimum size of a result file."""
         rows = (array for array in self.run.arrays() if "boulder" in array.dims)
         return sum(array.values.nbytes for array in rows if array.group != "work")
 
     @property
     def rows(self) -> int:
-        """Rows of the boulders done."""
+        """Number of rows of completed boulders."""
         return self.numbers().size
 
     @property
@@ -165,7 +166,7 @@ class Tally:
         return slice(int(np.searchsorted(number, self.before + self.done, side="right")))
 
     def numbers(self) -> np.ndarray:
-        """The boulders of these rows."""
+        """Numbers of the boulders of the chosen rows."""
         if (number := self.number) is not None:
             return number[self.chosen]
         if self.marks is not None:
@@ -186,19 +187,22 @@ class Tally:
                 array.values[...] = array.values[..., order]
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Kernel columns for these rows, and sums over boulders, by name."""
+        """Kernel columns of the chosen rows, and sums over boulders, by name."""
         return {array.name: array.values for array in self.arrays("boulder", "count")}
 
     def settle(self, sign: int = 1) -> None:
-        """Reduce the counts of split sources in their cells to the completed boulders, as stored in
-        a part; sign -1 restores the counts of all boulders, to continue the run."""
+        """Reduce the cell counts of split sources to the completed boulders, as stored in a part;
+        sign -1 restores the counts of all boulders, to continue the run.
+        """
         if tells_sources(self.scene.case):
             assert isinstance(self.scene, Scene)
             _core.settle_sources(self.run.handle, self.scene.kernel.handle, self.done, sign)
             self.run.changed()
 
     def restore_sources(self) -> bool:
-        """Continue from an unpacked part; False if its split cells do not match."""
+        """Restore the source counts of an unpacked part, to continue its run; False if its split
+        cells do not match.
+        """
         if not tells_sources(self.scene.case):
             return True
         assert isinstance(self.scene, Scene)
@@ -213,7 +217,7 @@ class Tally:
 
     @property
     def grid(self) -> Grid:
-        """Grid of the maps, or of the complete terrain without maps."""
+        """Grid of the maps; without maps, of the complete terrain."""
         return self.scene.grid.part(self.window)
 
     def georeference(self) -> dict[str, Any]:
@@ -222,7 +226,7 @@ class Tally:
 
 
 def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
-    """Boulders of the I-th of N shards, counted from 0; sizes differ by at most one."""
+    """Boulders (from 0) of shard I of N; sizes differ by at most one."""
     which, parts = shard
     if not 1 <= which <= parts:
         raise RockfallError(f"shard = {which}/{parts}: must be I/N with I from 1 to N")
@@ -235,7 +239,7 @@ def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
 
 
 def origin_of(tally: Tally) -> Origin:
-    """Origin of a tally: its run."""
+    """Run to which a tally belongs."""
     scene = tally.scene
     return Origin(
         scene.case, scene.boulders, replace(scene.grid, crs=None), tally.window,

@@ -24,7 +24,8 @@ from rockfall.simulation.map_plan import HITS, plan_of
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
 
-#: Maps that are maxima of the kernel unchanged, with their quantity; counts are unchanged, too.
+#: Maps that equal a maximum stack of the kernel, with their quantity; maps of counts also equal
+#: their stacks.
 MAXIMA = {
     "energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height",
     "passing_height_max": "passing_height", "tree_impact_height_max": "tree_height",
@@ -32,8 +33,9 @@ MAXIMA = {
 
 
 def make_result(tally: Tally, maps: bool = True) -> Contents:
-    """Complete results of a run, named as in `variables`, with or without maps. Unless the run
-    continues, the map tallies are used up (call `settle` first)."""
+    """Make the results of a run, named as in `variables`, with or without maps (call `settle`
+    first). Unless the run continues, the map tallies are consumed.
+    """
     groups = "boulder", "count", "energy", "feature", "shape", "mass", "tree", "breakage"
     data = table_variables(tally, *groups)
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])
@@ -47,7 +49,7 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
     if maps:
         if requested := tally.scene.case.output.get("maps", []):
             _add_maps(data, tally)
-        stacks = plan_of(tally.scene.case).counts, [HITS], MAXIMA  # stacks that maps are views of
+        stacks = plan_of(tally.scene.case).counts, [HITS], MAXIMA  # stacks viewed by maps
         held = (any(name in stack for name in requested) for stack in stacks)
         if not tally.goes_on:
             tally.run.forget_tallies(*held)
@@ -64,12 +66,12 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
 
 
 def table_variables(tally: Tally, *groups: str) -> dict[str, Any]:
-    """Kernel arrays of some groups of the table of variables, for rows of completed boulders."""
+    """Variables from the kernel's arrays of some groups, for rows of completed boulders."""
     return described(sorted(tally.arrays(*groups), key=lambda array: groups.index(array.group)))
 
 
 def described(arrays: Iterable[Array]) -> dict[str, Any]:
-    """Arrays as variables, described by the table of variables."""
+    """Convert arrays to variables with the attributes in the table of variables."""
     data: dict[str, tuple] = {}
     for array in arrays:
         attrs: dict[str, Any] = {**variables.about(array.group, array.name)}
@@ -82,7 +84,7 @@ def described(arrays: Iterable[Array]) -> dict[str, Any]:
 
 
 def _flags(meanings: dict[str, int], kind: Any) -> dict[str, Any]:
-    """CF attributes for flag values, in the type of their variable, and meanings."""
+    """CF attributes for flag values (in the type of their variable) and meanings."""
     return {
         "flag_values": np.array(list(meanings.values()), kind),
         "flag_meanings": " ".join(meanings),
@@ -90,14 +92,14 @@ def _flags(meanings: dict[str, int], kind: Any) -> dict[str, Any]:
 
 
 def sample_variables(tally: Tally) -> dict[str, Any]:
-    """Samples with non-empty bins only; empty if all rows are kept."""
+    """Variables of the samples, with non-empty bins only; empty if all rows are kept."""
     if tally.number is None:
         return {}
     tally.run.pack_part(only_samples=True)
     order = [*variables.SAMPLE]
     samples = (array for array in tally.part_arrays() if array.group == "sample")
     data = described(sorted(samples, key=lambda array: order.index(array.name)))
-    numbers = tally.array("known")  # in the tails of each line
+    numbers = tally.array("known")  # number of tail values of each line
     for tails, n in zip(data["sample_largest"][1], numbers, strict=True):
         tails[:, :n].sort()  # in place: still heaps
     return data
@@ -146,8 +148,9 @@ def line_variables(tally: Tally) -> dict[str, Any]:
 
 
 def numbered(dim: str, names: Sequence[str], long_name: str) -> dict[str, Any]:
-    """Coordinate of a named dimension: numbers from 0 with a word for each, and the names next to
-    it, since programs refuse or lose variables on a text coordinate."""
+    """Coordinate of a named dimension: numbers from 0 as flags with words, and a variable of names,
+    since programs refuse or lose variables on a text coordinate.
+    """
     numbers = np.arange(len(names), dtype="i4")
     flags = {
         "flag_values": numbers if numbers.size > 1 else np.int32(0),  # files have a single one
@@ -180,7 +183,7 @@ def threshold_variable(case: Case) -> dict[str, tuple]:
 
 
 def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
-    """A map, NaN where undefined, from its tallies, which it uses up."""
+    """Make a map from its tallies, which are consumed; NaN where undefined."""
     values, fewest, thin = _map(name, tally, per_cluster)
     counts = {"min_passages": fewest if fewest > 1 else 0, "thin_below": thin}
     if name.endswith(("_low", "_high")) and per_cluster > 1:
@@ -190,7 +193,7 @@ def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
 
 
 def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, int]:
-    """A map, its least passages for a value, and those below which it is uncertain."""
+    """A map, the minimum passages for a value, and the minimum for a certain value."""
     if (layers := _layers(name, tally)) is not None:  # without a copy, to save memory
         values = layers.copy() if tally.goes_on else layers
         if name in MAXIMA:
@@ -204,7 +207,7 @@ def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, in
 
 
 def _layers(name: str, tally: Tally) -> np.ndarray | None:
-    """Layer of a kernel stack for a map, or layers by threshold; None if there is none."""
+    """Kernel layer of a map, or its layers by threshold; None if no layer equals the map."""
     plan = plan_of(tally.scene.case)
     if name in variables.EXCEEDED:
         first = plan.counts[name] - 1
@@ -234,7 +237,7 @@ def _bins() -> dict[str, Any]:
 
 
 def trajectory_variables(recorded: dict[int, np.ndarray]) -> dict[str, Any]:
-    """Vertices of boulders by number, where they were kept."""
+    """Variables of the recorded vertices, by number of the boulder."""
     if not recorded:
         return {}
     vertices = np.concatenate([*recorded.values()])
@@ -256,8 +259,9 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
 
 
 def run_attributes(tally: Tally) -> dict[str, Any]:
-    """Attributes of a result or part that describe its run. `source` is for parts, which
-    rockfall-batch also writes; results have another."""
+    """Attributes of a result or part that describe its run. Only parts, which rockfall-batch also
+    writes, use this `source`.
+    """
     scene = tally.scene
     return {
         "Conventions": CONVENTIONS,
