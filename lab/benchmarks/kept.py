@@ -294,7 +294,8 @@ def at_place(k: int, kept: Folder, n_tables: int, targets: dict[Part, float]) ->
     with tempfile.TemporaryDirectory() as folder:
         keys = []
         for m, table in enumerate((*thrown, replace(chosen, ground=ground))):
-            save_table(table, Path(folder) / f"{m}.nc")
+            ground = table.ground._replace(rest_angle=REST[model])  # the laboratory has none
+            save_table(replace(table, ground=ground), Path(folder) / f"{m}.nc")
             keys.append({"impact": {"table": f"{m}.nc", "rest_angle": REST[model]}})
         keys.insert(n_tables, shipped)
         return np.array([[passing(one, slope, Path(folder)) for one in keys] for slope in slopes])
