@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Warnings, which are not errors.
+!> Warnings on standard error.
 module warnings
    use, intrinsic :: iso_fortran_env, only: error_unit
    implicit none
@@ -118,8 +118,8 @@ contains
    subroutine run_to(output, scene, case, text, keys, arguments, error)
       character(len=*), intent(in) :: output, scene
       type(case_t), intent(in), target :: case
-      character(len=*), intent(in) :: text  !! of the case, with options of the command line
-      type(namelist_t), intent(in) :: keys  !! of that
+      character(len=*), intent(in) :: text  !! text of the case, with options of the command line
+      type(namelist_t), intent(in) :: keys  !! keys parsed from `text`
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
       type(inputs_t), target :: inputs
@@ -182,8 +182,8 @@ contains
       write (output_unit, "(a)") (trim(help(k)), k=1, size(help))
    end subroutine print_help
 
-   !> Reject an output that cannot be written, is an input, or exists without --overwrite. A result next to the
-   !> checkpoint of a stopped run may be replaced: check_checkpoint decides; with --resume the run itself.
+   !> Refuse an output that cannot be written, is an input, or exists without --overwrite. `check_checkpoint` decides
+   !> whether the result of a stopped run may be replaced; with --resume, the run itself decides.
    subroutine check_output(output, arguments, scene, error)
       character(len=*), intent(in) :: output, scene
       type(arguments_t), intent(in) :: arguments
@@ -204,7 +204,7 @@ contains
       if (.not. allocated(error)) call check_place(output, error)
    end subroutine check_output
 
-   !> Names of the evaluation lines that lie completely outside the terrain, separated by commas.
+   !> Names of the evaluation lines completely outside the terrain, separated by commas.
    pure function lines_outside(case, grid) result(names)
       type(case_t), intent(in) :: case
       type(grid_t), intent(in) :: grid
@@ -280,8 +280,8 @@ contains
       type(case_line_t), intent(in) :: lines(:)
       type(run_t), intent(in) :: state
       type(crossing_store_t), intent(in) :: store
-      integer(i8) :: n(size(lines))           !! boulders
-      real(wp) :: total(2, size(lines))       !! speeds [m/s], passing heights [m]
+      integer(i8) :: n(size(lines))           !! number of boulders
+      real(wp) :: total(2, size(lines))       !! sums of speeds [m/s] and of passing heights [m]
       integer :: k
 
       call add_up_crossings(state, store, n, total)
@@ -296,7 +296,7 @@ contains
       end do
    end subroutine line_summaries
 
-   !> Count and sum up the boulders that crossed each line, from the rows in one pass, or from samples.
+   !> Sum up the boulders that crossed each line, from the rows in one pass, or from samples.
    subroutine add_up_crossings(state, store, n, total)
       type(run_t), intent(in) :: state
       type(crossing_store_t), intent(in) :: store

@@ -17,7 +17,7 @@ module rockfall_covariance
    real(wp), parameter :: clearly_definite = 1.0e-12_wp
    !> Six printed digits change a correlation by up to 1e-5, so an eigenvalue of nine by up to 9e-5 [-].
    real(wp), parameter :: printed_tolerance = 1.0e-4_wp
-   real(wp), parameter :: product_tolerance = 1.0e-12_wp   !! of the product of a root, in correlations [-]
+   real(wp), parameter :: product_tolerance = 1.0e-12_wp   !! tolerance of L L^T against C, in correlations [-]
    real(wp), parameter :: negligible = 1.0e-30_wp  !! entry next to 1 that needs no rotation [-]
    integer, parameter :: max_sweeps = 30           !! usually 6 to 10
 
@@ -38,7 +38,7 @@ contains
    !> eigenvalues set to zero, and `drawn` is L L^T: D^-1 L L^T D^-1 is the semidefinite matrix nearest to R.
    !> Errors: not finite, not symmetric, a negative variance, an entry without variance, indefinite.
    pure subroutine covariance_root(name, c, root, drawn, error)
-      character(len=*), intent(in) :: name           !! of C, for messages
+      character(len=*), intent(in) :: name           !! name of C, for messages
       real(wp), intent(in) :: c(:, :)                !! any [unit]
       real(wp), intent(out) :: root(:, :), drawn(:, :)
       type(error_t), allocatable, intent(out) :: error
@@ -89,7 +89,7 @@ contains
       if (is_definite) drawn = c
    end subroutine covariance_root
 
-   !> Lower triangular L with L L^T = R for a definite R; NaN where LAPACK fails, which the check of the product finds.
+   !> Lower triangular L with L L^T = R for a definite R; NaN if LAPACK fails, which the check of the product detects.
    pure function cholesky(r) result(root)
       real(wp), intent(in) :: r(:, :)  !! [-]
       real(wp) :: root(size(r, 1), size(r, 1))
@@ -116,7 +116,7 @@ contains
       end do
    end function product_of
 
-   !> Correlation of two entries, and 1 of each with itself; 0 without variance.
+   !> Correlation of two entries: 1 of an entry with itself, 0 without variance.
    pure real(wp) function correlation_of(c, deviation, i, j) result(correlation)
       real(wp), intent(in) :: c(:, :), deviation(:)
       integer, intent(in) :: i, j
@@ -127,7 +127,7 @@ contains
       if (i /= j) correlation = c(i, j)/deviation(i)/deviation(j)
    end function correlation_of
 
-   !> Check that all entries are finite, and that only those with a variance have a covariance.
+   !> Check that all entries are finite, and that entries without variance have no covariance.
    pure subroutine check_entries(name, c, error)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: c(:, :)

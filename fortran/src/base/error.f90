@@ -10,7 +10,7 @@ module rockfall_error
    integer, parameter :: bad_input = 2  !! invalid input that the user can correct; exit status 2
    integer, parameter :: our_fault = 1  !! internal error of the program; exit status 1
 
-   character(len=1), parameter :: fault_mark = achar(30)  !! between the messages of several faults
+   character(len=1), parameter :: fault_mark = achar(30)  !! separates the messages of several faults
 
    type :: error_t
       integer :: code = our_fault            !! bad_input or our_fault
@@ -31,7 +31,7 @@ contains
       error%message = message
    end subroutine fail
 
-   !> Add a fault to those found before, so that a user can correct all of them at once.
+   !> Append a fault to the earlier ones, so that a user can correct all of them at once.
    pure subroutine gather(fault, error)
       type(error_t), allocatable, intent(inout) :: fault  !! not allocated afterwards
       type(error_t), allocatable, intent(inout) :: error

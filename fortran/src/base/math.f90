@@ -16,7 +16,7 @@ module rockfall_math
    integer(i8), parameter :: fraction_mask = int(z"000FFFFFFFFFFFFF", i8)
    integer(i8), parameter :: bits_of_one = int(z"3FF0000000000000", i8)
    real(wp), parameter :: sqrt2 = 1.4142135623730951_wp
-   real(wp), parameter :: first_whole = 2.0_wp**fraction_bits  !! doubles are the integers from here to twice this
+   real(wp), parameter :: first_whole = 2.0_wp**fraction_bits  !! doubles from here to twice this are the integers
    integer(i8), parameter :: bits_of_whole = int(z"4330000000000000", i8)
 
 contains
@@ -29,7 +29,7 @@ contains
       real_of = transfer(ior(n, bits_of_whole), real_of) - first_whole
    end function real_of
 
-   !> Smallest single-precision number that is not below a given number.
+   !> Smallest single-precision number not below a given number.
    elemental real(sp) function rounded_up(x)
       real(wp), intent(in) :: x
 
@@ -37,7 +37,7 @@ contains
 
       rounded_up = real(x, sp)
       bits = transfer(rounded_up, bits)
-      bits = bits + merge(1, -1, bits >= 0)  ! of the next larger number: `nearest` calls the system's library
+      bits = bits + merge(1, -1, bits >= 0)  ! bits of the next larger number; `nearest` would call the system's library
       if (real(rounded_up, wp) < x) rounded_up = transfer(bits, rounded_up)
    end function rounded_up
 

@@ -28,12 +28,12 @@ contains
    !> Block of n zeros, at least one; null if memory is short.
    type(c_ptr) function zeroed_block(n, bytes) result(block)
       integer(i8), intent(in) :: n
-      integer, intent(in) :: bytes  !! of each
+      integer, intent(in) :: bytes  !! size of each [bytes]
 
       block = c_zeros(max(1_i8, n), int(bytes, i8))
    end function zeroed_block
 
-   !> Free a block, if there is one.
+   !> Free a block; no effect on null.
    impure elemental subroutine free_block(block)
       type(c_ptr), intent(inout) :: block
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 
-/* Load the cache line of an address into the cache, without waiting for it; Fortran has no word for that. */
+/* Load the cache line of an address into the cache without waiting for it, which Fortran cannot express. */
 void rockfall_prefetch(const void *address)
 {
 #if defined(__GNUC__)

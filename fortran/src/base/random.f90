@@ -16,32 +16,32 @@ module rockfall_random
    public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word
    public :: tree_class_word, tree_within_word, cone_word, around_word
 
-   !> Purposes, one stream each; 3, a former one, remains unused. Purposes from 65 belong to the laboratory.
+   !> Purposes, one stream each. Number 3 was used formerly and stays unused; purposes from 65 belong to the laboratory.
    integer(i8), parameter :: for_release = 1, for_impact = 2
    integer(i8), parameter :: for_ground = 5   !! properties of the ground at an impact
    integer(i8), parameter :: for_forest = 11  !! counter: cell, stem; stem 0 gives the number of stems
    integer(i8), parameter :: for_tree = 12    !! counter: boulder, number of this tree among those hit
    integer(i8), parameter :: for_breakage = 13  !! counter: fragment
-   integer(i8), parameter :: for_strength = 14  !! counter: boulder; the same for its fragments
-   integer, parameter :: purpose_bit = 24  !! of the purpose in the counter's last word; lower bits count its blocks
+   integer(i8), parameter :: for_strength = 14  !! counter: boulder; fragments use that of their boulder
+   integer, parameter :: purpose_bit = 24  !! position of the purpose in the counter's last word, above its block number
 
    !> Index of the word used for each quantity within a draw. Changing them changes results.
-   integer, parameter :: volume_word = 1        !! of for_release: volume
-   integer, parameter :: shape_word = 2         !! of for_release: shape of the block, among several
+   integer, parameter :: volume_word = 1        !! for_release: volume
+   integer, parameter :: shape_word = 2         !! for_release: shape of the block, if there are several
    integer, parameter :: deviate_word = 1       !! for_strength: normal deviate of ground strength
    integer, parameter :: column_word = 2, row_word = 3  !! for_strength: choices between parts of an impact table
-   integer, parameter :: rebound_words = 3      !! of for_impact: words 1 to 3 are the normals of V_t, V_n, W
-   integer, parameter :: normal_restitution_word = 1      !! of for_impact, for a classical rebound: R_n,
+   integer, parameter :: rebound_words = 3      !! for_impact: words 1 to 3 are the normals of V_t, V_n, W
+   integer, parameter :: normal_restitution_word = 1      !! for_impact, classical rebound: R_n,
    integer, parameter :: tangential_restitution_word = 2  !! R_t,
    integer, parameter :: obstacle_spread_word = 3         !! and the obstacle height, scattered about the drawn size
-   integer, parameter :: turn_word = 4          !! of for_impact: quantile of the turn; its last bit selects the side
-   integer, parameter :: obstacle_word = 1      !! of for_ground: obstacle size of method A
-   integer, parameter :: ratio_word = 2         !! of for_ground: choice between two impact sets
-   integer, parameter :: roughness_word = 3     !! of for_ground: tilt of the ground in a classical rebound
-   integer, parameter :: tree_class_word = 1    !! of for_tree: class of the turn
-   integer, parameter :: tree_within_word = 2   !! of for_tree: position within the class; its last bit selects the side
-   integer, parameter :: cone_word = 1          !! of for_breakage: angle to the velocity of the boulder
-   integer, parameter :: around_word = 2        !! of for_breakage: direction around it
+   integer, parameter :: turn_word = 4          !! for_impact: quantile of the turn; its last bit selects the side
+   integer, parameter :: obstacle_word = 1      !! for_ground: obstacle size of method A
+   integer, parameter :: ratio_word = 2         !! for_ground: choice between two impact sets
+   integer, parameter :: roughness_word = 3     !! for_ground: tilt of the ground in a classical rebound
+   integer, parameter :: tree_class_word = 1    !! for_tree: class of the turn
+   integer, parameter :: tree_within_word = 2   !! for_tree: position within the class; its last bit selects the side
+   integer, parameter :: cone_word = 1          !! for_breakage: angle to the velocity of the boulder
+   integer, parameter :: around_word = 2        !! for_breakage: direction around that velocity
 
    integer, parameter :: words_per_block = 4
    integer, parameter :: rounds = 10  !! recommended number for Philox; the minimum that passes all tests is 7
@@ -154,7 +154,7 @@ contains
       boulder_number = iand(number, low32)
    end function boulder_number
 
-   !> A random side from the last bit of a word: 1 or -1.
+   !> Random side, 1 or -1, from the last bit of a word.
    elemental real(wp) function side_of(word)
       integer(i8), intent(in) :: word  !! 0..2**32-1
 

@@ -75,7 +75,7 @@ void _gfortran_os_error_at(const char *place, const char *format, ...)
     _Exit(2);
 }
 
-/* Check whether the process can map this many more bytes; none are kept. */
+/* Check whether the process can map this many more bytes; the mapping is released. */
 int rockfall_fits(int64_t bytes)
 {
 #if defined(_WIN32)

@@ -12,9 +12,9 @@ module rockfall_sizes
    integer, parameter :: max_list = 512       !! row of a table, list of names
    integer, parameter :: max_array_row = 256  !! row of the table of arrays; as ROCKFALL_TEXT there
 
-   ! Columns of rows (rockfall_variables has their names):
+   ! Numbers of columns of rows (names in rockfall_variables):
    integer, parameter :: n_boulder_fields = 12, n_boulder_counts = 9, n_line_fields = 12, n_vertex_fields = 15
-   integer, parameter :: n_line_quantities = 11  !! of samples, computed from a row
+   integer, parameter :: n_line_quantities = 11  !! quantities of line samples, computed from a row
    ! Impact sets: their number; lengths of a mean; limits between incidence classes; incidence classes; quantiles of a
    ! class.
    integer, parameter :: n_impact_sets = 5, n_set_numbers = 9, n_incidence_limits = 8, n_lateral_classes = 9, &
@@ -22,5 +22,5 @@ module rockfall_sizes
    ! Maps: layers of counts (including thresholds), sums and maxima in a plan; stacks of layers.
    integer, parameter :: n_map_counts = 7, n_map_sums = 7, n_map_maxima = 5, n_stacks = 3
    integer, parameter :: n_histograms = 6, n_ead_classes = 8  !! quantities of rebounds; energy classes of EAD 340059
-   integer, parameter :: n_block_shapes = 3  !! of the laboratory
+   integer, parameter :: n_block_shapes = 3  !! block shapes of the laboratory
 end module rockfall_sizes

@@ -58,10 +58,10 @@ contains
       k = 0
    end function first_repeated
 
-   !> Names with the fewest differing characters, the nearest first.
+   !> Names that differ from a word by the fewest characters, the nearest first.
    pure function nearest_names(word, names, n) result(nearest)
       character(len=*), intent(in) :: word, names(:)
-      integer, intent(in) :: n  !! number of names that are wanted
+      integer, intent(in) :: n  !! number of names to return
       character(len=len(names)) :: nearest(n)
       integer :: apart(size(names)), at, k
 
@@ -126,7 +126,7 @@ contains
       case (9, 10, 32:126)
          length = 1
          return
-      case (13)  ! only in a line end
+      case (13)  ! valid only in a line end
          if (i == len(text)) then
             length = 1
          else if (text(i + 1:i + 1) == achar(10)) then
@@ -195,7 +195,7 @@ contains
       text = trim(buffer)
    end function long_text
 
-   !> Format a number with at most this many significant digits, without zeros at the end.
+   !> Format a number with at most this many significant digits, without trailing zeros.
    pure function real_text(number, digits) result(text)
       real(wp), intent(in) :: number
       integer, intent(in) :: digits  !! 2 to 17

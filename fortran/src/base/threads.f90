@@ -75,7 +75,7 @@ contains
          call fail(error, "threads = "//integer_text(team_size(threads))//": their stacks of " &
                    //integer_text(stack/kilobyte)//" kB do not fit in memory (ulimit -v): use fewer threads " &
                    //"or a smaller OMP_STACKSIZE")
-      else if (is_limited) then  ! start all threads, before other things take the memory for their stacks
+      else if (is_limited) then  ! start all threads before other allocations take the memory for their stacks
          !$omp parallel default(none) num_threads(team_size(threads)) reduction(min: stack)
          stack = stack_of_this()
          !$omp end parallel
@@ -91,8 +91,8 @@ contains
       deadline = now + int(min(seconds*rate, 0.4_wp*huge(now)), i8)
    end function deadline_in
 
-   !> Take the next indices `from` to `to`, at most `count` up to n, from the counter that all threads share. There are
-   !> none (from > to) after the last, and after the deadline, if others were taken before.
+   !> Take the next indices `from` to `to`, at most `count` up to n, from the counter that all threads share. None are
+   !> taken (from > to) past the last index, nor after the deadline once an index has been taken.
    subroutine take_batch(next, n, count, deadline, from, to)
       integer, intent(inout) :: next       !! next index
       integer, intent(in) :: n, count

@@ -15,15 +15,15 @@ module rockfall_block_shape
 
    !> Shapes of the boulders of a scene, numbered as block_shapes.
    type :: shape_mix_t
-      real(wp) :: below(n_block_shapes) = 1.0_wp   !! cumulative shares of the shapes; the last is 1 [-]
-      integer(i1), allocatable :: of_source(:)     !! of the boulders of each source, if sources give any; 0: drawn
+      real(wp) :: below(n_block_shapes) = 1.0_wp   !! cumulative fractions of the shapes; the last is 1 [-]
+      integer(i1), allocatable :: of_source(:)     !! shape of each source's boulders, if sources give shapes; 0: drawn
       integer, allocatable :: ground(:, :)         !! (grounds, shapes) index of the ground with the table of a shape;
                                                    !! not allocated: all tables are for all shapes
    end type shape_mix_t
 
 contains
 
-   !> Shapes drawn with these fractions, which are not negative; all zero: each boulder has a given shape.
+   !> Shapes drawn with these non-negative fractions; all zero: each boulder has a given shape.
    pure type(shape_mix_t) function shape_mix(shares) result(mix)
       real(wp), intent(in) :: shares(n_block_shapes)
       integer :: k
@@ -50,11 +50,11 @@ contains
       if (allocated(mix%ground)) ground_of_shape = mix%ground(ground, shape)
    end function ground_of_shape
 
-   !> Shape whose blocks are the nearest in (b/a, c/b).
+   !> Shape whose blocks have the nearest (b/a, c/b).
    pure integer function shape_of_axes(a, b, c)
       real(wp), intent(in) :: a, b, c  !! axes of a boulder, a >= b >= c > 0 [m]
 
-      associate (middle => block_axes(2, :), short => block_axes(3, :))  ! over the longest, which is 1
+      associate (middle => block_axes(2, :), short => block_axes(3, :))  ! relative to the longest axis, which is 1
          shape_of_axes = minloc((middle - b/a)**2 + (short/middle - c/b)**2, dim=1)
       end associate
    end function shape_of_axes

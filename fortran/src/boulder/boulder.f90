@@ -18,7 +18,7 @@ module rockfall_boulder
    integer, parameter :: fixed_volume = 1, normal_volume = 2, uniform_volume = 3, lognormal_volume = 4, &
                          list_volume = 5, pareto_volume = 6
    character(len=*), parameter :: distributions(*) = [character(len=9) :: "fixed", "normal", "uniform", "lognormal", &
-                                                      "list", "pareto"]  !! in the order of these numbers
+                                                      "list", "pareto"]  !! in the order of their numbers
 
    !> Volume distribution, and the density that converts volumes to masses.
    type :: volume_distribution_t
@@ -26,7 +26,7 @@ module rockfall_boulder
       real(wp) :: mean = 1.0_wp              !! fixed, normal, lognormal [m3]
       real(wp) :: std = 0.0_wp               !! normal (before truncation at zero), lognormal [m3]
       real(wp) :: min = 0.0_wp, max = 0.0_wp !! uniform, pareto [m3]
-      real(wp) :: exponent = 1.0_wp          !! pareto: of the number of larger boulders, > 0 [-]
+      real(wp) :: exponent = 1.0_wp          !! pareto: exponent of the number of larger boulders, > 0 [-]
       real(wp), allocatable :: list(:)       !! list: all equally probable [m3]
       integer, allocatable :: list_shape(:)  !! block shape of each, if known
       !> [kg/m3]; the energies and volumes given in the paper imply 2800.
@@ -39,11 +39,11 @@ module rockfall_boulder
       real(wp) :: mass = 0    !! [kg]
    end type boulder_t
 
-   !> Draws of a boulder for the ground along its whole path.
+   !> Random properties of a boulder that apply to the ground along its whole path.
    type :: soil_draw_t
       real(wp) :: deviate = 0.0_wp  !! standard normal: strength of the ground [-]
       real(wp) :: column = 0.5_wp, row = 0.5_wp  !! uniform in (0, 1): choice between parts of a table of impacts [-]
-      real(wp) :: ratio_factor = 1.0_wp          !! on R_b/R_m [-]
+      real(wp) :: ratio_factor = 1.0_wp          !! factor on R_b/R_m [-]
    end type soil_draw_t
 
    !> Boulder specified by a source.
@@ -63,7 +63,7 @@ module rockfall_boulder
    !> Releases. Boulders are numbered source by source: either every source releases the same number n, and boulder b
    !> has source (b-1)/n + 1; or each source has its own number, and `last` is its last boulder.
    type :: release_t
-      real(wp), allocatable :: x(:), y(:)    !! per source, local coordinates [m]
+      real(wp), allocatable :: x(:), y(:)    !! local coordinates of each source [m]
       integer(i8) :: boulders_per_source = 1
       integer(i8), allocatable :: last(:)    !! per source, non-decreasing
       real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
@@ -133,7 +133,7 @@ contains
       released_by = last_of(release, source) - first_of(release, source) + 1
    end function released_by
 
-   !> Draw boulder `number`: its volume, with the radius and mass of a sphere of that volume.
+   !> Draw the volume of boulder `number`, and the radius and mass of a sphere of this volume.
    pure type(boulder_t) function draw_boulder(distribution, table, key, number) result(boulder)
       type(volume_distribution_t), intent(in) :: distribution
       type(normal_table_t), intent(in) :: table
@@ -160,7 +160,7 @@ contains
       boulder%mass = distribution%density*boulder%volume
    end function draw_boulder
 
-   !> Index of the volume of a list that a word draws.
+   !> Index of the list volume that a word selects.
    pure integer function list_item(distribution, word)
       type(volume_distribution_t), intent(in) :: distribution
       integer(i8), intent(in) :: word
@@ -171,7 +171,7 @@ contains
    !> Boulder of a source that specifies its boulders.
    pure type(boulder_t) function boulder_of(source, factor) result(boulder)
       type(source_boulder_t), intent(in) :: source
-      real(wp), intent(in) :: factor  !! volume over that given for the source [-]
+      real(wp), intent(in) :: factor  !! volume relative to that given for the source [-]
 
       boulder%volume = factor*source%volume
       boulder%radius = sphere_radius(boulder%volume)
@@ -211,7 +211,7 @@ contains
       end select
    end function max_volume
 
-   !> Range of the volumes of all but few boulders [m3].
+   !> Range of the volumes [m3] of all but a few boulders.
    pure function usual_volumes(distribution) result(limits)
       type(volume_distribution_t), intent(in) :: distribution
       real(wp) :: limits(2)
@@ -227,7 +227,7 @@ contains
       end select
    end function usual_volumes
 
-   !> Mean volume [m3]; for a normal distribution, which is truncated at zero, an upper bound.
+   !> Mean volume [m3]; an upper bound for a normal distribution, which is truncated at zero.
    pure real(wp) function mean_volume(distribution) result(volume)
       type(volume_distribution_t), intent(in) :: distribution
 

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Breakage of a boulder into fragments by a fractal rule (Ruiz-Carulla et al. 2017; Matas et al. 2017, 2020; theory,
-!> chapter 3): whether it breaks, the volumes of its fragments, which sum to its own, and their directions.
+!> chapter 3): whether it breaks, the volumes of its fragments, which add up to its volume, and their directions.
 module rockfall_breakage
    use rockfall_kinds, only: wp
    use rockfall_math, only: logarithm, cube_root, power, sine_cosine
@@ -13,24 +13,24 @@ module rockfall_breakage
 
    !> New surface per energy: S = new_area E**area_power [m2], E in J.
    real(wp), parameter :: new_area = 0.0031_wp, area_power = 0.7562_wp
-   real(wp), parameter :: kept_energy = 0.99_wp  !! kinetic energy after breaking over that before [-]
-   !> Area ratio at which the published dimension D is largest. Beyond it the two published straight lines of b and q
-   !> would give ever fewer fragments, and from 0.646 on none (D < 0): D is held there.
+   real(wp), parameter :: kept_energy = 0.99_wp  !! kinetic energy after breaking relative to the energy before [-]
+   !> Area ratio at which the published dimension D is largest. Beyond it the published straight lines of b and q would
+   !> give ever fewer fragments, and none from 0.646 on (D < 0), so D stays constant.
    real(wp), parameter :: ratio_of_max_dimension = 0.43_wp
 
-   !> Conditions of breakage, and rule of fragments.
+   !> Conditions of breakage, and rule for fragments.
    type :: breakage_t
       logical :: at_release = .false., at_impact = .false.
       real(wp) :: min_ratio = 0.0_wp     !! area ratio above which a boulder breaks [-]
       real(wp) :: release_fall = 0.0_wp  !! fall height that breaks a block at its release [m]
-      real(wp) :: min_volume = 0.0_wp    !! of a fragment; smaller ones are fines [m3]
-      integer :: max_fragments = 1       !! of a released boulder
-      real(wp) :: half_angle = 0.0_wp    !! between the velocities of a fragment and of the boulder, at most [rad]
+      real(wp) :: min_volume = 0.0_wp    !! minimum volume of a fragment; smaller ones are fines [m3]
+      integer :: max_fragments = 1       !! maximum number of fragments of a released boulder
+      real(wp) :: half_angle = 0.0_wp    !! maximum angle between the velocities of a fragment and of the boulder [rad]
    end type breakage_t
 
    !> Result of breaking a volume.
    type :: split_t
-      real(wp), allocatable :: volume(:)  !! of the fragments [m3]; one: it does not break
+      real(wp), allocatable :: volume(:)  !! volumes of the fragments [m3]; a single one: it does not break
       real(wp) :: fines = 0.0_wp          !! volume left in smaller pieces [m3]
       logical :: capped = .false.         !! the maximum number of fragments was reached
    end type split_t
@@ -39,7 +39,7 @@ contains
 
    !> Area ratio [-] of an impact: new surface divided by its sum with the surface of a cube of the boulder's volume.
    elemental real(wp) function area_ratio(energy, volume)
-      real(wp), intent(in) :: energy  !! of the motion normal to the ground [J]
+      real(wp), intent(in) :: energy  !! energy of the motion normal to the ground [J]
       real(wp), intent(in) :: volume  !! [m3]
       real(wp) :: area, side
 
@@ -56,7 +56,7 @@ contains
       surviving_fraction = 1 - 0.5125_wp*ratio
    end function surviving_fraction
 
-   !> Fractal dimension D [-] of the fragments: the number of those above a volume falls as its power -D.
+   !> Fractal dimension D [-] of the fragments: the number of fragments above a volume V falls as V**-D.
    elemental real(wp) function fractal_dimension(ratio) result(dimension)
       real(wp), intent(in) :: ratio  !! area ratio, at least 0.25 [-]
       real(wp) :: held, b
@@ -67,8 +67,8 @@ contains
    end function fractal_dimension
 
    !> Split a volume into at most `room` fragments of at least `min_volume`. Fragment i of a series has q i**(-1/D) of
-   !> its volume; the remainder of a series is split by the same rule; once the maximum number is reached it stays one
-   !> block. All fragments and fines sum to the volume: each is subtracted from the remainder.
+   !> its volume. The same rule splits the remainder of a series; at the maximum number the remainder stays one
+   !> block. All fragments and fines add up to the volume: each is subtracted from the remainder.
    pure subroutine split_volume(volume, ratio, min_volume, room, split)
       real(wp), intent(in) :: volume      !! [m3]
       real(wp), intent(in) :: ratio       !! area ratio [-]
@@ -101,20 +101,20 @@ contains
       split%fines = rest
    end subroutine split_volume
 
-   !> Fragment of a boulder.
+   !> Fragment as a boulder.
    elemental type(boulder_t) function fragment_of(boulder, volume) result(fragment)
       type(boulder_t), intent(in) :: boulder
-      real(wp), intent(in) :: volume  !! of the fragment [m3]
+      real(wp), intent(in) :: volume  !! volume of the fragment [m3]
 
       fragment%volume = volume
       fragment%radius = sphere_radius(volume)
       fragment%mass = boulder%mass*(volume/boulder%volume)
    end function fragment_of
 
-   !> Velocity of the same length, uniform within a cone about another one.
+   !> Velocity of equal magnitude, distributed uniformly within a cone around a velocity.
    pure function direction_in_cone(v, half_angle, u) result(turned)
       real(wp), intent(in) :: v(3)        !! [m/s]
-      real(wp), intent(in) :: half_angle  !! of the cone, 0 to 45 degrees [rad]
+      real(wp), intent(in) :: half_angle  !! half angle of the cone, 0 to 45 degrees [rad]
       real(wp), intent(in) :: u(2)        !! uniform in (0, 1) [-]
       real(wp) :: turned(3), speed, axis(3), across(3), beside(3), sine, cosine, around(2)
 
@@ -134,7 +134,7 @@ contains
       turned = speed*(cosine*axis + sine*(around(1)*across + around(2)*beside))
    end function direction_in_cone
 
-   !> Velocity that points away from the ground: one that points into it is mirrored.
+   !> Velocity that points away from the ground; a velocity into the ground is mirrored.
    pure function away_from_ground(v, g) result(away)
       real(wp), intent(in) :: v(3)  !! [m/s]
       real(wp), intent(in) :: g(2)  !! gradient of the ground [-]

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Heading of a boulder after a rebound (Bourrier et al. 2009, section 3.3): it turns by a random angle towards the
-!> steepest descent of the raster cell; or to either side, by angles measured in the laboratory. Headings are unit
+!> steepest descent of the raster cell, or to either side by angles measured in the laboratory. Headings are unit
 !> vectors in plan.
 module rockfall_direction
    use rockfall_kinds, only: wp
@@ -26,8 +26,8 @@ module rockfall_direction
    !> its sign must not choose one side for all boulders. Double-precision elevations cause about 1e-12.
    real(wp), parameter :: along_aspect = 1.0e-9_wp
 
-   !> Printed classes of the turn: thresholds in (0, 1) of the second and third, the width of the first two and of the
-   !> third [degree].
+   !> Classes of the turn in the paper: thresholds in (0, 1) of the second and third class; widths of the first two and
+   !> of the third class [degree].
    real(wp), parameter :: second_class = 0.72_wp, third_class = 0.96_wp
    real(wp), parameter :: sector = 22.5_wp, last_sector = 5.0_wp
    !> Slope of the quantile function of the turn within each class [rad].
@@ -51,9 +51,9 @@ module rockfall_direction
    !> Rule and random numbers of a turn.
    type :: turning_t
       integer :: rule = past_aspect
-      real(wp) :: u = 0.0_wp        !! amount, uniform in (0, 1) [-]
-      real(wp) :: side = 1.0_wp     !! 1 or -1: side of the turn where the ground gives none [-]
-      real(wp) :: lateral = 0.0_wp  !! by_lab: amount [rad]
+      real(wp) :: u = 0.0_wp        !! quantile of the turn, uniform in (0, 1) [-]
+      real(wp) :: side = 1.0_wp     !! side of the turn if the ground gives none, 1 or -1 [-]
+      real(wp) :: lateral = 0.0_wp  !! by_lab: angle of the turn [rad]
    end type turning_t
 
 contains
@@ -99,9 +99,9 @@ contains
    !> of the heading before; otherwise by the rule, and by the printed classes only if the cell has a descent.
    pure function new_heading(turning, heading, g, descent, pit) result(after)
       type(turning_t), intent(in) :: turning
-      real(wp), intent(in) :: heading(2)     !! before, unit [-]
+      real(wp), intent(in) :: heading(2)     !! heading before the rebound, unit [-]
       real(wp), intent(in) :: g(2)           !! gradient of the patch [-]
-      real(wp), intent(in) :: descent(2)     !! of the cell, any length [-]
+      real(wp), intent(in) :: descent(2)     !! descent of the cell, any length [-]
       logical, intent(in) :: pit
       real(wp) :: after(2)
       real(wp) :: across, side, aspect(2)
@@ -124,12 +124,12 @@ contains
    elemental subroutine turn_by_class(u, free_side, pit, ends_there, east, north, g_east, g_north, aspect_east, &
                                       aspect_north, after_east, after_north)
       real(wp), intent(in) :: u, free_side               !! as in turning_t [-]
-      real(wp), intent(in) :: pit                        !! as of is_pit
-      real(wp), intent(in) :: ends_there                 !! rule: 1 to_aspect, 0 past_aspect
-      real(wp), intent(in) :: east, north                !! heading before, unit [-]
+      real(wp), intent(in) :: pit                        !! as from is_pit
+      real(wp), intent(in) :: ends_there                 !! from the rule: 1 to_aspect, 0 past_aspect
+      real(wp), intent(in) :: east, north                !! heading before the rebound, unit [-]
       real(wp), intent(in) :: g_east, g_north            !! gradient of the patch [-]
-      real(wp), intent(in) :: aspect_east, aspect_north  !! of the cell; unit, or zero [-]
-      real(wp), intent(out) :: after_east, after_north   !! [-]
+      real(wp), intent(in) :: aspect_east, aspect_north  !! aspect of the cell, unit or zero [-]
+      real(wp), intent(out) :: after_east, after_north   !! heading after the rebound [-]
       real(wp) :: across, up, side, angle, s, c, reached
 
       across = east*aspect_north - north*aspect_east
@@ -148,7 +148,7 @@ contains
       after_north = merge(north, after_north, pit > 0)
    end subroutine turn_by_class
 
-   !> Plan heading of the tangent over a heading, rotated in the plane of the patch as in the laboratory.
+   !> Heading in plan of the tangent above a heading, rotated in the plane of the patch as in the laboratory.
    pure function rotated_on_patch(heading, g, angle) result(after)
       real(wp), intent(in) :: heading(2)  !! unit [-]
       real(wp), intent(in) :: g(2)        !! gradient of the patch [-]
@@ -179,7 +179,7 @@ contains
       real(wp) :: length
 
       call divide_by_length(v(1), v(2), unit(1), unit(2), length)
-      if (.not. length > shortest) then  ! squares of such small numbers underflow: rescale to order one first
+      if (.not. length > shortest) then  ! squares of such small numbers underflow: rescale first
          unit = 0
          if (any(abs(v) > 0)) unit = v/maxval(abs(v))
          if (any(abs(v) > 0)) unit = unit/sqrt(unit(1)**2 + unit(2)**2)

@@ -22,22 +22,22 @@ module rockfall_flight
       real(wp) :: v(3)                 !! [m/s]
       real(wp) :: above = 0.0_wp       !! height above the patch, >= 0 [m]
       real(wp) :: rate                 !! rate of change of `above`, known exactly after a rebound [m/s]
-      real(wp) :: heading(2) = 0.0_wp  !! of the tangential velocity after the rebound, in plan; any length
+      real(wp) :: heading(2) = 0.0_wp  !! heading of the tangential velocity after the rebound, in plan, any length
    end type flight_t
 
    !> End of a flight: the first contact, or the exit from the known terrain.
    type :: landing_t
       logical :: contact               !! false: it left the domain
-      real(wp) :: time                 !! of flight [s]
+      real(wp) :: time                 !! flight time [s]
       real(wp) :: x, y, z              !! [m]
       type(patch_t) :: patch           !! patch of the contact
-      real(wp) :: u, w                 !! position in that patch, 0..1 [cells]
+      real(wp) :: u, w                 !! position in the patch, 0..1 [cells]
       real(wp) :: jump_height          !! maximum height above the surface [m]
    end type landing_t
 
    !> Part of a flight over one patch: height above it = d0 + d1 s + d2 s**2 for s = t - t0 in 0..t1-t0.
    type :: span_t
-      integer :: i, j         !! of the patch
+      integer :: i, j         !! indices of the patch
       real(wp) :: t0, t1      !! since the start of the flight [s]
       real(wp) :: d0, d1, d2  !! [m], [m/s], [m/s2]
    end type span_t
@@ -54,11 +54,11 @@ contains
       launch_rate = v(3) - dot_product(gradient(dem, patch, u, w), v(1:2))
    end function launch_rate
 
-   !> Compute a flight up to its first contact after the start, or up to the edge of the known terrain.
+   !> Compute a flight to its first contact after the start, or to the edge of the known terrain.
    !>
-   !> The loop keeps one invariant, so that no boulder can pass through the ground: the height at the entry of a patch
-   !> is >= 0. It equals the height at the exit of the previous patch, which was >= 0; negative values from rounding
-   !> count as zero. At zero height, a descending boulder is in contact at once, a rising one is not.
+   !> The loop keeps one invariant, so that no boulder can pass through the ground: the height at the entry to a patch
+   !> is >= 0. It equals the height at the exit from the previous patch, which was >= 0; negative values from rounding
+   !> count as zero. At zero height, a descending boulder is in contact at once; a rising boulder is not.
    !>
    !> Over the patch z00 + a u + b w + c u w the path has u = u0 + p t, w = w0 + q t [cells], so the height above it,
    !> z(t) - z_patch(u(t), w(t)), is d0 + d1 s + d2 s**2 with d1 = vz - (a + c w) p - (b + c u) q and
@@ -149,7 +149,7 @@ contains
       end do
    end subroutine end_flight
 
-   !> Continue from a point in the air with another velocity.
+   !> Continue from a point in the air with a new velocity.
    pure type(flight_t) function flight_from(dem, landing, v, heading) result(flight)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: landing
@@ -207,7 +207,7 @@ contains
    !> vectorise.
    elemental real(wp) function strikes_ground(d0, d1, d2, length)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
-      real(wp), intent(in) :: length      !! of the span [s]
+      real(wp), intent(in) :: length      !! length of the span [s]
       real(wp) :: dips  ! minimum inside the span
 
       dips = merge(1.0_wp, 0.0_wp, d1*d1 >= 4*d2*d0)
@@ -217,10 +217,10 @@ contains
       strikes_ground = merge(1.0_wp, dips, d0 + length*(d1 + length*d2) < 0)
    end function strikes_ground
 
-   !> First time at which the height becomes negative [s], if it does; uses the form of the root without cancellation.
+   !> First time [s] at which the height becomes negative, if it does; uses the form of the root without cancellation.
    elemental real(wp) function strike_time(d0, d1, d2, length) result(s)
       real(wp), intent(in) :: d0, d1, d2  !! as in strikes_ground
-      real(wp), intent(in) :: length      !! likewise
+      real(wp), intent(in) :: length      !! length of the span [s]
       real(wp) :: root, numerator, denominator
 
       root = sqrt(max(0.0_wp, d1*d1 - 4*d2*d0))
@@ -244,7 +244,7 @@ contains
 
    !> Height above a patch at its entry, and its rate of change.
    elemental subroutine enter_patch(x, y, z, v1, v2, v3, gravity, per_cell, t, i, j, z00, a, b, c, d0, d1)
-      real(wp), intent(in) :: x, y, z, v1, v2, v3  !! the start of the flight [m], [m/s]
+      real(wp), intent(in) :: x, y, z, v1, v2, v3  !! start of the flight [m], [m/s]
       real(wp), intent(in) :: gravity              !! [m/s2]
       real(wp), intent(in) :: per_cell             !! [1/m]
       real(wp), intent(in) :: t                    !! since the start [s]
@@ -294,7 +294,7 @@ contains
    pure real(wp) function arc_length(v, gravity, time)
       real(wp), intent(in) :: v(3)     !! at the start [m/s]
       real(wp), intent(in) :: gravity  !! [m/s2]
-      real(wp), intent(in) :: time     !! of flight [s]
+      real(wp), intent(in) :: time     !! flight time [s]
 
       arc_length = parabola_length(v(1)*v(1) + v(2)*v(2), v(3), gravity, time)
    end function arc_length
@@ -304,7 +304,7 @@ contains
       real(wp), intent(in) :: plan2    !! [m2/s2]
       real(wp), intent(in) :: v3       !! at the start [m/s]
       real(wp), intent(in) :: gravity  !! [m/s2]
-      real(wp), intent(in) :: time     !! of flight [s]
+      real(wp), intent(in) :: time     !! flight time [s]
       real(wp) :: fall, v1, s0, s1, speed_sum, area
 
       fall = gravity*time

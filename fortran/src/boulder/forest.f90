@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Hits of trees, i.e. the first stem hit by a flight, the energy that it absorbs, and the turn of the boulder. In plan
-!> both stem and boulder are discs, so the boulder's centre meets a disc whose radius is the sum of both.
+!> Tree hits: the first stem hit by a flight, the energy that it absorbs, and the turn of the boulder. In plan stem
+!> and boulder are discs, so the boulder's centre meets a disc whose radius is the sum of their radii.
 module rockfall_forest
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree, exponential, logarithm, sine_cosine
@@ -19,9 +19,9 @@ module rockfall_forest
 
    real(wp), parameter :: radius_per_dbh = 0.005_wp  !! [m/cm]
    !> Squared distance from the edge of a disc, over its squared radius, within which a flight counts as starting
-   !> inside: at the stem just hit, only rounding decides the side [-].
+   !> inside: at the stem just hit, only rounding would decide [-].
    real(wp), parameter :: on_edge = 1.0e-6_wp
-   !> Offset from the axis of a stem, over the radius, within which a hit has no side: only rounding decides it [-].
+   !> Offset from the axis of a stem, over the radius, within which a hit has no side: only rounding would decide [-].
    real(wp), parameter :: centred_offset = 1.0e-9_wp
    real(wp), parameter :: along_rows = 1.0e-9_wp  !! heading component below which the row of buckets never changes [-]
    real(wp), parameter :: min_side = 5.0_wp       !! minimum size of a bucket [m]: one or two trees
@@ -49,23 +49,23 @@ module rockfall_forest
       integer, allocatable :: first(:)
       integer :: nx = 0, ny = 0                   !! buckets
       real(wp) :: low(2) = 0.0_wp                 !! south-western corner [m]
-      real(wp) :: side = min_side                 !! of a bucket [m]
+      real(wp) :: side = min_side                 !! side length of a bucket [m]
       real(wp) :: per_side = 1/min_side           !! [1/m]
-      real(wp) :: max_radius = 0.0_wp             !! of a stem [m]
+      real(wp) :: max_radius = 0.0_wp             !! maximum radius of a stem [m]
    end type forest_t
 
    !> Hit of a stem by a flight.
    type :: tree_hit_t
       integer :: tree = 0                         !! index in the forest; 0: no hit
       real(wp) :: time = 0.0_wp                   !! since the start of the flight [s]
-      real(wp) :: offset = 0.0_wp                 !! of the stem's axis from the path, > 0: to the left [m]
-      real(wp) :: height = 0.0_wp                 !! of the contact point above the ground [m]
+      real(wp) :: offset = 0.0_wp                 !! offset of the stem's axis from the path, > 0: to the left [m]
+      real(wp) :: height = 0.0_wp                 !! height of the contact point above the ground [m]
    end type tree_hit_t
 
    !> Effect of a hit on a boulder.
    type :: tree_impact_t
       real(wp) :: absorbed = 0.0_wp               !! energy absorbed by the stem [J]
-      real(wp) :: sine = 0.0_wp, cosine = 1.0_wp  !! of the turn in plan, > 0: to the left [-]
+      real(wp) :: sine = 0.0_wp, cosine = 1.0_wp  !! sine and cosine of the turn in plan, > 0: to the left [-]
       logical :: breaks = .false.                 !! the stem breaks: later flights of this boulder ignore it
    end type tree_impact_t
 
@@ -75,9 +75,9 @@ contains
    !> of the result.
    pure subroutine build_forest(x, y, origin, dbh, factor, model, this)
       real(wp), intent(in) :: x(:), y(:)  !! map coordinates, at least one stem [m]
-      real(wp), intent(in) :: origin(2)   !! of local coordinates [m]
+      real(wp), intent(in) :: origin(2)   !! origin of local coordinates [m]
       real(wp), intent(in) :: dbh(:)      !! diameters at breast height, > 0 [cm]
-      real(wp), intent(in) :: factor(:)   !! [-]
+      real(wp), intent(in) :: factor(:)   !! strength of each stem relative to silver fir [-]
       type(tree_model_t), intent(in) :: model
       type(forest_t), intent(out) :: this
       integer, allocatable :: next(:)
@@ -142,19 +142,19 @@ contains
 
    !> Fraction of the maximum energy that a stem absorbs in an off-centre hit (Dorren and Berger 2006).
    elemental real(wp) function absorbed_fraction(x)
-      real(wp), intent(in) :: x  !! of the path, from the middle of the stem (0) to its side (1) [-]
+      real(wp), intent(in) :: x  !! position of the path, from the middle of the stem (0) to its side (1) [-]
       real(wp), parameter :: ln10 = 2.30258509299404568402_wp
 
       absorbed_fraction = max(0.0_wp, -0.046_wp + 1.026_wp/(1 + exponential(-8.007_wp*(0.58_wp - x)*ln10)))
    end function absorbed_fraction
 
    !> Return whether the plan path of a flight may enter the disc of a stem from outside: a test without roots and
-   !> divisions, true for all flights that hit a stem by find_first_hit, and for few others.
+   !> divisions, true for all flights that find_first_hit finds to hit a stem, and for few others.
    pure logical function may_hit_tree(this, x, y, path, radius)
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: x, y            !! start of the flight [m]
-      real(wp), intent(in) :: path(2)         !! from there to its end, in plan [m]
-      real(wp), intent(in) :: radius          !! of the boulder [m]
+      real(wp), intent(in) :: path(2)         !! path from the start to the end, in plan [m]
+      real(wp), intent(in) :: radius          !! radius of the boulder [m]
       real(wp) :: reach, length2, d(2), along, across, beyond, r2, d2, within, hits
       integer :: left, right, row, k
 
@@ -167,7 +167,7 @@ contains
                bucket_index(this, 2, y + max(0.0_wp, path(2)) + reach)
          do k = this%first(1 + left + this%nx*row), this%first(2 + right + this%nx*row) - 1
             d = [this%stem(k)%x - x, this%stem(k)%y - y]
-            along = d(1)*path(1) + d(2)*path(2)         ! times the length of the path, like the next two
+            along = d(1)*path(1) + d(2)*path(2)         ! these three are multiplied by the length of the path
             across = path(1)*d(2) - path(2)*d(1)
             beyond = max(0.0_wp, along - length2)
             r2 = (radius + this%stem(k)%radius)**2
@@ -184,14 +184,14 @@ contains
    !> Find the first stem whose disc the straight plan path of a flight enters from outside, below the stem's height.
    !> Stems whose disc contains the start are ignored, so the stem just hit is ignored until the boulder has left it.
    !>
-   !> Rows of buckets are searched in the order in which the path approaches them: in each row the columns within reach
-   !> of the path, which are contiguous in `stem`.
+   !> Rows of buckets are searched in the order in which the path approaches them. The columns within reach of the path
+   !> in each row are contiguous in `stem`.
    pure subroutine find_first_hit(this, spans, x, y, v, radius, broken, hit)
       type(forest_t), intent(in) :: this
-      type(span_t), intent(in), contiguous :: spans(:)    !! of the flight
-      real(wp), intent(in) :: x, y            !! its start [m]
+      type(span_t), intent(in), contiguous :: spans(:)    !! spans of the flight
+      real(wp), intent(in) :: x, y            !! start of the flight [m]
       real(wp), intent(in) :: v(2)            !! plan velocity [m/s]
-      real(wp), intent(in) :: radius          !! of the boulder [m]
+      real(wp), intent(in) :: radius          !! radius of the boulder [m]
       integer, intent(in) :: broken(:)        !! stems to ignore
       type(tree_hit_t), intent(out) :: hit
       real(wp) :: speed, heading(2), length, reach, near, from, to
@@ -200,7 +200,7 @@ contains
       speed = sqrt(v(1)*v(1) + v(2)*v(2))
       if (.not. speed > 0) return
       heading = v/speed
-      length = speed*spans(size(spans))%t1    ! of the remaining path up to the first hit [m]
+      length = speed*spans(size(spans))%t1    ! length of the path up to the first hit [m]
       reach = (radius + this%max_radius)*(1 + on_edge)
       step = merge(1, -1, heading(2) > 0)
       do row = bucket_index(this, 2, y - step*reach), bucket_index(this, 2, y + heading(2)*length + step*reach), step
@@ -222,7 +222,7 @@ contains
       end do
    end subroutine find_first_hit
 
-   !> Record a hit of this stem if it is nearer than `length`. The path crosses the disc where
+   !> Record the hit of this stem if it is nearer than `length`. The path crosses the disc where
    !> s**2 - 2 along s + d**2 - r**2 = 0; the nearer root is computed in the form without cancellation.
    pure subroutine test_stem(stem, number, stem_height, spans, x, y, heading, speed, radius, broken, length, hit)
       type(stem_t), intent(in) :: stem
@@ -231,9 +231,9 @@ contains
       type(span_t), intent(in), contiguous :: spans(:)
       real(wp), intent(in) :: x, y            !! start of the flight [m]
       real(wp), intent(in) :: heading(2)      !! unit [-]
-      real(wp), intent(in) :: speed, radius   !! in plan [m/s]; of the boulder [m]
+      real(wp), intent(in) :: speed, radius   !! speed in plan [m/s]; radius of the boulder [m]
       integer, intent(in) :: broken(:)
-      real(wp), intent(inout) :: length       !! of the path to the first hit [m]
+      real(wp), intent(inout) :: length       !! length of the path to the first hit [m]
       type(tree_hit_t), intent(inout) :: hit
       real(wp) :: d(2), along, across, r2, d2, s, above
 
@@ -255,7 +255,7 @@ contains
    !> Height above the ground at a time of a flight [m].
    pure real(wp) function flight_height(spans, time) result(height)
       type(span_t), intent(in), contiguous :: spans(:)
-      real(wp), intent(in) :: time  !! since its start [s]
+      real(wp), intent(in) :: time  !! time since the start of the flight [s]
       integer :: k
 
       do k = 1, size(spans) - 1
@@ -266,7 +266,7 @@ contains
       end associate
    end function flight_height
 
-   !> Effect of a hit: the energy absorbed, and the turn, away from the stem.
+   !> Effect of a hit: absorbed energy, and turn of the boulder away from the stem.
    !>
    !> The path of the boulder's centre passes the axis at x = offset/(DBH/2) of the stem's radius. Beyond the side of
    !> the stem, where only the boulder's own radius reaches it, a hit is a scratch. A frontal hit that the boulder
@@ -274,9 +274,9 @@ contains
    pure type(tree_impact_t) function tree_impact(model, stem, offset, energy, word) result(impact)
       type(tree_model_t), intent(in) :: model
       type(stem_t), intent(in) :: stem
-      real(wp), intent(in) :: offset          !! of its axis from the path, > 0: to the left [m]
-      real(wp), intent(in) :: energy          !! of the boulder, translational and rotational, > 0 [J]
-      integer(i8), intent(in) :: word(words_per_block)  !! random, for_tree
+      real(wp), intent(in) :: offset          !! offset of the stem's axis from the path, > 0: to the left [m]
+      real(wp), intent(in) :: energy          !! translational and rotational energy of the boulder, > 0 [J]
+      integer(i8), intent(in) :: word(words_per_block)  !! random words, for_tree
       real(wp) :: x, side, s, c
       integer :: type
 
@@ -302,7 +302,7 @@ contains
 
    !> Angle of a turn [rad]: a class drawn by the weights, uniform within the class.
    pure real(wp) function tree_turn_angle(weight, class, within)
-      real(wp), intent(in) :: weight(3)      !! of the classes, at least one > 0 [any unit]
+      real(wp), intent(in) :: weight(3)      !! weights of the classes, at least one > 0 [any unit]
       real(wp), intent(in) :: class, within  !! uniform in (0, 1) [-]
       integer :: k
 

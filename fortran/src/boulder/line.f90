@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Evaluation lines: polylines in plan where the first crossing of each boulder is recorded. A line with a width is an
-!> object, which a boulder meets as soon as it touches it with its side.
+!> object, which a boulder meets as soon as its side touches the object.
 module rockfall_line
    use rockfall_kinds, only: wp
    implicit none
@@ -10,8 +10,8 @@ module rockfall_line
    !> A polyline.
    type :: line_t
       real(wp), allocatable :: x(:), y(:)     !! vertices, local coordinates [m]
-      real(wp) :: low(2), high(2)             !! bounding box of the centres of boulders that meet it [m]
-      real(wp) :: half_width = -1.0_wp        !! of an object [m]; negative: a line, met by centres
+      real(wp) :: low(2), high(2)             !! bounding box of the centres of boulders that meet the line [m]
+      real(wp) :: half_width = -1.0_wp        !! half width of an object [m]; negative: a line, met by centres
    end type line_t
 
 contains
@@ -26,7 +26,7 @@ contains
       line%high = [maxval(x), maxval(y)]
    end function line
 
-   !> Build an object of a width along a polyline, for boulders up to a radius.
+   !> Build an object of a width along a polyline, for boulders up to a maximum radius.
    pure type(line_t) function object_line(x, y, width, max_radius) result(object)
       real(wp), intent(in) :: x(:), y(:)         !! at least two vertices, which may be equal [m]
       real(wp), intent(in) :: width, max_radius  !! [m]
@@ -38,12 +38,12 @@ contains
    end function object_line
 
    !> First meeting of a boulder with a line or an object along the plan path of its centre from a to b: fraction of the
-   !> path in 0..1 [-], or 2 if there is none. An object is met where its edge is a radius away, from the start of the
-   !> path if it is that near there.
+   !> path in 0..1 [-], or 2 if they do not meet. An object is met where its edge is one radius away, or at the start of
+   !> the path if it is already that near.
    pure real(wp) function first_meeting(this, a, b, radius) result(fraction)
       type(line_t), intent(in) :: this
       real(wp), intent(in) :: a(2), b(2)  !! [m]
-      real(wp), intent(in) :: radius      !! of the boulder [m]
+      real(wp), intent(in) :: radius      !! radius of the boulder [m]
       real(wp) :: reach
       integer :: k
 
@@ -62,7 +62,7 @@ contains
       end do
    end function first_meeting
 
-   !> Fraction of a path at which it enters a disc, 0 if it starts there, 2 if it does not.
+   !> Fraction of a path at which it enters a disc; 0 if it starts inside, 2 if it does not enter.
    pure real(wp) function entry_into_disc(centre, radius, a, b) result(fraction)
       real(wp), intent(in) :: centre(2), radius  !! [m]
       real(wp), intent(in) :: a(2), b(2)         !! both ends of the path [m]
@@ -81,8 +81,8 @@ contains
       end if
    end function entry_into_disc
 
-   !> Fraction of a path at which it enters the rectangle within a distance of a segment, through a long side, 0 if
-   !> it starts there, 2 if it does not.
+   !> Fraction of a path at which it enters, through a long side, the rectangle within a distance of a segment; 0 if it
+   !> starts inside, 2 if it does not enter.
    pure real(wp) function entry_into_strip(p, q, distance, a, b) result(fraction)
       real(wp), intent(in) :: p(2), q(2)  !! both ends of the segment [m]
       real(wp), intent(in) :: distance    !! [m]
@@ -105,12 +105,12 @@ contains
       if (along >= 0 .and. along <= length) fraction = entry
    end function entry_into_strip
 
-   !> First crossing of a line by the plan path from a to b: fraction of the path in 0..1 [-], or 2 if there is none.
+   !> First crossing of a line by the plan path from a to b: fraction of the path in 0..1 [-], or 2 if none.
    !> The side of a point is a sign (zero: left), so a path that ends on the line and continues from there crosses it
    !> once.
    pure real(wp) function first_crossing(this, a, b) result(fraction)
       type(line_t), intent(in) :: this
-      real(wp), intent(in) :: a(2), b(2)  !! [m]
+      real(wp), intent(in) :: a(2), b(2)  !! ends of the path [m]
 
       fraction = next_crossing(this, a, b, -1.0_wp)
    end function first_crossing
@@ -118,8 +118,8 @@ contains
    !> First crossing after a given fraction of the path.
    pure real(wp) function next_crossing(this, a, b, after) result(fraction)
       type(line_t), intent(in) :: this
-      real(wp), intent(in) :: a(2), b(2)  !! [m]
-      real(wp), intent(in) :: after       !! [-]
+      real(wp), intent(in) :: a(2), b(2)  !! ends of the path [m]
+      real(wp), intent(in) :: after       !! fraction of the path [-]
       real(wp) :: side_a, side_b, p(2), q(2), at
       integer :: k
 
@@ -137,11 +137,11 @@ contains
       end do
    end function next_crossing
 
-   !> Return 1 if the bounding boxes of a line and of a path from a to b touch, else 0 and the path does not cross the
-   !> line; a number, so that loops vectorise.
+   !> Return 1 if the bounding boxes of a line and of a path from a to b touch, else 0: the path does not cross the
+   !> line. A number, so that loops vectorise.
    elemental real(wp) function boxes_touch(low1, low2, high1, high2, a1, a2, b1, b2) result(near)
-      real(wp), intent(in) :: low1, low2, high1, high2  !! of the line [m]
-      real(wp), intent(in) :: a1, a2, b1, b2            !! [m]
+      real(wp), intent(in) :: low1, low2, high1, high2  !! bounding box of the line [m]
+      real(wp), intent(in) :: a1, a2, b1, b2            !! ends of the path [m]
 
       near = merge(1.0_wp, 0.0_wp, min(a1, b1) <= high1)
       near = merge(near, 0.0_wp, min(a2, b2) <= high2)
@@ -149,7 +149,7 @@ contains
       near = merge(near, 0.0_wp, max(a2, b2) >= low2)
    end function boxes_touch
 
-   !> Vertical component of a x b [m2], > 0 if b is left of a: twice the area of the triangle that they span.
+   !> Vertical component of a x b [m2]: twice the area of their triangle, > 0 if b is left of a.
    pure real(wp) function cross_product(a, b)
       real(wp), intent(in) :: a(2), b(2)  !! [m]
 

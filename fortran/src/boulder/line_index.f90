@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Spatial index of many lines: the plane is divided into buckets, each with a list of the lines that touch it, so a
-!> path is compared with few lines.
+!> Spatial index of many lines: the plane is divided into buckets that list the lines touching them, so that a path
+!> is compared with few lines.
 module rockfall_line_index
    use rockfall_kinds, only: wp
    use rockfall_line, only: line_t
@@ -9,21 +9,21 @@ module rockfall_line_index
    public :: line_index_t, line_index, buckets_of, is_near_lines, worth_indexing
 
    integer, parameter :: worth_indexing = 12  !! number of lines from which an index is faster than testing all lines
-   integer, parameter :: max_buckets = 256    !! along each axis
-   real(wp), parameter :: margin = 1.0e-6_wp  !! by which lines are widened, against rounding [buckets]
+   integer, parameter :: max_buckets = 256    !! maximum along each axis
+   real(wp), parameter :: margin = 1.0e-6_wp  !! margin by which lines are widened, against rounding [buckets]
 
    !> Lines in buckets.
    type :: line_index_t
       real(wp) :: low(2) = 0.0_wp        !! south-west corner [m]
       real(wp) :: per_bucket(2) = 0.0_wp !! inverse size of a bucket [1/m]
       integer :: n(2) = 1                !! buckets along each axis
-      integer, allocatable :: first(:)   !! first element of `line` of each bucket, east first, and the end
+      integer, allocatable :: first(:)   !! first element of `line` for each bucket, eastward first, and the end
       integer, allocatable :: line(:)    !! indices of lines, bucket by bucket
    end type line_index_t
 
 contains
 
-   !> Build the index of some lines.
+   !> Build the index of lines.
    pure type(line_index_t) function line_index(lines) result(index)
       type(line_t), intent(in) :: lines(:)
       integer, allocatable :: last(:)  !! last line listed in each bucket
@@ -59,23 +59,23 @@ contains
       end do
    end function line_index
 
-   !> List a line in the buckets that its segments touch.
+   !> List a line in the buckets touched by its segments.
    pure subroutine list_line(this, number, store, last, index)
       type(line_t), intent(in) :: this
       integer, intent(in) :: number
-      logical, intent(in) :: store       !! or only count
+      logical, intent(in) :: store       !! store the line, not only count
       integer, intent(inout) :: last(:)
       type(line_index_t), intent(inout) :: index
       real(wp) :: p(2), q(2), reach(2), from, to, t(2), x(2)
       integer :: k, j, column, bucket, rows(2), columns(2)
 
-      reach = margin + index%per_bucket*max(0.0_wp, minval(this%x) - this%low(1))  ! of an object
+      reach = margin + index%per_bucket*max(0.0_wp, minval(this%x) - this%low(1))  ! half width of an object
       do k = 2, size(this%x)
          p = ([this%x(k - 1), this%y(k - 1)] - index%low)*index%per_bucket
          q = ([this%x(k), this%y(k)] - index%low)*index%per_bucket
          rows = within([min(p(2), q(2)) - reach(2), max(p(2), q(2)) + reach(2)], index%n(2))
          do j = rows(1), rows(2)
-            ! the part of the segment that lies in the row, widened
+            ! the widened part of the segment in the row
             from = j - 1 - reach(2)
             to = j + reach(2)
             t = [0.0_wp, 1.0_wp]
@@ -97,7 +97,7 @@ contains
       end do
    end subroutine list_line
 
-   !> First and last bucket along an axis of an interval [buckets]; outside ones count as the nearest.
+   !> First and last bucket of an interval along an axis [buckets]; buckets outside count as the nearest.
    pure function within(interval, n) result(ends)
       real(wp), intent(in) :: interval(2)
       integer, intent(in) :: n
@@ -106,10 +106,10 @@ contains
       ends = 1 + int(max(0.0_wp, min(real(n - 1, wp), interval)))
    end function within
 
-   !> First and last column, and row, of the buckets under the path from a to b.
+   !> First and last column and row of the buckets under the path from a to b.
    pure subroutine buckets_of(index, a, b, columns, rows)
       type(line_index_t), intent(in) :: index
-      real(wp), intent(in) :: a(2), b(2)  !! [m]
+      real(wp), intent(in) :: a(2), b(2)  !! ends of the path [m]
       integer, intent(out) :: columns(2), rows(2)
       real(wp) :: low(2), high(2)
 
@@ -122,7 +122,7 @@ contains
    !> Return whether any line is listed in the buckets under the path from a to b.
    pure logical function is_near_lines(index, a, b)
       type(line_index_t), intent(in) :: index
-      real(wp), intent(in) :: a(2), b(2)  !! [m]
+      real(wp), intent(in) :: a(2), b(2)  !! ends of the path [m]
       integer :: columns(2), rows(2), j, row
 
       call buckets_of(index, a, b, columns, rows)

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Rest or rolling of a boulder that is too slow after a rebound to fly.
+!> Rest or rolling of a boulder that is too slow to fly after a rebound.
 !>
 !> One radius ahead, down the steepest descent of its patch, the ground is lower by the drop d. If d is at most the plan
 !> distance l times the tangent of the rest angle, friction holds the boulder; otherwise it rolls there and meets the
@@ -17,10 +17,10 @@ module rockfall_rolling
    public :: roll_t, touch_t, find_roll, find_slide, slide_on_patch, walk_patches, falls_away, time_slide, &
              flight_after_roll, speed_within, cut_roll, ground_points
 
-   !> Height over R_b up to which the ground may lie above or below a chord between recorded points [-].
+   !> Maximum height over R_b of the ground above or below a chord between recorded points [-].
    real(wp), parameter :: chord_tolerance = 0.01_wp
 
-   !> Fraction of the duration before the end of a path within which a recorded point is the end, up to rounding [-].
+   !> Fraction of the duration before the end of a path within which a recorded point counts as the end [-].
    real(wp), parameter :: end_tolerance = 1.0e-9_wp
 
    !> Relative excess over the drop held by friction up to which a boulder is still held [-]: on a plane at the rest
@@ -31,9 +31,9 @@ module rockfall_rolling
       logical :: rolls = .false.       !! false: the boulder rests
       real(wp) :: speed2(2) = 0.0_wp   !! squares of the rolling speed at its start and end [m2/s2]
       real(wp) :: direction(3)         !! from start to end, unit [-]
-      type(flight_t) :: path           !! straight to its end at the mean speed, to be followed without gravity
-      type(landing_t) :: landing       !! its end: start of the next flight, or edge of the known terrain
-      logical :: from_table = .false.  !! contact from a table; the following are valid
+      type(flight_t) :: path           !! straight path at the mean speed, followed without gravity
+      type(landing_t) :: landing       !! end of the path: start of the next flight, or edge of the known terrain
+      logical :: from_table = .false.  !! from a contact by a table; the following are valid
       real(wp) :: length = 0.0_wp      !! distance along the ground [m]
       real(wp) :: v(3) = 0.0_wp        !! velocity at the end [m/s]
       real(wp) :: w = 0.0_wp           !! W = R_b omega at the end [m/s]
@@ -44,14 +44,14 @@ module rockfall_rolling
 
    !> State of the last contact of a boulder on a table's ground.
    type :: touch_t
-      integer :: ground = 0        !! its ground; 0: none
+      integer :: ground = 0        !! index of the ground; 0: none
       integer :: next = 0          !! record that followed its record in the laboratory; 0: none
       real(wp) :: ratio = 0.0_wp   !! R_b/R_m [-]
       logical :: rolling = .false.
       real(wp) :: normal = 0.0_wp  !! V_n [m/s]
       real(wp) :: height = 0.0_wp  !! height of the centre above the mean ground, over R_b [-]
       real(wp) :: lift = 0.0_wp    !! rise of its centre since it landed, over R_b [-]
-      integer :: part = 1          !! part of the table that serves it
+      integer :: part = 1          !! part of the table used for the boulder
       real(wp) :: key = 1.0_wp     !! as in approach_t [-]
       logical :: beyond = .false.  !! R_b/R_m is outside the table
    end type touch_t
@@ -63,10 +63,10 @@ contains
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity         !! [m/s2]
       real(wp), intent(in) :: friction        !! tangent of the rest angle [-]
-      real(wp), intent(in) :: radius          !! of the boulder [m]
+      real(wp), intent(in) :: radius          !! radius of the boulder [m]
       type(landing_t), intent(in) :: landing  !! the contact
-      real(wp), intent(in) :: speed2          !! |v|**2 after it [m2/s2]
-      real(wp), intent(in) :: w               !! W = R_b omega after it [m/s]
+      real(wp), intent(in) :: speed2          !! |v|**2 after the contact [m2/s2]
+      real(wp), intent(in) :: w               !! W = R_b omega after the contact [m/s]
       type(roll_t), intent(inout) :: roll
       real(wp) :: g(2), steepness, length, drop, distance, mean
 
@@ -101,11 +101,11 @@ contains
       roll%path%rate = 0
    end subroutine find_roll
 
-   !> Path of a contact from a table: along a tangent of the ground, in a given time. It is followed at the speed of the
-   !> mean energy of the contact, so that crossings of lines show that energy, or faster, to end in time; the boulder
+   !> Path of a contact by a table: along a tangent of the ground, in a given time. The boulder follows it at the speed
+   !> of the contact's mean energy, so that crossings of lines show that energy, or faster, to end in time; then it
    !> waits for the remaining time.
    !>
-   !> `off`: the ground falls away faster than the boulder falls, so it leaves the ground at once.
+   !> `off`: the ground falls away faster than the boulder falls, so the boulder leaves the ground at once.
    pure subroutine find_slide(dem, gravity, landing, t, length, time, speed, roll, off)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity         !! [m/s2]
@@ -160,16 +160,16 @@ contains
       if (.not. inside > 0) call move_along(dem, start, length, roll)
    end subroutine find_slide_end
 
-   !> End of a slide on its first patch, if it lies inside: exactly its start if it has no length.
+   !> End of a slide that ends inside its first patch: exactly its start if it has no length.
    elemental subroutine slide_on_patch(x, y, z, u, w, t1, t2, length, per_cell, i, j, z00, a, b, c, x_end, y_end, &
                                        z_end, u_end, w_end, inside)
-      real(wp), intent(in) :: x, y, z, u, w       !! its start, as in landing_t [m], [cells]
+      real(wp), intent(in) :: x, y, z, u, w       !! start of the slide, as in landing_t [m], [cells]
       real(wp), intent(in) :: t1, t2, length      !! as in find_slide [-], [m]
       real(wp), intent(in) :: per_cell            !! [1/m]
       real(wp), intent(in) :: i, j, z00, a, b, c  !! as in patch_t [-], [m]
       real(wp), intent(out) :: x_end, y_end, z_end  !! [m]
       real(wp), intent(out) :: u_end, w_end         !! position in the patch, 0..1 [cells]
-      real(wp), intent(out) :: inside               !! 1 or 0
+      real(wp), intent(out) :: inside               !! the slide ends inside: 1 or 0
       real(wp) :: beyond
 
       x_end = x + length*t1
@@ -186,19 +186,19 @@ contains
 
    !> Return 1 if the ground falls away under a slide, else 0.
    elemental real(wp) function falls_away(drop, t3, length, gravity, time)
-      real(wp), intent(in) :: drop              !! of the ground [m]
+      real(wp), intent(in) :: drop              !! drop of the ground [m]
       real(wp), intent(in) :: t3, length, time  !! as in find_slide [-], [m], [s]
       real(wp), intent(in) :: gravity           !! [m/s2]
 
       falls_away = merge(1.0_wp, 0.0_wp, drop + length*t3 > 0.5_wp*gravity*time*time + hold_tolerance*length)
    end function falls_away
 
-   !> Length of a slide, its duration and the time that the boulder waits.
+   !> Length of a slide, its duration, and the time for which the boulder waits.
    elemental subroutine time_slide(t1, t2, length, drop, time, speed, distance, slides, waits)
       real(wp), intent(in) :: t1, t2, length, time, speed  !! as in find_slide [-], [m], [s], [m/s]
-      real(wp), intent(in) :: drop                         !! of the ground [m]
-      real(wp), intent(out) :: distance                    !! [m]
-      real(wp), intent(out) :: slides, waits               !! [s]
+      real(wp), intent(in) :: drop                         !! drop of the ground [m]
+      real(wp), intent(out) :: distance                    !! length of the slide [m]
+      real(wp), intent(out) :: slides, waits               !! duration of the slide and waiting time [s]
 
       distance = sqrt(length*length*(t1*t1 + t2*t2) + drop*drop)
       distance = merge(distance, 0.0_wp, length > 0)  ! without length, the drop is a rounding error
@@ -222,11 +222,11 @@ contains
       end if
    end function flight_after_roll
 
-   !> Move a distance along the heading, patch by patch, to its end or to the edge of the known terrain.
+   !> Move a distance along the heading, patch by patch, until its end or the edge of the known terrain.
    pure subroutine move_along(dem, start, length, roll)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: start
-      real(wp), intent(inout) :: length  !! in plan; on return the distance covered [m]
+      real(wp), intent(inout) :: length  !! length in plan; on return the distance covered [m]
       type(roll_t), intent(inout) :: roll
       type(patch_t) :: patch, beyond
 
@@ -244,15 +244,15 @@ contains
       end associate
    end subroutine move_along
 
-   !> Find the patch on which a straight path ends, or the last known one before.
+   !> Find the patch on which a straight path ends, or the last known patch before.
    pure subroutine walk_patches(dem, x, y, heading, length, patch, beyond, known)
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: x, y           !! its start [m]
-      real(wp), intent(in) :: heading(2)     !! of any length
-      real(wp), intent(inout) :: length      !! over that of the heading; on return the known part [m]
-      type(patch_t), intent(inout) :: patch  !! at its start; on return at its end
+      real(wp), intent(in) :: x, y           !! start of the path [m]
+      real(wp), intent(in) :: heading(2)     !! heading of any length
+      real(wp), intent(inout) :: length      !! length over that of the heading; on return the known part [m]
+      type(patch_t), intent(inout) :: patch  !! patch at the start; on return at the end
       type(patch_t), intent(out) :: beyond   !! the unknown patch, if any
-      logical, intent(out) :: known          !! all of the path
+      logical, intent(out) :: known          !! the whole path is known
       type(patch_t) :: next
       real(wp) :: inverse(2), tx, ty
       integer :: step(2)
@@ -273,8 +273,8 @@ contains
       length = max(0.0_wp, min(tx, ty))
    end subroutine walk_patches
 
-   !> Return whether a patch of the terrain lies outside the current window. A boulder at its edge then leaves the
-   !> window and is traced again, since whether it rests is unknown here.
+   !> Return whether a patch of the terrain lies outside the current window. A boulder at the window's edge then leaves
+   !> it and is traced again, because whether it rests is unknown here.
    pure logical function outside_window(dem, patch)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
@@ -295,7 +295,7 @@ contains
    pure subroutine cut_roll(dem, roll, time, landing)
       type(terrain_t), intent(in) :: dem
       type(roll_t), intent(in) :: roll
-      real(wp), intent(in) :: time  !! since its start [s]
+      real(wp), intent(in) :: time  !! time since the start of the roll [s]
       type(landing_t), intent(out) :: landing
 
       landing = roll%landing
@@ -311,13 +311,13 @@ contains
    end subroutine cut_roll
 
    !> Points between the start and the end of a straight path along the ground, so that chords follow the terrain: where
-   !> it meets the next patch, and within a patch as its curvature requires.
+   !> the path meets the next patch, and within a patch as its curvature requires.
    pure subroutine ground_points(dem, path, duration, radius, time, place)
       type(terrain_t), intent(in) :: dem
       type(flight_t), intent(in) :: path
       real(wp), intent(in) :: duration  !! [s]
-      real(wp), intent(in) :: radius    !! of the boulder [m]
-      real(wp), allocatable, intent(out) :: time(:)      !! since the start of the path, rising [s]
+      real(wp), intent(in) :: radius    !! radius of the boulder [m]
+      real(wp), allocatable, intent(out) :: time(:)      !! times since the start of the path, increasing [s]
       real(wp), allocatable, intent(out) :: place(:, :)  !! (3, size(time)): x, y, z [m]
       type(patch_t) :: patch, next
       real(wp) :: inverse(2), tx, ty, entered, left, sag, at

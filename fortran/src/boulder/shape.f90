@@ -13,7 +13,7 @@ module rockfall_shape
 
 contains
 
-   !> Volume of a boulder with three side lengths [m3]. The diameter of a sphere is their mean; a disc is an elliptic
+   !> Volume [m3] of a boulder with three side lengths. The diameter of a sphere is their mean; a disc is an elliptic
    !> cylinder.
    pure real(wp) function shape_volume(shape, d) result(volume)
       integer, intent(in) :: shape  !! 1..4

@@ -60,7 +60,7 @@ contains
       end do
    end function poisson
 
-   !> Four uniform numbers in (0, 1) of stem 1, 2, ... of a cell: its position eastward and northward, the quantile of
+   !> Four uniform numbers in (0, 1) for stem 1, 2, ... of a cell: its eastward and northward position, the quantile of
    !> its diameter, and its species.
    pure function stem_numbers(key, cell, stem) result(u)
       type(random_key_t), intent(in) :: key
@@ -71,8 +71,8 @@ contains
       u = uniform(random_words(key, for_forest, cell, int(stem, i8), 0_i8))
    end function stem_numbers
 
-   !> Two more uniform numbers in (0, 1) of a stem: whether it is kept in a stand less dense than the densest in its
-   !> cell, and whether it remains after a thinning. The numbers of `stem_numbers` do not depend on them.
+   !> Two further uniform numbers in (0, 1) for a stem: whether it is kept in a stand less dense than the densest in its
+   !> cell, and whether it remains after thinning. The numbers of `stem_numbers` do not depend on them.
    pure function thinning_numbers(key, cell, stem) result(u)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: cell

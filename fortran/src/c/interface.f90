@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> C interface of the kernel (include/rockfall.h): rockfall_handles with the types and texts of C.
+!> C interface of the kernel (include/rockfall.h): rockfall_handles with types and strings of C.
 module rockfall_c
    use, intrinsic :: iso_c_binding, only: c_char, c_double, c_float, c_int, c_int32_t, c_int64_t, c_null_char, &
                                           c_null_ptr, c_ptr, c_loc, c_associated
@@ -163,7 +163,7 @@ contains
       text = transfer(string(:n), repeat(" ", n))
    end function text_of
 
-   !> Write a text as a C string, cut to its length.
+   !> Write a text as a C string, truncated to its length.
    pure subroutine put(text, string)
       character(len=*), intent(in) :: text
       character(kind=c_char), intent(out) :: string(:)

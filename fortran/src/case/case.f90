@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Case file: reads the values of its keys (rockfall_case_keys) and checks the rules between keys, group by group. Keys
-!> that no run uses are checked against their table only; case/rules.py has the rules between them.
+!> that no run uses are checked only against their table; case/rules.py has the rules between them.
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, gather
@@ -24,11 +24,11 @@ module rockfall_case
    public :: line_groups, barrier_strengths
 
    integer(i8), parameter :: keeps_all = huge(1_i8)
-   !> Maximum volume_std/volume_mean of a normal distribution: truncation at zero then raises the mean to 4.6 times.
+   !> Maximum volume_std/volume_mean of a normal distribution: truncation at zero then makes the mean 4.6 times larger.
    integer, parameter :: max_spread = 5
-   real(wp), parameter :: share_rounding = 0.002_wp  !! sums of shares with three decimals differ from 1 by less
+   real(wp), parameter :: share_rounding = 0.002_wp  !! sums of shares with three decimals deviate from 1 by less
 
-   character(len=*), parameter :: line_groups(*) = [character(len=7) :: "line", "barrier"]  !! in this order in results
+   character(len=*), parameter :: line_groups(*) = [character(len=7) :: "line", "barrier"]  !! order in results
    !> A barrier has exactly one of these attributes.
    character(len=*), parameter :: barrier_strengths(*) = [character(len=8) :: "capacity", "class", "diameter"]
 
@@ -36,9 +36,9 @@ module rockfall_case
    type :: case_line_t
       character(len=:), allocatable :: name
       real(wp), allocatable :: x(:), y(:)  !! map coordinates [m]
-      real(wp) :: object_width = -1.0_wp   !! of an object [m]; negative: a line
-      real(wp) :: height = 0.0_wp          !! of a barrier [m]; 0: evaluation line
-      real(wp) :: capacity = 0.0_wp        !! of a barrier [J]
+      real(wp) :: object_width = -1.0_wp   !! width of an object [m]; negative: a line
+      real(wp) :: height = 0.0_wp          !! height of a barrier [m]; 0: evaluation line
+      real(wp) :: capacity = 0.0_wp        !! capacity of a barrier [J]
    end type case_line_t
 
    !> Case as read; file names as written, "" if absent.
@@ -46,7 +46,7 @@ module rockfall_case
       character(len=:), allocatable :: file, title, dem, zones, table, zone_field, mean_radius, rg(:), sets, &
                                        cells, polygons, ground, ground_map, ground_table
       integer(i8) :: seed = 1
-      integer(i8) :: boulders = 0, boulders_total = 0  !! from each source, or from all; 0: the other number is given
+      integer(i8) :: boulders = 0, boulders_total = 0  !! boulders per source, or in total; 0: the other is given
       integer :: threads = 0
 
       integer, allocatable :: default_zone
@@ -60,7 +60,7 @@ module rockfall_case
       logical :: by_table = .false.         !! rebounds follow a table of impacts by default
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
-      real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! of each of block_shapes; all 0: given by sources [-]
+      real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! share of each block shape; all 0: given by sources [-]
       real(wp) :: radius_sigma = 0.0_wp          !! standard deviation of ln R_m between boulders [-]
       real(wp) :: strength_sigma = -1.0_wp       !! for all grounds with tables; < 0: value of each ground [-]
       logical :: by_source = .false.             !! sources specify their boulders; volumes are factors
@@ -76,19 +76,19 @@ module rockfall_case
       character(len=:), allocatable :: unread    !! a layer with more lines, barriers or dams, for messages; "": none
       logical :: map(n_maps) = .false.           !! requested, in the order of map_names
       logical :: full_maps = .false.             !! maps also cover cells that no boulder can reach
-      integer :: min_passages = 1              !! for a mean or a quantile in a cell
+      integer :: min_passages = 1              !! minimum number of passages for a mean or a quantile in a cell
       logical :: rebounds = .false.
       logical :: energy_balance = .false.
       integer :: trajectories = 0
       integer(i8) :: kept = keeps_all            !! number of boulders whose rows are kept
-      real(wp), allocatable :: thresholds(:)     !! of the maps energy_exceeded and hits_energy_exceeded [J]
-      real(wp) :: object_width = 0.0_wp          !! of the maps of hits [m]
-      character(len=:), allocatable :: variants  !! names of its variants; a run needs one; "": none
+      real(wp), allocatable :: thresholds(:)     !! energy thresholds of energy_exceeded and hits_energy_exceeded [J]
+      real(wp) :: object_width = 0.0_wp          !! width of objects for the maps of hits [m]
+      character(len=:), allocatable :: variants  !! names of the case's variants; a run needs one; "": none
    end type case_t
 
 contains
 
-   !> Read a case from text; the error is the first violation of the table or the rules.
+   !> Read a case from text; the error is the first violation of the table or of a rule.
    pure subroutine read_case(text, file, this, error)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! file name, for messages
@@ -100,7 +100,7 @@ contains
       if (.not. allocated(error)) call case_of_keys(list, file, this, error)
    end subroutine read_case
 
-   !> Make a case from its checked keys: an error has the first fault of each group.
+   !> Build a case from its checked keys; an error has the first fault of each group.
    pure subroutine case_of_keys(list, file, this, error)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: file
@@ -144,7 +144,7 @@ contains
       end do
    end function group_of
 
-   ! From here on the kind and range of every value are checked; the rest are rules between keys.
+   ! From here on, kinds and ranges of all values are checked; what follows are rules between keys.
 
    pure integer(i8) function integer_of(group, key) result(value)
       type(group_t), intent(in) :: group
@@ -206,7 +206,7 @@ contains
       if (has_key(group, "ground_strength_sigma")) this%strength_sigma = real_of(group, "ground_strength_sigma")
    end subroutine read_run
 
-   !> Rule of turning_t from `&impact turning`.
+   !> Turning rule, as in turning_t, from `&impact turning`.
    pure integer function turning_rule(word)
       character(len=*), intent(in) :: word
 
@@ -224,8 +224,8 @@ contains
       radius_of_reading = merge(0.5_wp, 1.0_wp, word == "diameter")
    end function radius_of_reading
 
-   !> Read the surface, given in one of three ways: zones with a table or attributes, rasters of values, or one value;
-   !> not at all if the default ground needs no rock sizes.
+   !> Read the surface, given by zones with a table or attributes, by rasters of values, or by one value; skipped if
+   !> the default ground needs no rock sizes.
    pure subroutine read_surface(group, this, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this
@@ -296,7 +296,7 @@ contains
          call refuse(group, key, "is only valid with "//with, error)
    end subroutine check_use
 
-   !> Read the volume distribution, with exactly the keys that it needs.
+   !> Read the volume distribution, which requires exactly the keys of its type.
    pure subroutine read_boulder(group, release, this, error)
       type(group_t), intent(in) :: group, release
       type(case_t), intent(inout) :: this
@@ -350,7 +350,7 @@ contains
       if (this%by_source) call set_factors(group, this)
    end subroutine read_boulder
 
-   !> Read the shares of the block shapes, or the axes of the blocks in a list.
+   !> Read the shares of the block shapes, or the axes of the blocks in a volume list.
    pure subroutine read_shapes(group, release, this, error)
       type(group_t), intent(in) :: group, release
       type(case_t), intent(inout) :: this
@@ -386,10 +386,10 @@ contains
       end if
    end subroutine read_shapes
 
-   !> Read the axes of each volume of a list.
+   !> Read the axes of each volume in a list.
    pure subroutine read_axes(group, names, this, error)
       type(group_t), intent(in) :: group
-      character(len=*), intent(in) :: names(:)  !! of block_shape
+      character(len=*), intent(in) :: names(:)  !! names of block shapes
       type(case_t), intent(inout) :: this
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: axes(:, :)
@@ -410,7 +410,7 @@ contains
       end if
    end subroutine read_axes
 
-   !> Block shapes that a case gives to boulders of its own volumes: those of a list, or with a share.
+   !> Mask of the block shapes that a case gives to boulders with its own volumes: those in the list, or with a share.
    pure function given_shapes(case) result(given)
       type(case_t), intent(in) :: case
       logical :: given(size(block_shapes))
@@ -421,7 +421,7 @@ contains
          given = [(any(case%volumes%list_shape == k), k=1, size(block_shapes))]
    end function given_shapes
 
-   !> Read boulders specified by sources: the volume distribution is that of factors.
+   !> Read the keys of boulders specified by sources: the volume distribution is then a distribution of factors.
    pure subroutine set_factors(group, this)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this
@@ -473,7 +473,7 @@ contains
       this%velocity = reals_of(group, "velocity")
    end subroutine read_release
 
-   !> Read the conditions of breakage, and the rule of fragments.
+   !> Read the conditions of breakage, and the rule for fragments.
    pure subroutine read_breakage(group, output, this, error)
       type(group_t), intent(in) :: group, output
       type(case_t), intent(inout) :: this
@@ -500,8 +500,8 @@ contains
       this%breakage = breakage
    end subroutine read_breakage
 
-   !> Read the forest: trees are listed, or generated from the data of stands, in polygons or rasters; other keys
-   !> concern hits.
+   !> Read the forest: trees are listed, or generated from stands in polygons or rasters. The other keys concern
+   !> hits.
    pure subroutine read_forest(group, this, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this
@@ -544,7 +544,7 @@ contains
       end associate
    end subroutine read_forest
 
-   !> Check a value given as a raster or as a constant: exactly one if it is needed, none if it is not valid.
+   !> Check a value given as a raster or a constant: exactly one of them if it is needed, neither if it is not valid.
    pure subroutine check_either(group, key, needed, allowed, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -564,7 +564,7 @@ contains
       end if
    end subroutine check_either
 
-   !> Check that x and y have equal length, and the minimum number of points.
+   !> Check that x and y have equal length and at least the minimum number of points.
    pure subroutine check_points(group, min_points, error)
       type(group_t), intent(in) :: group
       integer, intent(in) :: min_points
@@ -621,7 +621,7 @@ contains
       end do
    end subroutine read_lines
 
-   !> Groups of a name whose coordinates are given inline.
+   !> Groups with a given name whose coordinates are inline.
    pure function inline_groups(list, name) result(groups)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: name
@@ -725,7 +725,7 @@ contains
       end if
    end subroutine read_barrier
 
-   !> Read a lying log, whose capacity follows from its diameter. Without a height it lies on the ground.
+   !> Read a lying log, whose capacity follows from its diameter. Without a height, it lies on the ground.
    pure subroutine read_log(group, barrier)
       type(group_t), intent(in) :: group
       type(case_line_t), intent(inout) :: barrier
@@ -761,7 +761,7 @@ contains
                      //"the boulders of each place", error)
    end subroutine read_output
 
-   !> Read the energy thresholds and the width of objects of maps.
+   !> Read the energy thresholds of maps, and the width of their objects.
    pure subroutine read_hazard(group, this, error)
       type(group_t), intent(in) :: group
       type(case_t), intent(inout) :: this

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Keys of a case that would have no effect: refused with the feature that they require. A key with its default is
-!> allowed, because a program that writes a case may write all keys.
+!> Refusal of keys that would have no effect, with a message about the feature they require. A key with its default
+!> is allowed, because a program that writes a case may write all keys.
 module rockfall_case_effects
    use rockfall_error, only: error_t, gather
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
@@ -35,8 +35,8 @@ contains
       end do
    end subroutine check_effects
 
-   !> Mark keys that have their default, whether it is written or not, in groups that no layer completes. The form of
-   !> rebounds is not marked next to the name of a table, which has a default of its own.
+   !> Mark keys that have their default, whether written or not, in groups that no layer completes. The form of
+   !> rebounds is not marked if a table is named, because the table has its own default.
    pure subroutine mark_defaults(list)
       type(namelist_t), intent(inout) :: list
       integer :: e, g
@@ -55,7 +55,7 @@ contains
       end do
    end subroutine mark_defaults
 
-   !> Sizes of rocks are valid for either method, because `rockfall models` compares both.
+   !> Rock sizes are valid for either method, because `rockfall models` compares both.
    pure subroutine check_surface(list, group, error)
       type(namelist_t), intent(in) :: list
       type(group_t), intent(in) :: group
@@ -124,7 +124,7 @@ contains
                      "maps", error)
    end subroutine check_output
 
-   !> Thresholds and objects are also used by maps; the other keys only by hazard classes, which need frequencies.
+   !> Maps use thresholds and objects; only hazard classes, which need frequencies, use the other keys.
    pure subroutine check_hazard(list, group, error)
       type(namelist_t), intent(in) :: list
       type(group_t), intent(in) :: group
@@ -140,7 +140,7 @@ contains
                      "&scenario, or maps ..._exceeded", error)
    end subroutine check_hazard
 
-   !> Refuse the first of these keys that differs from its default, unless they are valid.
+   !> Refuse the first of these keys that differs from its default, unless the keys are valid.
    pure subroutine only_with(group, keys, valid, with, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: keys(:), with
@@ -156,7 +156,7 @@ contains
       end do
    end subroutine only_with
 
-   !> Return whether the values of a key differ from its default, or are given although it has none.
+   !> Return whether the values of a key differ from its default, or are given although the key has no default.
    pure logical function is_changed(group, key)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -174,7 +174,7 @@ contains
          if (key_table(k)%group == group%name .and. key_table(k)%name == key) exit
       end do
       default = trim(key_table(k)%default)
-      ! as a rule a default is written as in the table; entries end before a closing quote
+      ! usually a default is written as in the table; entries end before a closing quote
       if (group%entry(e)%text == default .or. group%entry(e)%text//"'" == default) return
       is_changed = default == "absent" .or. default == "required"
       if (is_changed) return
@@ -182,7 +182,7 @@ contains
       is_changed = plain(group, key_table(k)) /= plain(usual%group(1), key_table(k))
    end function is_changed
 
-   !> Return whether a surface may have rebounds of its own in some place.
+   !> Return whether a surface may have its own rebounds anywhere.
    pure logical function has_grounds(surface)
       type(group_t), intent(in) :: surface
 
@@ -210,7 +210,7 @@ contains
       end do
    end function by_table
 
-   !> Return whether rocks may have sizes in some place.
+   !> Return whether rocks may have sizes anywhere.
    pure logical function any_rocks(list)
       type(namelist_t), intent(in) :: list
       character(len=*), parameter :: sizes(*) = [character(len=key_length) :: "zones", "mean_radius", "rg70", &

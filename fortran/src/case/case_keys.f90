@@ -40,21 +40,21 @@ module rockfall_case_keys
 
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
-   integer, parameter :: maps_offered = 5             !! in place of a wrong one
+   integer, parameter :: maps_offered = 5             !! names suggested for an unknown map
 
-   integer, parameter :: max_thresholds = 8, max_periods = 8  !! between classes of intensity, of frequency
-   character(len=*), parameter :: hazard_classes = "residual, low, moderate, high"  !! increasing
+   integer, parameter :: max_thresholds = 8, max_periods = 8  !! limits between intensity, frequency classes
+   character(len=*), parameter :: hazard_classes = "residual, low, moderate, high"  !! in increasing order
    !> Below 30 kJ, 30 to 300 kJ, above 300 kJ, each up to 30, 100 and 300 years (source: docs/hazard.md).
    character(len=*), parameter :: swiss_matrix = "'moderate', 2*'low', 'high', 2*'moderate', 3*'high'"
 
-   character(len=*), parameter :: strength_range = "1000 to 1e9", relief_range = "0 to 45"  !! of grounds that yield
+   character(len=*), parameter :: strength_range = "1000 to 1e9", relief_range = "0 to 45"  !! for grounds that yield
 
-   !> Groups that may occur several times in a case.
+   !> Groups that a case may repeat.
    character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line", "barrier", "dam", "scenario", "variant"]
-   !> Lists that may be one number: `1,5` alone is refused.
+   !> Lists that may be a single number: `1,5` alone is refused.
    character(len=*), parameter :: may_be_one(*) = [character(len=16) :: "volumes", "boulder_volumes", &
                                                    "frequency_factor"]
-   integer, parameter :: max_names = 1000  !! maximum number of barriers or dams that a variant names
+   integer, parameter :: max_names = 1000  !! maximum number of barriers or dams named by a variant
 
    type(key_t), parameter :: site_keys(*) = [ &
       key_t("case", "title", "text", 1, "''", "", "", "title of the result"), &
@@ -363,10 +363,10 @@ module rockfall_case_keys
 
    type(key_t), parameter :: own_keys(*) = [site_keys, run_keys]
 
-   !> Keys of &terrain to &forest, which are neighbours: a variant gives them as GROUP_KEY.
+   !> Keys of the consecutive groups &terrain to &forest: a variant gives them as GROUP_KEY.
    integer, parameter :: first_varied = findloc(own_keys%group, "terrain", dim=1)
    integer, parameter :: last_varied = findloc(own_keys%group, "forest", dim=1, back=.true.)
-   integer :: row  !! of the implied loop below; never has a value
+   integer :: row  !! index of the implied loop below; never has a value
    type(key_t), parameter :: varied_keys(*) = [ &
       (key_t("variant", trim(own_keys(row)%group)//"_"//own_keys(row)%name, own_keys(row)%kind, own_keys(row)%most, &
              "absent", own_keys(row)%allowed, own_keys(row)%unit, "replaces the key of &"//own_keys(row)%group, &
@@ -387,8 +387,8 @@ contains
       if (.not. allocated(error)) call complete_keys(list, file, error)
    end subroutine read_keys
 
-   !> Add defaults for absent groups and keys, and check all against the table: an error has all faults of names and
-   !> values. No key is reported as missing next to an unknown key, which may be its misspelling.
+   !> Add defaults for absent groups and keys, and check all against the table; an error has all faults of names and
+   !> values. A missing key is not reported together with an unknown key, which may be its misspelling.
    pure subroutine complete_keys(list, file, error)
       type(namelist_t), intent(inout) :: list
       character(len=*), intent(in) :: file  !! file name, for messages
@@ -408,7 +408,7 @@ contains
       call check_keys(list, all_known, error)
    end subroutine complete_keys
 
-   !> Refuse keys of earlier versions, with what to do instead.
+   !> Refuse keys of earlier versions; the message contains the replacement.
    pure subroutine check_removed(list, error)
       type(namelist_t), intent(in) :: list
       type(error_t), allocatable, intent(out) :: error
@@ -430,7 +430,7 @@ contains
              //"|"//trim(key%file)
    end function row_text
 
-   !> Refuse a case that names both kinds of the random operator and chooses neither.
+   !> Refuse a case that names both kinds of the random operator without a choice between them.
    pure subroutine check_operator(list, error)
       type(namelist_t), intent(in) :: list
       type(error_t), allocatable, intent(out) :: error
@@ -461,7 +461,7 @@ contains
       call complete(list, "")
    end subroutine default_keys
 
-   !> Add absent groups, and the defaults of absent keys, which a layer may give in a group that names one.
+   !> Add absent groups and the defaults of absent keys. In a group that names a layer, the layer may give these keys.
    pure subroutine complete(list, file)
       type(namelist_t), intent(inout) :: list
       character(len=*), intent(in) :: file
@@ -488,7 +488,7 @@ contains
       end do
    end subroutine complete
 
-   !> Format the defaults of a case as the text of one: those of the table, but a table of impacts brings its form.
+   !> Format the defaults of a case as text: those of the table, except that a table of impacts implies its form.
    pure function default_case(list) result(text)
       type(namelist_t), intent(in) :: list
       character(len=:), allocatable :: text
@@ -516,7 +516,7 @@ contains
    !> Check the kind, number and range of every value against the table.
    pure subroutine check_keys(list, all_known, error)
       type(namelist_t), intent(in) :: list
-      logical, intent(in) :: all_known  !! keys
+      logical, intent(in) :: all_known  !! all keys are known
       type(error_t), allocatable, intent(inout) :: error
       type(error_t), allocatable :: fault
       integer :: g, k
@@ -604,7 +604,7 @@ contains
          call refuse(group, trim(key%name), "must be "//trim(key%allowed), error)
    end subroutine check_integers
 
-   !> Check a value that is one of several words, or an integer in a range.
+   !> Check a value that must be one of several words, or an integer in a range.
    pure subroutine check_count(group, key, error)
       type(group_t), intent(in) :: group
       type(key_t), intent(in) :: key
@@ -650,7 +650,7 @@ contains
       end do
    end subroutine check_reals
 
-   !> Lowest and highest number of a key; NaN for no limit other than that of all numbers.
+   !> Lowest and highest number of a key; NaN if only the general limit applies.
    pure function limits_of(key) result(limits)
       type(key_t), intent(in) :: key
       real(wp) :: limits(2)
@@ -686,7 +686,7 @@ contains
       if (rule /= "" .and. key%unit /= "") rule = rule//" ["//trim(key%unit)//"]"
    end function broken_rule
 
-   !> Rule for a number that is likely in another unit; "" if plausible. Numbers between other bounds may be tests.
+   !> Rule for a number that is probably in another unit; "" if plausible. Numbers within other bounds may be tests.
    pure function other_unit(unit, value) result(rule)
       character(len=*), intent(in) :: unit
       real(wp), intent(in) :: value
@@ -697,7 +697,7 @@ contains
       if (unit == "m/s2" .and. value > 900 .and. value < 1000) rule = "must be in m/s2, a hundredth of that in cm/s2"
    end function other_unit
 
-   !> Parse the ends of "a to b", "> a" or ">= a"; `outer` supplies missing ends.
+   !> Parse the ends of "a to b", "> a" or ">= a"; `outer` provides missing ends.
    pure function range_of(allowed, outer) result(range)
       character(len=*), intent(in) :: allowed
       real(wp), intent(in) :: outer(2)

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Decimal commas and thousands commas in lists of numbers: `600,5` is two numbers in namelist text.
 !>
-!> Only commas without blanks around them can be decimal. A list without blanks, `600,620,640`, is a list.
+!> Only commas without adjacent blanks can be decimal. A list without blanks, `600,620,640`, is a list.
 module rockfall_decimal_commas
    use rockfall_namelist, only: entry_t, raw_value
    implicit none
@@ -9,12 +9,12 @@ module rockfall_decimal_commas
    public :: comma_number, misread_number, point_rule
 
    character(len=*), parameter :: digits = "0123456789"
-   integer, parameter :: joined = 1, wrapped = 2, apart = 3  !! by a bare comma; by a comma and a line end; otherwise
+   integer, parameter :: joined = 1, wrapped = 2, apart = 3  !! separators: bare comma; comma and line end; other
 
 contains
 
-   !> Index of the integer whose decimals may be the number behind a bare comma; 0 if none. Of several candidates it is
-   !> the one with the fewest decimals: `600,620,5` has 620,5.
+   !> Index of the integer whose decimals may follow a bare comma; 0 if none. Of several candidates, the number with
+   !> the fewest decimals is chosen: `600,620,5` has 620,5.
    pure integer function comma_number(entry) result(found)
       type(entry_t), intent(in) :: entry
       integer :: k, digits_behind, fewest
@@ -30,11 +30,11 @@ contains
       end do
    end function comma_number
 
-   !> Index of the first number of a list whose comma cannot separate items of the list, because numbers are also
-   !> separated otherwise (`600,5 620,5`), or long and short ones alternate (`600,5,620,5`); 0 if none.
+   !> Index of the first number in a list whose comma cannot separate items, because numbers are also separated
+   !> otherwise (`600,5 620,5`), or long and short numbers alternate (`600,5,620,5`); 0 if none.
    pure integer function misread_number(entry) result(found)
       type(entry_t), intent(in) :: entry
-      integer, dimension(size(entry%value)) :: gap, length  ! before each number; of each
+      integer, dimension(size(entry%value)) :: gap, length  ! separator before each number; length of each number
       integer :: k, n
 
       n = size(gap)
@@ -54,7 +54,7 @@ contains
       found = 0
    end function misread_number
 
-   !> Rule for number `k` and the one behind its comma.
+   !> Rule for number `k` and the number after its comma.
    pure function point_rule(entry, k) result(rule)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: k
@@ -63,12 +63,12 @@ contains
       whole = raw_value(entry, k)
       rest = raw_value(entry, k + 1)
       rule = whole//"."//rest
-      if (index(rest, ".") > 0) rule = whole//rest  ! a thousands comma
-      if (len(rest) == 3 .and. verify(rest, digits) == 0) rule = rule//" or "//whole//rest  ! it may be
+      if (index(rest, ".") > 0) rule = whole//rest  ! thousands comma
+      if (len(rest) == 3 .and. verify(rest, digits) == 0) rule = rule//" or "//whole//rest  ! may be a thousands comma
       rule = whole//","//rest//" is two numbers: write "//rule//", or blanks after the commas of a list"
    end function point_rule
 
-   !> Return whether number `k` is an integer, and the next one, behind a bare comma, has no sign.
+   !> Return whether number `k` is an integer, and the number after its bare comma has no sign.
    pure logical function has_decimals(entry, k)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: k
@@ -82,7 +82,7 @@ contains
                      .and. (scan(rest, ".") == 0 .or. scan(rest, ".") == 4)
    end function has_decimals
 
-   !> Return whether number `k` can be one of a group of thousands, or a number of its own.
+   !> Return whether number `k` can be a group of thousands, or a separate number.
    pure logical function is_thousands(entry, gap, k)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: gap(:), k

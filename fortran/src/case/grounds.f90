@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Ground types: a table of impacts, or from text a file of impact sets, or a classical model from a row of a table of
+!> Ground types: a table of impacts; or, from text, a file of impact sets or a classical model from a row of a table of
 !> grounds (docs/grounds.md), `&ground model = 'constant', r_n = 0.4, r_t = 0.9 /`.
 module rockfall_grounds
    use rockfall_kinds, only: wp, i1
@@ -23,9 +23,9 @@ module rockfall_grounds
    public :: read_ground, table_ground, read_yielding, read_stochastic, rest_angle_of_rocks, ground_parameter
    public :: model_names, table_model, max_grounds, rocks_of_model
 
-   integer, parameter :: max_grounds = huge(1_i1)  !! of a scene, numbered in one byte
+   integer, parameter :: max_grounds = huge(1_i1)  !! maximum number in a scene, stored in one byte
 
-   !> Models, in the order of their numbers. The last two are for rows of a table of grounds with a plane of tables
+   !> Models, in the order of their numbers. The last two are for rows of a table of grounds that have a plane of tables
    !> (theory, chapter 5).
    character(len=*), parameter :: model_names(*) = [character(len=14) :: "impact_sets", "rockyfor3d", &
                                                     "pfeiffer_bowen", "bourrier_hungr", "constant", "absorbs", &
@@ -36,7 +36,7 @@ module rockfall_grounds
                          [some_rocks, any_rocks, no_rocks, no_rocks, no_rocks, no_rocks, no_rocks, some_rocks, &
                           no_rocks, no_rocks]
 
-   !> Parameter as a key, with the models that use it.
+   !> Key of a parameter, with the models that use it.
    type :: parameter_t
       type(key_t) :: key
       character(len=72) :: models
@@ -46,7 +46,7 @@ module rockfall_grounds
                                   with_r_t = "pfeiffer_bowen, bourrier_hungr, constant", &
                                   classical = "rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant", &
                                   yields = "ploughed, hard"
-   real(wp), parameter :: min_divisor = 0.01_wp  !! of R_n in models that divide by it, and of half_speed [m/s]
+   real(wp), parameter :: min_divisor = 0.01_wp  !! minimum of R_n in models that divide by it, and of half_speed [m/s]
 
    type(parameter_t), parameter :: table(*) = [ &
       parameter_t(key_t("ground", "model", "text", 1, "required", &
@@ -124,7 +124,7 @@ contains
       end if
    end subroutine read_ground
 
-   !> Make a ground type of table k, for the ground of a row of a table of grounds, or for the table's own ground.
+   !> Build a ground type with table k, for the ground in a row of a table of grounds, or for the table's own ground.
    subroutine table_ground(tables, k, row, file, ground, error)
       type(table_arrays_t), intent(in) :: tables
       integer, intent(in) :: k
@@ -140,7 +140,7 @@ contains
       ground%rest_slope = rest_slope_of(ground%table%ground%rest_angle)
    end subroutine table_ground
 
-   !> Read the ground of a table from a row of a table of grounds.
+   !> Read the ground for a table from a row of a table of grounds.
    pure subroutine read_yielding(text, file, ground, error)
       character(len=*), intent(in) :: text, file
       type(yielding_ground_t), intent(out) :: ground
@@ -160,7 +160,7 @@ contains
       end associate
    end subroutine read_yielding
 
-   !> Model of a table of impacts, as in has_ratios.
+   !> Model of a table of impacts, determined by has_ratios.
    pure integer function table_model(columns, strength)
       integer, intent(in) :: columns
       real(wp), intent(in) :: strength  !! [Pa]
@@ -168,7 +168,7 @@ contains
       table_model = merge(by_ratio_table, by_table, has_ratios(columns, strength))
    end function table_model
 
-   !> Read and factor impact sets, with their lateral deviations.
+   !> Read impact sets and their lateral deviations, and factor the sets.
    subroutine read_stochastic(text, file, turning, draw, ground, error)
       character(len=*), intent(in) :: text, file
       integer, intent(in) :: turning  !! rule, as in turning_t
@@ -193,7 +193,7 @@ contains
       ground%lateral = [(lateral(sets%incidence(:, k), sets%lateral(:, :, k)), k=1, impact_ratios)]
    end subroutine read_stochastic
 
-   !> Read the parameters of a model: all required ones and no others.
+   !> Read the parameters of a model, which requires exactly its own.
    pure subroutine read_classical(group, numbers, classical, error)
       type(group_t), intent(in) :: group
       type(normal_table_t), intent(in) :: numbers
@@ -240,7 +240,7 @@ contains
       end do
    end subroutine check_parameters
 
-   !> Check that a parameter is given and within its range if the model needs it, and absent otherwise.
+   !> Check that a parameter is given and in its range if the model needs it, and is absent otherwise.
    pure subroutine check_parameter(group, parameter, model, error)
       type(group_t), intent(in) :: group
       type(parameter_t), intent(in) :: parameter
@@ -259,7 +259,7 @@ contains
       end if
    end subroutine check_parameter
 
-   !> Read a coefficient, its standard deviation and its limits, which must contain it.
+   !> Read a coefficient, its standard deviation, and its limits, which must enclose the coefficient.
    pure subroutine read_scatter(group, name, minimum, numbers, coefficient, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: name
@@ -280,7 +280,7 @@ contains
       end if
    end subroutine read_scatter
 
-   !> Rest angle of rocky ground [degrees]: the default of its key.
+   !> Default rest angle of rocky ground [degrees], from its key.
    pure real(wp) function rest_angle_of_rocks()
       rest_angle_of_rocks = default_of("rest_angle")
    end function rest_angle_of_rocks

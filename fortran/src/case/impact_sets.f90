@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Files of impact sets: one `&impact_set ratio, mean, covariance /` for each R_b/R_m = 1..5, with optional keys (see
-!> docs/impact_sets.md). A file may hold several draws of all five, for an ensemble.
+!> docs/impact_sets.md). For an ensemble, a file may hold several draws of all five sets.
 module rockfall_impact_sets
    use rockfall_kinds, only: wp, i8
    use rockfall_sizes, only: n_set_numbers, n_incidence_limits
@@ -22,13 +22,13 @@ module rockfall_impact_sets
                                      !! triangles of matrices, by rows
    integer, parameter :: required = 3               !! number of required keys
    integer, parameter :: max_draws = 1000
-   real(wp), parameter :: max_speed = 1000.0_wp     !! [m/s] no boulder is as fast
+   real(wp), parameter :: max_speed = 1000.0_wp     !! maximum speed of a boulder [m/s]
 
-   real(wp), parameter :: any_speed = 1.0e100_wp  !! [m/s] unbounded; its square is finite
+   real(wp), parameter :: any_speed = 1.0e100_wp  !! speed that means unbounded [m/s]; its square is finite
 
    !> Numbers of five impact sets, as in files.
    type :: coefficients_t
-      real(wp) :: mean(n_set_numbers, impact_ratios) = 0.0_wp           !! of a1..a9
+      real(wp) :: mean(n_set_numbers, impact_ratios) = 0.0_wp           !! means of a1..a9
       real(wp) :: covariance(n_set_numbers, n_set_numbers, impact_ratios) = 0.0_wp
       !> Lateral deviations [degree]: the limits of the incidence classes, padded with 90, and the quantiles of each
       !> class, padded with those of the last.
@@ -41,13 +41,13 @@ module rockfall_impact_sets
 
 contains
 
-   !> Read impact sets from text, check each by factoring it, and read the numbers for the rule of turning. The text
+   !> Read impact sets from text, check each by factoring it, and read the numbers that the turning rule needs. The text
    !> must have only one draw, unless `draw` selects one.
    subroutine read_sets(text, file, turning, draw, sets, error, draws)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! file name, for messages
       integer, intent(in) :: turning           !! rule, as in turning_t
-      integer, intent(in) :: draw              !! draw to read; 0: there must be only one
+      integer, intent(in) :: draw              !! index of the draw to read; 0: the text must have a single draw
       type(coefficients_t), intent(out) :: sets
       type(error_t), allocatable, intent(out) :: error
       integer, intent(out), optional :: draws  !! number of draws in the text
@@ -170,7 +170,7 @@ contains
       call read_lateral(group, sets%incidence(:, ratio), sets%lateral(:, :, ratio), error)
    end subroutine read_set
 
-   !> Add the noise within an impact, if a set has it, to the covariance; each must be a valid covariance by itself.
+   !> Add the noise within an impact, if a set has it, to the covariance; both must be valid covariances separately.
    subroutine add_noise(group, covariance, error)
       type(group_t), intent(in) :: group
       real(wp), intent(inout) :: covariance(entries, entries)
@@ -258,7 +258,7 @@ contains
       end do
    end subroutine read_lateral
 
-   !> Add the impact set concerned to a message of the factoring.
+   !> Add the index of the impact set to a message from the factoring.
    pure function located_message(group, message) result(text)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: message

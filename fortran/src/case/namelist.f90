@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Parser of namelist text in memory: groups, their keys, and values as written.
 !>
-!> Deliberately narrower than the language: ambiguous input is rejected, such as null values, text over several lines,
+!> Deliberately stricter than the language: rejects ambiguous input, such as null values, text over several lines,
 !> array subscripts, and repeated keys in a group.
 module rockfall_namelist
    use rockfall_kinds, only: i8
@@ -33,7 +33,7 @@ module rockfall_namelist
    type :: entry_t
       character(len=name_length) :: key = ""  !! lower case
       integer :: line = 0
-      logical :: given = .true.  !! false: has its default
+      logical :: given = .true.  !! false: the key has its default
       character(len=:), allocatable :: text    !! from the first value to the last
       type(value_t), allocatable :: value(:)   !! at least one; repeat counts are expanded
    end type entry_t
@@ -98,7 +98,7 @@ contains
    pure subroutine parse_group(text, file, cursor, entries, group, error)
       character(len=*), intent(in) :: text, file
       type(cursor_t), intent(inout) :: cursor
-      type(entry_t), intent(inout) :: entries(:)  !! one more than a group may have
+      type(entry_t), intent(inout) :: entries(:)  !! buffer for one entry more than a group may have
       type(group_t), intent(inout) :: group
       type(error_t), allocatable, intent(out) :: error
       type(cursor_t) :: start
@@ -332,7 +332,7 @@ contains
    !> Check that the last entry does not repeat a key or exceed the maximum number of keys.
    pure subroutine check_key(entries, file, group, error)
       type(entry_t), intent(in) :: entries(:)
-      character(len=*), intent(in) :: file, group  !! its name
+      character(len=*), intent(in) :: file, group  !! file name; name of the group
       type(error_t), allocatable, intent(out) :: error
       integer :: i, n
 
@@ -404,7 +404,7 @@ contains
       end do
    end subroutine skip_blanks
 
-   !> Skip the characters of an unquoted word, possibly none.
+   !> Skip the characters of an unquoted word, if any.
    pure subroutine take_word(text, cursor)
       character(len=*), intent(in) :: text
       type(cursor_t), intent(inout) :: cursor
@@ -508,7 +508,7 @@ contains
       end do
    end subroutine move_groups
 
-   !> Text of value `i` of an entry, as written, without quotes.
+   !> Text of value `i` of an entry, as written, but without quotes.
    pure function raw_value(entry, i)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: i

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Changes of a namelist that has been read.
+!> Changes to a parsed namelist.
 module rockfall_namelist_changes
    use rockfall_error, only: error_t
    use rockfall_namelist, only: namelist_t, mark_repeated
@@ -9,8 +9,8 @@ module rockfall_namelist_changes
 
 contains
 
-   !> A namelist without removed entries (`group`, or `group%key`, separated by blanks), and with the groups of another
-   !> one: their keys replace those of the group of this name, or the group follows the others.
+   !> Namelist without removed entries (`group` or `group%key`, separated by blanks), and with the groups of a second
+   !> namelist: their keys replace those of the group with the same name; a new group is appended.
    pure subroutine change_namelist(list, removed, new, file, changed, error)
       type(namelist_t), intent(in) :: list, new
       character(len=*), intent(in) :: removed

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Groups of a namelist as JSON, from which callers take typed values: for each group its name, the values that are
-!> given, and the defaults of other keys: `[["case", {"seed": 8}, {"threads": 0}], ...]`.
+!> Groups of a namelist as JSON, from which callers take typed values. Each group has its name, the given values, and
+!> the defaults of the other keys: `[["case", {"seed": 8}, {"threads": 0}], ...]`.
 module rockfall_namelist_json
    use rockfall_kinds, only: wp, i8
    use rockfall_text, only: integer_text
@@ -22,8 +22,8 @@ module rockfall_namelist_json
 
 contains
 
-   !> Format groups as JSON. Keys in the table have its kinds and are lists if they may have several values; values of
-   !> other keys have the kinds that they resemble.
+   !> Format groups as JSON. Keys in the table have the table's kinds, and are lists if they may have several values;
+   !> values of other keys have the kinds that they resemble.
    pure function json_of(list, table) result(text)
       type(namelist_t), intent(in) :: list
       type(key_t), intent(in) :: table(:)
@@ -59,7 +59,7 @@ contains
       this%n = this%n + len(piece)
    end subroutine put
 
-   !> Append the entries of a group that are given, or those that have their default.
+   !> Append the given entries of a group, or the entries with defaults.
    pure subroutine put_entries(json, group, table, given)
       type(growing_t), intent(inout) :: json
       type(group_t), intent(in) :: group
@@ -85,7 +85,7 @@ contains
    pure subroutine put_values(json, entry, key)
       type(growing_t), intent(inout) :: json
       type(entry_t), intent(in) :: entry
-      type(key_t), intent(in) :: key(:)  !! row of the table, if there is one
+      type(key_t), intent(in) :: key(:)  !! row of the table, if the key has one
       character(len=:), allocatable :: kind
       logical :: several
       integer :: k
@@ -108,7 +108,7 @@ contains
       if (several) call json%put("]")
    end subroutine put_values
 
-   !> Append an unquoted value: a checked one of a kind, or one as which it can be read.
+   !> Append an unquoted value: of the given kind if it has been checked, else of the kind that it resembles.
    pure subroutine put_word(json, word, kind)
       type(growing_t), intent(inout) :: json
       character(len=*), intent(in) :: word, kind
@@ -143,7 +143,7 @@ contains
 
       point = index(word, ".")
       if (point > 1 .and. point < len(word) .and. verify(word, "0123456789.") == 0 .and. word(1:1) /= "0") then
-         call json%put(word)  ! as most are
+         call json%put(word)  ! the usual case
          return
       end if
       first = verify(word, "+-")
@@ -159,7 +159,7 @@ contains
       if (power <= len(word)) call json%put("e"//word(power + 1:))
    end subroutine put_real
 
-   !> A text in quotes. Of the characters that JSON escapes, texts of namelists have only three.
+   !> Quoted text. Of the characters that JSON escapes, namelist texts have only three.
    pure function json_text(text) result(json)
       character(len=*), intent(in) :: text
       character(len=:), allocatable :: json

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Tables of impacts as the arrays of a scene (docs/files.md): each array has the values of all tables, one table after
+!> Tables of impacts as arrays of a scene (docs/files.md): each array has the values of all tables, one table after
 !> the other.
 module rockfall_table_arrays
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
@@ -19,7 +19,7 @@ module rockfall_table_arrays
    type :: table_arrays_t
       integer, pointer, contiguous :: shape(:, :) => null()   !! (table_counts, tables)
       real(wp), pointer, contiguous :: scale(:, :) => null()  !! (table_scales, tables)
-      real(wp), pointer, contiguous :: size(:) => null(), relief(:) => null()  !! of the columns, of the rows
+      real(wp), pointer, contiguous :: size(:) => null(), relief(:) => null()  !! of the columns; of the rows
       !> Edges of bins, for flights and then for rolls. First key: by part. Second key: by part and first bin. Third
       !> key: by part, first and second bin.
       real(wp), pointer, contiguous :: edge(:) => null()
@@ -52,8 +52,8 @@ contains
                                  size(arrays%first), size(arrays%record, 2)]) > 0)) tables = size(arrays%shape, 2)
    end function count_tables
 
-   !> Numbers of columns, rows, edges, bins, ends of bins, and records of tables. Reals, because products of wrong
-   !> numbers may be of any size.
+   !> Numbers of columns, rows, edges, bins, ends of bins, and records of tables. They are reals, because products of
+   !> invalid numbers may have any size.
    pure function lengths(counts) result(n)
       integer, intent(in) :: counts(:, :)  !! (table_counts, tables)
       real(wp) :: n(6), c(table_counts), parts, bins
@@ -74,7 +74,7 @@ contains
       edges_of = n(1) - 1 + n(1)*(n(2) - 1 + n(2)*(n(3) - 1))
    end function edges_of
 
-   !> Take table k of arrays that agree. Errors: damaged.
+   !> Extract table k from arrays that agree. Errors: damaged.
    pure subroutine take_table(arrays, k, file, table, error)
       type(table_arrays_t), intent(in) :: arrays
       integer, intent(in) :: k
@@ -139,7 +139,7 @@ contains
       end do
    end function is_valid
 
-   !> Take the bins of one kind of contact, whose edges follow the first `edge`.
+   !> Extract the bins of one kind of contact, whose edges follow the first `edge`.
    pure subroutine take_bins(arrays, edge, parts, n, bins)
       type(table_arrays_t), intent(in) :: arrays
       integer, intent(inout) :: edge

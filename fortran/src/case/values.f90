@@ -25,12 +25,12 @@ module rockfall_values
 
 contains
 
-   !> Check that all groups and keys are in a table, and that only repeatable groups occur more than once: an error has
-   !> all faults.
+   !> Check that all groups and keys are in a table, and that only repeatable groups are repeated; an error has all
+   !> faults.
    pure subroutine check_names(list, groups, keys, repeatable, rule, error)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: groups(:), keys(:)  !! one row per key; rows of a group are consecutive
-      character(len=*), intent(in) :: repeatable(:), rule !! repeatable groups, and the message for others
+      character(len=*), intent(in) :: repeatable(:), rule !! repeatable groups, and the message for other groups
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: fault
       integer :: g, e
@@ -68,7 +68,7 @@ contains
       end function location
    end subroutine check_names
 
-   !> Return the few names that are nearest to a word.
+   !> Return the few names nearest to a word.
    pure function nearest(word, names)
       character(len=*), intent(in) :: word, names(:)
       character(len=len(names)) :: nearest(min(3, size(names)))
@@ -76,7 +76,7 @@ contains
       nearest = nearest_names(word, names, size(nearest))
    end function nearest
 
-   !> Mask of the first of equal names in succession.
+   !> Mask of the first name in each run of equal names.
    pure function is_first(names)
       character(len=*), intent(in) :: names(:)
       logical :: is_first(size(names))
@@ -112,7 +112,7 @@ contains
       end do
    end function key_index
 
-   !> Set an error that shows `key` with its value, or with value number `item` if it has several, and the `rule`.
+   !> Set an error that shows `key` with its value (number `item` of several values) and the `rule`.
    pure subroutine refuse(group, key, rule, error, item)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -146,7 +146,7 @@ contains
       call get_text(group, key, value, error)
    end function text_of
 
-   !> Like `refuse`, for numbers that are invalid together: the rule concerns their commas if these can be decimal.
+   !> Like `refuse`, for numbers that are only invalid together: the rule concerns their commas if these can be decimal.
    pure subroutine refuse_list(group, key, rule, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key, rule
@@ -162,7 +162,7 @@ contains
       end if
    end subroutine refuse_list
 
-   !> Return whether a key has a number that looks like an integer with its decimals behind a comma.
+   !> Return whether a key has a number that looks like an integer followed by a comma and its decimals.
    pure logical function has_comma(group, key)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -363,7 +363,7 @@ contains
       end if
    end subroutine to_text
 
-   !> Quoted value `i` of an entry, with doubled quotes undone.
+   !> Quoted value `i` of an entry; doubled quotes become single.
    pure function unquoted(entry, i) result(value)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: i
@@ -403,7 +403,7 @@ contains
       end if
    end subroutine to_real
 
-   !> Return whether a word is Inf or NaN, as Fortran writes them.
+   !> Return whether a word is Inf or NaN in Fortran's notation.
    pure logical function is_not_finite(word)
       character(len=*), intent(in) :: word
       integer :: first

@@ -95,11 +95,11 @@ module rockfall_f2py
 
 contains
 
-   !> Create an empty scene; it receives the arrays of scene_arrays_t before it is built.
+   !> Create an empty scene, which receives the arrays of scene_arrays_t before it is built.
    subroutine new_scene(west, north, cell, nodes, first, draw, handle)
       real(c_double), intent(in) :: west, north, cell       !! outer edges, cell size [m]
       integer(c_int), intent(in) :: nodes(2), first(2)      !! columns, rows of the raster; first ones of the arrays
-      integer(c_int), intent(in) :: draw                    !! draw of the impact sets; 0: the only one
+      integer(c_int), intent(in) :: draw                    !! index of the draw of the impact sets; 0: the only draw
       integer(c_int64_t), intent(out) :: handle
 
       handle = transfer(c_loc(empty_scene(grid_t(west, north, cell, nodes(1), nodes(2)), first, draw)), handle)
@@ -130,8 +130,8 @@ contains
       call give_error(error, code, message)
    end subroutine build_scene
 
-   !> Restrict boulders to these columns and rows, those of the maps: identical for all runs of a scene, and before
-   !> them.
+   !> Restrict boulders to the columns and rows of the maps. All runs of a scene need the same restriction, set before
+   !> the first of them.
    subroutine limit_terrain(handle, map_at, map_last)
       integer(c_int64_t), intent(in) :: handle
       integer(c_int), intent(in) :: map_at(2), map_last(2)  !! first and last column, row
@@ -148,7 +148,7 @@ contains
       deallocate (opened)
    end subroutine close_scene
 
-   !> Set the execution mode, as in rockfall_scene_type; results do not depend on it, as tests verify.
+   !> Set the execution mode, as in rockfall_scene_type; results do not depend on it.
    subroutine carry_in_lanes(handle, lanes)
       integer(c_int64_t), intent(in) :: handle
       integer(c_int), intent(in) :: lanes
@@ -176,7 +176,7 @@ contains
    subroutine open_run(handle, before, boulders, window, threads, most_columns, run, code, message)
       integer(c_int64_t), intent(in) :: handle, before, boulders
       integer(c_int), intent(in) :: window(4), threads
-      integer(c_int64_t), intent(in) :: most_columns  !! maximum columns of bin counts
+      integer(c_int64_t), intent(in) :: most_columns  !! maximum number of columns of bin counts
       integer(c_int64_t), intent(out) :: run  !! 0 on error
       integer(c_int), intent(out) :: code      !! 0 = success
       character(len=max_message), intent(out) :: message
@@ -188,13 +188,13 @@ contains
       call return_run(opened, error, run, code, message)
    end subroutine open_run
 
-   !> Open a run without a scene, to be joined from parts, or as a part: from a case, with the number of grounds (0:
-   !> only impact sets), sources from the features of a layer, and boulders of several shapes (1 or 0).
+   !> Open a run without a scene, as a part or to be joined from parts: from a case, the number of grounds (0: only
+   !> impact sets), and whether sources have features of a layer and boulders several shapes (1 or 0).
    subroutine open_joined_run(case, boulders, window, grounds, features, shapes, part_last, group_part, run, code, &
                               message, np, ng)
       integer(c_int), intent(in) :: np, ng
       integer(c_int64_t), intent(in) :: case
-      integer(c_int64_t), intent(in) :: boulders(3)  !! of the complete run, before the part, in it
+      integer(c_int64_t), intent(in) :: boulders(3)  !! in the complete run, before the part, in the part
       integer(c_int), intent(in) :: window(4), grounds, features, shapes
       integer(c_int32_t), intent(in) :: part_last(np), group_part(ng)  !! as in layout_t
       integer(c_int64_t), intent(out) :: run
@@ -211,7 +211,7 @@ contains
       call return_run(opened, error, run, code, message)
    end subroutine open_joined_run
 
-   !> Open a run of a scene that continues another run, which then cannot continue itself.
+   !> Open a run of a scene that continues another run, which then cannot be continued itself.
    subroutine continue_run(handle, other, run, code, message)
       integer(c_int64_t), intent(in) :: handle, other
       integer(c_int64_t), intent(out) :: run
@@ -225,7 +225,7 @@ contains
       call return_run(opened, error, run, code, message)
    end subroutine continue_run
 
-   !> Return the address of a run, unless there is an error.
+   !> Return the address of a run; null after an error.
    subroutine return_run(opened, error, run, code, message)
       type(run_handle_t), pointer, intent(inout) :: opened
       type(error_t), allocatable, intent(in) :: error
@@ -241,7 +241,7 @@ contains
       call give_error(error, code, message)
    end subroutine return_run
 
-   !> Add a part to a run, both from open_joined_run.
+   !> Add a part to a run; both come from open_joined_run.
    subroutine merge_run(run, part, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run, part
@@ -272,9 +272,9 @@ contains
       opened => run_at(pointer_of(run))
    end function run_of
 
-   !> Run n boulders, every `step`-th from the first on, on a scene, which may be a window of the run's terrain; `left`
-   !> is the number of boulders that left it and must be rerun. After `seconds` no more boulders start; `done` is the
-   !> number completed.
+   !> Run n boulders, every `step`-th from the first, on a scene, which may be a window of the run's terrain; `left`
+   !> is the number of boulders that left the window and must be rerun. No boulder starts after `seconds`; `done` is
+   !> the number completed.
    subroutine advance(run, handle, first, step, n, seconds, done, left, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run, handle, first, step, n
@@ -294,7 +294,7 @@ contains
       call give_error(error, code, message)
    end subroutine advance
 
-   !> Array k of a run, from 1, or of its part (of_part 1): description as from row_text, lengths of its dimensions (the
+   !> Array k of a run, from 1, or of its part (of_part 1): description from row_text, lengths of its dimensions (the
    !> first varies fastest), and address; blank past the end. k = 1 builds a new list.
    subroutine array(run, of_part, k, text, length, address)
       integer(c_int64_t), intent(in) :: run
@@ -315,7 +315,7 @@ contains
       address = transfer(row%at, address)
    end subroutine array
 
-   !> Pack a run into a part, or only its samples (1); views of its last part become invalid.
+   !> Pack a run, or only its samples (1), into a part; views of its last part become invalid.
    subroutine pack_part(run, only_samples, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run
@@ -334,7 +334,7 @@ contains
       call give_error(error, code, message)
    end subroutine pack_part
 
-   !> Allocate a part of the first `done` boulders of a run, to be filled, with the lengths of part_lengths_t.
+   !> Allocate a part of the first `done` boulders of a run, to be filled, with lengths as in part_lengths_t.
    subroutine begin_part(run, done, lengths, code, message)
       integer(c_int64_t), intent(in) :: run, done, lengths(6)
       integer(c_int), intent(out) :: code
@@ -350,8 +350,8 @@ contains
       call give_error(error, code, message)
    end subroutine begin_part
 
-   !> Store a filled part in its run, whose terrain has this raster, if a run can have its values; or only its samples
-   !> and the numbers of its rows (1).
+   !> Store a filled part in its run, if its values are possible on a terrain with this raster; or only its samples
+   !> and numbers of rows (1).
    subroutine unpack_part(run, only_samples, corner, nodes, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run
@@ -389,7 +389,7 @@ contains
       grid = grid_t(corner(1), corner(2), corner(3), nodes(1), nodes(2))
    end function grid_of
 
-   !> Fault of values of a variable, by its name in files; blank if a run can have them.
+   !> Fault in the values of a variable, given its name in files; blank if a run can have them.
    subroutine value_fault(name, values, fault, n)
       integer(c_int), intent(in) :: n
       character(len=*), intent(in) :: name
@@ -399,8 +399,8 @@ contains
       fault = fault_of_values(name, values)
    end subroutine value_fault
 
-   !> Difference between two runs; the other run must begin this one. Blank if none. Texts are joined by character 1 in
-   !> the order of identity_t; numbers are its integers, first those of boulders.
+   !> Difference between two runs; the other run must begin this one. Blank if none. Character 1 joins texts,
+   !> in the order of identity_t; numbers are its integers, those of boulders first.
    subroutine run_difference(our_case, their_case, ours, theirs, numbers, corners, what)
       integer(c_int64_t), intent(in) :: our_case, their_case
       character(len=*), intent(in) :: ours, theirs
@@ -434,8 +434,8 @@ contains
       identity%window = int(numbers(6:9))
    end function identity_of
 
-   !> Write a real map of a run to the address of an array of its cells. Of `boulders`, the second number is that of a
-   !> cluster that may behave alike (1: independent).
+   !> Write a real map of a run to an array of its cells, given by address. The second number of `boulders` is the size
+   !> of clusters that may behave alike (1: independent).
    subroutine map(run, name, boulders, address, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run, address
@@ -453,7 +453,7 @@ contains
       call give_error(error, code, message)
    end subroutine map
 
-   !> Numbers of passages for a cell of a map: minimum for a value, and below which a value is unreliable.
+   !> Numbers of passages in a cell of a map: minimum for a value, and number below which the value is unreliable.
    subroutine map_passages(run, name, per_cluster, passages)
       integer(c_int64_t), intent(in) :: run
       character(len=*), intent(in) :: name
@@ -465,8 +465,8 @@ contains
       passages = [map_min_count(name, opened%run%min_passages), map_thin_below(name, per_cluster)]
    end subroutine map_passages
 
-   !> Free the tallies and samples of a run once all results are computed; counts, sums and maxima of maps if `go` is 1.
-   !> Views of them become invalid.
+   !> Free the tallies and samples of a run once all results are computed; if `go` is 1, also counts, sums and maxima of
+   !> maps. Views of them become invalid.
    subroutine forget_tallies(run, go)
       integer(c_int64_t), intent(in) :: run
       integer(c_int), intent(in) :: go(3)
@@ -476,7 +476,7 @@ contains
       call forget_tallies_of(opened%run, go /= 0)
    end subroutine forget_tallies
 
-   !> Sort the crossings of a run by line, those of a line by boulder; views of them become invalid.
+   !> Sort the crossings of a run by line, then by boulder; views of them become invalid.
    subroutine sort_crossings(run, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run
@@ -490,7 +490,7 @@ contains
       call give_error(error, code, message)
    end subroutine sort_crossings
 
-   !> Forget the crossings of a run, which the caller keeps; views of them become invalid.
+   !> Discard the crossings of a run, which the caller keeps; views of them become invalid.
    subroutine forget_crossings(run)
       integer(c_int64_t), intent(in) :: run
       type(run_handle_t), pointer :: opened
@@ -499,7 +499,7 @@ contains
       call forget_crossings_of(opened%run)
    end subroutine forget_crossings
 
-   !> Count in the maps of a run only the boulders done of partial sources (sign 1), or revert this (-1).
+   !> For partial sources, count in the maps of a run only their completed boulders (sign 1), or revert this (-1).
    subroutine settle_sources(run, handle, done, sign)
       integer(c_int64_t), intent(in) :: run, handle, done
       integer(c_int), intent(in) :: sign
@@ -512,7 +512,7 @@ contains
       call settle_run(opened%run, scene%scene%release, sign)
    end subroutine settle_sources
 
-   !> Restore the cells of sources that are cut by the boulders done, from an unpacked part; good: 1 or 0.
+   !> Restore from an unpacked part the cells of sources that the completed boulders split; good: 1 or 0.
    subroutine restore_sources(run, handle, good)
       integer(c_int64_t), intent(in) :: run, handle
       integer(c_int), intent(out) :: good
@@ -526,7 +526,7 @@ contains
       good = merge(1, 0, is_good)
    end subroutine restore_sources
 
-   !> Quantities at a line, except the last, of boulders or fragments that crossed it.
+   !> Quantities, except the last, of boulders or fragments that crossed a line.
    subroutine line_quantities(motion, volume, mass, quantities, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: motion(6, n)   !! velocity [m/s], omega [rad/s], jump and passing height [m]
@@ -559,12 +559,12 @@ contains
       end do
    end subroutine points_along
 
-   !> Split blocks by the breakage of a case: their area ratios; the volumes of their fragments, 0 beyond them;
-   !> their fines [m3]; and 1 if the number of fragments limited them. A block that does not break is its only fragment.
+   !> Split blocks by the breakage rule of a case: area ratios; fragment volumes, padded with 0; volumes of fines [m3];
+   !> and 1 if the maximum number of fragments was reached. A block that does not break is its only fragment.
    subroutine split_blocks(case, volume, energy, ratio, fragments, fines, capped, n, room)
       integer(c_int), intent(in) :: n, room
       integer(c_int64_t), intent(in) :: case
-      real(c_double), intent(in) :: volume(n), energy(n)  !! of the motion normal to the ground [J]
+      real(c_double), intent(in) :: volume(n), energy(n)  !! volume [m3]; energy of the motion normal to the ground [J]
       real(c_double), intent(out) :: ratio(n)
       real(c_double), intent(inout) :: fragments(room, n)
       real(c_double), intent(out) :: fines(n)
@@ -588,7 +588,7 @@ contains
       end do
    end subroutine split_blocks
 
-   !> Run one boulder and keep up to `room` of the `recorded` vertices of its trajectory; nothing is tallied.
+   !> Run one boulder, and keep up to `room` of the `recorded` vertices of its trajectory; nothing is tallied.
    subroutine trajectory(handle, number, vertex, recorded, boulder, counts, max_vertices)
       !f2py threadsafe
       integer(c_int), intent(in) :: max_vertices
@@ -614,7 +614,7 @@ contains
       end associate
    end subroutine trajectory
 
-   !> Scan rows first to last of the terrain: update the minima of blocks, check the sources there and raise their
+   !> Scan the terrain rows first to last: update the minima of blocks, check the sources there, and raise their
    !> energy head, as in rockfall_reach and check_sources.
    subroutine scan_rows(handle, first, last, minima, max_head, code, message, nbx, nby)
       !f2py threadsafe
@@ -633,7 +633,7 @@ contains
       if (code == 0 .and. size(minima) > 1) call update_block_minima(opened%dem, first, last, minima)
    end subroutine scan_rows
 
-   !> Terrain of a scene that has its elevations.
+   !> Terrain of a scene whose elevations are set.
    function terrain_of(handle) result(dem)
       integer(c_int64_t), intent(in) :: handle
       type(terrain_t) :: dem
@@ -643,7 +643,7 @@ contains
       dem = opened%terrain_known()
    end function terrain_of
 
-   !> The first column and row and the last column and row, from 1, of the cells that boulders can reach.
+   !> First column and row, and last column and row, from 1, of the cells that boulders can reach.
    subroutine reachable_box(handle, minima, max_head, box, nbx, nby)
       !f2py threadsafe
       integer(c_int), intent(in) :: nbx, nby
@@ -657,7 +657,7 @@ contains
                       object_reach(opened%scene, opened%case))
    end subroutine reachable_box
 
-   !> Side length in cells of the blocks whose minimum elevation `scan_rows` takes.
+   !> Side length in cells of the blocks for which `scan_rows` finds the minimum elevation.
    subroutine block_of(nodes, side)
       integer(c_int), intent(in) :: nodes(2)
       integer(c_int), intent(out) :: side
@@ -665,11 +665,11 @@ contains
       side = block_side(nodes)
    end subroutine block_of
 
-   !> Tallies needed by maps: indices of the layers of map_plan_t in their stacks, from 1 (0 = none), counts including
-   !> the first of those for energy thresholds, of passages and of hits; the bins of counts for quantiles; and the
-   !> number of layers of each stack.
+   !> Tallies needed by maps: indices in their stacks of the layers of map_plan_t, from 1 (0: none), also of the first
+   !> counts of passages and of hits above energy thresholds; the bins of counts for quantiles; and the number of layers
+   !> of each stack.
    subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
-      character(len=*), intent(in) :: names     !! of maps, separated by blanks
+      character(len=*), intent(in) :: names     !! names of maps, separated by blanks
       integer(c_int), intent(in) :: thresholds  !! number of thresholds
       integer(c_int), intent(out) :: counts(n_map_counts), sums(n_map_sums), maxima(n_map_maxima), bins, &
                                      layers(n_stacks)
@@ -685,8 +685,8 @@ contains
       layers = stack_layers(plan)
    end subroutine map_plan
 
-   !> Reject a run whose maps could overflow; `fall` is the height from the maximum energy head to the minimum elevation
-   !> [m].
+   !> Reject a run whose maps could overflow; `fall` is the height [m] from the maximum energy head to the minimum
+   !> elevation.
    subroutine check_maps(handle, fall, code, message)
       integer(c_int64_t), intent(in) :: handle
       real(c_double), intent(in) :: fall
@@ -703,7 +703,7 @@ contains
       call give_error(error, code, message)
    end subroutine check_maps
 
-   !> Number of stems in each cell of a row of a raster of nx columns, for a stand of trees (rockfall_stand).
+   !> Number of stems in each cell of one row, in a raster with nx columns, for a stand of trees (rockfall_stand).
    subroutine stand_counts(seed, nx, row, expected, even, counts, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: n
@@ -716,7 +716,7 @@ contains
       counts = [(stems_in_cell(random_key(seed), cell_number(nx, row, i), expected(i), even /= 0), i=1, n)]
    end subroutine stand_counts
 
-   !> Uniform numbers of each of these stems, cell by cell: four that place it, or (two) those that decide whether it is
+   !> Uniform numbers for each of these stems, cell by cell: four that place the stem, or two that decide whether it is
    !> kept (rockfall_stand).
    subroutine stand_numbers(seed, nx, row, counts, numbers, n, m, nt)
       !f2py threadsafe
@@ -765,7 +765,7 @@ contains
       end do
    end subroutine shapes_of_axes
 
-   !> Number of a cell: from 1 by rows from the north-west.
+   !> Number of a cell, counted from 1 by rows from the north-west.
    pure integer(c_int64_t) function cell_number(nx, row, column)
       integer(c_int), intent(in) :: nx, row
       integer, intent(in) :: column
@@ -781,7 +781,7 @@ contains
       slope = usual_threshold(cell)
    end subroutine slope_threshold
 
-   !> Set cells above zero to zero from row `first` (1..) on if they are not steep; terrain of terrain_of.
+   !> From row `first` (1..) on, set positive cells to zero if they are not steep; terrain from terrain_of.
    subroutine steep_cells(handle, threshold, first, cells, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nx, ny, first
@@ -792,7 +792,7 @@ contains
       call keep_steep_cells(terrain_of(handle), threshold, first, cells)
    end subroutine steep_cells
 
-   !> Surface over plan area of the cells of sources, in map coordinates [m]; of terrain_of.
+   !> Surface over plan area of source cells, given in map coordinates [m]; terrain from terrain_of.
    subroutine area_ratios(handle, source_x, source_y, ratio, ns)
       !f2py threadsafe
       integer(c_int), intent(in) :: ns
@@ -805,7 +805,7 @@ contains
       ratio = surface_ratios(dem, source_x - dem%x0, source_y - dem%y0)
    end subroutine area_ratios
 
-   !> Return whether boulders can start from points, in map coordinates [m]; also of a scene that is not built.
+   !> Return whether boulders can start from points in map coordinates [m]; the scene need not be built.
    subroutine known_at(handle, x, y, is_known, n)
       integer(c_int), intent(in) :: n
       integer(c_int64_t), intent(in) :: handle
@@ -846,7 +846,7 @@ contains
       last = last_of(opened%scene%release, source)
    end subroutine boulders_of_source
 
-   !> Numbers of the n boulders in first..last whose trajectories are recorded, if `room` are recorded in total.
+   !> Numbers of the n boulders in first..last with recorded trajectories, if `room` are recorded in total.
    subroutine recorded_numbers(handle, first, last, number, n, requested)
       integer(c_int64_t), intent(in) :: handle, first, last
       integer, intent(in) :: requested
@@ -892,7 +892,7 @@ contains
       source = [(source_of(opened%scene%release, boulder(k)), k=1, n)]
    end subroutine sources_of_boulders
 
-   !> First of some numbers that is invalid for a key of the case, from 1, and the rule that it violates; 0: none.
+   !> Index, from 1, of the first number that is invalid for a key of the case, and the rule that it violates; 0: none.
    subroutine check_numbers(group, name, values, first, rule, n)
       integer(c_int), intent(in) :: n
       character(len=*), intent(in) :: group, name
@@ -911,7 +911,7 @@ contains
       first = 0
    end subroutine check_numbers
 
-   !> Lowest and highest number that key k of a case may have; NaN: no limit.
+   !> Lowest and highest number allowed for key k of a case; NaN: no limit.
    subroutine key_limits(k, limits)
       integer(c_int), intent(in) :: k
       real(c_double), intent(out) :: limits(2)
@@ -919,9 +919,9 @@ contains
       limits = limits_of(key_table(k))
    end subroutine key_limits
 
-   !> Read a text in namelist format, by a form as in rockfall_handles: its handle, and the length of its values. Facts
-   !> of a case, 1 or 0: it has trees; its sources are points; its boulders are those of the layer of sources; those of
-   !> rasters; rebounds follow an impact table by default; boulders can have each block shape.
+   !> Read a text in namelist format, in a form of rockfall_handles: handle, and length of its values. Facts of a case,
+   !> 1 or 0: it has trees; its sources are points; boulders come from the layer of sources; from rasters; rebounds
+   !> follow an impact table by default; boulders can have each block shape.
    subroutine read_values(form, text, name, handle, facts, length, code, message)
       character(len=*), intent(in) :: form, text, name
       integer(c_int64_t), intent(out) :: handle  !! 0 on error
@@ -935,7 +935,7 @@ contains
       call return_values(opened, error, handle, facts, length, code, message)
    end subroutine read_values
 
-   !> Make a case from another by changes, as in change_namelist; results as in read_values.
+   !> Derive a case from another by changes, as in change_namelist; results as from read_values.
    subroutine change_case(other, removed, text, name, handle, facts, length, code, message)
       integer(c_int64_t), intent(in) :: other
       character(len=*), intent(in) :: removed, text, name
@@ -985,7 +985,7 @@ contains
       deallocate (opened%json)
    end subroutine values_of
 
-   !> Close what read_values or change_case opened; the handle becomes invalid.
+   !> Close a handle from read_values or change_case, which becomes invalid.
    subroutine close_values(handle)
       integer(c_int64_t), intent(in) :: handle
       type(case_handle_t), pointer :: opened
@@ -994,7 +994,7 @@ contains
       deallocate (opened)
    end subroutine close_values
 
-   !> Strength of the ground under boulders of these numbers, as a standard normal number (theory, eq. 5.25a).
+   !> Strength of the ground for boulders with these numbers, as a standard normal number (theory, eq. 5.25a).
    subroutine strength_deviates(seed, number, deviate, n)
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: n
@@ -1023,11 +1023,11 @@ contains
       call give_error(error, code, message)
    end subroutine check_ground
 
-   !> One-line error message that refuses a key of a case by a rule, of group `number` of a name.
+   !> One-line error message that refuses a key of a case by a rule; `number` counts the groups with this name.
    subroutine refusal(case, group, number, key, rule, message)
       integer(c_int64_t), intent(in) :: case
       character(len=*), intent(in) :: group, key, rule
-      integer(c_int), intent(in) :: number  !! from 1
+      integer(c_int), intent(in) :: number  !! index of the group, from 1
       character(len=max_message), intent(out) :: message
       type(case_handle_t), pointer :: opened
       type(error_t), allocatable :: error
@@ -1040,7 +1040,7 @@ contains
       call give_error(error, code, message)
    end subroutine refusal
 
-   !> Range of R_b of all but few boulders of a case, if only the case gives their volumes [m].
+   !> Range [m] of R_b of all but a few boulders of a case; requires that the case alone gives their volumes.
    subroutine usual_radii(case, radii)
       integer(c_int64_t), intent(in) :: case
       real(c_double), intent(out) :: radii(2)
@@ -1050,7 +1050,7 @@ contains
       radii = sphere_radius(usual_volumes(opened%case%volumes))
    end subroutine usual_radii
 
-   !> Number spelled by a text, as in files; NaN if invalid.
+   !> Number in a text, read as in files; NaN if invalid.
    subroutine decimal(text, value)
       character(len=*), intent(in) :: text
       real(c_double), intent(out) :: value
@@ -1081,7 +1081,7 @@ contains
       end do
    end subroutine kinetic_energies
 
-   !> Ranks of the limits of the interval of a quantile of n numbers, as in limit_rank.
+   !> Ranks of the limits of the interval for a quantile of n numbers, as in limit_rank.
    subroutine limit_ranks(level, n, per_cluster, ranks)
       real(c_double), intent(in) :: level, per_cluster
       integer(c_int64_t), intent(in) :: n
@@ -1090,7 +1090,7 @@ contains
       ranks = [limit_rank(level, n, per_cluster, -1), limit_rank(level, n, per_cluster, 1)]
    end subroutine limit_ranks
 
-   !> Model of a table of impacts, from the number of its columns and the strength of its ground [Pa].
+   !> Model of a table of impacts, given its number of columns and the strength of its ground [Pa].
    subroutine table_model(columns, strength, text)
       integer(c_int), intent(in) :: columns
       real(c_double), intent(in) :: strength
@@ -1099,8 +1099,8 @@ contains
       text = model_names(model_of_table(columns, strength))
    end subroutine table_model
 
-   !> R_b of the largest blocks of a table of impacts [m], from its largest size, the strength of its ground [Pa] and
-   !> the R_b of that strength [m]; NaN: none.
+   !> R_b [m] of the largest blocks of a table of impacts, given its largest size, the strength of its ground [Pa] and
+   !> the R_b for that strength [m]; NaN: none.
    subroutine largest_block(size, strength, strength_radius, radius)
       real(c_double), intent(in) :: size, strength, strength_radius
       real(c_double), intent(out) :: radius
@@ -1108,8 +1108,8 @@ contains
       radius = largest_of_table(size, strength, strength_radius)
    end subroutine largest_block
 
-   !> Height of the top edge [m] and capacity [J] of each line of a case, evaluation lines first, then barriers; zero
-   !> for evaluation lines.
+   !> Height of the top edge [m] and capacity [J] of each line of a case, evaluation lines first, then barriers; 0 for
+   !> evaluation lines.
    subroutine barriers(case, height, capacity, n)
       integer(c_int64_t), intent(in) :: case
       integer(c_int), intent(in) :: n
@@ -1121,7 +1121,7 @@ contains
       capacity = given%case%lines%capacity
    end subroutine barriers
 
-   !> Outcomes at a barrier of boulders that crossed it: number in the table of variables.
+   !> Outcomes at a barrier for boulders that crossed it, as numbers of the table of variables.
    subroutine barrier_outcomes(height, capacity, passing_height, energy, outcome, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: height, capacity             !! [m], [J]
@@ -1131,9 +1131,9 @@ contains
       outcome = int(barrier_outcome(height, capacity, passing_height, energy), c_int8_t)
    end subroutine barrier_outcomes
 
-   !> Row k of the table of keys (group|key|kind|most|default|allowed|unit|meaning|file), of a ground's parameters (the
-   !> same, then |models), of its models (name|rocks, as in rockfall_grounds), of result variables (as in
-   !> variable_text), or of arrays of a scene (as in scene_array_text); blank past the end.
+   !> Row k of the table of keys (group|key|kind|most|default|allowed|unit|meaning|file), of a ground's parameters (also
+   !> |models), of its models (name|rocks, as in rockfall_grounds), of result variables (as in variable_text), or of
+   !> scene arrays (as in scene_array_text); blank past the end.
    subroutine table_row(table, k, text)
       character(len=*), intent(in) :: table
       integer(c_int), intent(in) :: k
@@ -1163,16 +1163,16 @@ contains
       call give_error(error, code, message)
    end subroutine covariance_root
 
-   !> The numbers of the five impact sets in a text, as in coefficients_t, for a rule of turning.
+   !> Numbers of the five impact sets in a text, as in coefficients_t, for a turning rule.
    subroutine read_sets(text, name, turning, draw, mean, covariance, incidence, lateral, ranges, draws, code, message)
       character(len=*), intent(in) :: text, name
       character(len=*), intent(in) :: turning  !! word as in a case
-      integer(c_int), intent(in) :: draw       !! 0: there must be only one
+      integer(c_int), intent(in) :: draw       !! index of the draw; 0: the text must have a single draw
       real(c_double), intent(out) :: mean(n_set_numbers, n_impact_sets), &
                                      covariance(n_set_numbers, n_set_numbers, n_impact_sets), &
                                      incidence(n_incidence_limits, n_impact_sets), &
                                      lateral(n_lateral_quantiles, n_lateral_classes, n_impact_sets)
-      real(c_double), intent(out) :: ranges(2, n_impact_sets, 2)  !! of speeds, of angles
+      real(c_double), intent(out) :: ranges(2, n_impact_sets, 2)  !! ranges of speeds, then of angles
       integer(c_int), intent(out) :: draws, code
       character(len=max_message), intent(out) :: message
       type(coefficients_t) :: sets
@@ -1188,7 +1188,7 @@ contains
       call give_error(error, code, message)
    end subroutine read_sets
 
-   !> Probability of each impact set for a ratio R_b/R_m.
+   !> Probability of each impact set, given a ratio R_b/R_m.
    subroutine weights_of_sets(ratio, between, weights)
       real(c_double), intent(in) :: ratio
       integer(c_int), intent(in) :: between  !! as in `run`
@@ -1197,7 +1197,7 @@ contains
       weights = ratio_weights(ratio, between /= 0)
    end subroutine weights_of_sets
 
-   !> Impact set, 1 to 5, of each ratio R_b/R_m.
+   !> Impact set, 1 to 5, for each ratio R_b/R_m.
    subroutine ratio_classes(ratio, class, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: ratio(n)
@@ -1210,7 +1210,7 @@ contains
       end do
    end subroutine ratio_classes
 
-   !> Return whether rebounds are admissible: V_t, V_n, W [m/s] before and after.
+   !> Return whether rebounds are admissible, given V_t, V_n, W [m/s] before and after.
    subroutine admissible_rebounds(v_in, v_out, may, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: v_in(3, n), v_out(3, n)
@@ -1232,7 +1232,7 @@ contains
       end do
    end subroutine limit_rebounds
 
-   !> Ratio of radius to Rg, by the word of a case.
+   !> Ratio of radius to Rg, given the word in a case.
    subroutine size_to_radius(reading, factor)
       character(len=*), intent(in) :: reading
       real(c_double), intent(out) :: factor
@@ -1246,28 +1246,28 @@ contains
       real(c_double), intent(out) :: value
 
       select case (name)
-      case ("any_speed"); value = any_speed          ! [m/s] end of the range of a set without one
+      case ("any_speed"); value = any_speed          ! [m/s] end of an unlimited range of a set
       case ("inertia_factor"); value = inertia_factor  ! [-]
       case ("min_normal"); value = min_normal
       case ("shapes"); value = shapes                ! of boulders
-      case ("sphere"); value = sphere                ! the shape of boulders without another
+      case ("sphere"); value = sphere                ! default shape of boulders
       case ("first_chunk"); value = real(first_chunk, c_double)  ! boulders
       case ("max_speed"); value = max_speed         ! [m/s] of boulders
-      case ("max_draws"); value = max_draws          ! of a rebound
+      case ("max_draws"); value = max_draws          ! per rebound
       case ("left_window"); value = left_window      ! status of a boulder to be rerun in a larger window
       case ("max_text"); value = max_text            ! [bytes]
       case ("max_elevation"); value = max_elevation  ! [m]
-      case ("max_real"); value = max_real            ! of a case
+      case ("max_real"); value = max_real            ! in a case
       case ("max_name"); value = max_name            ! [characters]
       case ("max_held_speed"); value = max_held_speed  ! over sqrt(g R_b)
       case ("usual_density"); value = usual_density  ! of boulders [kg/m3]
-      case ("usual_weight"); value = usual_weight    ! [N/m3]
-      case ("lanes"); value = lanes                  ! boulders that a thread carries at a time
-      case ("max_grounds"); value = max_grounds      ! of a scene
-      case ("save_rest"); value = save_rest          ! minimum pause between saves over the duration of the last
+      case ("usual_weight"); value = usual_weight    ! weight per volume of boulders [N/m3]
+      case ("lanes"); value = lanes                  ! boulders that a thread processes together
+      case ("max_grounds"); value = max_grounds      ! in a scene
+      case ("save_rest"); value = save_rest          ! minimum pause between saves, over the duration of the last save
       case ("chunk_crossings"); value = real(chunk_crossings, c_double)
       case ("z_95"); value = z_95                    ! [-]
-      case ("min_for_mean"); value = min_for_mean    ! boulders, for a reliable interval
+      case ("min_for_mean"); value = min_for_mean    ! number of boulders for a reliable interval
       case ("min_for_std"); value = min_for_std
       case ("scene_layout"); value = scene_layout
       case ("part_layout"); value = part_layout
@@ -1275,7 +1275,7 @@ contains
       case ("max_packing"); value = max_packing
       case ("sample_bins"); value = n_sample_bins
       case ("coarse_bins"); value = n_coarse_bins
-      case ("base_bits"); value = base_bits          ! of a digit of a sum
+      case ("base_bits"); value = base_bits          ! bits in a digit of a sum
       case ("sample_tails"); value = n_tails         ! the first quantities at lines have tails
       case ("sample_quantities"); value = n_quantities
       case ("max_columns"); value = max_columns      ! of bin counts
@@ -1296,7 +1296,7 @@ contains
       select case (name)
       case ("block_axes"); found = [block_axes]  ! (3, shapes), over the longest [-]
       case ("size_weights"); found = size_weights  ! probabilities of the obstacle sizes of method A
-      case ("ead_energy"); found = ead_energy    ! maximum of the classes of EAD 340059, from class 0 [J]
+      case ("ead_energy"); found = ead_energy    ! maximum of each class of EAD 340059, from class 0 [J]
       case ("sample_units"); found = [units_of]  ! (quantities, 2), at lines and at ends, over their SI unit
       case ("sample_edges")  ! in units; too many for the stack
          deallocate (found)
@@ -1304,7 +1304,7 @@ contains
          do k = 1, size(found)
             found(k) = sample_edge(k)
          end do
-      case ("histogram_bins"); found = n_bins    ! of each histogram, in the order of rockfall_histogram
+      case ("histogram_bins"); found = n_bins    ! number for each histogram, in the order of rockfall_histogram
       case ("histogram_widths"); found = bin_width
       end select
       n = min(room, size(found))
@@ -1312,8 +1312,8 @@ contains
       values(:n) = found(:n)
    end subroutine constants
 
-   !> Names of the columns of rows, of the distributions of volumes, of the quantities of samples, and of items in
-   !> cases: groups of lines, groups that may repeat, strengths of barriers.
+   !> Names of row columns, volume distributions, sample quantities, and case items: groups of lines, groups that may
+   !> repeat, strengths of barriers.
    subroutine fields(rows, text)
       character(len=*), intent(in) :: rows
       character(len=max_list), intent(out) :: text
@@ -1336,7 +1336,7 @@ contains
       end select
    end subroutine fields
 
-   !> Number of threads of a run for a requested number.
+   !> Number of threads used for a requested number.
    subroutine team(threads, size)
       integer(c_int), intent(in) :: threads
       integer(c_int), intent(out) :: size
@@ -1355,7 +1355,7 @@ contains
       call give_error(error, code, message)
    end subroutine team_fits
 
-   !> End idle threads before a fork: the child lacks them, and would wait for them.
+   !> End idle threads before a fork: the child would lack them, and wait for them forever.
    subroutine end_team()
       call release_team()
    end subroutine end_team

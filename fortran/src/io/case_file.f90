@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Case files, with values replaced by the command line.
+!> Case files, with values overridden by the command line.
 module rockfall_case_file
    use rockfall_error, only: error_t, fail
    use rockfall_text_file, only: read_text
@@ -13,7 +13,7 @@ module rockfall_case_file
 
 contains
 
-   !> Read the case in a file, with replaced values for keys of &case ("" = as in the file), its text and keys.
+   !> Read a case file: its text and keys, with overridden values for keys of &case ("" = as in the file).
    subroutine read_case_file(file, boulders, total, seed, threads, text, keys, case, error)
       character(len=*), intent(in) :: file, boulders, total, seed, threads
       character(len=:), allocatable, intent(out) :: text
@@ -43,7 +43,7 @@ contains
       if (.not. allocated(error)) call case_of_keys(keys, file, case, error)
    end subroutine read_case_file
 
-   !> Refuse a case with variants: a scene file is for a single variant.
+   !> Refuse a case with variants, because a scene file is for a single variant.
    pure subroutine check_single(case, error)
       type(case_t), intent(in) :: case
       type(error_t), allocatable, intent(inout) :: error

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Checkpoint of a long run: a part file that is replaced atomically, so that a run killed at any time continues from
-!> the last one. Failure to write it (a full disk) does not end the run.
+!> Checkpoint of a long run: a part file that is replaced atomically, so that a killed run continues from the last
+!> checkpoint. Failure to write it (a full disk) does not end the run.
 module rockfall_checkpoint
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -17,13 +17,13 @@ module rockfall_checkpoint
    public :: checkpoint_t, check_checkpoint, name_checkpoint, remove_checkpoint
 
    type, extends(run_observer_t) :: checkpoint_t
-      character(len=:), allocatable :: output, name  !! of the run, of its checkpoint
+      character(len=:), allocatable :: output, name  !! path of the output; path of its checkpoint
       type(case_t), pointer :: case => null()
-      character(len=:), allocatable :: text         !! of the case, with options of the command line
+      character(len=:), allocatable :: text         !! text of the case, with options of the command line
       type(inputs_t), pointer :: inputs => null()
       real(wp) :: every = 0                         !! [s]; 0 = never
       logical :: resumes = .false., overwrites = .false.  !! as requested
-      type(crossing_store_t) :: store               !! of the crossings of the run
+      type(crossing_store_t) :: store               !! stored crossings of the run
       procedure(say_to), pointer, nopass :: say => null()
       integer(i8), private :: next = 0              !! time of the next save [ticks]
       integer(i8), private :: kept = 0              !! boulders in the last save
@@ -33,7 +33,7 @@ module rockfall_checkpoint
 
 contains
 
-   !> Refuse to overwrite a stopped run without --resume, and a file that is not a checkpoint.
+   !> Refuse to overwrite a stopped run without --resume, or a file that is not a checkpoint.
    subroutine check_checkpoint(name, resume, error)
       character(len=*), intent(in) :: name
       logical, intent(in) :: resume
@@ -50,7 +50,7 @@ contains
       end if
    end subroutine check_checkpoint
 
-   !> Name the checkpoint, if it exists, in the error of a result that could not be written.
+   !> Add the name of the checkpoint, if it exists, to the error of a result that could not be written.
    subroutine name_checkpoint(this, error)
       type(checkpoint_t), intent(in) :: this
       type(error_t), intent(inout) :: error
@@ -59,7 +59,7 @@ contains
                                                   //integer_text(boulders_in(this%name))//" boulders for --resume"
    end subroutine name_checkpoint
 
-   !> Check output and disk, and continue from the file, if it exists. A finished output ends the run without an error.
+   !> Check output and disk, and continue from the checkpoint, if any. A finished output ends the run without an error.
    subroutine on_start(this, run, error)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run
@@ -80,7 +80,7 @@ contains
       this%kept = run%done
    end subroutine on_start
 
-   !> Keep crossings in a file, and save if it is due, or after a signal, which also stops the run.
+   !> Move crossings to a file, and save if a save is due, or after a signal, which also stops the run.
    subroutine on_chunk(this, run, error)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run
@@ -102,7 +102,7 @@ contains
       end if
    end subroutine on_chunk
 
-   !> Save the boulders done, if there are new ones and checkpoints are enabled.
+   !> Save the completed boulders, if any are new and checkpoints are enabled.
    subroutine save(this, run)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run

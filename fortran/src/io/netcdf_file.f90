@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> netCDF-4 files: input is validated before use, output has checksums (Fletcher, by HDF5). After the first failure a
+!> netCDF-4 files: input is validated before use; output has checksums (Fletcher, by HDF5). After the first failure a
 !> file is not accessed again.
 module rockfall_netcdf_file
    use netcdf, only: nf90_open, nf90_create, nf90_close, nf90_nowrite, nf90_netcdf4, nf90_noclobber, nf90_nofill, &
@@ -22,7 +22,7 @@ module rockfall_netcdf_file
    public :: length_of, kind_of, text_of, integers_of, real_of
 
    character(len=*), parameter :: head = char(137)//"HDF"
-   integer, parameter :: cache = int(2*8*piece/2**20)  !! of a variable [MiB], two pieces; by default it has ten
+   integer, parameter :: cache = int(2*8*piece/2**20)  !! cache of a variable [MiB]: two pieces; the default is ten
 
    !> Open file.
    type :: netcdf_file_t
@@ -47,7 +47,7 @@ module rockfall_netcdf_file
       character(len=80) :: units = "", long_name = "", comment = ""
    end type definition_t
 
-   interface  ! values of any type; and texts of NC_STRING, which Python writes for non-ASCII text
+   interface  ! values of any type, and texts of NC_STRING, which Python writes for non-ASCII text
       integer(c_int) function c_put_values(file, variable, start, count, values) bind(c, name="nc_put_vara")
          import :: c_int, c_size_t
          integer(c_int), value :: file, variable
@@ -164,8 +164,8 @@ contains
 
    ! ---- values -------------------------------------------------------------------------------
 
-   !> Write a variable, or read one, which must exist with its type and with axes of these lengths (the first varies
-   !> fastest), in a file large enough to hold it. The complete variable, or one layer along the last axis.
+   !> Transfer a variable: write it, or read it if it exists with this type, with axes of these lengths (the first
+   !> varies fastest), in a file large enough to hold it. Transfers all values, or one layer along the last axis.
    subroutine transfer(file, definition, axes, values, layer)
       type(netcdf_file_t), intent(inout) :: file
       type(definition_t), intent(in) :: definition
@@ -208,7 +208,7 @@ contains
       if (is_ok(file)) id = variable(file, definition, axes)
    end subroutine define
 
-   !> Write n rows of a variable of one dimension, after the first ones.
+   !> Write n rows of a one-dimensional variable, after the first rows.
    subroutine write_rows(file, name, first, n, values)
       type(netcdf_file_t), intent(inout) :: file
       character(len=*), intent(in) :: name
@@ -221,7 +221,7 @@ contains
       if (is_ok(file)) call record_status(file, c_put_values(file%id, id - 1, [first], [n], values))
    end subroutine write_rows
 
-   !> Mark the file as damaged if a variable does not have this type and these axes.
+   !> Mark the file as damaged unless a variable has this type and these axes.
    subroutine check_shape(file, definition, axes)
       type(netcdf_file_t), intent(inout) :: file
       type(definition_t), intent(in) :: definition
@@ -277,7 +277,7 @@ contains
       end select
    end function variable
 
-   !> Id of a dimension, which is defined if new.
+   !> Id of a dimension; a new dimension is defined.
    integer function dimension(file, axis) result(id)
       type(netcdf_file_t), intent(inout) :: file
       type(axis_t), intent(in) :: axis

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Part file (docs/part_file.md): results of some boulders of a run, with tallies that add up. Checkpoints, results of
-!> shards and results of this program are part files; `rockfall` reads and writes them too.
+!> Part file (docs/part_file.md): results of a range of a run's boulders, with additive tallies. Checkpoints, and
+!> results of shards and of this program, are part files, which `rockfall` also reads and writes.
 module rockfall_part_file
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
@@ -34,19 +34,19 @@ module rockfall_part_file
    private
    public :: write_part, read_part, is_finished, row_bytes, boulders_in
 
-   character(len=*), parameter :: types(*) = ["i1", "i4", "i8", "f4", "f8"]  !! as in `stored_as`
+   character(len=*), parameter :: types(*) = ["i1", "i4", "i8", "f4", "f8"]  !! names of types in `stored_as`
    integer, parameter :: kinds(*) = [nf90_byte, nf90_int, nf90_int64, nf90_float, nf90_double]
 
 contains
 
-   !> Write the boulders done to a file, complete and on disk before it gets its name, by way of `part`.
+   !> Write the completed boulders to a file by way of `part`; the file gets its name once it is complete and on disk.
    subroutine write_part(name, part, case, text, inputs, run, store, error)
       character(len=*), intent(in) :: name, part
       type(case_t), intent(in) :: case
-      character(len=*), intent(in) :: text  !! of the case, with options of the command line
+      character(len=*), intent(in) :: text  !! text of the case, with options of the command line
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout), target :: run
-      type(crossing_store_t), intent(in) :: store  !! of its first crossings
+      type(crossing_store_t), intent(in) :: store  !! store with the first crossings
       type(error_t), allocatable, intent(out) :: error
       type(netcdf_file_t) :: file
       type(part_t), target :: packed
@@ -201,7 +201,7 @@ contains
       end associate
    end function described
 
-   !> Transfer all arrays of a part, and the rows of the boulders done; crossings follow `before` others.
+   !> Transfer all arrays of a part, and the rows of the completed boulders; crossings follow `before` others.
    subroutine pass_arrays(file, run, part, before)
       type(netcdf_file_t), intent(inout) :: file
       type(run_t), intent(in), target :: run
@@ -246,7 +246,7 @@ contains
       end do
    end subroutine write_blocks
 
-   !> Transfer an array; for rows only the first ones, for crossings after others.
+   !> Transfer an array: only the first `rows` rows of boulders; crossings after the first `before`.
    subroutine pass_array(file, row, rows, before)
       type(netcdf_file_t), intent(inout) :: file
       type(array_t), intent(in) :: row
@@ -316,7 +316,7 @@ contains
 
    ! ---- read ---------------------------------------------------------------------------------
 
-   !> Number of boulders in a file of this layout; -1 if it is not such a file.
+   !> Number of boulders in a file with this layout; -1 if the file has another format.
    integer(i8) function boulders_in(name) result(n)
       character(len=*), intent(in) :: name
       type(netcdf_file_t) :: file
@@ -337,7 +337,7 @@ contains
       value = sum(integers_of(file, name, 1))
    end function integer_of
 
-   !> Return whether a file is a part with all boulders of a run and none of them done.
+   !> Return whether a file is a part with all boulders of a run, but none completed.
    logical function is_finished(name, inputs, run)
       character(len=*), intent(in) :: name
       type(inputs_t), intent(in) :: inputs
@@ -397,7 +397,7 @@ contains
       length%crossings = length_of(file, "crossing")
    end function lengths_of
 
-   !> Check that the file belongs to this run, and that its boulders are the first of this run.
+   !> Check that the file belongs to this run, and that its boulders are the first of the run.
    subroutine check_run(file, inputs, run, error)
       type(netcdf_file_t), intent(inout) :: file
       type(inputs_t), intent(in) :: inputs

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Scene file, written by `rockfall prepare` or another tool (docs/files.md): all input of a scene in addition to its
-!> case. Validates everything on which the kernel relies.
+!> Scene file, written by `rockfall prepare` or another tool (docs/files.md): all input of a scene except its case.
+!> Validates everything on which the kernel relies.
 module rockfall_scene_file
    use, intrinsic :: iso_c_binding, only: c_loc, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
@@ -30,27 +30,27 @@ module rockfall_scene_file
    private
    public :: inputs_t, read_scene
 
-   !> Scene with the input from which it was built. Arrays to which it refers stay in memory.
+   !> Scene with the input from which it was built. Arrays that it refers to stay in memory.
    type :: inputs_t
       type(scene_t) :: scene
       type(scene_arrays_t) :: arrays
-      type(namelist_t) :: keys                 !! of the case
-      type(netcdf_file_t) :: file              !! open: its `crs` is copied to results
-      integer :: crs = -1                      !! id of that variable
+      type(namelist_t) :: keys                 !! keys of the case
+      type(netcdf_file_t) :: file              !! open file, whose `crs` is copied to results
+      integer :: crs = -1                      !! id of the variable `crs`
       type(axis_t) :: cells(2)                 !! x, y
-      integer :: sizes = 1                     !! of the rocks of a material; 3 by method A
+      integer :: sizes = 1                     !! rock sizes per material; 3 by method A
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
-      character(len=:), allocatable :: feature_names  !! of the layer of sources, one line each
-      character(len=:), allocatable :: input_warnings, dams, stands  !! JSON, for the result; "" if absent in the file
+      character(len=:), allocatable :: feature_names  !! features in the layer of sources, one line each
+      character(len=:), allocatable :: input_warnings, dams, stands  !! JSON for the result; "" if absent in the file
    end type inputs_t
 
 contains
 
-   !> Read the scene of a case from the file prepared for it.
+   !> Read the scene of a case from the prepared file.
    subroutine read_scene(name, case, keys, inputs, error)
       character(len=*), intent(in) :: name
       type(case_t), intent(in) :: case
-      type(namelist_t), intent(in) :: keys  !! of the case
+      type(namelist_t), intent(in) :: keys  !! keys of the case
       type(inputs_t), intent(out) :: inputs
       type(error_t), allocatable, intent(out) :: error
 
@@ -74,7 +74,7 @@ contains
       call build_scene_of_case(case, inputs%arrays, inputs%scene, error)
    end subroutine read_scene
 
-   !> Check that the file is a scene file, prepared for this case.
+   !> Check that the file is a scene file prepared for this case.
    subroutine check_case(inputs, case, error)
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
@@ -148,7 +148,7 @@ contains
       if (is_place) is_place = abs(value) <= max_real
    end function is_place
 
-   !> Read elevations in the precision of the file; some must exist.
+   !> Read elevations in the file's precision; at least one must exist.
    subroutine read_elevations(inputs)
       type(inputs_t), intent(inout) :: inputs
       integer :: j
@@ -169,7 +169,7 @@ contains
       end associate
    end subroutine read_elevations
 
-   !> Read an array, as in the table of arrays, and pass it to the scene.
+   !> Read an array of the table of arrays, and pass it to the scene.
    subroutine take(inputs, name, positive)
       type(inputs_t), intent(inout) :: inputs
       character(len=*), intent(in) :: name
@@ -206,7 +206,7 @@ contains
       if (.not. is_borrowed(name)) deallocate (block)
    end subroutine take
 
-   !> Axes of an array, the one that varies fastest first, with the lengths that the kernel expects or the file has.
+   !> Axes of an array, fastest first, with the lengths that the kernel expects or the file has.
    function axes_of(inputs, dimensions) result(axes)
       type(inputs_t), intent(in) :: inputs
       character(len=*), intent(in) :: dimensions
@@ -231,7 +231,7 @@ contains
       end do
    end function axes_of
 
-   !> Elevations of a row; NaN for no data.
+   !> Elevations of a row; NaN where there is no data.
    pure function row_of(inputs, j) result(z)
       type(inputs_t), intent(in) :: inputs
       integer, intent(in) :: j
@@ -252,7 +252,7 @@ contains
       mask = .not. ieee_is_nan(row_of(inputs, j))
    end function is_known
 
-   !> Read ground types, if not only the case's impact sets apply; everywhere, or by material or cell.
+   !> Read ground types, unless only the case's impact sets apply: one everywhere, or by material or cell.
    subroutine read_grounds(inputs)
       type(inputs_t), intent(inout) :: inputs
       integer, allocatable :: index(:)
@@ -288,7 +288,7 @@ contains
       end associate
    end subroutine read_grounds
 
-   !> Read the tables of impacts of the grounds; their arrays are checked with the scene.
+   !> Read the tables of impacts of the grounds; their arrays are checked together with the scene.
    subroutine read_tables(inputs)
       type(inputs_t), intent(inout) :: inputs
 
@@ -303,7 +303,7 @@ contains
       call take(inputs, "table_record")
    end subroutine read_tables
 
-   !> Read the ground of each shape on each ground of the cells, which come first among all `n`.
+   !> Read the ground for each shape on each cell ground; cell grounds come first among all `n`.
    subroutine read_shape_grounds(inputs, n)
       type(inputs_t), intent(inout) :: inputs
       integer, intent(in) :: n
@@ -319,7 +319,7 @@ contains
       end associate
    end subroutine read_shape_grounds
 
-   !> Read the texts of the grounds, concatenated in the file, with their names.
+   !> Read the texts of the grounds, which the file concatenates, with their names.
    subroutine take_texts(inputs)
       type(inputs_t), intent(inout) :: inputs
 
@@ -331,8 +331,8 @@ contains
       end associate
    end subroutine take_texts
 
-   !> Read the surface: zones and their sizes, or sizes per cell, or one size. On known terrain sizes are positive
-   !> (infinite: absorbing), or zero if some ground has no rocks.
+   !> Read the surface: zones and their sizes, sizes per cell, or one size. On known terrain sizes must be positive
+   !> (infinite: absorbing), or may be zero if some ground has no rocks.
    subroutine read_surface(inputs, case)
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case
@@ -368,7 +368,7 @@ contains
       if (allocated(inputs%arrays%ground_length) .and. .not. ieee_is_nan(value)) is_size = value >= 0
    end function is_size
 
-   !> Return whether a value is positive; also for NaN, whose comparison could raise a trapped exception.
+   !> Return whether a value is positive; safe for NaN, whose comparison could raise a trapped exception.
    elemental logical function above_zero(value)
       real(wp), intent(in) :: value
 
@@ -483,7 +483,7 @@ contains
       end associate
    end subroutine read_trees
 
-   !> Read a text of any length, stored one letter per element, and an attribute of it.
+   !> Read a text of any length, stored one letter per element, and one of its attributes.
    subroutine read_letters(file, name, text, attribute, attribute_name)
       type(netcdf_file_t), intent(inout) :: file
       character(len=*), intent(in) :: name

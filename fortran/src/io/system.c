@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* POSIX functions that Fortran lacks: signals, locks, durable files. The variables are those of signal handlers, which
+/* POSIX functions that Fortran lacks: signals, locks, durable files. The variables are for signal handlers, which
    cannot be passed any. */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -55,7 +55,7 @@ void rockfall_start(void)
 {
     int file;
 
-    setenv("HDF5_USE_FILE_LOCKING", "FALSE", 0); /* it fails where there are no locks, and we need none of its */
+    setenv("HDF5_USE_FILE_LOCKING", "FALSE", 0); /* fails without file locks, which rockfall does not need */
     while ((file = open("/dev/null", O_RDWR)) >= 0 && file <= STDERR_FILENO)
         ;
     if (file > STDERR_FILENO)
@@ -71,7 +71,7 @@ int rockfall_status(void)
     return status;
 }
 
-/* Print this message if HDF5 crashes, as it does on some damaged files; "": no longer. */
+/* Set the message that is printed if HDF5 crashes, as it does on some damaged files; "": none. */
 void rockfall_on_crash(const char *message)
 {
     const int crashes[] = {SIGABRT, SIGBUS, SIGFPE, SIGSEGV};
@@ -87,7 +87,7 @@ static int same(const struct stat *a, const struct stat *b)
     return a->st_dev == b->st_dev && a->st_ino == b->st_ino;
 }
 
-/* Whether two paths lead to the same file. */
+/* Return whether two paths lead to the same file. */
 int rockfall_same(const char *a, const char *b)
 {
     struct stat of_a, of_b;
@@ -102,7 +102,7 @@ int rockfall_is_folder(const char *path)
     return stat(path, &found) == 0 && S_ISDIR(found.st_mode);
 }
 
-/* Whether a path leads to a file, not a pipe or a device: opening a pipe would block until there is a writer. */
+/* Return whether a path leads to a file, not a pipe or device: opening a pipe would block until it has a writer. */
 int rockfall_is_regular(const char *path)
 {
     struct stat found;
@@ -110,7 +110,7 @@ int rockfall_is_regular(const char *path)
     return stat(path, &found) == 0 && S_ISREG(found.st_mode);
 }
 
-/* Lock out other processes by an empty file. The system releases the lock however the process ends. */
+/* Lock out other processes with an empty file. The system releases the lock however the process ends. */
 int rockfall_lock(const char *path)
 {
     struct stat named, opened;
@@ -147,7 +147,7 @@ void rockfall_unlock(void)
     close(lock_file);
 }
 
-/* Whether the disk can hold a file of this size, which is created and removed. Where the system can reserve space,
+/* Return whether the disk can hold a file of this size (created and removed). If the system can reserve space,
    quotas and `ulimit -f` count too. */
 int rockfall_disk_holds(const char *path, int64_t bytes)
 {
@@ -155,7 +155,7 @@ int rockfall_disk_holds(const char *path, int64_t bytes)
     int file = open(path, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW, 0600), full = 0;
 
     if (file < 0)
-        return 1; /* for others to report */
+        return 1; /* other errors are reported when the file is written */
 #if defined(__linux__)
     full = fallocate(file, 0, 0, bytes) != 0 && (errno == ENOSPC || errno == EDQUOT || errno == EFBIG);
 #endif
@@ -183,11 +183,11 @@ int rockfall_replace(const char *from, const char *to, const char *folder)
 {
     if (!sync_path(from) || rename(from, to) != 0)
         return 0;
-    sync_path(folder); /* which some file systems refuse */
+    sync_path(folder); /* some file systems refuse this */
     return 1;
 }
 
-/* Character other than '/' that separates folders in paths, if there is one. */
+/* Separator of folders in paths besides '/', if there is one. */
 char rockfall_separator(void)
 {
     return '/';

@@ -56,7 +56,7 @@ module rockfall_system
          import :: c_char, c_int
          character(kind=c_char), intent(in) :: a(*), b(*)
       end function c_same
-      !> Second separator of folders, if the system has one besides "/", else "/".
+      !> Second separator of folders, if the system has one in addition to "/", else "/".
       pure character(kind=c_char) function other_separator() bind(c, name="rockfall_separator")
          import :: c_char
       end function other_separator
@@ -73,7 +73,7 @@ module rockfall_system
 
 contains
 
-   !> Attribute crashes to a file until `end_reading`.
+   !> Attribute crashes to a file, until `end_reading`.
    subroutine begin_reading(name)
       character(len=*), intent(in) :: name
 
@@ -84,7 +84,7 @@ contains
       call c_on_crash(c_null_char)
    end subroutine end_reading
 
-   !> Lock out other processes, also those of `rockfall run`, from an output by a file next to it.
+   !> Lock an output by a file next to it against other processes, including `rockfall run`.
    subroutine take_lock(name, say, error)
       character(len=*), intent(in) :: name
       procedure(say_to) :: say
@@ -116,7 +116,7 @@ contains
       replace_file = c_replace(from//c_null_char, to//c_null_char, folder_of(to)//"."//c_null_char) /= 0
    end function replace_file
 
-   !> Refuse an output in a folder without permission to write, or that cannot rename a file over another.
+   !> Refuse an output in a folder without write permission, or that cannot rename a file over another.
    subroutine check_place(name, error)
       character(len=*), intent(in) :: name
       type(error_t), allocatable, intent(out) :: error
@@ -146,7 +146,7 @@ contains
       if (make_empty) close (unit, iostat=status)
    end function make_empty
 
-   !> Refuse an output of at least this size [bytes] that the disk of its folder cannot hold.
+   !> Refuse an output of at least this size [bytes] if the disk of its folder cannot hold it.
    subroutine check_space(name, bytes, error)
       character(len=*), intent(in) :: name
       integer(c_int64_t), intent(in) :: bytes

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What system.c has, on Windows. Paths are in the code page of the process. */
+/* Counterpart of system.c on Windows. Paths are in the code page of the process. */
 #include <fcntl.h>
 #include <io.h>
 #include <signal.h>
@@ -17,7 +17,7 @@ static char last_words[4096];    /* message in case of a crash */
 static char lock[4096];          /* lock file of this process; "" for none */
 static int lock_file = -1;
 
-/* Record the first Ctrl-C, Ctrl-Break or closed window, in a thread of its own; a second one ends the process. */
+/* Record the first Ctrl-C, Ctrl-Break or closed window in a separate thread; a second one ends the process. */
 static BOOL WINAPI take_event(DWORD event)
 {
     LONG code = event == CTRL_C_EVENT ? 130 : 143;
@@ -65,7 +65,7 @@ void rockfall_on_crash(const char *message)
         signal(crashes[k], message[0] == '\0' ? SIG_DFL : take_crash);
 }
 
-/* Find volume and number of a file or folder; return whether it exists. */
+/* Find the volume and number of a file or folder; return whether it exists. */
 static int identify(const char *path, BY_HANDLE_FILE_INFORMATION *found)
 {
     HANDLE file = CreateFileA(path, 0, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL, OPEN_EXISTING,
@@ -87,7 +87,7 @@ int rockfall_same(const char *a, const char *b)
            of_a.nFileIndexHigh == of_b.nFileIndexHigh && of_a.nFileIndexLow == of_b.nFileIndexLow;
 }
 
-/* Windows takes "file/." for the file: to ask for that, as for "folder/.", tells nothing. */
+/* Windows accepts "file/." like "folder/.", so asking for such a path proves nothing. */
 int rockfall_is_folder(const char *path)
 {
     DWORD found = GetFileAttributesA(path);
@@ -130,7 +130,7 @@ void rockfall_unlock(void)
     lock[0] = '\0';
 }
 
-/* Whether the disk of a path has this much left; 1 where it is not known. */
+/* Return whether the disk of a path has this much free space; 1 if unknown. */
 int rockfall_disk_holds(const char *path, int64_t bytes)
 {
     char folder[4096], *name = NULL;
@@ -142,12 +142,12 @@ int rockfall_disk_holds(const char *path, int64_t bytes)
     return !GetDiskFreeSpaceExA(folder, &left, NULL, NULL) || left.QuadPart >= (ULONGLONG)bytes;
 }
 
-/* Try for a second: virus scanners and backups hold new files open. */
+/* Retry for a second: virus scanners and backups hold new files open. */
 int rockfall_replace(const char *from, const char *to, const char *folder)
 {
     int file = _open(from, _O_RDWR), ok, tries;
 
-    (void)folder; /* its names are on disk with those of the file system */
+    (void)folder; /* the file system writes names together with files */
     if (file < 0)
         return 0;
     ok = _commit(file) == 0;
@@ -160,7 +160,7 @@ int rockfall_replace(const char *from, const char *to, const char *folder)
     return 0;
 }
 
-/* Character other than '/' that separates folders in paths, if there is one. */
+/* Separator of folders in paths besides '/', if there is one. */
 char rockfall_separator(void)
 {
     return '\\';

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Flights of several boulders at a time. In each round all flights cross their current patch; those that end are
+!> Flights of several boulders at a time. In each round all flights cross their current patch; flights that end are
 !> removed, and the last ones take their places. Each flight performs the operations of `fly` in the same order, so
 !> results are bitwise identical.
 !>
@@ -23,16 +23,16 @@ module rockfall_flights
    integer, parameter :: lanes = 136
    integer, parameter :: width = 4   !! flights per instruction on the widest processors
 
-   !> Cell that each flight leaves.
+   !> State of each flight on leaving a cell.
    type :: cell_t
       real(wp), dimension(lanes) :: i = 0, j = 0     !! next cell, as in axis_t [-]
       real(wp), dimension(lanes) :: left_cell = 0    !! leaves the cell: 1 or 0
-      real(wp), dimension(lanes) :: until = 0        !! time of leaving it [s]
+      real(wp), dimension(lanes) :: until = 0        !! time at which the flight leaves the cell [s]
       real(wp), dimension(lanes) :: speed2 = 0       !! maximum squared speed over the cell [m2/s2]
       real(wp), dimension(lanes) :: top = 0          !! maximum height over the cell [m]
    end type cell_t
 
-   !> Flights in the air. Lanes are not cleared when they become free.
+   !> Flights in the air. Lanes keep their values when they become free.
    type :: flights_t
       integer :: n = 0
       integer :: n_started = 0                                        !! flights that have already been started
@@ -41,25 +41,25 @@ module rockfall_flights
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0               !! start [m]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0            !! velocity at the start [m/s]
       real(wp), dimension(lanes) :: inverse1 = 0, inverse2 = 0        !! inverse speeds [s/m]
-      real(wp), dimension(lanes) :: i = 0, j = 0                      !! the patch [-]
+      real(wp), dimension(lanes) :: i = 0, j = 0                      !! indices of the patch [-]
       real(wp), dimension(lanes) :: z00 = 0, a = 0, b = 0, c = 0      !! as in patch_t [m]
       real(wp), dimension(lanes) :: t = 0, d0 = 0, d1 = 0             !! since the start [s]; height [m], its rate [m/s]
       real(wp), dimension(lanes) :: jump_height = 0                   !! maximum so far [m]
-      real(wp), dimension(lanes) :: next_i = 0, next_j = 0            !! the next patch [-]
-      real(wp), dimension(lanes) :: next_t = 0                        !! time of entering it, or of the contact [s]
+      real(wp), dimension(lanes) :: next_i = 0, next_j = 0            !! indices of the next patch [-]
+      real(wp), dimension(lanes) :: next_t = 0                        !! time of entry to it, or of contact [s]
       real(wp), dimension(lanes) :: contact = 0                       !! 1 or 0
       real(wp), dimension(lanes) :: known = 1                         !! the next patch is known: 1 or 0
-      real(wp), dimension(lanes) :: z10 = 0, z01 = 0, z11 = 0         !! its other corners [m]
+      real(wp), dimension(lanes) :: z10 = 0, z01 = 0, z11 = 0         !! other corners of the next patch [m]
       real(wp), dimension(lanes) :: at = 1                            !! index of its south-western corner
-      ! Only if cells are recorded:
+      ! Only used if cells are recorded:
       real(wp), dimension(lanes) :: d2 = 0, end = 0                   !! [m2/s2]; end of the span over the patch [s]
       real(wp), dimension(lanes) :: cell_i = 0, cell_j = 0            !! current cell, as in axis_t [-]
-      real(wp), dimension(lanes) :: v3_in = 0                         !! vertical speed on entering it [m/s]
+      real(wp), dimension(lanes) :: v3_in = 0                         !! vertical speed on entry to the cell [m/s]
       real(wp), dimension(lanes) :: top = 0                           !! maximum height over the cell so far [m]
       type(cell_t) :: left(2)                                         !! up to two cells left over the patch
-      real(wp), dimension(lanes) :: speed2 = 0                        !! as in cell_t, for the cell after these
-      ! Only if flights may meet obstacles:
-      type(flight_t), allocatable :: start(:)                         !! of each lane, without its heading
+      real(wp), dimension(lanes) :: speed2 = 0                        !! as in cell_t, for the cell after those left
+      ! Only used if flights may meet obstacles:
+      type(flight_t), allocatable :: start(:)                         !! start of each flight, without its heading
    end type flights_t
 
    !> Flights that have ended.
@@ -70,11 +70,11 @@ module rockfall_flights
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0            !! velocity at the start [m/s]
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0               !! end [m]
       real(wp), dimension(lanes) :: time = 0                          !! flight time [s]
-      real(wp), dimension(lanes) :: i = 0, j = 0                      !! the patch [-]
+      real(wp), dimension(lanes) :: i = 0, j = 0                      !! indices of the patch [-]
       real(wp), dimension(lanes) :: z00 = 0, a = 0, b = 0, c = 0      !! as in patch_t; 0 without a contact [m]
-      real(wp), dimension(lanes) :: u = 0, w = 0                      !! position in it, 0..1 [cells]
+      real(wp), dimension(lanes) :: u = 0, w = 0                      !! position in the patch, 0..1 [cells]
       real(wp), dimension(lanes) :: jump_height = 0                   !! maximum [m]
-      real(wp), dimension(lanes) :: contact = 0                       !! 1, or 0: it left the domain
+      real(wp), dimension(lanes) :: contact = 0                       !! 1: contact; 0: it left the domain
    end type landings_t
 
    interface
@@ -82,7 +82,7 @@ module rockfall_flights
       subroutine read_corners(n, at, row, z, z00, z10, z01, z11) bind(c, name="rockfall_read_corners")
          import :: c_int, c_int64_t, c_double, c_float
          integer(c_int), value :: n
-         real(c_double), intent(in) :: at(*)      !! index of the south-western one, up to a multiple of `width`
+         real(c_double), intent(in) :: at(*)      !! index of each south-western corner, up to a multiple of `width`
          integer(c_int64_t), value :: row         !! columns of the raster
          real(c_float), intent(in) :: z(*)        !! elevations [m]
          real(c_double), dimension(*), intent(inout) :: z00, z10, z01, z11  !! [m]
@@ -146,13 +146,13 @@ contains
       f%c(n) = l%c(k)
    end subroutine take_off_again
 
-   !> Add the next flight of a boulder from another point, or above it.
+   !> Add the next flight of a boulder, which starts from another point, or above it.
    subroutine take_off_from(f, l, k, x, y, z, i, j, z00, a, b, c, above, v1, v2, v3, rate)
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k
       real(wp), intent(in) :: x, y, z            !! on a patch [m]
-      real(wp), intent(in) :: i, j, z00, a, b, c !! the patch, as in patch_t [-], [m]
+      real(wp), intent(in) :: i, j, z00, a, b, c !! patch, as in patch_t [-], [m]
       real(wp), intent(in) :: above              !! height above the patch [m]
       real(wp), intent(in) :: v1, v2, v3, rate   !! [m/s]
 
@@ -169,7 +169,7 @@ contains
       f%c(f%n) = c
    end subroutine take_off_from
 
-   !> Set the patch that a flight is over.
+   !> Set the patch below a flight.
    subroutine set_patch(f, k, patch)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: k
@@ -188,10 +188,10 @@ contains
    subroutine fly_to_landings(dem, gravity, w, f, l, scratch)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity                 !! [m/s2]
-      real(wp), intent(in) :: w(:)                    !! W of each lane [m/s]
+      real(wp), intent(in) :: w(:)                    !! W of each lane's boulder [m/s]
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(inout) :: l
-      type(scratch_t), intent(inout) :: scratch(:)    !! of each lane
+      type(scratch_t), intent(inout) :: scratch(:)    !! work space of each lane
 
       if (scratch(1)%heights_requested) then
          call fly_patches(dem, gravity, w, f, l, scratch, .true., .true.)
@@ -211,7 +211,7 @@ contains
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(inout) :: l
       type(scratch_t), intent(inout) :: scratch(:)
-      logical, value :: cells, heights  !! record the cells, and the heights over them
+      logical, value :: cells, heights  !! record the cells; record the heights over them
 
       call start_flights(f, dem, scratch, cells)
       l%n = 0
@@ -302,8 +302,8 @@ contains
       end do
    end subroutine cross_patches
 
-   !> Leave up to two cells over the patch: each axis has one cell boundary, in the middle of the patch. Records the
-   !> same values of the cells as `visit_path`.
+   !> Leave up to two cells over the patch, which has one cell boundary along each axis, in its middle. Records the
+   !> same cell values as `visit_path`.
    subroutine leave_cells(f, gravity, cell, heights)
       type(flights_t), intent(inout) :: f
       real(wp), intent(in) :: gravity, cell  !! [m/s2], [m]
@@ -348,7 +348,7 @@ contains
          left_second = f%left(2)%left_cell(k)
          top = f%top(k)
          top1 = max(top, max_height(f%d0(k), f%d1(k), f%d2(k), 0.0_wp, min(first, end) - t))
-         top1 = merge(top1, top, first > t)  ! otherwise it left the cell at the end of the previous patch
+         top1 = merge(top1, top, first > t)  ! otherwise the flight left the cell at the end of the previous patch
          top2 = max(0.0_wp, max_height(f%d0(k), f%d1(k), f%d2(k), max(first, t) - t, min(second, end) - t))
          top3 = max(0.0_wp, max_height(f%d0(k), f%d1(k), f%d2(k), max(second, t) - t, end - t))
          f%left(1)%top(k) = top1
@@ -358,7 +358,7 @@ contains
       end do
    end subroutine leave_cells
 
-   !> Leave the current cell of a flight if that happens before a given time.
+   !> Leave the current cell of a flight if the flight leaves it before a given time.
    elemental subroutine leave_cell(x, y, inverse1, inverse2, cell, plan2, v3, gravity, end, i, j, v3_in, left_cell, &
                                    until, speed2)
       real(wp), intent(in) :: x, y                !! start of the flight [m]
@@ -367,9 +367,9 @@ contains
       real(wp), intent(in) :: plan2               !! squared speed in plan [m2/s2]
       real(wp), intent(in) :: v3                  !! vertical speed at the start [m/s]
       real(wp), intent(in) :: gravity             !! [m/s2]
-      real(wp), intent(in) :: end                 !! the given time, since the start [s]
-      real(wp), intent(inout) :: i, j             !! the cell, as in axis_t [-]
-      real(wp), intent(inout) :: v3_in            !! vertical speed on entering it [m/s]
+      real(wp), intent(in) :: end                 !! given time, since the start [s]
+      real(wp), intent(inout) :: i, j             !! indices of the cell, as in axis_t [-]
+      real(wp), intent(inout) :: v3_in            !! vertical speed on entry to the cell [m/s]
       real(wp), intent(inout) :: left_cell        !! leaves the cell: 1 or 0
       real(wp), intent(out) :: until              !! time of leaving, since the start [s]
       real(wp), intent(out) :: speed2             !! maximum squared speed over the cell [m2/s2]
@@ -395,7 +395,7 @@ contains
       type(cell_t), intent(in) :: left
       type(flights_t), intent(in) :: f
       integer, intent(in) :: ny        !! rows of the raster
-      real(wp), intent(in) :: w(:)     !! W of each lane [m/s]
+      real(wp), intent(in) :: w(:)     !! W of each lane's boulder [m/s]
       type(scratch_t), intent(inout) :: scratch(:)
       integer :: flight(lanes + 1), n, k, m
 
@@ -426,7 +426,7 @@ contains
 
       plan2 = f%v1(k)*f%v1(k) + f%v2(k)*f%v2(k)
       left_cell = max(f%left(2)%left_cell(k), 1 - contact)  ! else `leave_cells` found the last one
-      do while (left_cell > 0)  ! it may have left cells in which it spent no time
+      do while (left_cell > 0)  ! the flight may have left cells in which it spent no time
          call leave_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), dem%cell, plan2, f%v3(k), gravity, f%next_t(k), &
                          f%cell_i(k), f%cell_j(k), f%v3_in(k), left_cell, until, speed2)
          if (.not. left_cell > 0) exit
@@ -437,7 +437,7 @@ contains
       call raise_values(scratch%visits, f%speed2(k), inertia_factor*w**2, f%top(k))
    end subroutine record_last_cell
 
-   !> Remove the flights that reach the ground on their patch.
+   !> Remove the flights that meet the ground on their patch.
    subroutine remove_landed(dem, gravity, w, f, l, scratch, cells)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity, w(:)
@@ -482,7 +482,7 @@ contains
       end do
    end subroutine remove_departed
 
-   !> Store the end of a flight; the last flight takes its place.
+   !> Store the end of a flight; the last flight takes its lane.
    subroutine remove_flight(k, contact, dem, gravity, w, f, l, scratch, cells)
       integer, intent(in) :: k
       real(wp), intent(in) :: contact  !! as in landings_t
@@ -499,7 +499,7 @@ contains
       f%n = f%n - 1
    end subroutine remove_flight
 
-   !> Move a flight between two patches to another place.
+   !> Move a flight between two patches to another lane.
    subroutine move_flight(f, from, to, cells)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: from, to
@@ -526,7 +526,7 @@ contains
       f%top(to) = f%top(from)
    end subroutine move_flight
 
-   !> Move the patch of a flight to another place, and the height above it.
+   !> Move a flight's patch, and its height above that patch, to another lane.
    subroutine move_patch(f, from, to)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: from, to
@@ -570,7 +570,7 @@ contains
       l%contact(n) = contact
    end subroutine set_landing
 
-   !> Enter the next patches: read them, and find the heights above them.
+   !> Enter the next patches: read them, and find the heights of the flights above them.
    subroutine enter_patches(dem, gravity, f)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity  !! [m/s2]
@@ -595,10 +595,10 @@ contains
    subroutine read_next_corners(dem, n, next_i, next_j, known, at, z00, z10, z01, z11)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: n                                        !! number of patches
-      real(wp), dimension(lanes), intent(in) :: next_i, next_j        !! these [-]
-      real(wp), dimension(lanes), intent(inout) :: known              !! in the window: 1 or 0
+      real(wp), dimension(lanes), intent(in) :: next_i, next_j        !! indices of the patches [-]
+      real(wp), dimension(lanes), intent(inout) :: known              !! the patch is in the window: 1 or 0
       real(wp), dimension(lanes), intent(inout) :: at                 !! as in flights_t
-      real(wp), dimension(lanes), intent(inout) :: z00, z10, z01, z11 !! their corners [m]
+      real(wp), dimension(lanes), intent(inout) :: z00, z10, z01, z11 !! corners of the patches [m]
       real(wp), pointer, contiguous :: z8(:)
       real(wp) :: low(2), high(2), first(2), columns, inside, i, j
       integer(i8) :: row, corner
@@ -664,7 +664,7 @@ contains
       end do
    end subroutine place_landings
 
-   !> Return the start of a flight that has ended, without its height above the ground and its heading.
+   !> Return the start of a flight that has ended, without its height above the ground and heading.
    pure type(flight_t) function flight_of(l, k) result(flight)
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k

@@ -20,7 +20,7 @@ static __m256i whole(uint64_t value)
     return _mm256_set1_epi64x((int64_t)value);
 }
 
-/* Standard normal numbers of four words. The coefficients of a piece are neighbours: rows that are transposed. */
+/* Standard normal numbers from four words. The coefficients of a piece are contiguous, as rows that are transposed. */
 static __m256d normals(const double *table, __m256i word)
 {
     const __m256d two52 = _mm256_set1_pd(4503599627370496.0), sign = _mm256_set1_pd(-0.0);
@@ -53,7 +53,7 @@ static __m256d normals(const double *table, __m256i word)
     return _mm256_or_pd(_mm256_andnot_pd(sign, sum), _mm256_and_pd(sign, side));
 }
 #else
-/* Standard normal number of a word. */
+/* Standard normal number from a word. */
 static double normal(const double *table, uint64_t word)
 {
     const double side = 2 * (double)(int64_t)word + (1 - TWO32);
@@ -83,7 +83,7 @@ void impact_numbers(const uint64_t round[ROUNDS][2], const double *table, int wi
         __m256i c0 = _mm256_loadu_si256((const __m256i *)(boulder + k)), c1 = _mm256_srli_epi64(c0, 32);
         __m256i c2 = _mm256_loadu_si256((const __m256i *)(impact + k)), c3 = whole(last);
 
-        for (int r = 0; r < ROUNDS; r++) { /* only the lower halves count */
+        for (int r = 0; r < ROUNDS; r++) { /* only the lower halves matter */
             const __m256i p0 = _mm256_mul_epu32(c0, whole(M0)), p1 = _mm256_mul_epu32(c2, whole(M1));
 
             c0 = _mm256_xor_si256(_mm256_xor_si256(_mm256_srli_epi64(p1, 32), c1), whole(round[r][0]));

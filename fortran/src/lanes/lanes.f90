@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Boulders in lanes: a thread advances a pool of boulders from contact to contact. Landed boulders are processed
-!> together in loops over their common operations; then they rejoin those still in the air. Each boulder goes through
+!> Boulders in lanes: a thread advances a pool of boulders from contact to contact. Loops over all landed boulders
+!> perform their common operations; then these boulders rejoin those in the air. Each boulder goes through
 !> the operations of `trace` in the same order, so results are bitwise identical.
 !>
 !> Compiled three times: for any processor; as the module rockfall_wide_lanes for AVX2; as rockfall_masked_lanes for
@@ -48,17 +48,17 @@ module rockfall_lanes
    integer, parameter :: lanes_with_visits = 64
    !> Number of inadmissible draws below which redrawing one by one is faster.
    integer, parameter :: few = 2
-   integer, parameter :: slots = lanes*width  !! slots of draws: each may use another set
-   integer, parameter :: counters = 4  !! of the draws of a set
+   integer, parameter :: slots = lanes*width  !! slots of draws; each set starts a new vector
+   integer, parameter :: counters = 4  !! counters for the draws of a set
 
-   !> Boulders of a thread, each in its own lane until it ends.
+   !> Boulders of a thread; each stays in its lane until it ends.
    type :: pool_t
       integer :: index(lanes) = 0                       !! index in the results
-      integer(i8) :: number(lanes) = 0                  !! of the boulder
-      real(wp) :: heading1(lanes) = 0, heading2(lanes) = 0  !! after the last rebound [-]
+      integer(i8) :: number(lanes) = 0                  !! number of the boulder
+      real(wp) :: heading1(lanes) = 0, heading2(lanes) = 0  !! heading after the last rebound [-]
       real(wp) :: w(lanes) = 0                          !! W = R_b omega [m/s]
       real(wp) :: v(3, lanes) = 0                       !! velocity of a boulder that has ended [m/s]
-      type(touch_t) :: touch(lanes)                     !! state on the ground of a table, in place of scratch_t's
+      type(touch_t) :: touch(lanes)                     !! state on the ground of a table, used instead of scratch_t's
       integer :: free(lanes) = 0, n_free = 0            !! lanes without a boulder
       integer :: from = 1, to = 0                       !! indices of assigned boulders not yet started
    end type pool_t
@@ -66,35 +66,35 @@ module rockfall_lanes
    !> All impact sets of a scene, concatenated over its grounds.
    type :: set_list_t
       type(impact_set_t), allocatable :: set(:)
-      integer, allocatable :: offset(:)  !! number of sets before those of each ground; -1: the ground has none
+      integer, allocatable :: offset(:)  !! number of sets before those of each ground; -1: the ground has no sets
    end type set_list_t
 
    !> Contacts of the landed boulders, in order of landing.
    type :: contacts_t
-      integer :: set(lanes)                                      !! impact set; past the last: none, or a classical one
-      integer :: ground(lanes)                                   !! index, if the scene has several
+      integer :: set(lanes)                                      !! impact set; past the last: none, or classical
+      integer :: ground(lanes)                                   !! index of the ground, if the scene has several
       logical :: obstructed(lanes) = .false.                     !! ended at an obstacle instead of the ground
       logical :: outside(lanes)                                  !! outside the calibrated ratios
       integer(i8), dimension(lanes) :: number = 0, impact = 0
-      real(wp), dimension(lanes) :: length = 0                   !! of the flight [m]
-      real(wp), dimension(lanes) :: speed2_in = 0, speed2 = 0    !! at its end; of the next flight [m2/s2]
+      real(wp), dimension(lanes) :: length = 0                   !! length of the flight [m]
+      real(wp), dimension(lanes) :: speed2_in = 0, speed2 = 0    !! at the end of the flight; of the next flight [m2/s2]
       integer :: draws(lanes)
       logical :: forced(lanes)
       real(wp), dimension(lanes) :: fast = 0, steep = 0          !! outside the fitted ranges: 1 or 0
-      real(wp), dimension(lanes) :: w = 0, next_w = 0            !! W = R_b omega before it; of the next flight [m/s]
-      real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0   !! [-]
-      real(wp), dimension(lanes) :: g1 = 0, g2 = 0, steepness = 0  !! of the patch [-]
+      real(wp), dimension(lanes) :: w = 0, next_w = 0            !! W = R_b omega before; of the next flight [m/s]
+      real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0   !! unit heading [-]
+      real(wp), dimension(lanes) :: g1 = 0, g2 = 0, steepness = 0  !! gradient and steepness of the patch [-]
       real(wp), dimension(lanes) :: tangential = 0, normal = 0   !! V_t, V_n before the contact [m/s]
-      real(wp), dimension(lanes) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after it [m/s]
-      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0       !! of the next flight [m/s]
-      real(wp), dimension(lanes) :: rate = 0                     !! likewise [m/s]
+      real(wp), dimension(lanes) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after the contact [m/s]
+      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0       !! velocity of the next flight [m/s]
+      real(wp), dimension(lanes) :: rate = 0                     !! rate of the next flight [m/s]
       real(wp), dimension(lanes) :: in_loops = 0                 !! 1 if handled by the loops, else 0
       real(wp), dimension(lanes) :: z1 = 0, z2 = 0, z3 = 0, u = 0, side = 0  !! random numbers [-]
       real(wp), dimension(lanes) :: ratio = 0                    !! R_b/R_m [-]
       integer(i8) :: word(lanes, words_per_block) = 0            !! random words
-      real(wp), dimension(lanes) :: column = 0, row = 0          !! the raster cell, row from the north [-]
+      real(wp), dimension(lanes) :: column = 0, row = 0          !! raster cell, row from the north [-]
       real(wp), dimension(lanes) :: complete = 0                 !! 1 if all neighbours exist, else 0
-      real(wp), dimension(lanes) :: at = 1                       !! index of its north-western neighbour
+      real(wp), dimension(lanes) :: at = 1                       !! index of the north-western neighbour
       real(wp), dimension(lanes, 9) :: z = 0                     !! elevations of the cell and its neighbours [m]
    end type contacts_t
 
@@ -103,9 +103,9 @@ module rockfall_lanes
       integer :: contact(slots) = 0                              !! contact of each draw
       real(wp), dimension(slots) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before the contact [m/s]
       real(wp), dimension(slots) :: z1 = 0, z2 = 0, z3 = 0       !! standard normal numbers [-]
-      real(wp), dimension(slots) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after it [m/s]
+      real(wp), dimension(slots) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after the contact [m/s]
       real(wp), dimension(slots) :: admissible = 0               !! 1 or 0
-      real(wp), dimension(slots) :: fast = 0, steep = 0          !! outside the fitted ranges: likewise
+      real(wp), dimension(slots) :: fast = 0, steep = 0          !! outside the fitted ranges: 1 or 0
    end type draws_t
 
    interface
@@ -117,18 +117,18 @@ module rockfall_lanes
          real(c_double), intent(in) :: coefficients(6, *)     !! as in normal_table_t
          integer(c_int), value :: with_normals                    !! 1: with normal numbers, else 0
          integer(c_int), value :: n
-         integer(c_int64_t), intent(in) :: number(*), impact(*)  !! of each, up to a multiple of `width`
+         integer(c_int64_t), intent(in) :: number(*), impact(*)  !! numbers of each, up to a multiple of `width`
          integer(c_int64_t), value :: last                       !! as from last_counter
          integer(c_int64_t), intent(inout) :: word1(*), word2(*), word3(*), word4(*)
          real(c_double), intent(inout) :: z1(*), z2(*), z3(*)    !! [-]
       end subroutine impact_numbers
 
-      !> Read n squares of nine neighbouring cells, in loops of whole vectors.
+      !> Read n squares of nine adjacent cells, in loops of whole vectors.
       subroutine read_squares(n, at, columns, elevation, lanes, z) bind(c, name="rockfall_read_squares")
          import :: c_int, c_int64_t, c_double, c_float
          integer(c_int), value :: n
-         real(c_double), intent(in) :: at(*)      !! index of the north-western one, up to a multiple of `width`
-         integer(c_int64_t), value :: columns     !! of the raster
+         real(c_double), intent(in) :: at(*)      !! index of each north-western cell, up to a multiple of `width`
+         integer(c_int64_t), value :: columns     !! columns of the raster
          real(c_float), intent(in) :: elevation(*)     !! [m]
          integer(c_int64_t), value :: lanes
          real(c_double), intent(inout) :: z(lanes, *)  !! row by row, from the north-west [m]
@@ -140,16 +140,16 @@ contains
    !> Run one thread's part of the boulders, in batches from the shared counter `next`.
    subroutine run_in_lanes(scene, first, step, results, crossings, maps, next, deadline, totals)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: first, step              !! number of the first boulder, from one to the next
+      integer(i8), intent(in) :: first, step              !! number of the first boulder; step to the next
       type(boulder_result_t), intent(inout) :: results(:)
-      type(crossings_t), intent(inout) :: crossings(:)  !! of each boulder
+      type(crossings_t), intent(inout) :: crossings(:)  !! crossings of each boulder
       type(maps_t), intent(in) :: maps                    !! maps without counts by source
       integer, intent(inout) :: next                      !! index of the next boulder
-      integer(i8), intent(in) :: deadline                 !! after which no more boulders start [ticks]
+      integer(i8), intent(in) :: deadline                 !! time after which no more boulders start [ticks]
       type(totals_t), intent(inout) :: totals
       type(pool_t) :: pool
-      type(boulder_result_t), allocatable :: active(:)    !! results so far, of each lane
-      type(scratch_t), allocatable :: scratch(:)          !! of each lane
+      type(boulder_result_t), allocatable :: active(:)    !! results so far, by lane
+      type(scratch_t), allocatable :: scratch(:)          !! work space of each lane
       type(flights_t) :: flights
       type(landings_t) :: landings
       type(contacts_t) :: contacts
@@ -159,7 +159,7 @@ contains
       type(span_t), allocatable :: spans(:)
       integer :: k
 
-      allocate (active(lanes))  ! a thread may have a stack of 512 kB (rockfall_threads)
+      allocate (active(lanes))  ! a thread's stack may be only 512 kB (rockfall_threads)
       sets = all_sets(scene)
       pool%n_free = lanes_of_run(maps)
       if (has_obstacles(scene)) allocate (flights%start(pool%n_free), spans(scene%dem%nx + scene%dem%ny))
@@ -205,14 +205,14 @@ contains
       end do
    end subroutine run_in_lanes
 
-   !> Number of lanes: fewer if maps need the visited cells, which then fit in the cache.
+   !> Number of lanes: fewer if maps need the visited cells, so that these fit in the cache.
    pure integer function lanes_of_run(maps) result(n)
       type(maps_t), intent(in) :: maps
 
       n = merge(lanes_with_visits, lanes, needs_visits(maps))
    end function lanes_of_run
 
-   !> Collect the impact sets of the scene: those of the case or of its grounds.
+   !> Collect the impact sets of the scene, which are those of the case or of its grounds.
    pure type(set_list_t) function all_sets(scene) result(sets)
       type(scene_t), intent(in) :: scene
       integer :: ground, n
@@ -285,8 +285,8 @@ contains
       pool%w(lane) = w
    end subroutine set_heading
 
-   !> Find the flights that meet an obstacle in place of the ground, and hit it. Flights that may hit one, or that cross
-   !> a line, are flown once more, one by one.
+   !> Find the flights that meet an obstacle before the ground, and hit it. Flights that may hit an obstacle, or that
+   !> cross a line, are flown again, one by one.
    subroutine meet_obstacles(scene, active, pool, l, flights, scratch, spans, c)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: active(lanes)
@@ -342,8 +342,8 @@ contains
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(obstacle_t), intent(in) :: obstacle
-      type(landing_t), intent(in) :: landing   !! there
-      real(wp), intent(in) :: v(3)             !! velocity there [m/s]
+      type(landing_t), intent(in) :: landing   !! point of the hit
+      real(wp), intent(in) :: v(3)             !! velocity at that point [m/s]
       type(landings_t), intent(inout) :: l
       integer, intent(in) :: k
       type(pool_t), intent(inout) :: pool
@@ -400,7 +400,7 @@ contains
       end do
    end subroutine find_cells
 
-   !> Read the elevations of the cells and their neighbours. If these are incomplete, other cells are read, so that no
+   !> Read the elevations of the cells and their neighbours. If neighbours are missing, other cells are read, so that no
    !> contact needs a branch.
    subroutine read_elevations(dem, n, c)
       type(terrain_t), intent(in) :: dem
@@ -417,7 +417,7 @@ contains
          across = shape(dem%z4)
          first = lbound(dem%z4)
       end if
-      if (any(across < 3)) return  ! no patch is complete
+      if (any(across < 3)) return  ! no neighbourhood is complete
       columns = across(1)
       !$omp simd private(column, row)
       do k = 1, padded(n)
@@ -499,7 +499,7 @@ contains
             end if
             call find_impact_set(scene, c%ratio(k), uniform(c%word(k, ratio_word)), set, c%outside(k))
             c%set(k) = sets%offset(c%ground(k)) + set
-            ! flat, or next to nodata: left to the scalar code
+            ! flat, or next to nodata: left to scalar code
             if (.not. c%complete(k) > 0) c%z(k, :) = 0
          end associate
       end do
@@ -510,7 +510,7 @@ contains
    subroutine compute_incidence(l, gravity, per_cell, frames, c)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
-      logical, value :: frames                   !! frames are needed: tables have their own
+      logical, value :: frames                   !! tables need their frames
       type(contacts_t), intent(inout) :: c
       real(wp) :: v3, plan1, plan2, unit1, unit2, length
       integer :: k
@@ -537,7 +537,7 @@ contains
    !> Draw the random numbers of the contacts.
    subroutine draw_random_numbers(scene, rebounds, n, c)
       type(scene_t), intent(in) :: scene
-      logical, intent(in) :: rebounds  !! with the numbers of rebounds by impact sets
+      logical, intent(in) :: rebounds  !! include the numbers for rebounds by impact sets
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
       integer :: k
@@ -560,7 +560,7 @@ contains
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
       type(draws_t), intent(inout) :: d
-      integer, dimension(size(sets%set) + 1) :: first, left  !! first draw of each set, their number
+      integer, dimension(size(sets%set) + 1) :: first, left  !! first draw of each set; number of draws
       integer :: set, draw, m
 
       call group_by_set(n, c, first, left, d)
@@ -577,12 +577,12 @@ contains
       end do
    end subroutine draw_rebounds
 
-   !> Sort the draws by impact set; the draws of each set fill their own vectors. Neighbouring contacts, mostly of one
+   !> Sort the draws by impact set; the draws of each set fill separate vectors. Neighbouring contacts, mostly of one
    !> set, are counted in turn by `counters`, because a single counter would wait for itself.
    subroutine group_by_set(n, c, first, number, d)
       integer, intent(in) :: n
       type(contacts_t), intent(in) :: c
-      integer, intent(out) :: first(:), number(:)  !! the last set: none
+      integer, intent(out) :: first(:), number(:)  !! by set; the last: no set
       type(draws_t), intent(inout) :: d
       integer, dimension(counters, size(first)) :: counted, slot
       integer :: counter, set, k, m
@@ -620,7 +620,7 @@ contains
    subroutine draw_other_numbers(scene, draw, first, n, c, d)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: draw      !! 2, 3, ...
-      integer, intent(in) :: first, n  !! first draw, their number
+      integer, intent(in) :: first, n  !! first draw; number of draws
       type(contacts_t), intent(in) :: c
       type(draws_t), intent(inout) :: d
       integer(i8), dimension(lanes) :: number, impact, w1, w2, w3, w4
@@ -637,13 +637,13 @@ contains
                           d%z1(first:), d%z2(first:), d%z3(first:))
    end subroutine draw_other_numbers
 
-   !> Store draws, and keep those that are not admissible.
+   !> Store draws, and keep the inadmissible ones.
    subroutine keep_inadmissible(draw, first, c, d, n)
       integer, intent(in) :: draw      !! 1, 2, ...
       integer, intent(in) :: first     !! first draw
       type(contacts_t), intent(inout) :: c
       type(draws_t), intent(inout) :: d
-      integer, intent(inout) :: n      !! their number
+      integer, intent(inout) :: n      !! number of draws
       integer :: from(lanes + 1), n_kept, k, m, to
 
       n_kept = 0
@@ -687,7 +687,7 @@ contains
       end do
    end subroutine draw_set_rebounds
 
-   !> Continue to redraw a rebound that was not admissible.
+   !> Redraw a rebound further that was not admissible.
    subroutine redraw_single(scene, sets, k, c)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets
@@ -805,7 +805,7 @@ contains
       end do
    end subroutine advance_boulders
 
-   !> Start the next flight of a boulder after a contact by a table, or end it.
+   !> Start the next flight of a boulder after a contact by a table, or end the boulder.
    subroutine finish_table_contact(scene, number, b, l, k, pool, result, flights, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -838,7 +838,7 @@ contains
          touch%height = b%height(k)
          touch%rolling = b%rolls(k) > 0
          touch%next = int(b%next(k))
-         ! an arbitrary record if none followed: a branch would be mispredicted
+         ! an arbitrary record if no record followed: a branch would be mispredicted
          call prefetch_record(scene%grounds(b%ground(k))%table, max(1, touch%next))
       end associate
       call set_heading(pool, lane, b%heading1(k), b%heading2(k), b%next_w(k))
@@ -892,7 +892,7 @@ contains
       call visit_cells(scene, 0.0_wp, path, sqrt(squared_length(path%v)), start_time, b%slides(k), span, scratch)
    end subroutine visit_slide
 
-   !> Compute a rebound that the loops do not handle, and the next flight.
+   !> Compute a rebound that the loops do not cover, and the next flight.
    subroutine rebound_single(scene, number, l, k, pool, result, flights, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number

@@ -34,11 +34,11 @@ module rockfall_table_lanes
    private
    public :: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines, read_rows, find_bins
 
-   !> Numbers from one field of the records to the next: a power of two would map all numbers of a lane to the same few
+   !> Stride from one field of the records to the next: a power of two would map all numbers of a lane to the same few
    !> sets of the cache.
    integer, parameter :: column = lanes + 8
 
-   !> Contacts by a table among the landings, each at the index of its landing. Elements are not cleared when they
+   !> Contacts by a table among the landings, each at the index of its landing. Elements keep their values when they
    !> become free.
    type :: table_batch_t
       integer :: n = 0, landing(lanes) = 0                        !! indices of the n contacts
@@ -46,12 +46,12 @@ module rockfall_table_lanes
       integer, dimension(lanes) :: ground = 0, part = 0, bin = 0, record = 0
       real(wp), dimension(lanes) :: volume = 1, mass = 1          !! as in boulder_t [m3], [kg]
       real(wp), dimension(lanes) :: radius = 1, inertia = 0       !! R_b [m]; as in approach_t [-]
-      real(wp), dimension(lanes) :: before1 = 0, before2 = 0      !! heading before, of any length
+      real(wp), dimension(lanes) :: before1 = 0, before2 = 0      !! heading before the contact, of any length
       real(wp), dimension(lanes) :: touches = 0, pressed = 0      !! still in previous contact: 1 or 0; its V_n [m/s]
       real(wp), dimension(lanes) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before the contact [m/s]
       real(wp), dimension(lanes) :: unit = 1                      !! sqrt(g R_b) [m/s]
       real(wp), dimension(lanes) :: t1 = 0, t2 = 0, t3 = 0        !! unit tangent [-]
-      real(wp), dimension(lanes) :: side = 0, pull = 0            !! of the descent; gravity along tangent, over g [-]
+      real(wp), dimension(lanes) :: side = 0, pull = 0            !! side of descent; gravity along tangent, over g [-]
       real(wp), dimension(lanes) :: v1_in = 0, v2_in = 0, v3_in = 0, speed_in = 0  !! as in approach_t [-]
       real(wp), dimension(lanes) :: key = 1                       !! as in approach_t [-]
       real(wp), dimension(lanes) :: fastest = 0                   !! as in impact_table_t
@@ -59,56 +59,56 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: fast = 0                      !! as in table_contact_t: 1 or 0
       real(wp), dimension(lanes) :: next = 0                      !! as in outcome_t
       real(wp), dimension(lanes) :: along = 0, across = 0, drawn = 0, w_drawn = 0  !! as in outcome_t; V_n, W [-]
-      real(wp), dimension(lanes) :: allowed = 0, reach = 0, duration = 0           !! likewise [-]
+      real(wp), dimension(lanes) :: allowed = 0, reach = 0, duration = 0           !! as in outcome_t [-]
       real(wp), dimension(lanes) :: lift = 0, height = 0          !! as in touch_t [-]
       real(wp), dimension(lanes) :: copies = 1                    !! the record is copied: 1 or 0
       real(wp), dimension(lanes) :: hold = 0                      !! as in impact_table_t [-]
       real(wp), dimension(lanes) :: stretch = 1, pull_across = 0  !! as in approach_t [-]
-      real(wp) :: r(column, record_fields) = 1, map(column, map_fields) = 0  !! of each contact
+      real(wp) :: r(column, record_fields) = 1, map(column, map_fields) = 0  !! record and map of each contact
       type(c_ptr), dimension(lanes) :: record_at, map_at          !! addresses of record and map
       real(sp) :: no_record(record_fields) = 1                    !! record of contacts without a record
       real(wp) :: no_map(map_fields) = 0
-      real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! kind of its end: 1 or 0
+      real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! kind of the contact's end: 1 or 0
       real(wp), dimension(lanes) :: rolled = 0                    !! rolls, as the record did: 1 or 0
       real(wp), dimension(lanes) :: total = 0, left = 0, per_total = 0  !! energies, as in limit_energy [-]
       real(wp), dimension(lanes) :: velocity_factor = 0, n_left = 0  !! as in scale_to_energy; V_n [-]
       real(wp), dimension(lanes) :: slide = 0, time = 0, speed = 0  !! as in find_slide [m], [s], [m/s]
       real(wp), dimension(lanes) :: inside = 0, off = 0           !! ends on its first patch; ground falls away: 1 or 0
-      real(wp), dimension(lanes) :: i = 0, j = 0, z00 = 0, a = 0, b = 0, c = 0  !! patch of its end, as in patch_t
-      real(wp), dimension(lanes) :: covered = 0                   !! length within the known terrain; to the end [m]
-      real(wp), dimension(lanes) :: found = 0                     !! the loops find its end: 1 or 0
+      real(wp), dimension(lanes) :: i = 0, j = 0, z00 = 0, a = 0, b = 0, c = 0  !! patch at the end, as in patch_t
+      real(wp), dimension(lanes) :: covered = 0                   !! length within the known terrain, up to the end [m]
+      real(wp), dimension(lanes) :: found = 0                     !! the loops find the end: 1 or 0
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0           !! end [m]
       real(wp), dimension(lanes) :: end1 = 0, end2 = 0            !! gradient at the end [-]
       real(wp), dimension(lanes) :: length = 0, slides = 0, waits = 0  !! from time_slide [m], [s]
       real(wp), dimension(lanes) :: near = 0                      !! 1: the path may cross a line
       real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0    !! after the contact, of any length
       real(wp), dimension(lanes) :: next_w = 0                    !! W after the contact [m/s]
-      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0        !! of the next flight [m/s]
+      real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0        !! velocity of the next flight [m/s]
       real(wp), dimension(lanes) :: speed2 = 0, rate = 0, above = 0  !! of the next flight [m2/s2], [m/s], [m]
       logical, dimension(lanes) :: walks = .false.                !! path in `roll`
       type(roll_t) :: roll(lanes)
    end type table_batch_t
 
    interface
-      !> Read records and maps of bins, each by its address, to columns.
+      !> Read records and maps of bins, each by its address, into columns.
       subroutine read_rows(n, column, record_fields, record_at, record, map_fields, map_at, map) &
          bind(c, name="rockfall_read_rows")
          import :: c_int, c_ptr, wp
          integer(c_int), value :: n, column, record_fields, map_fields  !! multiples of 4
-         type(c_ptr), intent(in) :: record_at(*), map_at(*)       !! in single and in double precision
+         type(c_ptr), intent(in) :: record_at(*), map_at(*)       !! single and double precision
          real(wp), intent(inout) :: record(column, *), map(column, *)
       end subroutine read_rows
 
-      !> Find the bins of n contacts of one kind by one table, counted from the first of their part.
+      !> Find the bins of n contacts of one kind by one table, counted from the first bin of their part.
       subroutine find_bins(n, contact, key1, over1, key2, over2, key3, part, count, vectors, first_edge, second_edge, &
                            third_edge, bin) bind(c, name="rockfall_find_bins")
          import :: c_int, wp
          integer(c_int), value :: n
-         integer(c_int), intent(in) :: contact(*)  !! their indices
-         real(wp), dimension(*), intent(in) :: key1, over1, key2, over2, key3  !! as from bin_keys, of each contact
-         integer(c_int), intent(in) :: part(*)     !! likewise
+         integer(c_int), intent(in) :: contact(*)  !! indices of the contacts
+         real(wp), dimension(*), intent(in) :: key1, over1, key2, over2, key3  !! as from bin_keys, for each contact
+         integer(c_int), intent(in) :: part(*)     !! part of the table for each contact
          integer(c_int), intent(in) :: count(3), vectors(3)  !! as in bins_t
-         real(wp), dimension(*), intent(in) :: first_edge, second_edge, third_edge  !! likewise
+         real(wp), dimension(*), intent(in) :: first_edge, second_edge, third_edge  !! as in bins_t
          integer(c_int), intent(inout) :: bin(*)
       end subroutine find_bins
    end interface
@@ -126,16 +126,16 @@ contains
    subroutine add_contact(b, k, table, ground, boulder, soil, gravity, inertia, ratio, jump_height, w, heading1, &
                           heading2, touch)
       type(table_batch_t), intent(inout) :: b
-      integer, intent(in) :: k                    !! its index
-      type(impact_table_t), intent(in) :: table   !! of its ground
+      integer, intent(in) :: k                    !! index of the landing
+      type(impact_table_t), intent(in) :: table   !! table of the ground
       integer, intent(in) :: ground
       type(boulder_t), intent(in) :: boulder
       type(soil_draw_t), intent(in) :: soil
       real(wp), intent(in) :: gravity             !! [m/s2]
       real(wp), intent(in) :: inertia, ratio      !! I/(m R_b**2), R_b/R_m [-]
-      real(wp), intent(in) :: jump_height, w      !! of the flight [m], W [m/s]
-      real(wp), intent(in) :: heading1, heading2  !! after the previous contact, of any length
-      type(touch_t), intent(inout) :: touch       !! of its boulder
+      real(wp), intent(in) :: jump_height, w      !! maximum height of the flight [m]; W [m/s]
+      real(wp), intent(in) :: heading1, heading2  !! heading after the previous contact, of any length
+      type(touch_t), intent(inout) :: touch       !! state of the boulder
 
       b%n = b%n + 1
       b%landing(b%n) = k
@@ -157,10 +157,10 @@ contains
    subroutine handle_table_contacts(scene, l, g1, g2, steepness, word, paths, touch, b)
       type(scene_t), intent(in), target :: scene
       type(landings_t), intent(in) :: l
-      real(wp), dimension(lanes), intent(in) :: g1, g2, steepness  !! of the ground where they landed [-]
+      real(wp), dimension(lanes), intent(in) :: g1, g2, steepness  !! gradient and steepness at the landings [-]
       integer(i8), intent(in) :: word(lanes, words_per_block)      !! random words
       logical, intent(in) :: paths                                 !! all paths are needed
-      type(touch_t), intent(in) :: touch(lanes)                    !! of each lane
+      type(touch_t), intent(in) :: touch(lanes)                    !! state of each lane's boulder
       type(table_batch_t), intent(inout), target :: b
       integer :: first(2*size(scene%grounds) + 1)
 
@@ -177,7 +177,7 @@ contains
       call set_departures(l, g1, g2, steepness, b)
    end subroutine handle_table_contacts
 
-   !> Transform the velocities to the local frames, in units of `unit` too.
+   !> Transform the velocities to the local frames, also in units of `unit`.
    subroutine compute_incidence(l, gravity, g1, g2, steepness, word, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity  !! [m/s2]
@@ -214,7 +214,7 @@ contains
    !> the normal have no tangent; `table_contact` handles them.
    subroutine sort_contacts(b, first)
       type(table_batch_t), intent(inout) :: b
-      integer, intent(out) :: first(:)  !! first contact of each: 2*ground - 1 by a flight, 2*ground of rolls
+      integer, intent(out) :: first(:)  !! first contact after flights (2*ground - 1) and of rolls (2*ground)
       integer :: kind(lanes), place(size(first)), number(size(first)), landing(lanes), m, k
 
       number = 0
@@ -244,7 +244,7 @@ contains
       type(landings_t), intent(in) :: l
       integer, intent(in) :: first(:)                               !! from sort_contacts
       integer(i8), intent(in) :: word(lanes, words_per_block)
-      type(touch_t), intent(in) :: touch(lanes)                     !! of each lane
+      type(touch_t), intent(in) :: touch(lanes)                     !! state of each lane's boulder
       type(table_batch_t), intent(inout), target :: b
       integer :: ground, last
 
@@ -271,8 +271,8 @@ contains
    subroutine find_parts(table, contact, lane, touch, b)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: contact(:)          !! contacts by this table
-      integer, intent(in) :: lane(lanes)         !! of each contact
-      type(touch_t), intent(in) :: touch(lanes)  !! of each lane
+      integer, intent(in) :: lane(lanes)         !! lane of each contact
+      type(touch_t), intent(in) :: touch(lanes)  !! state of each lane's boulder
       type(table_batch_t), intent(inout) :: b
       type(approach_t) :: in
       integer :: m, k
@@ -293,7 +293,7 @@ contains
             b%key(k) = kept%key
          end associate
          b%copies(k) = merge(1.0_wp, 0.0_wp, is_copied(table, max(1, b%record(k))))
-         b%copies(k) = min(b%copies(k), real(b%record(k), wp))  ! none if the contact did not follow the sequence
+         b%copies(k) = min(b%copies(k), real(b%record(k), wp))  ! 0 if the contact did not follow the sequence
          b%hold(k) = table%hold
       end do
    end subroutine find_parts
@@ -322,8 +322,8 @@ contains
    !> Find the bins of contacts of one kind.
    subroutine find_kind_bins(table, bins, rolling, contact, b)
       type(impact_table_t), intent(in) :: table
-      type(bins_t), intent(in) :: bins           !! of this kind
-      logical, intent(in) :: rolling             !! kind of the contact: rolling or flight
+      type(bins_t), intent(in) :: bins           !! bins of this kind
+      logical, intent(in) :: rolling             !! kind of the contacts: rolling, or after a flight
       integer, intent(in) :: contact(:)
       type(table_batch_t), intent(inout) :: b
       integer :: m, k
@@ -336,7 +336,7 @@ contains
       end do
    end subroutine find_kind_bins
 
-   !> Choose the records of contacts without a follower, in short loops, so that many contacts overlap.
+   !> Choose the records of contacts without a follower, in short loops, so that memory accesses overlap.
    subroutine choose_records(table, contact, word, b)
       type(impact_table_t), intent(in), target :: table
       integer, intent(in) :: contact(:)  !! contacts by this table
@@ -438,7 +438,7 @@ contains
       end do
    end subroutine follow_records
 
-   !> Find the lengths of contacts, and which of them end on their first patch.
+   !> Find the lengths of contacts, and the contacts that end on their first patch.
    subroutine start_slides(l, gravity, per_cell, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
@@ -497,7 +497,7 @@ contains
       end do
    end subroutine leave_patches
 
-   !> Find the ends of contacts: where the ground falls away, the point where they begin.
+   !> Find the ends of contacts; where the ground falls away, a contact ends at its start.
    subroutine end_slides(l, gravity, per_cell, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
@@ -536,7 +536,7 @@ contains
    subroutine find_paths_near_lines(scene, n, x0, y0, x, y, near)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: n
-      real(wp), dimension(lanes), intent(in) :: x0, y0, x, y  !! both ends [m]
+      real(wp), dimension(lanes), intent(in) :: x0, y0, x, y  !! ends of the paths [m]
       real(wp), dimension(lanes), intent(out) :: near         !! 1 or 0
       real(wp) :: low1, low2, high1, high2
       integer :: line, k
@@ -560,7 +560,7 @@ contains
       end do
    end subroutine find_paths_near_lines
 
-   !> Find the paths of the other contacts, and all paths that are needed.
+   !> Find the paths of the other contacts, and all requested paths.
    subroutine find_paths(scene, l, g1, g2, paths, b)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(in) :: l

@@ -46,7 +46,7 @@ void read_rows(int n, int lanes, int record_fields, const float *const *record_a
 #endif
 }
 
-/* Number of edges, scaled by a unit, below a value; edges fill vectors of four. */
+/* Number of edges, multiplied by a unit, below a value; edges fill vectors of four. */
 static int edges_below(const double *edge, int vectors, double unit, double value)
 {
     int below = 0;

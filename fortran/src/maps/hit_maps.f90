@@ -10,20 +10,20 @@ module rockfall_hit_maps
    private
    public :: path_t, paths_t, needs_hits, record_path, find_hits, add_hits
 
-   integer, parameter :: at_once = 64           !! cells
+   integer, parameter :: at_once = 64           !! cells processed together
    integer, parameter :: first_paths = 128     !! initial size of a list of paths
    real(wp), parameter :: none = -1.0_wp       !! less than any energy
 
    !> Straight path in plan: a flight, or motion along the ground (gravity 0).
    type :: path_t
-      real(wp) :: x, y, v(3)  !! its start [m]; velocity there [m/s]
+      real(wp) :: x, y, v(3)  !! start [m]; velocity there [m/s]
       real(wp) :: gravity     !! [m/s2]
       real(wp) :: time        !! [s]
       real(wp) :: spin        !! twice the rotational energy per mass [m2/s2]
    end type path_t
 
-   !> Paths of a boulder. Its hits are found at its end: the cells near all boulders in motion would not stay in the
-   !> cache.
+   !> Paths of a boulder. Its hits are found when it ends, because the cells near all moving boulders would not stay in
+   !> the cache.
    type :: paths_t
       integer :: n = 0
       type(path_t), allocatable :: path(:)
@@ -56,15 +56,15 @@ contains
    end subroutine record_path
 
    !> Find the cells whose middle is within a distance of a boulder's paths, each once, with the maximum energy there:
-   !> that at one of the two ends of a path there, because the vertical speed changes steadily. The maxima are kept cell
-   !> by cell, in the columns of each row near the paths, which is cheaper than a search for the cell.
+   !> the energy at one of the ends of the path there, because the vertical speed changes monotonically. Maxima are kept
+   !> cell by cell, in the columns of each row near the paths, which is cheaper than a search for the cell.
    pure subroutine find_hits(hits, dem, paths, distance)
       type(visits_t), intent(inout) :: hits
       type(terrain_t), intent(in) :: dem
       type(paths_t), intent(in) :: paths
       real(wp), intent(in) :: distance                 !! [m]
       real(wp), allocatable :: twice(:)                !! maxima of twice the energy per mass [m2/s2]
-      integer, allocatable :: columns(:, :), first(:)  !! of each row: its columns; what precedes them in `twice`
+      integer, allocatable :: columns(:, :), first(:)  !! columns of each row; number of cells before the row in `twice`
       integer :: near(2, 2), rows(2), row, column, k, n
 
       call start_visits(hits)
@@ -110,7 +110,7 @@ contains
       type(path_t), intent(in) :: path
       real(wp), intent(in) :: distance                 !! [m]
       real(wp), dimension(at_once) :: east, north      !! start of the path from cells [m]
-      integer :: at(at_once)                           !! of these in `twice`
+      integer :: at(at_once)                           !! index of each cell in `twice`
       real(wp) :: offset, from, to, times(2)
       integer :: near(2, 2), columns(2), row, column, n
 
@@ -135,8 +135,8 @@ contains
       call raise_cells(twice, at(:n), path, distance, east, north)
    end subroutine raise_near
 
-   !> Raise the maxima of those cells whose middle is within a distance of the path. Branchless, as a branch for each
-   !> would be mispredicted.
+   !> Raise the maxima of the cells whose middle is within a distance of the path. Branchless, because branches would
+   !> be mispredicted.
    pure subroutine raise_cells(twice, at, path, distance, east, north)
       real(wp), intent(inout), contiguous :: twice(:)  !! as in find_hits
       integer, intent(in), contiguous :: at(:)
@@ -152,14 +152,14 @@ contains
       do k = 1, size(at)
          call meet_object(east(k), north(k), path%v(1), path%v(2), path%v(3), plan2, inverse, path%gravity, distance, &
                           path%time, speed2, meets)
-         energy(k) = meets*(speed2 + path%spin) + (meets - 1)  ! `none` where it does not
+         energy(k) = meets*(speed2 + path%spin) + (meets - 1)  ! `none` if the path does not meet the cell
       end do
       do k = 1, size(at)
          twice(at(k)) = max(twice(at(k)), energy(k))
       end do
    end subroutine raise_cells
 
-   !> Columns (:, 1) and rows (:, 2) of nodes, first and last, that may be within a distance of a path.
+   !> First and last columns (:, 1) and rows (:, 2) of the nodes that may be within a distance of a path.
    pure function nodes_near(path, dem, distance) result(nodes)
       type(path_t), intent(in) :: path
       type(terrain_t), intent(in) :: dem
@@ -176,16 +176,16 @@ contains
    pure function nodes_between(low, high, per_cell, n) result(nodes)
       real(wp), intent(in) :: low, high  !! [m]
       real(wp), intent(in) :: per_cell   !! [1/m]
-      integer, intent(in) :: n           !! nodes of the axis
+      integer, intent(in) :: n           !! number of nodes along the axis
       integer :: nodes(2)
 
       nodes = [max(1, ceiling(low*per_cell) + 1), min(n, floor(high*per_cell) + 1)]
    end function nodes_between
 
-   !> Part of a path during which it is within a distance of a node along one axis; or all of it, if rounding leaves
+   !> Part of a path that is within a distance of a node along one axis; the whole path if rounding leaves
    !> nothing.
    pure subroutine restrict_times(offset, v, distance, time, times)
-      real(wp), intent(in) :: offset, v       !! of the start from the node [m], along the axis [m/s]
+      real(wp), intent(in) :: offset, v       !! start relative to the node [m]; velocity along the axis [m/s]
       real(wp), intent(in) :: distance, time  !! [m], [s]
       real(wp), intent(out) :: times(2)       !! since the start [s]
       real(wp) :: ends(2)
@@ -196,10 +196,10 @@ contains
       times = [max(0.0_wp, min(time, minval(ends))), min(time, max(0.0_wp, maxval(ends)))]
    end subroutine restrict_times
 
-   !> Maximum squared speed while a path is within a distance of a point, and whether it is.
+   !> Maximum squared speed while a path is within a distance of a point, and whether the path is ever that near.
    elemental subroutine meet_object(offset1, offset2, v1, v2, v3, plan2, inverse, gravity, distance, time, speed2, &
                                     meets)
-      real(wp), intent(in) :: offset1, offset2, v1, v2, v3  !! of the start from the point [m]; [m/s]
+      real(wp), intent(in) :: offset1, offset2, v1, v2, v3  !! start relative to the point [m]; velocity [m/s]
       real(wp), intent(in) :: plan2, inverse                !! squared speed in plan [m2/s2]; 1/plan2
       real(wp), intent(in) :: gravity, distance, time       !! [m/s2], [m], [s]
       real(wp), intent(out) :: speed2  !! [m2/s2]
@@ -223,7 +223,7 @@ contains
    subroutine add_hits(maps, hits, mass)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: hits
-      real(wp), intent(in) :: mass  !! of the boulder [kg]
+      real(wp), intent(in) :: mass  !! mass of the boulder [kg]
       integer :: k, held
 
       held = -1

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Tallies of the maps of a run, in stacks of layers: allocated for a window of cells, viewed as maps, added up over
+!> Tallies of the maps of a run, in stacks of layers: allocated for a window of cells, viewed as maps, summed over
 !> threads and parts, and settled where a part ends in the middle of a source.
 module rockfall_map_tallies
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
@@ -27,21 +27,21 @@ module rockfall_map_tallies
    type :: map_tallies_t
       integer :: at(2) = 1, nodes(2) = 0                  !! first column and row of the window; columns and rows
       type(map_plan_t) :: plan                            !! positions of maps in the stacks
-      real(wp), allocatable :: thresholds(:)              !! of energy [J]
+      real(wp), allocatable :: thresholds(:)              !! energy thresholds [J]
       integer(i4), pointer, contiguous :: counts(:, :, :) => null()
       integer(i8), pointer, contiguous :: sums(:, :, :) => null()
       real(sp), pointer, contiguous :: maxima(:, :, :) => null()
       integer(i4), pointer, contiguous :: column(:, :) => null(), bin_counts(:, :) => null()
-      integer(i4), pointer :: columns(:) => null()        !! scalar: number assigned
+      integer(i4), pointer :: columns(:) => null()        !! scalar: number of columns assigned
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()  !! as in maps_t, with its first_partial
       integer(i8) :: first_partial = 0
-      type(stacks_t), allocatable :: own(:)               !! of each thread after the first, as views_of_threads decides
+      type(stacks_t), allocatable :: own(:)               !! per thread after the first, if views_of_threads decides so
       integer(i8) :: max_columns = max_columns            !! maximum for `bin_counts`
       type(contributing_t) :: shared                      !! cells of partial sources, set by `settle_partial_sources`
-      type(c_ptr), private :: block(n_blocks) = c_null_ptr  !! of memory: counts to bin_counts, last_source, columns
+      type(c_ptr), private :: block(n_blocks) = c_null_ptr  !! memory of counts to bin_counts, last_source, columns
    end type map_tallies_t
 
-   !> Private tallies of threads: their maximum size, in total and per boulder of a call. A boulder takes some 30 us,
+   !> Maximum size of private tallies of threads, in total and per boulder of a call. A boulder takes about 30 us,
    !> adding these bytes less than one.
    integer(i8), parameter :: max_own = 2_i8**23, own_per_boulder = 4096  !! [bytes]
 
@@ -86,8 +86,8 @@ contains
       end associate
    end subroutine allocate_tallies
 
-   !> Allocate bin counts for all cells, or repeatedly half as many if memory is short (the run needs memory for other
-   !> data too): a column uses memory only once a boulder passes the cell, and few cells may be passed.
+   !> Allocate bin counts for all cells, or repeatedly for half as many if memory is short (the run needs memory for
+   !> other data too). A column uses memory only once a boulder passes the cell, and boulders may pass few cells.
    subroutine allocate_bin_counts(tallies, cells)
       type(map_tallies_t), intent(inout) :: tallies
       integer(i8), intent(in) :: cells
@@ -101,7 +101,7 @@ contains
             if (c_associated(block)) exit
             columns = columns/2
          end do
-         if (k > 0 .and. c_associated(block)) then  ! and half of what fits
+         if (k > 0 .and. c_associated(block)) then  ! use only half of what fits
             call free_block(block)
             columns = columns/2
             block = zeroed_block(columns*rows, 4)
@@ -133,7 +133,7 @@ contains
       call free_block(tallies%block)
    end subroutine free_tallies
 
-   !> Forget the tallies once all maps are computed; counts, sums and maxima only where `stacks` is true.
+   !> Free the tallies once all maps are computed; counts, sums and maxima only if `stacks` is true.
    subroutine forget_tallies(tallies, stacks)
       type(map_tallies_t), intent(inout) :: tallies
       logical, intent(in) :: stacks(3)
@@ -165,8 +165,8 @@ contains
       maps%first_partial = tallies%first_partial
    end function views_of
 
-   !> Maps to which each thread adds in a call of n boulders: private maps while they are small, because threads that
-   !> share maps wait for each other; else one for all. Columns of bin counts and marks of sources are shared.
+   !> Maps to which each thread adds in a call of n boulders: private maps while they are small, because threads with
+   !> shared maps wait for each other; else common maps. All share the columns of bin counts and the marks of sources.
    function views_of_threads(tallies, threads, n) result(maps)
       type(map_tallies_t), intent(inout), target :: tallies
       integer, intent(in) :: threads
@@ -217,7 +217,7 @@ contains
       end do
    end subroutine take_own_tallies
 
-   !> Add tallies of the same cells, if their bin counts fit; memory of cells without any remains untouched.
+   !> Add tallies of the same cells, if their bin counts fit; memory of cells without tallies remains untouched.
    pure subroutine add_tallies(tallies, part, fit)
       type(map_tallies_t), intent(inout) :: tallies
       type(map_tallies_t), intent(in) :: part
@@ -242,7 +242,7 @@ contains
       end do
    end subroutine add_tallies
 
-   !> Add row j of other stacks of the same cells.
+   !> Add row j of another run's stacks for the same cells.
    pure subroutine add_row(j, counts, sums, maxima, tallies)
       integer, intent(in) :: j
       integer(i4), intent(in) :: counts(:, :, :)
@@ -264,8 +264,8 @@ contains
 
    ! ---- partial sources ----------------------------------------------------------------------
 
-   !> In the cells of partial sources, count only the boulders first..last (sign 1), as required for a part; these cells
-   !> are stored in `shared`. Sign -1 reverts this, for a run that continues.
+   !> In the cells of partial sources, count only the boulders first..last (sign 1), as a part requires; `shared` keeps
+   !> these cells. Sign -1 reverts this, for a run that continues.
    subroutine settle_partial_sources(tallies, release, first, last, sign)
       type(map_tallies_t), intent(inout) :: tallies
       type(release_t), intent(in) :: release
@@ -280,7 +280,7 @@ contains
    end subroutine settle_partial_sources
 
    !> Restore the cells of partial sources from `shared`, as read from a file. Not `good` unless they belong to the
-   !> sources cut by the boulders first..last, with the correct numbers of boulders, and cells in order.
+   !> sources split by the boulders first..last, with the correct numbers of boulders, and cells in order.
    subroutine restore_sources(tallies, release, first, last, good)
       type(map_tallies_t), intent(inout) :: tallies
       type(release_t), intent(in) :: release

@@ -15,8 +15,8 @@ module rockfall_map_values
    real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975, for 95 % intervals [-]
    integer, parameter :: min_for_mean = 10  !! passages below which the interval of a mean is not reliable
    integer, parameter :: min_for_std = 100  !! passages below which the interval of a standard deviation is not reliable
-   integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! of bin counts, so that one more can still be counted
-   integer, parameter :: halvings = 5  !! times that the number of columns may be halved
+   integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! columns of bin counts; one more can still be counted
+   integer, parameter :: halvings = 5  !! number of times that the number of columns may be halved
 
    !> Index of each tally in its stack of layers; 0 = not requested.
    type :: map_plan_t
@@ -29,7 +29,7 @@ module rockfall_map_values
       integer :: exceeded(2) = 0   !! first of the layers for thresholds of passages and of hits, the last counts
       integer :: thresholds = 0    !! number of thresholds
       integer :: bins(4) = 0   !! first row of the bin counts
-      integer :: rows = 0      !! of the bin counts
+      integer :: rows = 0      !! number of rows of the bin counts
    end type map_plan_t
 
    enum, bind(c)
@@ -45,7 +45,7 @@ module rockfall_map_values
    type :: kind_t
       integer :: form = a_count
       integer :: quantity = energy
-      real(wp) :: probability = 0.0_wp  !! of a quantile [-]
+      real(wp) :: probability = 0.0_wp  !! probability of a quantile [-]
       integer :: side = 0               !! 0: the quantile, -1 and 1: lower and upper limit of its interval
    end type kind_t
 
@@ -53,7 +53,7 @@ contains
 
    !> Parse a map name; composed names are quantity_max, quantity_mean, quantity_std, quantity_q95, quantity_q95_low.
    pure type(kind_t) function parsed_kind(name) result(kind)
-      character(len=*), intent(in) :: name  !! one of map_fields of rockfall_variables
+      character(len=*), intent(in) :: name  !! a name in map_fields of rockfall_variables
       integer :: q, percent
 
       select case (name)
@@ -148,7 +148,7 @@ contains
                 maxval(plan%sum) + 2*count(plan%square > 0), maxval([plan%max, plan%travel])]
    end function stack_layers
 
-   !> Number the requested items 1, 2, ... in order.
+   !> Number the requested items 1, 2, ... consecutively.
    pure function layer_numbers(requested)
       logical, intent(in) :: requested(:)
       integer :: layer_numbers(size(requested))
@@ -161,7 +161,7 @@ contains
    !> row `at` of the raster.
    function map_views(plan, thresholds, origin, counts, sums, maxima, bin_counts, slot, slots) result(maps)
       type(map_plan_t), intent(in) :: plan
-      real(wp), intent(in) :: thresholds(:)                              !! of energy [J]
+      real(wp), intent(in) :: thresholds(:)                              !! energy thresholds [J]
       integer, intent(in) :: origin(2)
       integer(i4), intent(in), target, contiguous :: counts(:, :, :)     !! (nx, ny, layers)
       integer(i8), intent(in), target, contiguous :: sums(:, :, :)
@@ -237,7 +237,7 @@ contains
       type(maps_t), intent(in) :: maps
       character(len=*), intent(in) :: name
       integer, intent(in) :: j
-      integer(i8), intent(in) :: boulders     !! of the run
+      integer(i8), intent(in) :: boulders     !! boulders of the run
       integer(i8), intent(in) :: per_cluster  !! as for limit_rank
       integer, intent(in) :: min_passages     !! as for map_min_count
       real(sp), intent(out) :: row(:)         !! in the unit of the map
@@ -296,7 +296,7 @@ contains
       end select
    end subroutine map_row
 
-   !> Row j of a map that is a count.
+   !> Row j of a map of counts.
    pure subroutine count_row(maps, name, j, row)
       type(maps_t), intent(in) :: maps
       character(len=*), intent(in) :: name
@@ -323,8 +323,8 @@ contains
       std = sqrt(real(n*squares - int(total, i16)*total, wp)/(real(n, wp)*(n - 1)))
    end function std_of_sums
 
-   !> Rank of a limit of the 95 % interval of quantile p of n numbers, from the binomial distribution: as in line
-   !> statistics, for independent boulders. There is no limit below the first or above the last number. Boulders of a
+   !> Rank of a limit of the 95 % interval for quantile p of n independent numbers, from the binomial distribution, as
+   !> in line statistics. There is no limit below the first or above the last number. Boulders of a
    !> cluster may all behave alike, which increases the variance by at most the cluster size.
    pure real(wp) function limit_rank(p, n, per_cluster, side)
       real(wp), intent(in) :: p    !! [-]
@@ -344,7 +344,7 @@ contains
       has_limit = abs(limit_rank(p, n, real(per_cluster, wp), side) - 0.5_wp*n) <= 0.5_wp*(n - 1)
    end function has_limit
 
-   !> Compute row j of a quantile of the passing boulders' maxima, or of a limit of its interval.
+   !> Compute row j of a quantile of the maxima over passing boulders, or of a limit of its interval.
    pure subroutine quantile_row(maps, kind, j, per_cluster, min_count, row)
       type(maps_t), intent(in) :: maps
       type(kind_t), intent(in) :: kind

@@ -2,7 +2,7 @@
 !> Maps, i.e. statistics of the boulders in each raster cell as counts, integer sums, and maxima, so that the order of
 !> boulders does not change a bit. A boulder counts once per cell: its visits are collected first.
 !>
-!> Threads that add to the same maps lock bands of rows, one at a time. A boulder's cells are neighbours, so one lock
+!> Threads that add to the same maps lock one band of rows at a time. A boulder's cells are adjacent, so one lock
 !> serves many of them, which costs less than an atomic update of each number.
 module rockfall_maps
    use omp_lib, only: omp_lock_kind, omp_init_lock, omp_set_lock, omp_unset_lock, omp_destroy_lock
@@ -20,11 +20,11 @@ module rockfall_maps
 
    real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are in whole J, mm/s, mm
    integer(i8), parameter :: square_base = 2_i8**31  !! base of the two digits of sums of squares
-   integer, parameter :: band_rows = 16  !! per band
+   integer, parameter :: band_rows = 16  !! rows per band
    integer, parameter :: first_visits = 512  !! initial size of a list of visits
-   integer, parameter :: spare_visits = 64   !! free where a path starts; enough for most paths
+   integer, parameter :: spare_visits = 64   !! free visits where a path starts; enough for most paths
    real(wp), parameter :: untimed = huge(1.0_wp)  !! time of a visit of unknown time [s]: 1/time is 0
-   !> Factor of the row in the hash of a cell: neighbours get different entries.
+   !> Factor of the row in the hash of a cell, so that adjacent cells get different entries.
    integer, parameter :: row_factor = 33
 
    !> Tallies of one quantity: energy (translational and rotational) [J], speed [m/s], jump height or passing height
@@ -37,7 +37,7 @@ module rockfall_maps
       integer :: bin_offset = -1  !! row of `bin_counts` before its counts; -1: not counted
    end type layer_t
 
-   !> Requested maps; the others are not associated. All (nx, ny), row 1 is the northernmost.
+   !> Requested maps; other maps are not associated. All are (nx, ny); row 1 is the northernmost.
    type :: maps_t
       integer(i4), pointer, contiguous :: passages(:, :) => null()    !! boulders that passed
       integer(i4), pointer, contiguous :: deposits(:, :) => null()    !! boulders that came to rest there
@@ -49,20 +49,20 @@ module rockfall_maps
       type(layer_t) :: layer(4)
       !> Boulders whose maximum energy exceeds each `threshold` (nx, ny, thresholds).
       integer(i4), pointer, contiguous :: exceeded(:, :, :) => null()
-      !> Boulders that hit an object in the cell (rockfall_hit_maps), all and those above each `threshold`.
+      !> Boulders that hit an object in the cell (rockfall_hit_maps): all, and those above each `threshold`.
       integer(i4), pointer, contiguous :: hits(:, :) => null(), hits_exceeded(:, :, :) => null()
       real(wp), allocatable :: threshold(:)  !! increasing [J]
       !> Arrival of boulders, in the encoding of rockfall_travel_maps: steepest and flattest energy line, shortest time.
       real(sp), pointer, contiguous :: steepest(:, :) => null(), flattest(:, :) => null(), shortest(:, :) => null()
       integer(i8), pointer, contiguous :: tree_impacts(:, :) => null()  !! hits of trees, including repeated hits
-      type(layer_t) :: tree_height                                      !! of the contact point
+      type(layer_t) :: tree_height                                      !! height of the contact point
       integer(i8), pointer, contiguous :: tree_energy(:, :) => null()   !! absorbed by trees [J]
-      !> Bin counts (bins, slots): a cell gets a slot, and with it memory, when the first boulder passes it. The slot
-      !> depends on the order of boulders, its contents do not.
+      !> Bin counts (bins, slots): a cell gets a slot, and with it memory, when the first boulder passes it. The slot's
+      !> number, not its contents, depends on the order of boulders.
       integer(i4), pointer, contiguous :: bin_counts(:, :) => null()
       integer(i4), pointer, contiguous :: slot(:, :) => null()        !! per cell; 0: none yet
-      integer(i4), pointer :: slots => null()  !! number assigned; one more than available on overflow
-      !> Locks of bands of rows, 0-based; not associated if only one thread adds.
+      integer(i4), pointer :: slots => null()  !! number of slots assigned; one more than available on overflow
+      !> Locks of bands of rows, 0-based; not associated for a single thread.
       integer(omp_lock_kind), pointer, contiguous :: band(:) => null()
    end type maps_t
 
@@ -72,15 +72,15 @@ module rockfall_maps
       real(wp) :: max(3) = 0.0_wp   !! speed**2, twice the energy per mass [m2/s2]; jump height [m]
    end type visit_t
 
-   !> Visits of one boulder in their order, the last one in the current cell. A boulder that comes back to a cell visits
+   !> Visits of one boulder in their order, the last one in the current cell. A boulder that returns to a cell visits
    !> it again; `join_visits` leaves one visit per cell.
    type :: visits_t
       integer :: n = 0
       type(visit_t), allocatable :: visit(:)
-      real(wp), allocatable :: time(:)        !! at which they begin [s]; only for a map of times
+      real(wp), allocatable :: time(:)        !! start times [s]; only for a map of times
       integer :: timed = 0                    !! number of known times
       integer :: path = 0                     !! number at the start of the current path; only for `take_back_path`
-      real(wp) :: max(3) = 0.0_wp             !! as in visit_t, of the last one there
+      real(wp) :: max(3) = 0.0_wp             !! as in visit_t, for the last visit
    end type visits_t
 
    !> Cells under a straight path, along one axis.
@@ -115,7 +115,7 @@ contains
       deallocate (maps%band)
    end subroutine free_locks
 
-   !> Lock the band of a row, and release the one held before. Initially none is held: -1.
+   !> Lock the band of a row, and release the previous band. Initially none is locked: -1.
    subroutine lock_band(maps, row, held)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: row
@@ -128,7 +128,7 @@ contains
       call omp_set_lock(maps%band(held))
    end subroutine lock_band
 
-   !> Release the band held.
+   !> Release the locked band.
    subroutine unlock_band(maps, held)
       type(maps_t), intent(in) :: maps
       integer, intent(inout) :: held
@@ -147,7 +147,7 @@ contains
                       .or. associated(maps%shortest) .or. associated(maps%hits) .or. associated(maps%hits_exceeded)
    end function needs_visits
 
-   !> Return whether a map also needs heights in these cells.
+   !> Return whether a map also needs heights in the visited cells.
    pure logical function needs_heights(maps)
       type(maps_t), intent(in) :: maps
 
@@ -201,7 +201,7 @@ contains
       end do
    end subroutine visit_path
 
-   !> Maximum height [m] from time t of span k to another time; k and t are advanced to where the next call continues.
+   !> Maximum height [m] from time t of span k to a later time; on return k and t are where the next call continues.
    pure subroutine find_max_height(spans, until, k, t, top)
       type(span_t), intent(in), contiguous :: spans(:)
       real(wp), intent(in) :: until    !! since the start of the flight [s]
@@ -224,7 +224,7 @@ contains
 
    !> Start of a path over patch interval i, along one axis.
    pure type(axis_t) function path_axis(x, v, size, i)
-      real(wp), intent(in) :: x, v     !! its start [m], velocity [m/s]
+      real(wp), intent(in) :: x, v     !! start of the path [m], velocity [m/s]
       real(wp), intent(in) :: size     !! cell size [m]
       integer, intent(in) :: i
 
@@ -238,21 +238,21 @@ contains
 
    !> Cell in which a path starts.
    elemental real(wp) function first_cell(x, inverse, size, i) result(cell)
-      real(wp), intent(in) :: x        !! its start [m]
+      real(wp), intent(in) :: x        !! start of the path [m]
       real(wp), intent(in) :: inverse  !! from inverse_speed [s/m]
       real(wp), intent(in) :: size     !! cell size [m]
-      real(wp), intent(in) :: i        !! of the patch, an integer [-]
+      real(wp), intent(in) :: i        !! index of the patch, an integer [-]
       real(wp) :: cut, step
 
       cell = i + merge(0.0_wp, 1.0_wp, (i - 0.5_wp)*size > x)
       cut = leaving_time(x, inverse, size, cell)
       step = merge(1.0_wp, -1.0_wp, inverse > 0)
-      cell = cell + merge(step, 0.0_wp, cut <= 0)  ! it starts between two cells
+      cell = cell + merge(step, 0.0_wp, cut <= 0)  ! the path starts between two cells
    end function first_cell
 
    !> Time at which a path leaves its current cell [s].
    elemental real(wp) function leaving_time(x, inverse, size, cell)
-      real(wp), intent(in) :: x        !! its start [m]
+      real(wp), intent(in) :: x        !! start of the path [m]
       real(wp), intent(in) :: inverse  !! from inverse_speed [s/m]
       real(wp), intent(in) :: size     !! cell size [m]
       real(wp), intent(in) :: cell     !! an integer [-]
@@ -260,7 +260,7 @@ contains
       leaving_time = exit_time(x, cell + merge(-0.5_wp, -1.5_wp, inverse > 0), size, inverse)
    end function leaving_time
 
-   !> Move to the next cell if `crosses`, and compute the time at which the path leaves the current one.
+   !> If `crosses`, move to the next cell; then compute the time at which the path leaves its current cell.
    pure subroutine step_axis(axis, crosses)
       type(axis_t), intent(inout) :: axis
       logical, intent(in) :: crosses
@@ -269,7 +269,7 @@ contains
       axis%cut = leaving_time(axis%x, axis%inverse, axis%size, real(axis%cell, wp))
    end subroutine step_axis
 
-   !> Add one visit, with its maxima.
+   !> Add a visit with its maxima.
    pure subroutine visit_cell(visits, cell, speed2, spin, jump_height)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: cell(2)              !! column, row
@@ -292,8 +292,8 @@ contains
       end associate
    end subroutine raise_values
 
-   !> Enter the first cell of a path, mostly the current one, since flights start where the last one ended. Visits are
-   !> joined only here, so that the visits of a path can be taken back.
+   !> Enter the first cell of a path, usually the current cell, because a flight starts where the last one ended. Visits
+   !> are joined only here, so that the visits of a path can be removed.
    pure subroutine enter_cell(visits, cell)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: cell(2)  !! column, row
@@ -305,7 +305,7 @@ contains
       call enter_other_cell(visits, cell)
    end subroutine enter_cell
 
-   !> Note where a path starts that may be taken back.
+   !> Record the start of a path whose visits may be removed.
    pure subroutine mark_path(visits)
       type(visits_t), intent(inout) :: visits
 
@@ -313,7 +313,7 @@ contains
       visits%max = visits%visit(visits%n)%max
    end subroutine mark_path
 
-   !> Take back the visits of the current path, but for the cell where it starts.
+   !> Remove the visits of the current path, except in the cell where it starts.
    pure subroutine take_back_path(visits)
       type(visits_t), intent(inout) :: visits
 
@@ -340,7 +340,7 @@ contains
       if (2*visits%n > size(visits%visit)) call lengthen(visits)
    end subroutine make_room
 
-   !> Make the list twice as long.
+   !> Double the capacity of the list.
    pure subroutine lengthen(visits)
       type(visits_t), intent(inout) :: visits
       type(visit_t), allocatable :: longer(:)
@@ -350,8 +350,8 @@ contains
       call move_alloc(longer, visits%visit)
    end subroutine lengthen
 
-   !> Join the visits of each cell to one, with the maxima and the earliest time, in order of the first visits: at the
-   !> end of a boulder, in a hash table of their indices (open addressing) that stays in the first-level cache, unlike
+   !> Join the visits of each cell to one, with the maxima and the earliest time, in order of the first visits. Called
+   !> at the end of a boulder, with a hash table of indices (open addressing) that fits in the first-level cache, unlike
    !> tables for all boulders in flight.
    pure subroutine join_visits(visits)
       type(visits_t), intent(inout) :: visits
@@ -383,7 +383,7 @@ contains
       visits%timed = timed
    end subroutine join_visits
 
-   !> Index of the visit of a cell; if there is none, the next index, which the table then has.
+   !> Index of the visit to a cell; for a new cell, the next index, which is entered in the table.
    pure subroutine find_visit(visit, cell, entry, index)
       type(visit_t), intent(in) :: visit(:)
       integer, intent(in) :: cell(2)         !! column, row
@@ -401,12 +401,12 @@ contains
       entry(k) = index
    end subroutine find_visit
 
-   !> Add the visits of a fragment to those of its boulder, with energies multiplied by mass: a boulder of unit mass
+   !> Add the visits of a fragment, with energies multiplied by its mass, to its boulder's. A boulder of unit mass
    !> then counts once per cell, with the maxima over its fragments.
    pure subroutine merge_visits(visits, fragment, mass)
       type(visits_t), intent(inout) :: visits
       type(visits_t), intent(in) :: fragment
-      real(wp), intent(in) :: mass  !! of the fragment [kg]
+      real(wp), intent(in) :: mass  !! mass of the fragment [kg]
       integer :: k
 
       do k = 1, fragment%n
@@ -421,7 +421,7 @@ contains
       end do
    end subroutine merge_visits
 
-   !> Make the list of times as long as that of visits.
+   !> Extend the list of times to the length of the list of visits.
    pure subroutine extend_times(visits)
       type(visits_t), intent(inout) :: visits
 
@@ -433,7 +433,7 @@ contains
    subroutine add_visits(maps, visits, mass)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
-      real(wp), intent(in) :: mass  !! of the boulder [kg]
+      real(wp), intent(in) :: mass  !! mass of the boulder [kg]
       logical :: values_requested
       integer :: k, held
 
@@ -552,7 +552,7 @@ contains
       end do
    end subroutine count_bins
 
-   !> Count a boulder in a cell to which `count_bins` assigned a slot, for another quantity, if that is requested.
+   !> Count a boulder for another quantity, if requested, in a cell to which `count_bins` assigned a slot.
    subroutine count_bin(maps, quantity, i, r, value)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: quantity, i, r
@@ -567,7 +567,7 @@ contains
       maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
    end subroutine count_bin
 
-   !> Assign a slot of counts to a cell; 0 if none is available. Memory that was never written may have any contents.
+   !> Assign a slot for counts to a cell; 0 if none is available. Memory that was never written may have any contents.
    subroutine assign_slot(maps, i, r, slot)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: i, r
@@ -583,7 +583,7 @@ contains
       maps%slot(i, r) = slot
    end subroutine assign_slot
 
-   !> Return whether boulders passed more cells than there are slots, which makes the counts unusable.
+   !> Return whether boulders passed more cells than slots exist, which makes the counts unusable.
    pure logical function lacks_slots(maps)
       type(maps_t), intent(in) :: maps
 
@@ -594,7 +594,7 @@ contains
    !> Raise a maximum; most visits only read it.
    elemental subroutine raise_maximum(maximum, value)
       real(sp), intent(inout) :: maximum  !! [J], [m/s], [m], or of rockfall_travel_maps
-      real(sp), intent(in) :: value       !! likewise
+      real(sp), intent(in) :: value       !! in the unit of `maximum`
 
       if (value > maximum) maximum = value
    end subroutine raise_maximum

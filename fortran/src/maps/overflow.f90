@@ -17,8 +17,8 @@ module rockfall_map_overflow
 
    !> Maximum sum [J], [mm/s], [mm]: below 2**63 with a margin for rounding to integers.
    real(wp), parameter :: max_sum = 9.0e18_wp
-   real(wp), parameter :: rounding = 0.5_wp  !! per hit of a tree [J], [mm]; the number of hits alone fits in 63 bits
-   !> Maps that show the sums of a plan.
+   real(wp), parameter :: rounding = 0.5_wp  !! per tree hit [J], [mm]; the number of hits alone fits in 63 bits
+   !> Maps computed from the sums of a plan.
    character(len=*), parameter :: names(10) = [character(len=23) :: "energy_mean", "speed_mean", "jump_height_mean", &
                                                "passing_height_mean", "tree_impact_height_mean", "tree_energy", &
                                                "energy_std", "speed_std", "jump_height_std", "passing_height_std"]
@@ -33,7 +33,7 @@ contains
       type(volume_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: gravity        !! [m/s2]
       real(wp), intent(in) :: fall           !! from the highest energy head to the lowest elevation [m]
-      integer(i8), intent(in) :: boulders    !! of the whole run: all may pass the same cell
+      integer(i8), intent(in) :: boulders    !! number in the whole run: all may pass the same cell
       integer, intent(in) :: max_hits        !! maximum number of tree hits per boulder: all may be in one cell
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: max_single(4), max_total(size(names)), limit(size(names)), volume, hits
@@ -73,11 +73,11 @@ contains
       end if
    end subroutine check_overflow
 
-   !> Bound of the sum of n independent volumes [m3], by Chernoff: from 2e times its mean on, it exceeds k times the
-   !> maximum of one volume with a probability below 2**-k; k = 128 makes an overflow practically impossible.
+   !> Bound of the sum of n independent volumes [m3], by Chernoff: the probability that a sum of at least 2e times its
+   !> mean exceeds k times the maximum volume is below 2**-k; k = 128 makes an overflow practically impossible.
    pure real(wp) function sum_of_many(n, mean, max_single)
       integer(i8), intent(in) :: n
-      real(wp), intent(in) :: mean, max_single  !! of one volume [m3]
+      real(wp), intent(in) :: mean, max_single  !! mean and maximum of one volume [m3]
 
       sum_of_many = max(6*n*mean, 128*max_single)
    end function sum_of_many

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Maps of the passing height of boulder centres, vertically above the surface. A boulder whose lowest point is at
-!> height h over a slope has its centre at h + R / cos(slope), as at the lines; the slope is that of the cell (Horn
+!> height h over a slope has its centre at h + R / cos(slope), as at lines; the slope is the cell's (Horn
 !> 1981).
 module rockfall_passing_maps
    use rockfall_kinds, only: wp
@@ -24,13 +24,13 @@ contains
       needs_passing = is_requested(maps%layer(passing_height))
    end function needs_passing
 
-   !> Add the maximum heights of a fragment's centre in the cells that it visited to those of its boulder, which
-   !> `add_passing` takes with a radius of zero.
+   !> Add the maximum heights of a fragment's centre in its visited cells to those of its boulder, which
+   !> `add_passing` then treats as having radius zero.
    pure subroutine merge_passing(passing, visits, dem, radius)
       type(visits_t), intent(inout) :: passing
       type(visits_t), intent(in) :: visits
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: radius  !! of the fragment [m]
+      real(wp), intent(in) :: radius  !! radius of the fragment [m]
       integer :: k
 
       do k = 1, visits%n
@@ -52,12 +52,12 @@ contains
       end associate
    end function centre_height
 
-   !> Add the maximum heights of a boulder's centre in the cells that it visited; thread-safe.
+   !> Add the maximum heights of a boulder's centre in its visited cells; thread-safe.
    subroutine add_passing(maps, visits, dem, radius)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: radius  !! of the boulder [m]
+      real(wp), intent(in) :: radius  !! radius of the boulder [m]
       real(wp) :: height
       integer :: k, held
 

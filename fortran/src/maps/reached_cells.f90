@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Tallies of the cells that boulders reached, in the form of files.
+!> Tallies of the cells that boulders reached, as stored in files.
 module rockfall_reached_cells
    use rockfall_kinds, only: sp, i4, i8
    use rockfall_map_tallies, only: map_tallies_t
@@ -8,7 +8,7 @@ module rockfall_reached_cells
    public :: reached_cells_t, find_reached_cells, allocate_reached_cells, pack_cells, unpack_cells
 
    type :: reached_cells_t
-      integer(i8), allocatable :: cell(:)              !! 0-based by rows from the north-west, in order
+      integer(i8), allocatable :: cell(:)              !! 0-based by rows from the north-west, ascending
       integer(i4), allocatable :: counts(:, :)         !! (cells, layers)
       integer(i8), allocatable :: sums(:, :)
       real(sp), allocatable :: maxima(:, :)

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Maps by source: the number of sources that contribute to a cell (one of their boulders passed it), and the number of
-!> boulders that these release. A source counts once per cell, for any distribution of its boulders over threads, calls
-!> and parts.
+!> boulders that these sources release. A source counts once per cell, however its boulders are distributed over
+!> threads, calls and parts.
 !>
 !> Boulders of a source are consecutive. A source that one thread runs completely collects its cells first. A source
 !> shared by several threads or calls writes its number to `last_source` when it is counted; calls come in order, so a
@@ -15,11 +15,11 @@ module rockfall_source_maps
    public :: contributing_t, counts_sources, gather_cells, add_source, add_source_of_boulder
    public :: partial_sources, first_partial, contributing_cells, boulders_within, adjust_released
 
-   !> Cells to which partial sources contribute, by source; partial: a range of boulders contains some of its boulders.
+   !> Cells to which partial sources contribute, by source. Only some boulders of a partial source are in the range.
    type :: contributing_t
       integer(i8), allocatable :: cell(:)      !! 0-based, by rows from the north-west
       integer(i4), allocatable :: source(:)
-      integer(i4), allocatable :: boulders(:)  !! of the source, within the range
+      integer(i4), allocatable :: boulders(:)  !! number of the source's boulders in the range
    end type contributing_t
 
 contains
@@ -31,7 +31,7 @@ contains
       counts_sources = associated(maps%sources) .or. associated(maps%released)
    end function counts_sources
 
-   !> Add a boulder's cells to those of its source; after `join_visits` each occurs once.
+   !> Add a boulder's cells to the cells of its source; after `join_visits` each occurs once.
    pure subroutine gather_cells(cells, visits)
       type(visits_t), intent(inout) :: cells  !! started with start_visits
       type(visits_t), intent(in) :: visits
@@ -46,7 +46,7 @@ contains
    subroutine add_source(maps, cells, boulders)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: cells
-      integer(i8), intent(in) :: boulders  !! of the source
+      integer(i8), intent(in) :: boulders  !! number of the source's boulders
       integer :: k
 
       do k = 1, cells%n
@@ -54,7 +54,7 @@ contains
       end do
    end subroutine add_source
 
-   !> Count a source in those cells of one of its boulders in which it is not yet counted. Thread-safe for boulders of
+   !> Count a source in the cells of one of its boulders in which it is not yet counted. Thread-safe for boulders of
    !> the same source.
    subroutine add_source_of_boulder(maps, visits, source, boulders)
       type(maps_t), intent(in) :: maps
@@ -79,8 +79,8 @@ contains
       end do
    end subroutine add_source_of_boulder
 
-   !> Layer of `last_source` for a source: the second is reserved for `first_partial`, whose cells are needed at the end
-   !> of the run, when later sources may have visited them.
+   !> Layer of `last_source` for a source: the second layer is reserved for `first_partial`, whose cells are needed at
+   !> the end of the run, when later sources may have visited them.
    pure integer function source_layer(maps, source) result(layer)
       type(maps_t), intent(in) :: maps
       integer(i8), intent(in) :: source
@@ -103,7 +103,7 @@ contains
       end if
    end subroutine count_source
 
-   !> Sources with some but not all boulders in the range first..last: none, one or two.
+   !> Sources with some but not all boulders in the range first..last: at most two.
    pure function partial_sources(release, first, last) result(sources)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: first, last
@@ -121,7 +121,7 @@ contains
       sources = pack(ends, partial)
    end function partial_sources
 
-   !> Source cut by the beginning of a range of boulders, 0 if none: later sources must not overwrite it in
+   !> Source split by the start of a range of boulders, 0 if none: later sources must not overwrite it in
    !> `last_source`.
    pure integer(i8) function first_partial(release, first)
       type(release_t), intent(in) :: release
@@ -171,7 +171,7 @@ contains
       end do
    end function contributing_cells
 
-   !> Reduce the boulders of partial sources to those of the range in the cells to which they contribute (sign 1): the
+   !> Reduce the boulders of partial sources, in the cells to which they contribute, to those in the range (sign 1): the
    !> denominator of the reach probability in a part of a run. Sign -1 reverts this, for a run that continues.
    pure subroutine adjust_released(maps, release, contributing, sign)
       type(maps_t), intent(inout) :: maps

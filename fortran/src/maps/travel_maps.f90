@@ -29,11 +29,11 @@ contains
       needs_travel = associated(maps%steepest) .or. associated(maps%flattest) .or. associated(maps%shortest)
    end function needs_travel
 
-   !> Record when the visits of a flight began.
+   !> Record the times at which the visits of a flight began.
    pure subroutine time_visits(visits, dem, start, v, start_time, duration)
       type(visits_t), intent(inout) :: visits
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: start(2)  !! of the flight [m]
+      real(wp), intent(in) :: start(2)  !! start of the flight [m]
       real(wp), intent(in) :: v(2)      !! in plan [m/s]
       real(wp), intent(in) :: start_time  !! since the release [s]
       real(wp), intent(in) :: duration  !! [s]
@@ -61,13 +61,13 @@ contains
       if (abs(v) > 0) arrival_time = (middle - sign(0.5_wp*cell, v))/v
    end function arrival_time
 
-   !> Add the arrival of a boulder in the cells that it visited; thread-safe. The first cell is that of its release, to
-   !> which there is no line.
+   !> Add the arrival of a boulder in its visited cells; thread-safe. The first cell contains its release, to
+   !> which there is no energy line.
    subroutine add_travel(maps, visits, dem, start)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: start(3)  !! of the boulder [m]
+      real(wp), intent(in) :: start(3)  !! start of the boulder [m]
       real(wp) :: sine
       integer :: k, held
 
@@ -89,7 +89,7 @@ contains
       call unlock_band(maps, held)
    end subroutine add_travel
 
-   !> Sine of the angle below the horizontal of the line from a release to the ground at a cell centre [-].
+   !> Sine [-] of the angle below the horizontal of the line from a release to the ground at a cell centre.
    pure real(wp) function sine_of_line(dem, start, cell) result(sine)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: start(3)  !! [m]

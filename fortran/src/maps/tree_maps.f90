@@ -13,7 +13,7 @@ module rockfall_tree_maps
 
    type :: tree_contact_t
       integer :: cell(2) = 0      !! column, row
-      real(wp) :: height = 0.0_wp !! of the contact point above the ground [m]
+      real(wp) :: height = 0.0_wp !! height of the contact point above the ground [m]
       real(wp) :: absorbed = 0.0_wp  !! energy absorbed by the tree [J]
    end type tree_contact_t
 
