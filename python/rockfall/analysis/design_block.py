@@ -307,7 +307,7 @@ class _Likelihood:
         self.dated = rate.dated / rate.dispersion
         self.years = survey.years / rate.dispersion
         theta = np.expm1(_PLACES * math.log(n))
-        #: avoids 0 (exponential)
+        # avoids 0 (exponential)
         self.theta = np.where(np.abs(theta) < 1e-9, 1e-9, theta) / excess[-1]
         self.total = np.array([np.log1p(theta * excess).sum() for theta in self.theta])
         self.least = n * (best_of(fit.shape / fit.scale, excess)[2] + 1)

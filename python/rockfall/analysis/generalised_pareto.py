@@ -124,7 +124,7 @@ def _spectrum(shape: float) -> tuple[np.ndarray, np.ndarray]:
     beyond, log_beyond = 1 - t, np.log1p(-t)
     power = np.expm1(shape * log_beyond)
     slope = np.stack([power / shape, (shape * log_beyond - power) / shape**2]) * beyond
-    #: parameters: log scale and shape
+    # parameters: log scale and shape
     covariance = (1 + shape) * np.array([[2, -1], [-1, 1 + shape]])
     kernel = np.minimum.outer(t, t) - np.outer(t, t) - slope.T @ covariance @ slope
     kernel *= np.sqrt(np.outer(weight, weight) / np.outer(t * beyond, t * beyond))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Populations of boulders: those behind the numbers of a case, and those of its hazard."""
+"""Boulder populations behind the numbers of a case and of its hazard."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rockfall.case import Case, keys_of
 from rockfall.case.text import literal
 from rockfall.language import Text, say
 
-OF_VOLUMES = (  # keys of &boulder, without the list of volumes, which may be long
+OF_VOLUMES = (  # keys of &boulder, except the list of volumes, which may be long
     "volume", "volume_mean", "volume_std", "volume_min", "volume_max", "volume_exponent",
 )  # fmt: skip
 
@@ -24,6 +24,6 @@ def population_notes(case: Case, yearly: bool = False) -> Iterator[Text]:
 
 
 def scenario_note(case: Case) -> Iterator[Text]:
-    """Note that the numbers of a run do not cover the scenarios of its case, if it has any."""
+    """Note that run numbers do not cover the scenarios of the case, if it has scenarios."""
     if case.scenario:
         yield say("variants.other_population")

@@ -3,8 +3,8 @@
 
 The largest of n values grows with n. This module estimates the level that one in N of the passing
 boulders exceeds, from a generalised Pareto distribution (GPD) of the values above a high threshold
-(Pickands 1975; Coles 2001, chapter 4). It is refused where the data do not support it. Boulders of
-common sources count as their effective number of independent ones.
+(Pickands 1975; Coles 2001, chapter 4). It refuses a tail that the data do not support. Boulders
+from common sources count as their effective number of independent boulders.
 """
 
 from __future__ import annotations
@@ -47,16 +47,18 @@ QUANTITIES = (
     "energy_rotational",
     "energy_total",
 )
-UPPER = 0.05  # fraction above the lowest threshold; with 0.1 and 0.25 levels are biased
-MIN_ABOVE, MAX_ABOVE = 50, 2000  # independent boulders above a threshold
-THRESHOLDS = 12  # tried
-ENOUGH = 25  # independent boulders beyond a level that make a tail unnecessary
-MAX_PERIOD = 10  # maximum period over the number of independent boulders
-MAX_SHAPE = 0.5  # absolute value: theory of the fit (-0.5) and variance (+0.5) end there
-BARTLETT = 12  # over the number above the threshold: see _profiled
-POINTS, DEGREE = 64, 16  # places of theta, and the polynomial of the scale: levels to 1e-5
+UPPER = 0.05  # fraction above the lowest threshold; 0.1 and 0.25 give biased levels
+#: minimum and maximum number of independent boulders above a threshold
+MIN_ABOVE, MAX_ABOVE = 50, 2000
+THRESHOLDS = 12  # number of thresholds tried
+ENOUGH = 25  # independent boulders beyond a level that make a fitted tail unnecessary
+MAX_PERIOD = 10  # maximum period divided by the number of independent boulders
+MAX_SHAPE = 0.5  # limit of |shape|: fit theory (-0.5) and variance (+0.5) end there
+BARTLETT = 12  # factor over the number above the threshold: see _profiled
+#: grid of theta, and polynomial degree of the scale: levels accurate to 1e-5
+POINTS, DEGREE = 64, 16
 TINY = 1e-14
-MAX_HIGH = 3  # maximum ratio of the upper limit to the level
+MAX_HIGH = 3  # maximum ratio of upper limit to level
 
 
 class Level(NamedTuple):
@@ -70,10 +72,10 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class Tail:
-    """Upper tail of a sample: the GPD above the chosen threshold and the levels of each N.
+    """Upper tail of a sample: the GPD above the chosen threshold, and the level for each N.
 
-    `tried` holds the fits above all thresholds, from the lowest. If `refused` gives a reason,
-    levels are only those within the sample, and `fit` may be None.
+    `tried` contains the fits above all thresholds, from the lowest. If `refused` gives a reason,
+    only levels within the sample are given, and `fit` may be None.
     """
 
     n: int
@@ -82,7 +84,8 @@ class Tail:
     fit: Fit | None
     refused: str | None
     levels: dict[int, Level]
-    end: tuple[float, float] = (np.inf, np.inf)  # end point and its upper limit; no value is beyond
+    #: upper end point and its upper limit; infinite if unbounded
+    end: tuple[float, float] = (np.inf, np.inf)
 
     @property
     def shape_limits(self) -> tuple[float, float]:
@@ -97,12 +100,11 @@ def return_levels(
     levels: Sequence[int] = LEVELS,
     lines: Sequence[str | int] | None = None,
 ) -> pd.DataFrame:
-    """One row for each line (or each of the `lines`, given by name or index) and quantity, in the
-    units of the result: n, max and `level_N`, the
-    value exceeded by one in N of the boulders that pass, with the limits of its 95 % interval; the
-    GPD behind it (threshold, boulders above it, shape with its limits, scale, p of the fit, the
-    upper end point of the tail and its upper limit); NaN if refused, for the reason in `refused`,
-    else empty.
+    """Table with one row for each line (or each of the `lines`, by name or index) and quantity, in
+    the units of the result: n, max, and `level_N`, the value exceeded by one in N of the boulders
+    that pass, with the limits of its 95 % interval. Further columns describe the GPD: threshold,
+    boulders above it, shape with its limits, scale, p of the fit, upper end point of the tail and
+    its upper limit. Refused values are NaN, with the reason in `refused`, else empty.
 
     Levels that at least 25 boulders exceed are quantiles of the sample.
 
@@ -141,14 +143,14 @@ def _row(sample: Sample, tail: Tail) -> dict[str, float | str]:
         for N, level in tail.levels.items()
         if level.refused
     ]
-    # a text in every row: pandas versions differ on missing texts
+    # text in every row, because pandas versions differ on missing texts
     row["refused"] = tail.refused or "; ".join(alone)
     return row
 
 
 def tail(values: np.ndarray, source: Sources | None = None, levels: Sequence[int] = LEVELS) -> Tail:
-    """Upper tail of the values (>= 0) of boulders; `source` is that of each, as from
-    `rockfall.analysis.precision.intervals.sources`, None = one source."""
+    """Upper tail of the values (>= 0) of boulders; `source` gives the source of each, as from
+    `rockfall.analysis.precision.intervals.sources`, None for one source."""
     return tail_of(Values(values, Sources.alone(values.size) if source is None else source), levels)
 
 
@@ -186,7 +188,7 @@ def tail_of(sample: Sample, levels: Sequence[int] = LEVELS) -> Tail:
 
 
 def _tried(sample: Sample, independent: float) -> Iterator[Fit]:
-    """Fits above increasing thresholds, with decreasing numbers of exceedances; a sample of few
+    """Fits above increasing thresholds, with decreasing numbers of exceedances. A sample with few
     independent boulders may lack the values above the lowest thresholds."""
     n, available = sample.n, UPPER * independent
     if available < MIN_ABOVE:
@@ -219,7 +221,7 @@ def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
 
 
 def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str | None:
-    """Reason for refusing a tail; None if valid."""
+    """Reason for refusing a tail; None for a valid tail."""
     if not tried and UPPER * independent >= MIN_ABOVE:
         return say("level.ties", needed=MIN_ABOVE)
     if not tried:
@@ -234,7 +236,7 @@ def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str |
 
 
 def _rising(levels: dict[int, Level]) -> dict[int, Level]:
-    """Levels that rise with N: some come from the sample, others from its tail."""
+    """Levels that increase with N, although some come from the sample, others from its tail."""
     least: tuple[float, ...] = (-np.inf,) * 3
     rising = dict(levels)
     for N in sorted(levels):
@@ -251,7 +253,7 @@ def _level(
     beyond: dict[int, Level],
     refused: str | None,
 ) -> Level:
-    """Level exceeded by one in N: from the sample if enough values lie beyond, or its tail."""
+    """Level exceeded by one in N: from the sample if enough values lie beyond, else its tail."""
     below = 1 - 1 / N
     if independent >= ENOUGH * N:
         return Level(sample.quantile([below])[0], *sample.between(below, independent))
@@ -261,9 +263,9 @@ def _level(
 def _beyond(
     levels: Sequence[int], sample: Sample, independent: float, fit: Fit, highest: Fit
 ) -> dict[int, Level]:
-    """Levels of the tail. The interval covers those above the chosen and the highest threshold,
-    because a misfit undetected in few values may still shift the level (heights of cases/vaujany:
-    89 % coverage without, 93 % with)."""
+    """Levels from the tail. The interval covers the intervals above the chosen and the highest
+    threshold, because an undetected misfit in few values may still shift the level (heights of
+    cases/vaujany: 89 % coverage without, 93 % with)."""
     made = _profiled(levels, sample, independent, fit)
     if highest.shape > -MAX_SHAPE and highest is not fit:
         for N, other in _profiled(levels, sample, independent, highest).items():
@@ -278,14 +280,14 @@ def _beyond(
 def _profiled(
     levels: Sequence[int], sample: Sample, independent: float, fit: Fit
 ) -> dict[int, Level]:
-    """Levels of a GPD with their 95 % profile-likelihood intervals (Coles 2001, section 4.3.3),
+    """GPD levels with their 95 % profile-likelihood intervals (Coles 2001, section 4.3.3),
     including the binomial uncertainty of the fraction above the threshold. The likelihood is scaled
     to the independent boulders (Chandler and Bate 2007). Bartlett's factor, measured on GPD
-    samples, corrects for few values: without it intervals from 50 cover 92 to 94 %.
+    samples, corrects for few values: without it intervals from 50 values cover 92 to 94 %.
 
-    A limit is the extreme level among all parameters whose log-likelihood lies within `allowed` of
-    the maximum. For each theta = shape / scale, Lagrange's condition leaves the logarithm of the
-    fraction above the threshold, by Newton's method; places are dense at the ends, where limits
+    A limit is the extreme level over all parameters whose log-likelihood lies within `allowed` of
+    the maximum. For each theta = shape / scale, Lagrange's condition gives the logarithm of the
+    fraction above the threshold, by Newton's method. The grid is dense at the ends, where limits
     change fast.
     """
     n, k = sample.n, fit.exceedances
@@ -304,27 +306,30 @@ def _profiled(
     )
 
     def scales(places: np.ndarray) -> np.ndarray:
-        """Maximum-likelihood scale for each theta: smooth."""
+        """Maximum-likelihood scale for each theta, a smooth function."""
         return np.array([best_of(theta, excess)[1] for theta in theta_at(places, excess)])
 
     places = (west + east - (east - west) * np.cos(np.linspace(0, np.pi, POINTS))) / 2
     theta = theta_at(places, excess)
     scale = np.polynomial.Chebyshev.interpolate(scales, DEGREE, [west, east])(places)
-    left = np.maximum(allowed - np.log(scale) - theta * scale, TINY)  # of each value
+    # remaining allowance of each value
+    left = np.maximum(allowed - np.log(scale) - theta * scale, TINY)
     log_n = np.log(levels)[:, None]
     start, others = math.log(k / n), n / k - 1
-    further = log_n + start  # log distance above the level for 1 in N
+    further = log_n + start  # log distance above the 1-in-N level
     bend = 1 / (1 - k / n)
     move = np.sqrt(2 * left / (1 + 1 / (further**2 * bend))) / (further * bend)
-    fraction = start + np.array([-1, 1])[:, None, None] * move  # logarithm; (2, levels, places)
+    # log fraction; (2, levels, grid points)
+    fraction = start + np.array([-1, 1])[:, None, None] * move
     for _ in range(6):
         odds = 1 / np.expm1(-fraction)
         slope = others * odds - 1
-        inverse = 1 - (fraction + log_n) * slope  # best shape for this theta over the shape
+        # ratio of the best shape for this theta to the shape
+        inverse = 1 - (fraction + log_n) * slope
         cost = inverse - 1 - np.log(inverse) + start - fraction
         cost -= others * np.log(-np.expm1(fraction) / (1 - k / n))
         change = slope + (fraction + log_n) * others * odds * (1 + odds)
-        root = np.sqrt(np.maximum(cost, TINY))  # nearly linear
+        root = np.sqrt(np.maximum(cost, TINY))  # nearly linear function for Newton's method
         fraction -= 2 * root * (root - np.sqrt(left)) / (slope - (1 - 1 / inverse) * change)
     inverse = 1 - (fraction + log_n) * (others / np.expm1(-fraction) - 1)
     above = np.expm1(theta * scale * (fraction + log_n) / inverse) / theta
@@ -338,7 +343,7 @@ def _profiled(
 
 
 def _peak(values: np.ndarray) -> float:
-    """Maximum of a smooth function, by a parabola through the highest of its values."""
+    """Maximum of a smooth function, from a parabola through its highest values."""
     k = int(np.argmax(values))
     if not 0 < k < values.size - 1:
         return float(values[k])

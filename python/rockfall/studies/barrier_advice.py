@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Barrier recommended by a siting, verified by runs: boulders that reach the line today, and those
-that still do with the barrier; the boulders are the same."""
+"""Barrier recommended by a siting, verified by runs with the same boulders: boulders that reach the
+line today, and boulders that reach it with the barrier."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ from rockfall.studies.siting_runs import populations
 from rockfall.studies.study import Study
 from rockfall.studies.yearly_variants import Three, hits_at, yearly_sum
 
-STEP = 0.5  # [m] between the heights of barriers
-MOST_TRIED = 5  # alignments, the cheapest first
+STEP = 0.5  # [m] step of barrier heights
+MOST_TRIED = 5  # maximum number of alignments tried, the cheapest first
 NAME = "advised barrier"
-ROUND = "round"  # its ends
+ROUND = "round"  # outcome: passed around its ends
 HITS = "passing_height", "energy_total"
 
 
 class Wanted(NamedTuple):
-    """A barrier to be tried."""
+    """A barrier to try."""
 
     alignment: Alignment
-    height: float  # of its upper edge above the ground, vertical [m]
+    height: float  # height of the upper edge above the ground, vertical [m]
     ead_class: int
 
 
 class Most(NamedTuple):
     """Maximum barrier height, and barrier prices."""
 
-    height: float = MAX_HEIGHT  # [m]
+    height: float = MAX_HEIGHT  # maximum height [m]
     ead_class: int = len(EAD_ENERGY) - 1
     prices: Costs | None = None
 
@@ -55,11 +55,11 @@ class Most(NamedTuple):
 @dataclass(frozen=True)
 class Advice:
     """A barrier, and the boulders that reach the protected line `today` and with the barrier
-    (`left`), with 95 % limits; `change` is the paired difference. All are numbers a year if the
+    (`left`), with 95 % limits; `change` is the paired difference. All are annual numbers if the
     case has scenarios (`yearly`), else fractions of the boulders released.
 
     `ways` has the fractions of these boulders that pass over the barrier, break through it, or pass
-    around its ends. `is_enough` is None if no frequency was given as acceptable.
+    around its ends. `is_enough` is None without an acceptable frequency.
     """
 
     barrier: Wanted
@@ -68,7 +68,7 @@ class Advice:
     left: Three
     change: Three
     ways: dict[str, float]
-    acceptable: float | None  # [1/year]
+    acceptable: float | None  # acceptable frequency [1/year]
     tried: int
 
     @property
@@ -82,8 +82,8 @@ class Advice:
 
 
 class _Came(NamedTuple):
-    """Boulders of a run that reach the line; the outcome of each at the barrier (0 if it did not
-    meet the barrier before); and heights [m] and energies [J] there."""
+    """Boulders of a run that reach the line, the outcome of each at the barrier (0 if it did not
+    meet the barrier before), and heights [m] and energies [J] there."""
 
     comes: np.ndarray
     outcome: np.ndarray
@@ -95,7 +95,7 @@ class _Came(NamedTuple):
 
 
 def check_acceptable(case: Case, acceptable: float | None) -> None:
-    """Refuse a frequency that cannot be compared with runs of the case."""
+    """Refuse an acceptable frequency that is not comparable with runs of the case."""
     if acceptable is None:
         return
     if not 0 < acceptable < math.inf:
@@ -110,8 +110,8 @@ def check_acceptable(case: Case, acceptable: float | None) -> None:
 def wanted(
     rows: Sequence[Mapping[str, Any]], alignments: Sequence[Alignment], most: Most
 ) -> list[Wanted]:
-    """Barriers to try, cheapest first, for alignments that are not refused: with height and class
-    at the upper limits of their intervals where known, within the limits."""
+    """Barriers to try, cheapest first, at alignments that are not refused. Height and class are at
+    the upper limits of their intervals where known, within the allowed maximum."""
     able = [
         (row["fits"] != "yes", row["cost"], row["distance"], k)
         for k, row in enumerate(rows)
@@ -140,10 +140,10 @@ def advise(
     *,
     progress: bool = False,
 ) -> Advice | None:
-    """First barrier, unchanged, higher or of a higher class, with which at most `acceptable`
-    boulders a year reach the line, by the upper limit. If none suffices, the barrier that lets the
-    fewest through; None without barriers. `bare`: results without a barrier, with their frequencies
-    [1/year], of the same scenarios, or of the case."""
+    """First barrier (unchanged, higher, or of a higher class) with which at most `acceptable`
+    boulders a year reach the line, by the upper limit. If none suffices, the barrier that the
+    fewest boulders pass; None without barriers. `bare` has the results without a barrier, with
+    their frequencies [1/year], for the same scenarios or for the case."""
     if not barriers:
         return None
     yearly = {name: often for name, (_, often) in bare.items()}
@@ -173,7 +173,7 @@ def _stronger(
     case: Case, barrier: Wanted, after: Sequence[_Came], most: Most, acceptable: float
 ) -> Wanted | None:
     """Cheapest barrier, higher or of a higher class, that at most this number of the boulders that
-    passed would still have passed; None if there is none."""
+    passed would still pass; None if no barrier suffices."""
 
     def is_enough(ead_class: int, k: int) -> bool:
         would = (
@@ -188,14 +188,15 @@ def _stronger(
 
     highest = max(float(np.nanmax(came.height, initial=barrier.height)) for came in after)
     steps = int((min(most.height, highest + STEP) - barrier.height) / STEP + 1e-9)
-    heights = [barrier.height + k * STEP for k in range(steps + 1)]  # a higher one stops no more
+    # greater heights stop no more boulders
+    heights = [barrier.height + k * STEP for k in range(steps + 1)]
     classes = range(barrier.ead_class, most.ead_class + 1)
     choice = cheapest(least_heights(classes, heights, is_enough, most.prices))
     return choice and Wanted(barrier.alignment, choice.height, choice.ead_class)
 
 
 def group_of(barrier: Wanted) -> dict[str, Any]:
-    """The `&barrier` group of a case with a barrier."""
+    """`&barrier` group of a case for a barrier."""
     alignment, height, ead_class = barrier
     return {"name": NAME, "x": alignment.x, "y": alignment.y, "height": height, "class": ead_class}
 
@@ -207,7 +208,7 @@ def _came(
     barrier: Wanted | None,
     progress: bool,
 ) -> list[_Came]:
-    """Boulders of each run or result that reach a line, with a barrier."""
+    """Boulders of each run or result that reach a line when the barrier is present."""
     is_line = barrier is not None and barrier.alignment.name == line
 
     def numbers(name: str, result: xr.Dataset) -> _Came:
@@ -232,14 +233,14 @@ def _came(
 def _with_barrier(
     case: Case, barrier: Wanted, given: Mapping[str, Any]
 ) -> Iterator[tuple[str, Scene]]:
-    """Scenes of the runs of a case with a barrier."""
+    """Scenes for the runs of a case with a barrier."""
     scene = read_scene(case.replace(barrier=[*case.barrier, group_of(barrier)]), **given)
     for name, run in populations(scene).items():
         yield name, run.scene
 
 
 def _sum(case: Case, runs: Sequence[_Came]) -> Three:
-    """Boulders that arrive a year, or their fraction."""
+    """Annual number of boulders that arrive, or their fraction."""
     if not case.scenario:
         return fraction_interval(runs[0].comes, runs[0].clusters.source)
     parts = (
@@ -251,7 +252,7 @@ def _sum(case: Case, runs: Sequence[_Came]) -> Three:
 
 
 def _change(case: Case, today: Sequence[_Came], after: Sequence[_Came]) -> Three:
-    """Difference made by a barrier to the boulders that arrive."""
+    """Difference that a barrier makes to the boulders that arrive."""
     apart = (
         difference_of_fractions(here.comes, before.comes, here.clusters.source)
         for here, before in zip(after, today, strict=True)

@@ -94,7 +94,7 @@ def levels_by_period(
     of_run = np.repeat(np.arange(len(runs)), [part.size for part in values])
     order = np.argsort(-sample, kind="stable")
     counts = np.cumsum(of_run[order, None] == np.arange(len(runs)), axis=0, dtype="i4")
-    #: starts with a row for no boulders
+    # starts with a row for no boulders
     counts = np.concatenate([np.zeros((1, len(runs)), "i4"), counts])
     rates = frequencies(((counts[:, k], *run) for k, run in enumerate(runs)), factor)
     steps = np.concatenate([[np.inf], sample[order], [0.0]])

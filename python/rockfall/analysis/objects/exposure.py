@@ -203,7 +203,7 @@ class _Deaths:
             if np.isnan(self.numbers[name][k]):
                 self.layer.refuse(k, "aadt", f"{aadt:g}", f"needs the attribute {name}")
         curve, length = self._lethality(k), self._number(k, "vehicle_length", VEHICLE_LENGTH)
-        #: vehicles per day and metre
+        # vehicles per day and metre
         per_metre = 1 / (HOURS * METRES * float(self.numbers["speed"][k]))
         inside = float(self.numbers["persons_per_vehicle"][k])
         return _OfPersons(

@@ -236,7 +236,7 @@ def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) 
     for part in getattr(shape, "geoms", [shape]):
         curve = part.exterior if part.geom_type == "Polygon" else part
         x, y = np.array(curve.coords)[[0, 0] if part.geom_type == "Point" else slice(None)].T
-        #: name set when layers are joined
+        # name set when layers are joined
         attrs = {"name": "", "object_width": 0.0 if np.isnan(width) else width}
         objects.lines.append(attrs | {"x": x.tolist(), "y": y.tolist()})
         objects.owner = np.append(objects.owner, number)
@@ -287,7 +287,7 @@ def risks(objects: Objects, frequencies: Frequencies) -> Frequencies | None:
     with intensity."""
     if objects.vulnerability is None:
         return None
-    #: increase from the next lower intensity
+    # increase from the next lower intensity
     more = np.diff(objects.vulnerability, axis=1, prepend=0.0).T
     worth = objects.exposure * objects.value
     value, low, high = ((more * rate).sum(axis=0) * worth for rate in frequencies)

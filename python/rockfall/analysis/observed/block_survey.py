@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Survey of blocks: all deposited volumes, and those of a period (De Biagi et al. 2017)."""
+"""Survey of blocks: all deposited volumes, and volumes of a period (De Biagi et al. 2017)."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from rockfall.io.tables import Row, check_columns, read_table
 
 AXES = ("a", "b", "c")
 DATES = ("year", "date")
-MIN_VOLUME, MAX_VOLUME = 1e-6, 1e5  # [m3] the largest is 58 m across
+MIN_VOLUME, MAX_VOLUME = 1e-6, 1e5  # [m3] a block of the largest volume is 58 m across
 MAX_AXIS = 50.0  # [m]
 MAX_YEARS = 1e4
-CALENDAR = (1800.0, 2100.0)  # numbers that are calendar years
+CALENDAR = (1800.0, 2100.0)  # range of plausible calendar years
 LARGE = 150.0  # [m3] 6.6 m across; larger numbers suggest litres
-LONG = 200.0  # [year] longer than any record of falls
+LONG = 200.0  # [year] longer than any record of rockfalls
 UNLIKELY = 1e-3  # probability below which a survey is implausible
 
 Volumes = str | Path | Sequence[float] | np.ndarray  # a table, or volumes [m3]
@@ -31,8 +31,9 @@ Volumes = str | Path | Sequence[float] | np.ndarray  # a table, or volumes [m3]
 
 @dataclass(frozen=True)
 class Survey:
-    """Blocks of a survey. `volumes` [m3] has all deposited blocks, `undated` those without a date,
-    `dated` the blocks that fell within `years`; `dates` are their decimal years, where known."""
+    """Blocks of a survey. `volumes` [m3] lists all deposited blocks, `undated` the blocks without a
+    date, `dated` the blocks that fell within `years`; `dates` are their decimal years, where
+    known."""
 
     name: str
     volumes: np.ndarray
@@ -104,7 +105,7 @@ def _period(years: float | None, fallen: _Blocks) -> float:
 
 
 def survey_remarks(survey: Survey) -> Iterator[str]:
-    """Likely mistakes in the units of a survey, one line each."""
+    """Likely unit errors in a survey, one line each."""
     largest, years = float(survey.volumes.max()), survey.years
     if largest > LARGE:
         yield (f"the largest block has {largest:.3g} m3: are volumes in dm3 or kg, or axes in dm?")

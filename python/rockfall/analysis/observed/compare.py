@@ -60,10 +60,11 @@ if TYPE_CHECKING:
 TABLES = ("errors", "ks", "passing", "run_out", "at_rest", "stops", "contacts")
 STATISTICS = ("mean", "std", "max")
 DISAGREES = "compare.disagrees"
-LEVEL = 0.05  # p below which two samples have different distributions
-MIN_OBSERVED = {"mean": MIN_FOR_MEAN, "std": MIN_FOR_STD}  # boulders, for a verdict
+LEVEL = 0.05  # p-value below which two samples have different distributions
+#: minimum number of boulders for a verdict
+MIN_OBSERVED = {"mean": MIN_FOR_MEAN, "std": MIN_FOR_STD}
 STOPPING = "stopping_distance"
-_VERDICTS = {"within_interval": "boolean", "consistent": "boolean"}  # columns and their types
+_VERDICTS = {"within_interval": "boolean", "consistent": "boolean"}  # columns and their dtypes
 _BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in ENDS]
 
 
@@ -71,19 +72,19 @@ _BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in END
 class Comparison:
     """Tables of a comparison in SI units; empty for kinds without observations.
 
-    `_low` and `_high` are the limits of 95 % confidence intervals, NaN if there is none.
-    `within_interval`: the interval of the simulated number contains the observed one; `consistent`:
-    their difference is within the sampling error of both.
+    `_low` and `_high` are the limits of 95 % confidence intervals, NaN without an interval.
+    `within_interval`: the interval of the simulated number contains the observed number;
+    `consistent`: their difference is within the sampling error of both.
     """
 
     title: str
-    errors: pd.DataFrame  # mean, std, max at the lines; printed_error: of a paper's own method
-    ks: pd.DataFrame  # Kolmogorov-Smirnov of two samples; printed_p: from a paper
-    passing: pd.DataFrame  # fraction of boulders that travel at least this far [m]
+    errors: pd.DataFrame  # mean, std, max at the lines; printed_error: published error of a method
+    ks: pd.DataFrame  # two-sample Kolmogorov-Smirnov tests; printed_p: published p
+    passing: pd.DataFrame  # fraction of boulders that travel at least each distance [m]
     run_out: pd.DataFrame  # stopping distances and lateral spread, as in `run_out`
     at_rest: pd.DataFrame  # density of simulated boulders at blocks without a known release [m-2]
     stops: pd.DataFrame  # fraction of boulders that pass the cell of an observed stop
-    contacts: pd.DataFrame  # fraction at impacts, with their speeds and heights
+    contacts: pd.DataFrame  # reach probability at impacts, with speeds and heights
     notes: tuple[str, ...]  # notes for readers of the tables
 
     def table(self) -> pd.DataFrame:
@@ -139,7 +140,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
 
 
 def _nothing(seen: Observed, method: str) -> str:
-    """Reason why no row can be compared with a result of this method, and what to do."""
+    """Reason why no row is comparable with a result of this method, and what to do."""
     others = {*seen.summaries["method"], *seen.tests["method"]} - {"observed", method}
     if not others:
         return "nothing to compare: no row has a counterpart in the result: see docs/observed.md."
@@ -151,13 +152,13 @@ def _nothing(seen: Observed, method: str) -> str:
 
 
 def observed_files(case: Case) -> list[Path]:
-    """Files of `&observed` of a case."""
+    """Observation files in `&observed` of a case."""
     return [case.path(name) for name in case.observed.get("files", [])]
 
 
 def site_observations(site: xr.Dataset | Scene) -> Observed | None:
-    """Observations named by the case of a result or scene; None without any. Raises a RockfallError
-    for unreadable files, and for observations of another site."""
+    """Observations given by the case of a result or scene; None without observations. Raises a
+    RockfallError for unreadable files, and for observations from another site."""
     case = site.case if isinstance(site, Scene) else case_of(site)
     if not (files := observed_files(case)):
         return None
@@ -178,10 +179,10 @@ def _check_lines(seen: Observed, names: list[str]) -> None:
 
 def disagreement(comparison: Comparison) -> Text:
     """Number of compared values that differ beyond the sampling error of both. If there are more
-    than chance explains, the value with the largest error is given, preferably a mean."""
+    than expected by chance, also the value with the largest error, preferably a mean."""
     tested, differing = 0, []
     tables = [name for name in TABLES if name != "passing" or not len(comparison.run_out)]
-    for name in tables:  # fractions at all stopping distances come from one sample
+    for name in tables:  # all stopping distances share one sample, so their fractions are dependent
         for row in getattr(comparison, name).to_dict("records"):
             differs = _differs(row)
             tested += differs is not None
@@ -195,7 +196,7 @@ def disagreement(comparison: Comparison) -> Text:
 
 
 def _by_chance(tested: int) -> int:
-    """Maximum number of rejections by chance in independent tests at LEVEL (95 % probability)."""
+    """Maximum number of chance rejections in independent tests at LEVEL (95 % probability)."""
     below = 0.0
     for n in range(tested + 1):
         below += math.comb(tested, n) * LEVEL**n * (1 - LEVEL) ** (tested - n)
@@ -216,7 +217,7 @@ def _named(table: str, row: dict[str, Any]) -> tuple[bool, float, str]:
 
 
 def _differs(row: dict[str, Any]) -> bool | None:
-    """Verdict of a row of a comparison; None if the row has no verdict."""
+    """Verdict in a comparison row; None without a verdict."""
     if "p" in row:
         return None if np.isnan(row["p"]) else row["p"] < LEVEL
     if "verdict" in row:
@@ -281,7 +282,7 @@ def _error(value: float, reference: float) -> float:
 
 
 def _with_interval(printed: dict) -> dict:
-    """A row of `Observed.summaries` with the interval of its mean, if n is large enough."""
+    """Row of `Observed.summaries` with the interval of its mean, if n is large enough."""
     limits = limits_of_printed(
         printed["mean"], printed["std"], printed["n"], printed["quantity"] in SIGNED
     )
@@ -289,7 +290,7 @@ def _with_interval(printed: dict) -> dict:
 
 
 def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
-    """The numbers of a sample with their intervals."""
+    """Statistics of a sample with their intervals."""
     (line, quantity), v = sample
     attrs = {"line": line, "quantity": quantity, "method": "sample", "n": v.size}
     return {**attrs, **sample_numbers(v, Sources.alone(v.size), quantity in SIGNED)}
@@ -298,9 +299,9 @@ def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
 def _verdicts(
     observed: float, low: float, high: float, simulated: float, from_: float, to: float
 ) -> tuple[bool | None, bool | None]:
-    """Verdicts: whether the interval of the simulated number contains the observed one, and whether
-    the interval of their difference (Zou and Donner 2008) contains 0. An observed number without an
-    interval is taken as exact; None if the simulated one has none."""
+    """Verdicts: whether the interval of the simulated number contains the observed number, and
+    whether the interval of their difference (Zou and Donner 2008) contains 0. An observed number
+    without an interval counts as exact; None if the simulated number has no interval."""
     if np.isnan(observed) or np.isnan(from_):
         return None, None
     low, high = (observed, observed) if np.isnan(low) else (low, high)
@@ -312,7 +313,7 @@ def _verdicts(
 
 
 def _order(names: list[str]) -> Callable[[tuple[str, str]], tuple[int, int]]:
-    """Sort key of a line and quantity in a table."""
+    """Sort key for a line and quantity in a table."""
     quantities = list(UNITS)
     return lambda key: (names.index(key[0]), quantities.index(key[1]))
 
@@ -327,7 +328,7 @@ def _ks(
     share: np.ndarray,
 ) -> pd.DataFrame:
     """Two-sample Kolmogorov-Smirnov tests, and published tests of the method (paper, table 4).
-    `share` weights the simulated boulders in the test of distances."""
+    `share` has the weights of simulated boulders in the test of distances."""
     import pandas as pd
 
     own = seen.tests[seen.tests["method"] == method]
@@ -351,7 +352,7 @@ def _ks(
 def _test(
     observed: np.ndarray, simulated: np.ndarray, share: np.ndarray
 ) -> tuple[int, int, float, float]:
-    """Sizes, statistic and p; NaN if a sample is empty."""
+    """Sample sizes, statistic and p; NaN if a sample is empty."""
     if not simulated.size:
         return observed.size, 0, np.nan, np.nan
     statistic, p = kolmogorov_smirnov(observed, simulated, share)
@@ -361,7 +362,7 @@ def _test(
 def _observed_distances(
     result: xr.Dataset, seen: Observed, source: Sources
 ) -> tuple[np.ndarray | None, list[str]]:
-    """Plan distances of observed boulders, also from stopping places if all have one release."""
+    """Plan distances of observed boulders [m], from stopping places if all have one release."""
     if seen.stops is None:
         return seen.distances, []
     if seen.distances is not None:
@@ -377,7 +378,7 @@ def _observed_distances(
 def _passing(
     result: xr.Dataset, seen: Observed, distances: np.ndarray | None, source: Sources
 ) -> pd.DataFrame:
-    """Fraction of the boulders that travel at least as far as the observed ones (paper, Fig. 9)."""
+    """Fraction of the boulders that travel at least each observed distance (paper, Fig. 9)."""
     import pandas as pd
 
     rows = []
@@ -411,7 +412,7 @@ def _at_rest(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]:
-    """Notes that complete the tables."""
+    """Notes on the tables."""
     yield from seen.notes
     if note := kept_note(result):
         yield note

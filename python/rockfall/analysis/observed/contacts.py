@@ -16,21 +16,21 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-REACH = ("passages", "reach_probability")  # maps that give reach, either of them
-VALUES = {  # observed -> maps of values in a cell, the maximum last
+REACH = ("passages", "reach_probability")  # alternative maps of reach
+VALUES = {  # observed quantity -> maps of its cell values, the maximum last
     "speed": ("speed_mean", "speed_q50", "speed_q95", "speed_max_map"),
     "height": ("jump_height_mean", "jump_height_q50", "jump_height_q95", "jump_height_max_map"),
 }
 
 
 def at_places(result: xr.Dataset, name: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Values of a map in the cells at places [m]; NaN outside it."""
+    """Map values in the cells at places [m]; NaN outside the map."""
     values, grid = north_up(result[name])
     return grid.at(values, x, y)
 
 
 def reach_at(result: xr.Dataset, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Reach probability of the cells at places, from the available map; NaN outside it."""
+    """Reach probability in the cells at places [m], from the available map; NaN outside it."""
     name = next(name for name in REACH if name in result)
     reach = at_places(result, name, x, y)
     return reach / simulated(result) if name == "passages" else reach
@@ -54,8 +54,8 @@ def stops_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """Table of impacts: x, y, reach_probability; speed and height [m/s, m] where known, with the
-    corresponding maps of the result; and other columns of the file."""
+    """Table of impacts: x, y, reach_probability; speed [m/s] and height [m] where known, with the
+    corresponding map values of the result; and other columns of the file."""
     import pandas as pd
 
     if seen.contacts is None or not {*REACH} & set(result):

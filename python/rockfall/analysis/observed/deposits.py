@@ -1,24 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Blocks mapped at rest, whose release is not known, and the density of simulated boulders at rest.
+"""Blocks mapped at rest with unknown release, and the density of simulated boulders at rest.
 
-Of N simulated boulders that came to rest, boulder j lies at x_j. The predictive density of a block
-at y is
+A run has N simulated boulders at rest, boulder j at x_j. The predictive density of a block at y is
 
     p(y) = (sum_j K_j(y - x_j) + a/A) / (N + a)
 
-with the weight a = 1 of one boulder that may lie anywhere in the area A of the deposits: the mean
-of a Dirichlet process (Ferguson 1973), smoothed. So where no boulder was simulated the density is
-not zero, but less than that of a single boulder: the lowest that the run resolves. A block is
-*outside of all deposits* where the kernels give less than a/A.
+with the weight a = 1 of one boulder that may be anywhere in the area A of the deposits: the
+smoothed mean of a Dirichlet process (Ferguson 1973). Where no boulder was simulated, the density is
+therefore not zero, but less than the density of a single boulder, the lowest that the run resolves.
+A block is *outside of all deposits* where the kernels give less than a/A.
 
-K_j is normal, as wide as the k boulders nearest to x_j lie: half the distance of the k-th, so that
-it covers about k boulders, where they lie close and where they lie far apart (Breiman et al. 1977);
-never less than a cell. k maximises the likelihood of the simulated boulders of the case, each
-predicted from the others by the same formula (leave-one-out, Habbema et al. 1974). For other
-numbers of boulders k is proportional to N^(2/3), and the width to N^(-1/6) (Silverman 1986). For a
-block of known volume, boulders are weighted by a normal kernel of the logarithm of their volume, of
-Silverman's width: the place is judged, given the size. For a block of known shape only boulders of
-this shape count, if the run has several.
+K_j is a normal kernel. Its width is half the distance from x_j to the k-th nearest boulder, at
+least a cell, so that it covers about k boulders whatever their spacing (Breiman et al. 1977). k
+maximises the likelihood of the simulated boulders of the case, each predicted from the others by
+the same formula (leave-one-out, Habbema et al. 1974). For other numbers of boulders k is
+proportional to N^(2/3), and the width to N^(-1/6) (Silverman 1986). For a block of known volume,
+boulders are weighted by a normal kernel in log volume with Silverman's width: the place is judged
+given the size. For a block of known shape only boulders of this shape count, if the run has
+several.
 
 Breiman, L., Meisel, W., Purcell, E. (1977): Variable kernel estimates of multivariate densities.
 Technometrics 19, 135-144. Ferguson, T. S. (1973): A Bayesian analysis of some nonparametric
@@ -47,20 +46,20 @@ from rockfall.result.trajectories import ended_moving
 if TYPE_CHECKING:
     import xarray as xr
 
-ANYWHERE = 1.0  # weight `a`: boulders that may lie anywhere in the deposit area
-MAX_FITTED = 1000  # boulders to which the kernels are fitted
-MIN_FITTED = 20  # boulders at rest, below which there is no density
-MIN_COMPARED = 2 * MIN_FITTED  # half of them form the density
-PIECE = 2_000_000  # distances at a time
+ANYWHERE = 1.0  # weight `a`: number of boulders that may be anywhere in the deposit area
+MAX_FITTED = 1000  # maximum number of boulders for fitting the kernels
+MIN_FITTED = 20  # minimum number of boulders at rest for a density
+MIN_COMPARED = 2 * MIN_FITTED  # half of these boulders form the density
+PIECE = 2_000_000  # number of distances computed at a time
 ROUNDING = 1e-9  # rounding error of squared distances
-LOW = 0.05  # quantile of an equal number of simulated boulders, below which blocks differ
-ALL = ""  # name of the unknown source of blocks
+LOW = 0.05  # quantile for an equal number of simulated boulders; blocks below it differ
+ALL = ""  # name of an unknown source
 
 
 class Blocks(NamedTuple):
     """Blocks mapped at rest, from one known source or none: places (n, 2) [m]; volumes [m3], NaN if
-    unknown; mapped area (shapely), None for everywhere; block shapes, 0 if unknown, None if no
-    block has one."""
+    unknown; mapped area (shapely), None for everywhere; block shapes, 0 if unknown, None without
+    shapes."""
 
     source: str
     place: np.ndarray
@@ -77,15 +76,15 @@ class Rest(NamedTuple):
     shape: np.ndarray | None = None
 
     def of(self, chosen: np.ndarray | slice) -> Rest:
-        """Some of the boulders."""
+        """Selected boulders."""
         shape = None if self.shape is None else self.shape[chosen]
         return Rest(self.place[chosen], self.volume[chosen], shape)
 
 
 class Kernel(NamedTuple):
-    """Parameters of the kernels: the number of neighbours that sets the width and the number of
-    boulders it applies to; the width in log volume (infinite if volumes do not count); the deposit
-    area [m2]; the cell size [m]; and whether block shapes count."""
+    """Parameters of the kernels: the number of neighbours that sets the width, and the number of
+    boulders for which it is valid; the width in log volume (infinite if volumes do not count); the
+    deposit area [m2]; the cell size [m]; and whether block shapes count."""
 
     neighbours: float
     boulders: int
@@ -96,12 +95,12 @@ class Kernel(NamedTuple):
 
     @property
     def floor(self) -> float:
-        """Background density of one boulder anywhere in the area [m-2]."""
+        """Background density of one boulder anywhere in the deposit area [m-2]."""
         return ANYWHERE / self.area
 
 
 class Sums(NamedTuple):
-    """Sums over boulders for each block: kernels [m-2], their squares, similar boulders."""
+    """Sums over boulders for each block: kernels [m-2], their squares, and similarity weights."""
 
     near: np.ndarray
     squares: np.ndarray
@@ -109,8 +108,8 @@ class Sums(NamedTuple):
 
 
 def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
-    """Blocks at rest without a known release, by their source; blocks of unknown source come last.
-    None if the release of every block is known, from columns or because there is only one.
+    """Blocks at rest without a known release, by source; blocks with unknown source come last. None
+    if the release of every block is known, from columns or because there is only one.
 
     Raises a RockfallError for a source that the result does not have.
     """
@@ -145,7 +144,7 @@ def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
 
 
 def _within(area: Any, place: np.ndarray) -> np.ndarray:
-    """Mark places (n, 2) in an area or on its edge."""
+    """Mask of places (n, 2) within an area or on its edge."""
     import shapely
 
     shapely.prepare(area)
@@ -157,7 +156,7 @@ def _some(names: list[str]) -> str:
 
 
 def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -> Rest:
-    """Boulders at rest within the mapped area, of the blocks' source or of all sources."""
+    """Boulders at rest within the mapped area, from the blocks' source or from all sources."""
     source = blocks.source
     done = ~ended_moving(result)
     if source != ALL:
@@ -172,7 +171,7 @@ def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -
 
 
 def fitted_kernel(blocks: Blocks, rest: Rest, cell: float) -> Kernel:
-    """Fit kernels for blocks to the boulders of a run, at least a `cell` [m] wide."""
+    """Kernels for blocks, fitted to the boulders of a run, at least a `cell` [m] wide."""
     both = np.concatenate([blocks.place, rest.place])
     area = float(np.prod(np.maximum(np.ptp(both, axis=0), cell)))
     spread = np.inf
@@ -203,7 +202,7 @@ def silverman(values: np.ndarray) -> float:
 
 
 def _likeliest_neighbours(kernel: Kernel, rest: Rest) -> float:
-    """Number of neighbours that maximises the likelihood of boulders, each given the others."""
+    """Number of neighbours with the maximum likelihood of each boulder given the others."""
     n = len(rest.place)
     every = np.arange(n)
     trials = np.unique(np.geomspace(2, n / 2, 12).round())
@@ -220,8 +219,8 @@ def _neighbours(kernel: Kernel, n: int) -> float:
 
 
 def kernel_widths(kernel: Kernel, rest: Rest) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Kernel widths [m] of boulders, the widths if a nearer boulder is left out, and the squared
-    distance [m2] up to which a boulder counts as nearer: (boulders,)."""
+    """Kernel widths [m] of boulders, their widths without a nearer boulder, and the squared
+    distance [m2] within which a boulder counts as nearer: (boulders,)."""
     from scipy.spatial import KDTree
 
     n = len(rest.place)
@@ -229,13 +228,14 @@ def kernel_widths(kernel: Kernel, rest: Rest) -> tuple[np.ndarray, np.ndarray, n
         alone = np.full(n, np.sqrt(kernel.area) / 4)
         return alone, alone, np.zeros(n)
     k = min(round(_neighbours(kernel, n)), n - 1)
-    far = KDTree(rest.place).query(rest.place, [k + 1, min(k + 2, n)])[0]  # the first is itself
+    # the first neighbour is the boulder itself
+    far = KDTree(rest.place).query(rest.place, [k + 1, min(k + 2, n)])[0]
     widths = np.maximum(far / 2, kernel.cell)
     return widths[:, 0], widths[:, 1], far[:, 0] ** 2 * (1 + ROUNDING)
 
 
 def kernel_sums(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> Sums:
-    """Sums over boulders at rest, for each block."""
+    """Sums over boulders at rest for each block."""
     sums, widths = np.empty((3, len(blocks.place))), kernel_widths(kernel, rest)[0]
     for piece in _pieces(len(blocks.place), len(rest.place)):
         own = Rest(blocks.place, blocks.volume, blocks.shape).of(piece)
@@ -261,8 +261,8 @@ def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.n
 def log_densities_again(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Sums of log-densities (times,) over random boulders of a run, as many as blocks and of
-    similar volumes, each given the others."""
+    """Sums of log-densities (times,) over random boulders of a run, each given the others. Their
+    number and volumes are like those of the blocks."""
     if not len(rest.place):
         return np.full(times, np.log(kernel.floor) * len(blocks.place))
     chosen = _like(kernel, blocks, rest, times, random)
@@ -273,7 +273,7 @@ def log_densities_again(
 def _like(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Numbers (times, blocks) of random boulders of similar volume and shape, one a block."""
+    """Numbers (times, blocks) of random boulders of similar volume and shape, one per block."""
     n, uniform = len(rest.place), random.random((times, len(blocks.place)))
     if np.isinf(kernel.of_volume) and not kernel.by_shape:
         return (uniform * n).astype(int)
@@ -300,7 +300,7 @@ def _normal(squares: np.ndarray, widths: np.ndarray) -> np.ndarray:
 
 
 def like_weights(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> np.ndarray:
-    """Similarity of boulders in volume and shape, 0 to 1 (blocks, boulders); 1 if unknown."""
+    """Similarity of boulders to blocks in volume and shape, 0 to 1 (blocks, boulders), or 1."""
     if np.isinf(kernel.of_volume):
         alike = np.ones((len(blocks.place), len(rest.place)))
     else:
@@ -315,8 +315,8 @@ def like_weights(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> np.ndarra
 def kernel_values(
     kernel: Kernel, blocks: Blocks | Rest, rest: Rest, widths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of boulders by volume and shape, and kernels of these widths [m], multiplied by the
-    weights [m-2]: (blocks, boulders)."""
+    """Weights of boulders by volume and shape, and the same weights times kernels of these widths
+    [m] [m-2]: (blocks, boulders)."""
     alike = like_weights(kernel, blocks, rest)
     return alike, alike * _normal(_squares(blocks.place, rest), widths)
 
@@ -327,13 +327,14 @@ def log_density(kernel: Kernel, near: np.ndarray, boulders: np.ndarray) -> np.nd
 
 
 def outside(kernel: Kernel, near: np.ndarray) -> np.ndarray:
-    """Mark blocks outside of all deposits."""
+    """Mask of blocks outside all deposits."""
     return near < kernel.floor
 
 
 class Agreement(NamedTuple):
-    """Comparison of blocks at rest of a source with a result: mean log-density at the blocks and at
-    the same number of simulated boulders, its 5 % quantile, and the blocks outside all deposits."""
+    """Comparison of blocks at rest from a source with a result: mean log-density at the blocks and
+    at an equal number of simulated boulders, its 5 % quantile, and the blocks outside all
+    deposits."""
 
     source: str
     blocks: int
@@ -345,8 +346,8 @@ class Agreement(NamedTuple):
 
 
 def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
-    """Blocks at rest without a known release, compared with the boulders of a result, by source;
-    empty if too few boulders came to rest. Half of the boulders form the density; the other half
+    """Agreement of blocks at rest without a known release with the boulders of a result, by source;
+    empty if too few boulders came to rest. Half of the boulders form the density. The other half
     are the reference, because like the blocks they did not contribute to it."""
     random, agreements = np.random.default_rng(0), []
     for blocks in witnesses(result, seen):
@@ -373,7 +374,7 @@ def _densities(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> tuple[np.nd
 
 
 def grid_for(result: xr.Dataset, given: Iterable[str | Path | Observed]) -> Grid | None:
-    """Grid for reading layers: cells of the result's terrain, in its CRS, from the north-western
+    """Grid for reading layers: terrain cells of the result, in its CRS, from the north-western
     corner to the extent of the boulders; None if no observation is a layer."""
     if not any(is_point_layer(item) for item in given if not isinstance(item, Observed)):
         return None

@@ -2,25 +2,26 @@
 """Marks of impacts at a known height, such as scars on trees, and the heights at which simulated
 boulders pass there.
 
-A boulder hits a trunk with its side, at the height of its centre above the ground: the middle of
-the scar. A run gives the passing heights at the first crossing of a short line
-through the mark, across the mean direction of the boulders that come there. The line is as long as
-the trunk and the mean boulder are wide. Where fewer than `ENOUGH` boulders of the case touch the
-trunk, the line is that of the narrowest wider object in `WIDTHS` that enough touch, or the widest.
+A boulder hits a trunk with its side, and the scar's middle is at the height of the boulder's centre
+above the ground. A run records the passing heights at the first crossing of a short line through
+the mark, perpendicular to the mean direction of the arriving boulders. The line is as long as the
+trunk and the mean boulder are wide. If fewer than `ENOUGH` boulders of the case touch the trunk,
+the line is that of the narrowest object in `WIDTHS` that enough boulders touch, or of the widest
+object.
 
 When n of N boulders cross the line (those that could strike its side, if the side is known) at
 heights H_j, the predictive density of a mark at height s is
 
     f(s) = (sum_j K(s - H_j) + a/top) / (n + a)
 
-with a normal kernel K of the width of Silverman's rule, at least `ACCURACY`, and the weight a = 1
-of one boulder at any height below `top`, twice the greatest height observed or simulated: as at
-rest (`rockfall.analysis.observed.deposits`). A mark shows that at least one block passed at that
-height: f is that of one hit. For the highest of k marks it is k f F^(k - 1), F being the
-distribution function (David and Nagaraja 2003). How many blocks passed, and which trees were not
-hit, is unknown. A mark with many boulders is thus no stronger evidence than one with a few: in
+K is a normal kernel with Silverman's width, at least `ACCURACY`. The weight a = 1 represents one
+boulder at any height below `top`, twice the maximum height observed or simulated: as at rest
+(`rockfall.analysis.observed.deposits`). A mark shows that at least one block passed at that height:
+f is the density of one hit. For the highest of k marks it is k f F^(k - 1), with the distribution
+function F (David and Nagaraja 2003). The number of blocks that passed, and the trees that were not
+hit, are unknown. A mark with many boulders is thus no stronger evidence than a mark with a few: in
 addition to f only one factor counts, the probability 1 - (1 - (n + 1/2)/(N + 1))^N that at least
-one of N blocks comes there (0.39 where none came, 0.78 for one, 0.99 for four).
+one of N blocks arrives (0.39 for n = 0, 0.78 for one, 0.99 for four).
 
 David, H. A., Nagaraja, H. N. (2003): Order Statistics. Wiley.
 """
@@ -40,8 +41,8 @@ from rockfall.result.crossings import line_names, values_at
 from rockfall.scene.scene import Scene
 from rockfall.simulation.simulate import run_scene
 
-ENOUGH = 50  # boulders of the case at a mark, below which its line is longer
-WIDTHS = (2.0, 5.0, 10.0)  # widths of objects in place of the trunk [m]
+ENOUGH = 50  # minimum number of boulders of the case at a mark; with fewer its line is longer
+WIDTHS = (2.0, 5.0, 10.0)  # widths of objects that replace the trunk [m]
 ACCURACY = 0.1  # [m] accuracy of a mark's height: scars are at least this tall
 PREFIX = "mark"
 
@@ -49,8 +50,8 @@ PREFIX = "mark"
 @dataclass(frozen=True)
 class Mark:
     """A mark: place [m], height of its middle [m], diameter of the trunk [m], azimuth of the side
-    that was hit [degree] (NaN if unknown), the number of marks that it exceeds or equals, and its
-    line in a case."""
+    that was hit [degree] (NaN if unknown), number of marks at most as high (itself included), and
+    its line in a case."""
 
     where: str
     x: float
@@ -66,7 +67,7 @@ class Passing(NamedTuple):
     """Passing heights [m] of the boulders that could make a mark."""
 
     heights: np.ndarray
-    boulders: int  # of the run
+    boulders: int  # number of boulders in the run
 
 
 class Heights(NamedTuple):
@@ -97,7 +98,7 @@ def with_lines_at(scene: Scene, marks: list[Mark]) -> tuple[Scene, list[Mark]]:
     if not marks:
         return scene, marks
     given = list(scene.case.line)
-    taken = {line["name"] for line in scene.case.lines}  # barriers too
+    taken = {line["name"] for line in scene.case.lines}  # names of barriers, too
     objects, names = [], []
     for k, mark in enumerate(marks):
         name = f"{PREFIX} {k + 1}"
@@ -149,8 +150,8 @@ def _line(
 
 
 def passing_at(result: xr.Dataset, mark: Mark) -> Passing:
-    """Heights of the boulders of a run that cross the line of a mark; if its side is known, only of
-    boulders that move towards that side."""
+    """Heights [m] of the boulders of a run that cross the line of a mark; if its side is known,
+    only of boulders that move towards that side."""
     k = line_names(result).index(mark.line)
     heights = values_at(result, "passing_height", k)
     able = np.ones(heights.size, bool)
@@ -162,7 +163,7 @@ def passing_at(result: xr.Dataset, mark: Mark) -> Passing:
 
 
 def fitted_heights(mark: Mark, passing: Passing, greatest: float) -> Heights:
-    """Kernel for a mark from the boulders of a run, up to the `greatest` height [m] there."""
+    """Kernel for a mark from the boulders of a run, for heights up to `greatest` [m]."""
     width = silverman(passing.heights)
     if not np.isfinite(width):
         width = mark.height / 4 if passing.heights.size < 2 else 0.0
@@ -170,7 +171,7 @@ def fitted_heights(mark: Mark, passing: Passing, greatest: float) -> Heights:
 
 
 def height_sums(kernel: Heights, height: float, heights: np.ndarray) -> tuple[float, float, float]:
-    """Sums over boulders at a mark's height: kernels [1/m], their squares, distributions."""
+    """Sums over boulders at a mark's height: kernels [1/m], squares, distribution functions."""
     from scipy.special import ndtr
 
     scores = (height - heights) / kernel.width
@@ -190,8 +191,8 @@ def log_density(
 
 
 def log_reach(crossed: np.ndarray, boulders: int) -> np.ndarray:
-    """Logarithm of the probability that at least one of this number of simulated blocks arrives
-    there.
+    """Logarithm of the probability that at least one of this number of simulated blocks arrives at
+    a mark.
 
     >>> np.exp(log_reach(np.array([0.0, 1.0]), 1000)).round(2).tolist()
     [0.39, 0.78]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observations, published results and paths of other programs, from files (docs/observed.md)."""
+"""Observations, published results and trajectories from other programs, read from files
+(docs/observed.md)."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 METHODS = ("observed", "A", "B")
 _ENERGY = {"J": 1.0, "kJ": 1000.0}
-UNITS = {  # quantity -> unit -> its value in SI units
+UNITS = {  # quantity -> unit -> factor to SI units
     "speed": {"m/s": 1.0},
     "jump_height": {"m": 1.0},
     "passing_height": {"m": 1.0},
@@ -34,11 +35,12 @@ UNITS = {  # quantity -> unit -> its value in SI units
     "rotational_share": {"-": 1.0},
 }
 CONTACT = ("x", "y", "speed", "height", "dbh", "side", "hits")  # columns [m, m/s, cm, degree]
-START = ("start_x", "start_y")  # release of a boulder that was found [m]
-SOURCE, VOLUME = "source", "volume"  # polygon that a block came from; its volume [m3]
-SHAPE = "block_shape"  # of a block
-MAX_DBH = 500.0  # [cm]
-PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}  # columns, the old name last
+START = ("start_x", "start_y")  # columns of a known release [m]
+SOURCE, VOLUME = "source", "volume"  # columns for the source polygon of a block and its volume [m3]
+SHAPE = "block_shape"  # column for the shape of a block
+MAX_DBH = 500.0  # maximum tree diameter [cm]
+#: fraction columns and their divisors; the old name is last
+PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}
 
 
 @dataclass(frozen=True)
@@ -46,30 +48,32 @@ class Observed:
     """Observations in SI units, where available."""
 
     summaries: pd.DataFrame  # line, method, quantity, mean, std, max, n; NaN where not given
-    samples: dict[tuple[str, str], np.ndarray]  # (line, quantity) -> one value a boulder
+    samples: dict[tuple[str, str], np.ndarray]  # (line, quantity) -> values of boulders
     tests: pd.DataFrame  # line, method, quantity, p: Kolmogorov-Smirnov tests, as printed
     stops: np.ndarray | None  # (n, 2): x, y [m] where boulders came to rest
     distances: np.ndarray | None  # plan distances [m] from release to rest, sorted
     passing: pd.DataFrame | None  # distance [m], fraction of boulders that travel at least this far
-    lines: dict[str, str]  # name of each line -> file and row that first name it
-    starts: np.ndarray | None = None  # (n, 2): x, y [m] of the release of each of `stops`
-    contacts: pd.DataFrame | None = None  # CONTACT, NaN where not known: impacts
-    kept: dict[str, pd.DataFrame] = field(default_factory=dict)  # other columns of each kind
-    passing_n: float = np.nan  # boulders behind `passing`
+    lines: dict[str, str]  # line name -> file and row of its first occurrence
+    starts: np.ndarray | None = None  # (n, 2): x, y [m] of the release of each stop
+    contacts: pd.DataFrame | None = None  # impacts, with columns CONTACT, NaN where unknown
+    #: other columns of each kind of file
+    kept: dict[str, pd.DataFrame] = field(default_factory=dict)
+    passing_n: float = np.nan  # number of boulders behind `passing`
     notes: tuple[str, ...] = ()  # shown with tables of the observations
-    sources: tuple[str, ...] = ()  # source of each of `stops` by name, "" if not known; or none
-    volumes: np.ndarray | None = None  # of each of `stops` [m3], NaN if not known
-    shapes: np.ndarray | None = None  # block shape of each of `stops`, from 1; 0 if not known
-    where: dict[str, tuple[str, ...]] = field(default_factory=dict)  # stops, contacts: their rows
-    area: Any = None  # polygons (shapely) that were searched for blocks at rest; None: everywhere
+    sources: tuple[str, ...] = ()  # source name of each stop, "" if unknown; or empty
+    volumes: np.ndarray | None = None  # volume of each stop [m3], NaN if unknown
+    shapes: np.ndarray | None = None  # block shape of each stop, from 1; 0 if unknown
+    #: file rows of stops and contacts
+    where: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    area: Any = None  # polygons (shapely) searched for blocks at rest; None: everywhere
 
 
 def read_observed(*given: str | Path | Observed, grid: Grid | None = None) -> Observed:
-    """Read observations from CSV files, each of a kind that its header identifies; `Observed`
-    arguments are used directly.
+    """Read observations from CSV files, whose kind follows from the header; `Observed` arguments
+    are used directly.
 
     With the terrain `grid`, also read layers of points, with attributes as columns, and polygons
-    that outline the mapped area. A RockfallError names file, line, column, value and what is
+    that outline the mapped area. A RockfallError reports file, line, column, value and what is
     allowed.
     """
     import pandas as pd
@@ -225,7 +229,7 @@ class _Kind(NamedTuple):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns that are read; others are kept unchanged."""
+        """Columns that are read; other columns are kept unchanged."""
         return (*self.needed, *self.optional)
 
 
@@ -259,7 +263,7 @@ def _read(path: str, grid: Grid | None, notes: list[str]) -> tuple[_Kind, Iterat
 
 
 def _refuse_beyond(path: str, area: Any, grid: Grid) -> None:
-    """Refuse an area that lies outside the terrain."""
+    """Refuse a mapped area outside the terrain."""
     west, south, east, north = area.bounds
     if west > grid.east or east < grid.west or south > grid.north or north < grid.south:
         raise RockfallError(f"{path}: lies outside the terrain")
@@ -276,7 +280,7 @@ def _refuse_twice(records: list[dict], keys: tuple[str, ...]) -> None:
 
 
 def _refuse_rise(records: list[dict]) -> None:
-    """Refuse fractions that rise with distance."""
+    """Refuse fractions that increase with distance."""
     ordered = sorted(records, key=lambda record: record["distance"])
     for near, far in zip(ordered, ordered[1:], strict=False):
         if far["fraction"] > near["fraction"]:

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run-out distances and lateral spread, observed and simulated; distances of distributions, and the
-Kolmogorov-Smirnov test of a sample and a weighted one.
+"""Run-out distances and lateral spread, observed and simulated; distances between distributions,
+and the Kolmogorov-Smirnov test of a sample against a weighted sample.
 
-Intervals come from resampled boulders (Efron 1979), observed and simulated ones, each within its
-source; none is given for fewer boulders than `rockfall.limits` requires for a mean or a standard
-deviation. That of the Wasserstein distance is mirrored (the pivotal one), since chance increases
-the distance of two samples; `by_chance` is the 95 % quantile for the same number of boulders of the
-result itself: below it, the difference may be due to chance.
+Intervals come from resampled boulders (Efron 1979), both observed and simulated, each within its
+source. There is no interval with fewer boulders than `rockfall.limits` requires for a mean or a
+standard deviation. The interval of the Wasserstein distance is mirrored (pivotal), since chance
+increases the distance of two samples. `by_chance` is the 95 % quantile for the same number of
+boulders from the result itself: below it, the difference may be due to chance.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 RESAMPLES = 200
 LIMITS = (0.025, 0.975)
-STATIONS = 300  # distances of a curve of passing
-FARTHEST = 1e9  # [m]; beyond it squares and sums overflow
-MIN_BOULDERS = 2  # per source, for its statistics
+STATIONS = 300  # number of distances on a passing curve
+FARTHEST = 1e9  # [m]; squares and sums of larger values overflow
+MIN_BOULDERS = 2  # minimum number per source for its statistics
 UNDECIDED, DIFFERS = "undecided", "differs"
 COLUMNS = ["source", "statistic", "n_observed", "n_simulated"] + [
     f"{whose}{end}" for whose in ("observed", "simulated", "difference") for end in ENDS
@@ -69,7 +69,7 @@ def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
 
 class Distance:
     """Wasserstein distance of two weighted samples of one quantity: the area between their
-    distribution functions. (SciPy's would sort both again for each set of weights.)"""
+    distribution functions. (SciPy would sort both again for each set of weights.)"""
 
     def __init__(self, seen: np.ndarray, made: np.ndarray) -> None:
         both = np.concatenate([seen, made])
@@ -84,12 +84,12 @@ class Distance:
 def kolmogorov_smirnov(
     seen: np.ndarray, made: np.ndarray, share: np.ndarray
 ) -> tuple[float, float]:
-    """Kolmogorov-Smirnov statistic of a sample and a weighted one, and its p.
+    """Kolmogorov-Smirnov statistic of a sample and a weighted sample, and its p.
 
-    Equal weights give SciPy's test of two samples, exact where these are small. Others give the
-    largest distance of the two distribution functions, and p as if the weighted sample had
+    Equal weights give SciPy's two-sample test, exact for small samples. Unequal weights give the
+    largest distance of the two distribution functions. Then p assumes that the weighted sample has
     (sum w)^2 / sum w^2 boulders (Kish 1965): the variance of its distribution function F is F (1 -
-    F) over that number, where weights do not depend on values.
+    F) over that number, if weights do not depend on values.
     """
     from scipy.stats import ks_2samp, kstwo
 
@@ -99,7 +99,7 @@ def kolmogorov_smirnov(
     both = np.concatenate([seen, made])
     order = np.argsort(both, kind="stable")
     apart = np.concatenate([np.full(len(seen), 1 / len(seen)), -share / share.sum()])[order]
-    last = np.append(np.diff(both[order]) > 0, True)  # of equal values
+    last = np.append(np.diff(both[order]) > 0, True)  # last of equal values
     statistic = float(np.abs(np.cumsum(apart)[last]).max())
     effective = share.sum() ** 2 / (share @ share)
     size = len(seen) * effective / (len(seen) + effective)
@@ -107,12 +107,12 @@ def kolmogorov_smirnov(
 
 
 def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """COLUMNS: for each source, and for all, mean and standard deviation of the stopping distance,
-    the Wasserstein distance, lateral spread and offset [m]; empty without observations.
+    """Table with COLUMNS for each source, and for all: mean and standard deviation of the stopping
+    distance, the Wasserstein distance, lateral spread and offset [m]; empty without observations.
 
     Lateral is perpendicular to the line from the release to the mean of the observed stopping
     places; the spread is the standard deviation, the offset the mean. With several sources the
-    boulders of the result are weighted by the numbers observed from each.
+    boulders of the result are weighted by the number observed from each source.
     """
     import pandas as pd
 
@@ -132,8 +132,8 @@ def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
-    """Stopping distances, and lateral offsets where places are known, of observed boulders, and of
-    simulated boulders from the same sources. None if distances are unknown."""
+    """Stopping distances, and lateral offsets where places are known, of observed boulders and of
+    simulated boulders from the same sources [m]. None if distances are unknown."""
     observed = observed_boulders(result, seen)
     if observed is None:
         return None
@@ -153,7 +153,7 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
 
 
 def pooled_samples(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> tuple[Sample, Sample] | None:
-    """Pooled samples of several results of one site, each with its observations; lateral offsets
+    """Pooled samples of several results from one site, each with its observations; lateral offsets
     are perpendicular to the mean of all observed vectors. For a single result they equal
     `samples`."""
     if len(pairs) == 1:
@@ -195,22 +195,22 @@ def _ways(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
 
 
 def _in_frame(ways: Sample, across: np.ndarray) -> Sample:
-    """Distances and lateral offsets of vectors."""
+    """Distances and lateral offsets of vectors [m]."""
     return Sample(np.column_stack([np.hypot(*ways.values.T), ways.values @ across]), ways.source)
 
 
 class Starts(NamedTuple):
-    """Starts of boulders as observers can distinguish them: a feature of the source layer, a cliff
-    (adjacent source cells), or a point."""
+    """Starts of boulders as observers can distinguish them: by feature of the source layer, by
+    cliff (adjacent source cells), or by point."""
 
-    group: np.ndarray  # of each boulder, from 0
-    names: list[str]  # of the groups
-    places: np.ndarray  # (n, 2): where sources release [m]
-    group_at: np.ndarray  # of each of the places
+    group: np.ndarray  # group number of each boulder, from 0
+    names: list[str]  # group names
+    places: np.ndarray  # (n, 2): release places of sources [m]
+    group_at: np.ndarray  # group number of each place
 
 
 def starts(result: xr.Dataset) -> Starts:
-    """Groups of sources of a result, in order."""
+    """Groups of the sources of a result, in order."""
     import pandas as pd
 
     number, place = pd.factorize(result["start_x"].values + 1j * result["start_y"].values)
@@ -229,26 +229,27 @@ def starts(result: xr.Dataset) -> Starts:
 
 
 def _touching(places: np.ndarray, cell: float) -> np.ndarray:
-    """Number of the patch of adjacent cells to which each source cell belongs, in order."""
+    """Number of the patch of adjacent cells that contains each source cell, in order."""
     import pandas as pd
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
-    pairs = KDTree(places).query_pairs(1.5 * cell, output_type="ndarray")  # diagonals are 1.41
+    # diagonal neighbours are at 1.41 cells
+    pairs = KDTree(places).query_pairs(1.5 * cell, output_type="ndarray")
     ones = np.ones(len(pairs), bool)
     graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
     return pd.factorize(connected_components(graph, directed=False)[1])[0]
 
 
 def cell_of(result: xr.Dataset) -> float:
-    """Side of a cell of the terrain of a result [m]."""
+    """Side of a terrain cell of a result [m]."""
     return corner_of(result["crs"].attrs)[2]
 
 
 def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
-    """Mask of the boulders of a result to compare with observed stopping places or distances: those
-    from the same starts, or all if starts are unknown; and its description."""
+    """Mask of the boulders of a result to compare with observed stopping places or distances, and
+    its description: boulders from the same starts, or all if starts are unknown."""
     total = result.sizes["boulder"]
     if seen.stops is None or seen.starts is None:
         return np.ones(total, bool), ""
@@ -281,7 +282,7 @@ def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
 
 
 def _observed_ways(seen: Observed, origins: Starts) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors from releases to stops, and the group of the source nearest to each release."""
+    """Vectors from observed releases to stops, and the source group nearest to each release."""
     assert seen.stops is not None
     given = seen.starts
     given = origins.places[:1].repeat(len(seen.stops), axis=0) if given is None else given
@@ -295,14 +296,14 @@ def _nearest(given: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 class Frame(NamedTuple):
-    """Name of a group of sources, and the unit vector perpendicular to its mean observed vector."""
+    """Name of a source group, and the unit vector perpendicular to its mean observed vector."""
 
     name: str
     across: np.ndarray
 
 
 def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
-    """Tables of the groups of sources for which stopping places were observed."""
+    """Frames of the source groups with observed stopping places."""
     origins = starts(result)
     if seen.stops is None or (seen.starts is None and len(origins.places) > 1):
         return {}
@@ -312,7 +313,7 @@ def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
 
 
 def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndarray:
-    """Distance and lateral offset [m] (columns) of each boulder of this group, NaN of others."""
+    """Distance and lateral offset [m] (columns) of each boulder in this group, NaN for others."""
     ways = np.column_stack(
         [result[f"stop_{axis}"].values - result[f"start_{axis}"].values for axis in "xy"]
     )
@@ -369,13 +370,13 @@ def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
 
 
 def _limits(values: np.ndarray, enough: bool) -> list[float]:
-    """First value, and the limits from the others; NaN if too few boulders were resampled."""
+    """First value with the limits from the other values; NaN if too few boulders were resampled."""
     limits = np.quantile(values[1:], LIMITS).tolist() if enough else [np.nan, np.nan]
     return [float(values[0]), *limits]
 
 
 def weights(seen: Sample, made: Sample) -> np.ndarray:
-    """Weights of simulated boulders that give each source its observed frequency."""
+    """Weights that give each source its observed frequency among simulated boulders."""
     observed = np.bincount(seen.source, minlength=made.source.max() + 1)
     share = (observed / np.maximum(np.bincount(made.source), 1))[made.source]
     return share / share.mean()
@@ -390,7 +391,7 @@ def moments(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
 
 
 def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.Generator) -> float:
-    """95 % quantile of the Wasserstein distance of a result from its own samples of n."""
+    """95 % quantile of the Wasserstein distance between a result and its own samples of n."""
     values, distances = made.values[:, 0], []
     places = {s: np.flatnonzero(made.source == s) for s in np.unique(seen.source)}
     distance = Distance(values, values)

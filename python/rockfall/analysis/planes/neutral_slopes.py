@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Neutral slopes of a scene, on which a bounce loses as much energy as the next flight gains,
-compared with the slopes of its ground. On steeper ground boulders accelerate without limit:
-bouncing has no terminal velocity."""
+"""Neutral slopes of a scene, compared with the slopes of its ground. On a neutral slope a bounce
+loses as much energy as the next flight gains. On steeper ground boulders accelerate without limit,
+because bouncing has no terminal velocity."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from rockfall.scene.surface import radius_over_rg
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-BOULDERS = 400  # on a plane: accuracy of the slope about 0.3 degrees
+BOULDERS = 400  # number on a plane: the slope is accurate to about 0.3 degrees
 FIFTHS = {"smallest fifth": (0.0, 0.2), "middle": (0.2, 0.8), "largest fifth": (0.8, 1.0)}
 
 
 @dataclass(frozen=True)
 class Rocks:
-    """Ground of one kind: its name, "" for all; R_m (1,), or for method A sizes (3,) [m]; and the
-    tangents of the slopes of some of its cells, evenly spaced."""
+    """One kind of ground: its name, "" for all; R_m (1,), or for method A sizes (3,) [m]; and the
+    tangents of slopes in some of its cells, evenly spaced."""
 
     name: str
     radii: np.ndarray
     tangents: np.ndarray
 
     def steeper(self, slope: float) -> float:
-        """Fraction of the cells steeper than a slope [degree]; NaN if none is known."""
+        """Fraction of the cells steeper than a slope [degree]; NaN if no slope is known."""
         if not self.tangents.size:
             return np.nan
         return float((self.tangents > np.tan(np.radians(slope))).mean())
 
 
 def rocks_of(scene: Scene) -> Iterator[Rocks]:
-    """Zones that occur in some cell, in the order of their table. For raster sizes: the fifths of
-    the cells with the smallest, middle and largest rocks by R_m or Rg70, each with its median
-    sizes. Absorbing cells, and ground that does not use the case's impact sets, are left out."""
+    """Zones with at least one cell, in table order. For raster sizes: the fifths of the cells with
+    the smallest, middle and largest rocks by R_m or Rg70, each with its median sizes. Absorbing
+    cells, and ground without the case's impact sets, are omitted."""
     surface, ground = scene.case.surface, scene.ground
     scale = radius_over_rg(scene.case) if surface["method"] == "A" else 1.0
     usual = _follows_sets(scene)
@@ -63,7 +63,7 @@ def rocks_of(scene: Scene) -> Iterator[Rocks]:
 
 
 def _zone_names(scene: Scene) -> list[str]:
-    """Names of the zones in the order of their rows; numbered if a GeoDataFrame gave them."""
+    """Zone names in row order; numbers if a GeoDataFrame gave the zones."""
     surface = scene.case.surface
     if "table" not in surface and surface["zones"] == FROM_ARRAY:
         return [f"zone {k}" for k in range(1, len(scene.ground.sizes) + 1)]
@@ -92,7 +92,7 @@ def _by_size(radii: np.ndarray, tangents: np.ndarray) -> Iterator[Rocks]:
 
 @lru_cache
 def _neutral_slope(means: bytes, covariances: bytes, weights: tuple[float, ...]) -> float:
-    """Neutral slope of sets (5, 9) and (5, 9, 9) as bytes, cached: variants share them."""
+    """Neutral slope of sets (5, 9) and (5, 9, 9) given as bytes, cached for variants."""
     sets = np.frombuffer(means).reshape(-1, 9), np.frombuffer(covariances).reshape(-1, 9, 9)
     rebounds = [set_rebound(mean, c) for mean, c in zip(*sets, strict=True)]
     return neutral_slope(mixed_rebound(rebounds, np.array(weights)), BOULDERS)
@@ -114,10 +114,10 @@ class NeutralSlopes:
         return np.sum(sets, axis=0) / np.sum(sets)
 
     def classes(self, radius: float, radii: np.ndarray) -> list[int]:
-        """Ratio class of the set nearest to each of these rocks."""
+        """Ratio class of the nearest set for each of these rocks."""
         return [int(np.argmax(set_weights(radius / r, False))) + 1 for r in radii]
 
     def of(self, radius: float, radii: np.ndarray) -> float:
-        """Neutral slope, 5 to 75 degrees, of boulders of this radius on rocks of these [m]."""
+        """Neutral slope, 5 to 75 [degree], for this boulder radius and rock size [m]."""
         weights = tuple(self.weights(radius, radii).tolist())
         return _neutral_slope(self._means, self._covariances, weights)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders bouncing down an infinite plane, by a set.
+"""Boulders that bounce down an infinite plane, with rebounds by an impact set.
 
-On a plane a flight between two bounces keeps V_n and W and adds 2 tan(slope) V_n to V_t, whatever
-gravity is; and a rebound is linear in speed. So a bounce is a random map of directions with a
-factor on the speed, and there is no terminal speed: if the mean logarithm of the factor is below
-zero, boulders stop, if it is above, they accelerate without limit. The slope between is the neutral
-slope: on it half of the boulders never stop.
+On a plane a flight between two bounces keeps V_n and W and adds 2 tan(slope) V_n to V_t for any
+gravity, and a rebound is linear in speed. A bounce is therefore a random map of directions with a
+factor on the speed, and there is no terminal speed. If the mean logarithm of the factor is below
+zero, boulders stop; if it is above, they accelerate without limit. At the neutral slope between,
+half of the boulders never stop.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ import numpy as np
 from rockfall.scene.rebounds.coefficients import covariance_root
 from rockfall.scene.rebounds.rebound import MAX_DRAWS, admissible, limited
 
-FIRST, LAST = 20, 60  # counted bounces, after the start-up phase
+FIRST, LAST = 20, 60  # bounces counted, after the start-up phase
 FLATTEST, STEEPEST, NEAR = 5.0, 75.0, 0.05  # search range and tolerance of a neutral slope [degree]
-USUAL, RISE = 34.0, 0.015  # initial neutral slope [degree], and increase of growth per degree there
+USUAL, RISE = 34.0, 0.015  # initial guess [degree], and increase of growth per degree there
 
-#: (n, 3) V_in -> (n, 3) V_out
+#: Maps (n, 3) V_in to (n, 3) V_out.
 Rebound = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Logarithm of the ratio of speeds after successive bounces."""
+    """Logarithm of the ratio of speeds at successive bounces."""
 
     mean: float
     std: float
@@ -36,7 +36,7 @@ class Growth:
 
 
 def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
-    """Rebounds by a set: V_out = A V_in, redrawn until admissible, as in the kernel."""
+    """Rebounds by an impact set: V_out = A V_in, redrawn until admissible, as in the kernel."""
     root = covariance_root(covariance)
 
     def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
@@ -55,7 +55,7 @@ def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
 
 
 def mixed_rebound(rebounds: Sequence[Rebound], weights: np.ndarray) -> Rebound:
-    """Rebounds by one of several rules, drawn each time with these probabilities."""
+    """Rebounds by a rule drawn from several rules each time with these probabilities."""
 
     def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         v_out = np.empty_like(v_in)
@@ -76,7 +76,7 @@ def _fly(v: np.ndarray, slope: float) -> np.ndarray:
     """Velocity at the next bounce; a boulder thrown uphill falls back."""
     v_in = np.stack([v[:, 0] + 2 * np.tan(np.radians(slope)) * v[:, 1], -v[:, 1], v[:, 2]], axis=1)
     back = v_in[:, 0] < 0
-    v_in[back] *= [-1, 1, -1]  # the frame turns round with it
+    v_in[back] *= [-1, 1, -1]  # the frame turns with the boulder
     return v_in
 
 
@@ -98,8 +98,8 @@ def growth(rebound: Rebound, slope: float, boulders: int = 1000, seed: int = 1) 
 
 
 def neutral_slope(rebound: Rebound, boulders: int = 1000, seed: int = 1) -> float:
-    """Slope on which speeds neither grow nor decay [degrees], from 5 to 75, by secants within a
-    bracket. (SciPy's brentq takes longer to import than this to run.)"""
+    """Slope on which speeds neither grow nor decay [degree], from 5 to 75, by the secant method
+    within a bracket. (Importing SciPy's brentq takes longer than this search.)"""
     low, high, slope = FLATTEST, STEEPEST, USUAL
     rise, last = RISE, None
     while high - low > NEAR:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Number of independent boulders whose fraction is as certain as that of clusters of boulders that
-behave alike: those of a sampled source, or of one number in several runs."""
+"""Number of independent boulders whose fraction is as certain as that of clusters. A cluster
+contains the boulders of a sampled source, or the boulders with the same number in several runs."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from rockfall.limits import MIN_FOR_MEAN
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-SIMPSON = np.r_[1, np.tile([4, 2], 199), 4, 1] / 1200.0  # weights of 401 values
+SIMPSON = np.r_[1, np.tile([4, 2], 199), 4, 1] / 1200.0  # Simpson weights for 401 values
 STEPS = np.arange(SIMPSON.size, dtype=float)
-MOST_FREEDOM = 1000  # degrees of freedom with nearly a normal distribution
+MOST_FREEDOM = 1000  # degrees of freedom above which the distribution is nearly normal
 ROUNDING = 1e-9  # rounding error of sums
 
 
 def independent_boulders(n: np.ndarray, held: np.ndarray, heaviest: float = 1.0) -> float:
-    """Number of independent boulders with the variance of the fraction `held` of boulders `n`, both
-    (clusters,) by weight; `heaviest` is the largest weight of a boulder.
+    """Number of independent boulders with the same variance of a fraction as these clusters: `held`
+    are the chosen boulders, `n` all boulders, both (clusters,) by weight; `heaviest` is the largest
+    weight of a boulder.
 
-    The variance is that between clusters (linearised; Cochran 1977). Only clusters with chosen
-    boulders show how alike these are, so that the quantile is Student's with their number less one,
-    or with that of clusters with others if these are fewer. Below MIN_FOR_MEAN boulders, chosen or
-    not, a cluster counts as one boulder.
+    The variance is the variance between clusters (linearised; Cochran 1977). Only clusters with
+    chosen boulders show how similar these are, so the quantile is Student's with their number less
+    one, or with the number of clusters with other boulders if that is smaller. Below MIN_FOR_MEAN
+    boulders, chosen or not, a cluster counts as one boulder.
     """
     total, chosen = float(n.sum()), float(held.sum())
     most, fewest = total / heaviest, total / float(n.max(initial=heaviest))
@@ -49,15 +50,15 @@ def independent_boulders(n: np.ndarray, held: np.ndarray, heaviest: float = 1.0)
 
 
 def informative_clusters(with_chosen: ArrayLike, with_others: ArrayLike) -> np.ndarray:
-    """Number of clusters for Student's distribution, from those with boulders on either side."""
+    """Number of clusters for Student's distribution, from clusters with boulders on either side."""
     return np.minimum(np.minimum(with_chosen, with_others), MOST_FREEDOM + 1)
 
 
 @lru_cache(maxsize=2 * MOST_FREEDOM)
 def student(freedom: float) -> float:
-    """97.5 % quantile of Student's t for n >= 1: the density of t = sqrt(n) tan(a) in a is
-    cos(a)**(n - 1), which is integrated (Simpson); the quantile is found by Newton's method, from
-    below. Importing scipy.special takes as long as a small run."""
+    """97.5 % quantile of Student's t for n >= 1. With t = sqrt(n) tan(a) the density in a is
+    cos(a)**(n - 1), integrated by Simpson's rule; Newton's method finds the quantile from below.
+    Importing scipy.special takes as long as a small run."""
     half = freedom / 2
     density = math.exp(math.lgamma(half + 0.5) - math.lgamma(half)) / math.sqrt(math.pi)
     angle = math.atan(Z / math.sqrt(freedom))

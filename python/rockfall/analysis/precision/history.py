@@ -15,17 +15,17 @@ from rockfall.result.crossings import line_values
 if TYPE_CHECKING:
     import xarray as xr
 
-History = dict[str, list[dict[str, float]]]  # quantity -> its numbers after each of the sizes
+History = dict[str, list[dict[str, float]]]  # quantity -> its statistics after each size
 
 SHOWN = ("speed", "passing_height", "energy_total")
 NUMBERS = [("fraction", "fraction"), *((q, name) for q in SHOWN for name in ("mean", "std", "q95"))]
-FIRST = 30  # minimum number of boulders
+FIRST = 30  # smallest size
 STEPS = 24  # number of sizes
 
 
 def sizes(source: Sources) -> list[int]:
-    """Numbers of boulders, evenly spaced in their logarithm, up to all; multiples of a full cycle
-    of sources if there are enough."""
+    """Numbers of boulders, evenly spaced in their logarithm up to all boulders; multiples of a full
+    cycle of sources if there are enough boulders."""
     source_count, boulders = source.count, source.number.size
     n = np.geomspace(min(FIRST, boulders), boulders, STEPS).round().astype(int)
     n = np.where(n > source_count, n // source_count * source_count, n)
@@ -33,9 +33,9 @@ def sizes(source: Sources) -> list[int]:
 
 
 def mixed(source: Sources) -> np.ndarray:
-    """Order of boulders in which each initial part is a sample of all: the sources take turns, in
-    the same random order in each turn, and as often as they release boulders. The order within a
-    source is unchanged."""
+    """Order of boulders in which each initial part is a sample of all. The sources take turns, in
+    the same random order each time, as often as they release boulders. The order within a source is
+    unchanged."""
     by_source = np.argsort(source.number, kind="stable")
     boulders = np.bincount(source.number)
     first = np.cumsum(boulders) - boulders

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""95 % confidence intervals for values of boulders from given sources, and the boulders they need.
+"""95 % confidence intervals for values of boulders from given sources, and required boulder
+numbers.
 
 The sources of a case are the complete set: other samples would have the same sources, with the same
 number of boulders from each. Boulders are then a stratified sample (Cochran 1977, chapter 5), and
 intervals cover only the variation within sources. With &release sources = 'sample' the sources are
-a sample: the boulders of each are a cluster, and few sources represent others poorly (Student's
-distribution; with two, the intervals are 6.5 times as long as those of a normal distribution).
+a sample: the boulders of each source are a cluster, and few sources represent others poorly
+(Student's distribution; with two sources, the intervals are 6.5 times as long as normal intervals).
 """
 
 from __future__ import annotations
@@ -30,14 +31,14 @@ if TYPE_CHECKING:
 
     from rockfall.result.contents import Held
 
-TARGETS = (0.05, 0.02, 0.01)  # relative half-widths of an interval to plan for
-DENSE = 1_000_000  # numbers of sources below which a table of them is short
-CROSSED = 500  # boulders past the line from which intervals of anything but a fraction are used
-#: Skewness over the coefficient of variation: exact for gamma distributions. Few values seldom show
-#: the tail of their distribution, so that upper limits assume it.
+TARGETS = (0.05, 0.02, 0.01)  # relative half-widths of intervals to plan for
+DENSE = 1_000_000  # numbers of sources below which a lookup table is short
+CROSSED = 500  # minimum boulders past the line for intervals of statistics other than a fraction
+#: Skewness over the coefficient of variation: exact for gamma distributions. Small samples seldom
+#: show the tail of their distribution, so upper limits assume this skewness.
 SKEWED = 2.0
-SKEWED_SQUARES = 3.0  # the ratio for squared deviations
-WITHHELD = math.nan, math.nan  # limits for too few boulders
+SKEWED_SQUARES = 3.0  # the same ratio for squared deviations
+WITHHELD = math.nan, math.nan  # limits with too few boulders
 
 
 @dataclass(frozen=True)
@@ -45,14 +46,15 @@ class Sources:
     """Sources of boulders. A selection (`sources[which]`) keeps the released numbers, because the
     number of selected boulders is random too."""
 
-    number: np.ndarray  # source of each boulder, from 0
-    stratum: np.ndarray  # source, with sources of a single boulder merged with another
-    released: np.ndarray  # boulders of each stratum
-    sampled: bool = False  # the sources are a sample of others
+    number: np.ndarray  # source number of each boulder, from 0
+    #: stratum of each boulder: its source; single-boulder sources are merged with another
+    stratum: np.ndarray
+    released: np.ndarray  # released boulders per stratum
+    sampled: bool = False  # the sources are a sample
 
     @classmethod
     def of(cls, number: np.ndarray, sampled: bool = False) -> Sources:
-        """Boulders of these sources; sources with a single boulder are paired with their neighbour
+        """Boulders of these sources. Each source with a single boulder is paired with a neighbour
         by number, so that the difference within a pair counts as chance (collapsed strata: Cochran
         1977, section 5A.12)."""
         boulders = np.bincount(number)
@@ -73,7 +75,7 @@ class Sources:
         return int(self.number.max(initial=-1)) + 1
 
     def sums(self, residual: np.ndarray) -> Sums:
-        """Sums of a variable over boulders, less its mean."""
+        """Sums of a variable over boulders, after subtraction of its mean."""
         size = self.released.size
         if size == 1:
             total, squares = (np.array([v.sum()]) for v in (residual, residual**2))
@@ -102,12 +104,12 @@ class Sources:
 
     @cached_property
     def _numbers(self) -> np.ndarray:
-        """Boulders of each stratum, or source."""
+        """Number of boulders in each stratum, or source."""
         return np.bincount(self._of, minlength=self.released.size).astype(float)
 
 
 def strata(boulders: np.ndarray) -> np.ndarray:
-    """Stratum of each source, given the number of boulders it released."""
+    """Stratum of each source, from the number of boulders that it released."""
     clusters = np.arange(boulders.size)
     single = np.flatnonzero(boulders == 1)
     clusters[single[1::2]] = single[: single[1::2].size * 2 : 2]
@@ -119,13 +121,13 @@ def strata(boulders: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Sums:
-    """Sums over the boulders of each stratum, or of each source if these are sampled, of a variable
-    less its mean: sufficient for its interval."""
+    """Sums over the boulders of each stratum, or of each source if sources are sampled, for a
+    variable after subtraction of its mean: sufficient for its interval."""
 
-    n: np.ndarray  # boulders
+    n: np.ndarray  # number of boulders
     total: np.ndarray
     squares: np.ndarray
-    released: np.ndarray  # boulders, including those without a value
+    released: np.ndarray  # number of boulders, including boulders without a value
     sampled: bool
 
     @property
@@ -141,7 +143,7 @@ class Sums:
         skewed: float = SKEWED,
     ) -> tuple[float, float]:
         """Limits of the interval of the mean, less the mean, for values of this shape; NaN for
-        fewer than `fewest` values (or sources, if these are sampled). See `hall` for the other
+        fewer than `fewest` values (or sources, if they are sampled). See `hall` for the other
         arguments."""
         n = self.size
         if shape.apart < fewest:
@@ -168,11 +170,11 @@ class Sums:
 
     def effective_number(self, fraction: float) -> float:
         """Effective number of independent boulders for the fraction of an indicator (Korn and
-        Graubard 1998); of sampled sources, see `independent_boulders`.
+        Graubard 1998); for sampled sources, see `independent_boulders`.
 
-        With few boulders, sources in which all behaved alike would seem too certain. The variance
-        therefore includes Z**2 more boulders of uncertain outcome, and is at most that without
-        strata.
+        With few boulders, sources whose boulders all behaved alike would seem too certain. The
+        variance therefore includes Z**2 more boulders of uncertain outcome, and is at most the
+        variance without strata.
         """
         n = self.size
         if self.sampled:
@@ -191,14 +193,14 @@ class Sums:
         return scatter * (n / np.maximum(n - 1, 1)) * (1 - 1 / n.sum())
 
     def _error_of_clusters(self) -> float:
-        """Standard error of a mean from its clusters, two or more (linearised; Cochran 1977)."""
+        """Standard error of a mean from two or more clusters (linearised; Cochran 1977)."""
         sums = self.total[self.n > 0]
         return math.sqrt((sums**2).sum() * sums.size / (sums.size - 1)) / self.size
 
 
 @dataclass(frozen=True)
 class Shape:
-    """Properties of values, besides their variance, for the interval of a mean."""
+    """Properties of values, other than their variance, that affect the interval of a mean."""
 
     skewness: float
     below: float  # standard deviations from the mean down to the lowest value
@@ -235,10 +237,10 @@ class Shape:
 def hall(
     error: float, freedom: float, n: int, shape: Shape, signed: bool, skewed: float
 ) -> tuple[float, float]:
-    """Limits of the interval of a mean of n values with this standard error, less the mean: those
-    of Student's t, with Hall's cubic correction for skewness (Hall 1992). The upper limit assumes a
-    skewness of at least `skewed` coefficients of variation, above the lowest value; for `signed`
-    values the lower limit does the same, from the highest."""
+    """Limits of the interval of a mean of n values with this standard error, less the mean:
+    Student's t limits with Hall's cubic correction for skewness (Hall 1992). The upper limit
+    assumes a skewness of at least `skewed` coefficients of variation, above the lowest value. For
+    `signed` values the lower limit does the same, from the highest value."""
     skewness = shape.skewness
     low = min(skewness, -skewed / shape.above) if signed else skewness
     high = max(skewness, skewed / shape.below)
@@ -251,7 +253,7 @@ def hall(
 
 def limits_of_printed(mean: float, std: float, n: float, signed: bool) -> tuple[float, float]:
     """Limits of the interval of a mean of n values, from mean and standard deviation alone; values
-    are not negative unless `signed`. NaN for too few."""
+    are non-negative unless `signed`. NaN for too few values."""
     if not n >= MIN_FOR_MEAN:
         return WITHHELD
     below = mean / std if std > 0 and mean > 0 and not signed else math.inf
@@ -269,7 +271,7 @@ def _inverse_of_cubic(t: float, a: float) -> float:
 
 def sources(result: Held) -> Sources:
     """Sources of the boulders of a result, by `source`. In a sample, sources at one place are
-    merged: the place was chosen once, whichever volumes it releases."""
+    merged, because the place was chosen once, whichever volumes it releases."""
     return sources_of(result, are_sampled(result))
 
 
@@ -282,7 +284,7 @@ def sources_of(values: Held | Mapping[str, ArrayLike], sampled: bool) -> Sources
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:
-    """Rank of each value, from 0, among the distinct ones; small integers are not sorted."""
+    """Rank of each value among the distinct values, from 0; small integers are not sorted."""
     if values.dtype.kind == "i" and values.size and 0 <= values.min() <= values.max() < DENSE:
         return (np.cumsum(np.bincount(values) > 0) - 1)[values]
     return np.unique(values, return_inverse=True)[1]
@@ -291,12 +293,11 @@ def _ranks(values: np.ndarray) -> np.ndarray:
 def are_sampled(result: Held) -> bool:
     """Return True if the sources of a result are a sample."""
     text = str(result.attrs.get("case", ""))
-    return "sample" in text and case_of(result).release["sources"] == "sample"  # cheap test first
+    return "sample" in text and case_of(result).release["sources"] == "sample"  # quick test first
 
 
 def fraction_interval(holds: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:
-    """Fraction of the chosen boulders, and the limits of its 95 % interval
-    (Wilson 1927)."""
+    """Fraction of the chosen boulders, and the limits of its 95 % interval (Wilson 1927)."""
     if isinstance(source, Weighted):
         return source.fraction(holds)
     fraction = float(holds.mean())
@@ -304,7 +305,7 @@ def fraction_interval(holds: np.ndarray, source: Sources | Weighted) -> tuple[fl
 
 
 def passing_percent(result: Held, line: int) -> tuple[int, float, float, float]:
-    """Number of boulders at the line of this index, and their fraction with its interval [%]."""
+    """Number of boulders at the line with this index, and their fraction with its interval [%]."""
     crossed = has_crossed(result, line)
     fraction, low, high = fraction_interval(crossed, sources(result))
     return int(crossed.sum()), 100 * fraction, 100 * low, 100 * high
@@ -343,8 +344,8 @@ def ranks_around(n: int, level: float, effective: float) -> np.ndarray:
 
 
 def half_width(row: Mapping[str, float], name: str) -> float:
-    """Half-width of a confidence interval relative to its number: 0 for equal values, inf if the
-    number is 0, NaN without an interval."""
+    """Half-width of a confidence interval relative to the estimate: 0 for equal values, inf if the
+    estimate is 0, NaN without an interval."""
     value = row.get(name, np.nan)
     if name != "fraction" and row.get("std") == 0 and row["n"] >= CROSSED:
         return 0.0
@@ -356,12 +357,12 @@ def half_width(row: Mapping[str, float], name: str) -> float:
 
 def boulders_needed(boulders: float, width: float, limit: float, crossed: float = np.inf) -> float:
     """Number of boulders for an interval of `limit`, given an interval of `width` from `boulders`:
-    the width falls as 1/sqrt(n). If `crossed`, the number past the line, is given, the interval
-    counts from `CROSSED` on."""
+    the width decreases as 1/sqrt(n). If the number `crossed` past the line is given, intervals are
+    used only from `CROSSED` on."""
     return boulders * max((width / limit) ** 2, CROSSED / crossed if crossed else np.inf)
 
 
 def rounded_up(boulders: float) -> int:
-    """Round up to two digits, because the required number of boulders is a forecast."""
+    """Number rounded up to two digits, because it is a forecast."""
     step = 10 ** max(0, math.floor(math.log10(max(boulders, 1.0))) - 1)
     return math.ceil(boulders / step - 1e-9) * step

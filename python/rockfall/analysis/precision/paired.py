@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Differences of two runs by the same boulders, with 95 % intervals from their sources.
+"""Differences between two runs with the same boulders, with 95 % intervals by source.
 
-With common random numbers a boulder starts alike in both runs and draws the same numbers at its
-rebounds. Differences are taken boulder by boulder, so that chance common to both cancels. Intervals
-cover the Monte Carlo error of a difference, not that of the models. Values are NaN for boulders
-without any.
+With common random numbers a boulder starts identically in both runs and uses the same random
+numbers at its rebounds. Differences are taken boulder by boulder, so common chance cancels.
+Intervals cover the Monte Carlo error of a difference, not the model error. Values are NaN for
+boulders without a value.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -
 
 
 def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
-    """Difference of the fractions of chosen boulders. If boulders change sides in one direction
-    only, it is the fraction that changed, with an interval that stays between 0 and 1."""
+    """Difference of the fractions of chosen boulders. If all changes are in one direction, it is
+    the fraction that changed, with an interval between 0 and 1."""
     gained, lost = here & ~before, before & ~here
     if gained.any() and lost.any():
         return mean_difference(here * 1.0 - before, source)
@@ -120,11 +120,11 @@ def difference_of_fractions(here: np.ndarray, before: np.ndarray, source: Source
 def relative_changes(
     whole: np.ndarray, before: np.ndarray, parts: np.ndarray, parts_before: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Relative changes of numbers (...) over all boulders, and standard errors from the numbers of
-    parts (..., parts). NaN for changes from 0."""
+    """Relative changes of statistics (...) over all boulders, and standard errors from the values
+    for parts (..., parts). NaN for changes from 0."""
     before = np.where(before == 0, np.nan, before)
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Degrees of freedom")  # no boulder crossed
+        warnings.filterwarnings("ignore", "Degrees of freedom")  # raised where no boulder crossed
         apart = (parts - parts_before) / before[..., None]
         error = np.nanstd(apart, axis=-1, ddof=1) / np.sqrt(np.isfinite(apart).sum(axis=-1))
         return whole / before - 1, error
@@ -140,7 +140,7 @@ def _hypotenuse(first: float, other: float, correlation: float) -> float:
 
 
 def _correlation(here: np.ndarray, before: np.ndarray, source: Sources) -> float:
-    """Correlation of two indicators within sources or, if sampled, of their sums."""
+    """Correlation of two indicators within sources or, for sampled sources, of their sums."""
 
     def apart(indicator: np.ndarray) -> np.ndarray:
         if source.sampled:

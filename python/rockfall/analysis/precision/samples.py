@@ -26,13 +26,13 @@ from rockfall.kernel_rules import SAMPLE_BITS, SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.limits import MIN_FOR_STD
 
 OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
-FITTED, FITTED_POINTS = 3.0, 41  # window of a fit over the interval's, and its points
-#: Lower edges and widths of bins, in units. Width 1: a single number.
+FITTED, FITTED_POINTS = 3.0, 41  # fit window relative to the interval, and number of fit points
+#: Lower edges and widths of bins, in units. Bins of width 1 hold a single number.
 LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)
 
 
 class Sample(ABC):
-    """Values of n boulders out of those released."""
+    """Values of n boulders out of the released boulders."""
 
     n: int
     released: int
@@ -58,9 +58,9 @@ class Sample(ABC):
         """Order statistics that enclose a quantile, as in `between_ranks`."""
 
     def fitted_between(self, level: float, effective: float) -> tuple[float, float]:
-        """Estimates of the order statistics that enclose a quantile, from many more values around
-        them, whose logarithms are fitted by normal scores. In a tail the distance of two order
-        statistics has twice the error of the fitted one."""
+        """Estimates of the order statistics that enclose a quantile. Logarithms of many more values
+        around them are fitted by normal scores. In a tail the distance of two order statistics has
+        twice the error of the fitted distance."""
         ranks = np.clip(ranks_around(self.n, level, effective), 0.5, self.n + 0.5)
         middle = 1 + level * (self.n - 1)
         ends = np.clip(middle + FITTED * (ranks - middle), 1, self.n)
@@ -80,7 +80,7 @@ class Sample(ABC):
 
     @abstractmethod
     def largest(self, n: int) -> np.ndarray:
-        """The n largest known values, in increasing order."""
+        """Largest n known values, in increasing order."""
 
     @abstractmethod
     def effective_passing(self) -> float:
@@ -92,33 +92,33 @@ class Sample(ABC):
 
     @abstractmethod
     def limits_of_mean(self, signed: bool) -> tuple[float, float]:
-        """Limits of the interval of the mean, less the mean; NaN for too few values. Values that
-        are not `signed` have a lower bound."""
+        """Limits of the interval of the mean, less the mean; NaN for too few values. Unless
+        `signed`, values have a lower bound."""
 
     @abstractmethod
     def limits_of_variance(self) -> tuple[float, float]:
         """Limits of the interval of the mean of squared deviations from the trimmed mean, less that
-        mean. The trimmed fraction falls with the number of values, so that the tail of a skewed
-        sample weighs as much as in its population (Bonett 2006)."""
+        mean. The trimmed fraction decreases with the number of values, so that the tail of a skewed
+        sample has the same weight as in its population (Bonett 2006)."""
 
     @property
     def _cut(self) -> int:
-        """Number of values trimmed at either end."""
+        """Number of values trimmed at each end."""
         return min(int(self.n / (2 * math.sqrt(max(self.n - 4, 1)))), (self.n - 1) // 2)
 
 
 def quantiles(ordered: np.ndarray, levels: Sequence[float]) -> np.ndarray:
-    """Quantiles of type 7 of rising values, which `np.quantile` would partition again."""
+    """Quantiles of type 7 of ascending values, without the new partition in `np.quantile`."""
     place = np.asarray(levels) * (ordered.size - 1)
     below = place.astype(int)
     part = place - below
     low, high = ordered[below], ordered[np.minimum(below + 1, ordered.size - 1)]
-    step = high - low  # as NumPy does, to the bit
+    step = high - low  # bitwise as in NumPy
     return np.where(part < 0.5, low + step * part, high - step * (1 - part))
 
 
 class Passing:
-    """Boulders that have values, out of all from these sources."""
+    """Boulders with values, out of all boulders from these sources."""
 
     def __init__(self, everyone: Sources, which: np.ndarray) -> None:
         """`which`: the boulders that have values, as indices or a mask."""
@@ -127,10 +127,10 @@ class Passing:
 
 
 class Values(Sample):
-    """Values of boulders."""
+    """Values of individual boulders."""
 
     def __init__(self, values: np.ndarray, source: Sources | Passing) -> None:
-        """Values of boulders that have one, or of all from these sources (NaN without)."""
+        """Values of boulders that have a value, or of all from these sources (NaN without)."""
         if isinstance(source, Sources):
             has = ~np.isnan(values)
             values, source = values[has], Passing(source, has)
@@ -179,9 +179,10 @@ class Values(Sample):
 
 
 class Counts(Sample):
-    """Counts of boulders in place of their values. Mean, standard deviation and maximum are those
-    of values in integer units, quantiles lie within their bin (0.4 % of them). Intervals use counts
-    of each group of sources in coarse bins, within which all groups have the same distribution."""
+    """Counts of boulders in place of their values. Mean, standard deviation and maximum follow from
+    values in integer units; quantiles lie within their bin (0.4 % wide). Intervals use counts of
+    each source group in coarse bins, and assume that all groups have the same distribution within a
+    bin."""
 
     def __init__(
         self,
@@ -230,13 +231,13 @@ class Counts(Sample):
         return self._tail[max(0, self._tail.size - n) :]
 
     def _at(self, ranks: np.ndarray) -> np.ndarray:
-        """Values of ranks from 0, with interpolation."""
+        """Values at ranks from 0, with interpolation."""
         below = np.floor(ranks).astype(int)
         low, high = self._ranked(below), self._ranked(np.minimum(below + 1, self.n - 1))
         return low + (high - low) * (ranks - below)
 
     def _ranked(self, rank: np.ndarray) -> np.ndarray:
-        """Values at integer ranks: exact for the largest, uniform within bins for the others."""
+        """Values at integer ranks: exact for the largest, uniform within bins for others."""
         k = np.searchsorted(self._before + self._bins, rank, side="right")
         alone = self._width[k] == 1
         within = np.where(alone, 0.5, (rank - self._before[k] + 0.5) / self._bins[k])
@@ -274,7 +275,7 @@ class Counts(Sample):
         return self._limits_of((values - middle) ** 2, *OF_SQUARES)
 
     def _limits_of(self, numbers: np.ndarray, *rule: Any) -> tuple[float, float]:
-        """Limits of the mean of a variable that has one value per bin."""
+        """Limits of the mean of a variable with one value per bin."""
         shape = Shape.of(numbers, self._bins)
         numbers = numbers - self._bins @ numbers / self.n
         return self._by_group(numbers, numbers**2).limits_of_mean(shape, *rule)
@@ -289,7 +290,7 @@ class Counts(Sample):
         return self._sums(self._groups.sum(axis=1), *(self._groups @ mean for mean in means))
 
     def _sums(self, n: np.ndarray, total: np.ndarray, squares: np.ndarray) -> Sums:
-        """Sums by stratum, or by group if the sources are sampled."""
+        """Sums by stratum, or by group if sources are sampled."""
         size = self._released.size
         clusters = np.arange(size) if self._sampled else strata(self._released)
         n, total, squares, released = (

@@ -14,8 +14,8 @@ from rockfall.kernel_rules import Z, fraction_limits
 
 @dataclass(frozen=True)
 class Weighted:
-    """Boulders of several runs with common random numbers: their weights, and clusters, from 0: the
-    number of a boulder, common to runs, or its place if sources are sampled."""
+    """Boulders of several runs with common random numbers: their weights and clusters, from 0. A
+    cluster is the boulder number, common to runs, or its place if sources are sampled."""
 
     weight: np.ndarray
     cluster: np.ndarray
@@ -24,13 +24,13 @@ class Weighted:
         return Weighted(self.weight[which], self.cluster[which])
 
     def fraction(self, holds: np.ndarray) -> tuple[float, float, float]:
-        """Fraction of the weight for which `holds` (boulders,) is True, and the limits of its 95 %
+        """Weighted fraction for which `holds` (boulders,) is True, and the limits of its 95 %
         interval (Wilson 1927)."""
         fraction = float(self.weight[holds].sum() / self.weight.sum())
         return fraction, *fraction_limits(fraction, self._independent(holds))
 
     def quantile(self, values: np.ndarray, level: float) -> tuple[float, float, float]:
-        """Quantile of values of the boulders, and its limits, as in `quantile_interval`."""
+        """Quantile of boulder values with its limits, as in `quantile_interval`."""
         number = self._independent(values <= value_at(values, self.weight, level))
         return quantile_interval(values, self.weight, level, float(self.weight.sum()) / number)
 
@@ -41,8 +41,8 @@ class Weighted:
 
 
 def value_at(values: np.ndarray, weights: np.ndarray, level: float) -> float:
-    """Value below which a fraction of the weight lies, interpolated between the middles of the
-    steps; the lowest or highest value beyond these (Hazen's rule, with weights)."""
+    """Value with a given fraction of the weight below it, interpolated between the middles of the
+    steps; beyond these, the lowest or highest value (weighted Hazen rule)."""
     ordered, middles = _steps(values, weights)
     return float(np.interp(level, middles, ordered))
 
@@ -50,15 +50,15 @@ def value_at(values: np.ndarray, weights: np.ndarray, level: float) -> float:
 def quantile_interval(
     values: np.ndarray, weights: np.ndarray, level: float, unit: float | None = None
 ) -> tuple[float, float, float]:
-    """Quantile and the limits of its 95 % interval: order statistics that enclose it, as
-    `between_ranks` has them for equal weights. NaN without values; a limit is NaN where the values
-    end before it.
+    """Quantile and the limits of its 95 % interval: order statistics that enclose it, as in
+    `between_ranks` for equal weights. NaN without values; a limit is NaN where the values end
+    before it.
 
-    Each value is treated as if it had the largest weight, which bounds the variance of the fraction
-    below the quantile, w_max p (1 - p)/sum(w), whichever values lie beyond it; limits by the mean
+    Each value is treated as if it had the largest weight. This bounds the variance of the fraction
+    below the quantile, w_max p (1 - p)/sum(w), whichever values lie beyond it; limits from the mean
     weight (Kish 1965) would be too narrow if heavy values lie beyond it. `unit` is the weight that
-    counts as one value, by default the largest. Values of given sources vary less (stratification),
-    so the limits are never too narrow for them.
+    counts as one value, by default the largest. Values from given sources vary less
+    (stratification), so the limits are never too narrow for them.
     """
     if not values.size:
         return math.nan, math.nan, math.nan
@@ -71,7 +71,7 @@ def quantile_interval(
 
 
 def _steps(values: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values in increasing order, and the cumulative weight fraction up to the middle of each."""
+    """Values in increasing order, and the cumulative weight fraction at the middle of each."""
     order = np.argsort(values, kind="stable")
     ordered = weights[order]
     return values[order], (np.cumsum(ordered) - ordered / 2) / ordered.sum()

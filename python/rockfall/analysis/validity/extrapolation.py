@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rebounds and boulders outside the conditions for which there are observations or fits."""
+"""Rebounds and boulders outside the conditions of observations or fits."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from rockfall.result.grounds import (
 if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
 
-MAX_OUTSIDE = 0.2  # fraction of the rebounds from which it is a warning
-MAX_FAST = 0.05  # fraction of the boulders
+MAX_OUTSIDE = 0.2  # fraction of the rebounds above which the remark is a warning
+MAX_FAST = 0.05  # fraction of the boulders above which the remark is a warning
 #: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
 #: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
 SPEED_PER_DEGREE = 0.8
-#: Half of the rebounds of their fit had R_b/R_m above 5.5, which used the set of 5.
+#: Half of the rebounds in their fit had R_b/R_m above 5.5 and used the set for 5.
 FITTED_BEYOND = "vaujany-observed", "bourrier2009"
-OUTSIDE = {  # messages, by the count of a result
+OUTSIDE = {  # message for each count of a result
     "range": "model.outside_range",
     "speed": "model.outside_speed",
     "angle": "model.outside_angle",
@@ -81,8 +81,8 @@ def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolat
 
 
 def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, Any]]:
-    """Message and values for rebounds outside the size ratios of their impact sets or tables; the
-    ratios are those of a shipped table."""
+    """Message and values for rebounds outside the size ratios of their impact sets or tables, where
+    the ratios are those of a shipped table."""
     followed = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
     tables = [ground.name for ground in followed if ground.model == RATIO_TABLE]
     if not tables:
@@ -107,8 +107,8 @@ def _outside_speeds(values: Variables) -> str:
 def faster_than_observed(values: Variables) -> np.ndarray:
     """Mask (boulders,) of boulders that exceeded the envelope of observed speeds.
 
-    The mean slope is that of the straight line from the release to the end; a boulder that did not
-    end lower is not counted.
+    The mean slope is the slope of the straight line from the release to the end. Boulders that did
+    not end lower are not counted.
     """
     slope = mean_slopes(values)
     return (slope > 0) & (np.asarray(values["speed_max"]) > SPEED_PER_DEGREE * slope)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on forest, lying logs and breakage, which are not validated."""
+"""Remarks on forest, lying logs and breakage, whose models are not validated."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
     from rockfall.case import Case
 
-MAX_FINES = 0.01  # fraction of the volume from which it is a warning
+MAX_FINES = 0.01  # fraction of the volume above which the remark is a warning
 
 
 def forest_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remark that forest is not validated, with the experiment by impact tables if most rebounds
-    followed some, else by the default set; none without trees."""
+    """Remark that forest is not validated, with the forest experiment by impact tables if most
+    rebounds used tables, else by the default set; none without trees."""
     if case.has_forest:
         by_table = sum(ground.fraction for ground in table_grounds(values)) > 0.5
         by_table = by_table or case.impact["form"] == "table"
@@ -33,7 +33,8 @@ def forest_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def forest_text(model: str = "vaujany-observed") -> Text:
-    """A model and the forest experiment (cases/vaujany-forest): more pass than observed."""
+    """Text with a model and the forest experiment (cases/vaujany-forest): more pass than
+    observed."""
     bare, forest = (only("vaujany-forest", state, "passing", model) for state in ("bare", "forest"))
     return say(
         "model.forest",
@@ -52,9 +53,8 @@ def log_remarks(case: Case) -> Iterator[Remark]:
 
 
 def breakage_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on breakage: that its rule is not validated, which fragments the statistics count,
-    and how many boulders had fragments limited or lost as fines; empty where boulders do not
-    break."""
+    """Remarks on breakage: its rule is not validated, statistics count certain fragments, and some
+    boulders had fragments limited or lost as fines; empty if boulders do not break."""
     if case.breakage["at"] == "none":
         return
     yield Remark(say("model.breakage"), True, is_counted=False)

@@ -27,15 +27,16 @@ if TYPE_CHECKING:
     from rockfall.case import Case
     from rockfall.result.grounds import GroundRebounds
 
-LARGE_BLOCK = 1.25  # R_b relative to the largest blocks in the simulations of a table
-MAX_LARGE = 0.2  # fraction of the boulders
-#: Messages on shipped sets, by the beginning of their names (names of ensembles are longer).
+#: R_b relative to the largest simulated blocks of a table, above which a block is large
+LARGE_BLOCK = 1.25
+MAX_LARGE = 0.2  # fraction of large boulders above which the remark is a warning
+#: Messages on shipped sets, by name prefix (names of ensembles are longer).
 SET_MESSAGES = {
     "laboratory-spheres": "model.spheres_set",
     "vaujany-observed": "model.observed_set",
     "bourrier2009": "model.paper_set",
 }
-JUDGED_TABLES = "talus", "meadow"  # grounds by tables of impacts, each with evidence from a site
+JUDGED_TABLES = "talus", "meadow"  # grounds with impact tables that were compared with a site
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -64,8 +65,8 @@ def ground_part(rebounds: GroundRebounds) -> Text:
 
 
 def followed_text(values: Variables, case_set: str) -> str:
-    """Grounds on which boulders rebounded, with models and fractions, most frequent first; without
-    grounds, the impact sets of the case."""
+    """Grounds on which boulders rebounded, with models and fractions, most frequent first; for a
+    run without grounds, the impact sets of the case."""
     grounds = sorted(rebounds_by_ground(values), key=lambda ground: -ground.rebounds)
     if not grounds:
         return say("inputs.impact_sets", impact_set=case_set)
@@ -74,13 +75,13 @@ def followed_text(values: Variables, case_set: str) -> str:
 
 
 def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
-    """Rebounds on some grounds, of all."""
+    """Rebounds on some grounds as a fraction of all."""
     rebounds = sum(ground.rebounds for ground in grounds)
     return part_of_rebounds(rebounds, max(1, sum_of(values, "rebounds_by_ground")))
 
 
 def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on the field validation of shipped impact sets, if rebounds used them."""
+    """Remarks on the field validation of shipped impact sets that rebounds used."""
     names = set(sets_followed(values, case.impact["sets"])) & set(shipped_sets())
     total = sum_of(values, "rebounds")
     if not total:
@@ -96,8 +97,8 @@ def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def _set_errors(name: str, method: str) -> dict[str, int]:
-    """Largest errors of means by a shipped set [%]: speeds and energies at Vaujany, by a method of
-    choosing rocks if the set was run by both, and run-outs at Tschamut."""
+    """Largest errors of means with a shipped set [%]: speeds and energies at Vaujany, for one
+    method of choosing rocks if the set was run with both, and run-out distances at Tschamut."""
     chosen = {
         "speed": evidence("vaujany", quantity="speed_mean", model=f"{name}*"),
         "energy": evidence("vaujany", quantity="energy_translational_mean", model=f"{name}*"),

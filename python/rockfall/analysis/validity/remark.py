@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     Variables = Held | Mapping[str, ArrayLike]
 
-GRADES = ("stop", "caution", "note")  # in the order in which remarks are shown
+GRADES = ("stop", "caution", "note")  # grades in display order
 #: Messages about numbers that are wrong until their cause is removed.
 STOPS = {"model.cut_short", "model.impact_limit", "model.lost", "model.max_fragments"}
 
@@ -27,11 +27,11 @@ class Remark(NamedTuple):
 
     text: Text
     is_warning: bool
-    is_counted: bool = True  # of the boulders of the run
+    is_counted: bool = True  # whether it counts boulders of the run
 
     @property
     def grade(self) -> str:
-        """Return `stop` for wrong numbers, else `caution` for a warning, else `note`."""
+        """`stop` for wrong numbers, `caution` for another warning, else `note`."""
         if not self.is_warning:
             return "note"
         return "stop" if self.text.key in STOPS else "caution"

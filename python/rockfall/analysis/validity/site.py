@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on whether a run agrees with `&observed` of its site."""
+"""Remarks on whether a run agrees with the site's `&observed`."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
     from rockfall.case import Case
 
-FARTHEST = 0.01  # fraction of the boulders with the lowest energy-line angles
-MIN_BOULDERS = 1000  # boulders, so that the fraction is ten
+FARTHEST = 0.01  # fraction of boulders with the lowest energy-line angles
+MIN_BOULDERS = 1000  # minimum number, so that the fraction has ten boulders
 LOWEST = -90.0  # [degree] lower bound of any energy line
 
 
 def angle_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on the energy-line angle that 1 % of the boulders come below, compared with the
-    lowest observed angle: a warning if its interval, by sources, does not contain the observed
-    angle. Boulders that left the terrain count with the angle of their exit for the upper limit,
-    and with the lowest of all for the lower one."""
+    """Remarks on the energy-line angle of the 1 % farthest boulders, compared with the lowest
+    observed angle: a warning if its interval, by sources, does not contain the observed angle.
+    Boulders that left the terrain count with the angle of their exit for the upper limit, and with
+    the lowest possible angle for the lower limit."""
     observed = case.observed.get("energy_line_angle")
     if observed is None or "start_x" not in values or np.size(values["start_x"]) < MIN_BOULDERS:
         return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Warnings on models of runs, each once: as Python warnings and as an attribute."""
+"""Model warnings of runs, without repeats: as Python warnings and as an attribute."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     Result = TypeVar("Result", bound=xr.Dataset)
 
 TELLING = "line", "names"  # values that distinguish warnings with the same message
-MAX_NAMED = 3  # maximum number of results in a warning
+MAX_NAMED = 3  # maximum number of results listed in a warning
 
 
 def joint_warnings(results: Mapping[str, Held]) -> list[Text]:
-    """Warnings on the models of results by name, as in `joined_warnings`."""
+    """Model warnings of several results by name, as in `joined_warnings`."""
     return joined_warnings(
         {name: model_warnings(result, case_of(result)) for name, result in results.items()}
     )
 
 
 def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
-    """Warnings of several results by name, each once, with the numbers of the first result
-    concerned; the concerned results are named unless all are."""
+    """Warnings of several results by name, without repeats and with the numbers of the first result
+    concerned. The results concerned are listed unless all are."""
     texts: dict[tuple[str, ...], Text] = {}
     names: dict[tuple[str, ...], list[str]] = {}
     for name, own in by_name.items():
@@ -50,13 +50,13 @@ def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
 
 
 def with_model_warnings(result: Result) -> Result:
-    """Result with the warnings on its model as attributes, one per line."""
+    """Result with its model warnings as attributes, one per line."""
     texts = model_warnings(result, case_of(result))
     return result.assign_attrs({MODEL_WARNINGS: "\n".join(texts)})
 
 
 def warned_of_model(result: Result) -> Result:
-    """Result with the warnings on its model, also issued at the caller's caller."""
+    """Result with its model warnings, also issued at the caller's caller."""
     result = with_model_warnings(result)
     warn_each(dict.fromkeys(result.attrs[MODEL_WARNINGS].splitlines()), stacklevel=4)
     return result

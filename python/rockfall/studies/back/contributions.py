@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Contribution of each set of data to the posterior, and conflicts between them.
 
-For set k with the log-likelihood l_k, the posterior by this set alone weights the same members by
+For set k with the log-likelihood l_k, the posterior from this set alone weights the same members by
 its likelihood. Its loss with the others is E_alone(l_k) - E(l_k). If the likelihoods are normal and
-the sets agree, its expectation is 0 and twice the loss, plus d, is at most chi-square distributed
-with d degrees of freedom, the number of parameters: beyond its 95 % quantile the set is in conflict
-with the others. Each member has its own boulders, so the standard error of the loss, from the
-weighted members, covers the variation between seeds. If its 95 % interval contains the limit, the
-verdict is undecided.
+the sets agree, the loss has expectation 0, and twice the loss plus d is at most chi-square
+distributed with d degrees of freedom, the number of parameters: beyond its 95 % quantile the set
+conflicts with the others. Each member has its own boulders, so the standard error of the loss, from
+the weighted members, covers the variation between seeds. If its 95 % interval contains the limit,
+the verdict is undecided.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from rockfall.studies.back.sampling import effective, normalised
 from rockfall.studies.back.smoothing import smoothed
 
 LEVEL = 0.95
-SIGMAS = 1.96  # of an interval of 95 %
-FEWEST = 10.0  # effective members by one set alone, required for a verdict
+SIGMAS = 1.96  # standard errors in half a 95 % interval
+FEWEST = 10.0  # minimum effective members with one set alone for a verdict
 AGREES, CONFLICT, UNDECIDED = "agrees", "conflict", "undecided"
 
 
 class Contribution(NamedTuple):
-    """Weights of the members by one set of data, its loss with the others and standard error, and
-    the verdict ("" for a single set)."""
+    """Weights of the members from one set of data alone, its loss with the others and standard
+    error, and the verdict ("" for a single set)."""
 
     alone: np.ndarray
     loss: float
@@ -35,7 +35,7 @@ class Contribution(NamedTuple):
     verdict: str
 
     def record(self) -> dict[str, Any]:
-        """Columns of the table of data."""
+        """Columns for the table of data."""
         worth = effective(self.alone)
         return {"loss": self.loss, "loss_error": self.error, "alone_effective": worth,
                 "agreement": self.verdict}  # fmt: skip
@@ -50,7 +50,8 @@ def contributions(
 ) -> list[Contribution]:
     """Contribution of each set of data, from log-likelihoods (sets, members), with dependent data
     down-weighted. `points` (members, parameters) and `levels` belong to a `Sampler`;
-    `log_prior_weights` are log weights without a likelihood; `weight` are the weights by all sets.
+    `log_prior_weights` are log weights without a likelihood; `weight` are the weights from all
+    sets.
     """
     parameters, contributions = points.shape[1], []
     for data_name in log_likelihood:
@@ -71,7 +72,8 @@ def loss_of(values: np.ndarray, alone: np.ndarray, weight: np.ndarray) -> tuple[
     >>> loss_of(np.array([0.0, -2.0]), np.array([0.5, 0.5]), np.array([0.0, 1.0]))[0]
     1.0
     """
-    finite = np.where(np.isfinite(values), values, 0.0)  # weight 0, or members without weights
+    # with weight 0, or for members without weights
+    finite = np.where(np.isfinite(values), values, 0.0)
     first, second = float(alone @ finite), float(weight @ finite)
     error = np.sqrt(((alone * (finite - first) - weight * (finite - second)) ** 2).sum())
     return first - second, float(error)

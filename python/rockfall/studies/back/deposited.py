@@ -3,10 +3,10 @@
 
 Each block has the predictive density of `rockfall.analysis.observed.deposits` at its place. In the
 underlying urn model, earlier blocks count as much as simulated boulders; since blocks may come in
-any order, half of the others count. With bins in place of kernels the product over the blocks is
-then the Dirichlet-multinomial probability of `rockfall.studies.back.evidence`, by the midpoint
-rule: few boulders leave the density uncertain, and adjacent blocks are one surprise rather than
-many.
+any order, half of the other blocks count. With bins in place of kernels, the product over the
+blocks is then the Dirichlet-multinomial probability of `rockfall.studies.back.evidence`, by the
+midpoint rule. Few boulders leave the density uncertain, and adjacent blocks are one surprise rather
+than many.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from rockfall.analysis.observed.run_out import Starts, starts
 from rockfall.quantities import count, number
 from rockfall.studies.back.witnesses import Witnesses, worth_of
 
-HALF = 0.5  # of the other blocks
+HALF = 0.5  # fraction of the other blocks that count
 
 
 @dataclass
@@ -44,9 +44,10 @@ class Deposited(Witnesses):
 
     sets: list[Blocks]
     kernels: list[Kernel]
-    widths: list[np.ndarray]  # of kernels at the blocks [m]
+    widths: list[np.ndarray]  # kernel widths at the blocks [m]
     name: str = "blocks at rest"
-    own: list[tuple[np.ndarray, np.ndarray]] = field(init=False)  # sums over half of the others
+    #: sums over half of the other blocks
+    own: list[tuple[np.ndarray, np.ndarray]] = field(init=False)
 
     def __post_init__(self) -> None:
         kept_sets = zip(self.kernels, self.sets, self.widths, strict=True)
@@ -54,7 +55,7 @@ class Deposited(Witnesses):
 
     @classmethod
     def of_run(cls, sets: list[Blocks], base: xr.Dataset, cell: float) -> Deposited:
-        """Blocks with the kernels of the boulders of a run."""
+        """Blocks with the kernels from the boulders of a run."""
         origins = _starts(base, sets)
         rests = [at_rest(base, impact_set, origins) for impact_set in sets]
         kernels = [fitted_kernel(*pair, cell) for pair in zip(sets, rests, strict=True)]
@@ -87,7 +88,7 @@ class Deposited(Witnesses):
         return np.concatenate([np.full(len(block.place), kernel.floor) for kernel, block in pairs])
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the weight of a simulated boulder from runs of the same inputs."""
+        """Set the weight of a simulated boulder from runs with the same inputs."""
         near, squares, boulders = self._sums(runs)
         part = near / np.maximum(boulders, 1)
         expected = (squares / np.maximum(boulders, 1) - part**2) / np.maximum(boulders, 1)
@@ -99,8 +100,8 @@ class Deposited(Witnesses):
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-density of an equal number of boulders of the same run minus that of the blocks (a
-        parameter-dependent discrepancy, Gelman, Meng and Stern 1996)."""
+        """Log-density of an equal number of boulders from the same run minus the log-density of the
+        blocks (a parameter-dependent discrepancy, Gelman, Meng and Stern 1996)."""
         near, _, boulders = self._sums(runs[picked])
         densities = np.log((near + self._floor) / (boulders + ANYWHERE)).sum(axis=1)
         which = random.integers(self.AGAIN, size=picked.size)

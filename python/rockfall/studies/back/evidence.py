@@ -1,24 +1,24 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Likelihood of observations given the boulders of a run, and a check whether some run explains
-them.
+"""Likelihood of observations given the boulders of a run, and a check whether a run explains them.
 
-Quantiles of the observed boulders define bins. Of S simulated boulders s_k are in bin k, of the
-observed ones c_k. The frequencies of the bins are only known from the simulated boulders, so with
-Jeffreys' prior (1/2 for each bin) the observed counts have the Dirichlet-multinomial probability
+Quantiles of the observed boulders define bins. Bin k contains s_k of the S simulated boulders, and
+c_k of the observed boulders. The frequencies of the bins are only known from the simulated
+boulders, so with Jeffreys' prior (1/2 for each bin) the observed counts have the
+Dirichlet-multinomial probability
 
     p(c | s) ~ B(c + s + 1/2) / B(s + 1/2),    B(a) = prod Gamma(a_k) / Gamma(sum a_k)
 
 which includes the Monte Carlo noise of the run: few boulders make it flat. For a printed mean and
 standard deviation the probabilities are normal, with the sampling errors of both numbers.
 
-Inputs drawn for each member that are not parameters, such as errors of the terrain, make runs with
-the same parameters differ by more than their boulders do. Replicates measure this as an equivalent
-smaller number of boulders, S'. A member and the field each have such a deviation, so that the s_k
-count as 1/(2/S' - 1/S) boulders.
+Inputs drawn for each member that are not parameters, such as terrain errors, add differences
+between runs with the same parameters. Replicates measure these as an equivalent smaller number of
+boulders, S'. A member and the field each have such a deviation, so the s_k count as 1/(2/S' - 1/S)
+boulders.
 
-Dependent sets of data, such as speed and energy, are down-weighted: each with the inverse of the
-sum of its squared rank correlations with all, itself included, among the simulated boulders. Blocks
-at rest without a known release, and marks, come from other boulders, and count in full.
+Dependent sets of data, such as speed and energy, are down-weighted by the inverse of the sum of
+squared rank correlations with all sets, including the set itself, among the simulated boulders.
+Blocks at rest without a known release, and marks, come from other boulders, and count in full.
 """
 
 from __future__ import annotations
@@ -47,21 +47,21 @@ from rockfall.studies.back.deposited import Deposited
 from rockfall.studies.back.marked import Marked
 from rockfall.studies.back.witnesses import worth_of
 
-#: Value of each boulder of a result, NaN if it has none.
+#: Values of the boulders of a result, NaN without a value.
 Take = Callable[[xr.Dataset], np.ndarray]
 
-MIN_CROSSED = 20  # number of simulated boulders below which a run does not explain observed ones
-PRIOR = 0.5  # Jeffreys', of each bin
+MIN_CROSSED = 20  # minimum number of simulated boulders for a run to explain observed boulders
+PRIOR = 0.5  # Jeffreys' prior for each bin
 MAX_BINS = 6
 REPLICATES = 1000
-MIN_PRINTED = 2  # boulders behind a printed mean
+MIN_PRINTED = 2  # minimum number of boulders behind a printed mean
 
 
 @dataclass
 class Counted:
     """Observed values of boulders, as counts in bins.
 
-    Methods: `kept`: data kept of a run; `counted`: counts of its values; `log_likelihood`: by run
+    Methods: `kept`: data kept from a run; `counted`: counts of its values; `log_likelihood`: by run
     (runs, numbers kept); `remarks`: notes on the data and the weighted runs; `discrepancy`:
     distance of the data, and of an equal number of boulders from selected runs, from the weighted
     prediction of all runs.
@@ -72,7 +72,7 @@ class Counted:
     take: Take
     edges: np.ndarray = field(init=False)
     counts: np.ndarray = field(init=False)
-    worth: float = 1.0  # weight of a simulated boulder, smaller if runs of the same inputs differ
+    worth: float = 1.0  # weight of a simulated boulder, smaller if runs with the same inputs differ
 
     def __post_init__(self) -> None:
         bins = int(np.clip(round(2 * self.n**0.4), 2, MAX_BINS))
@@ -85,7 +85,7 @@ class Counted:
         return self.values.size
 
     def _in_bins(self, values: np.ndarray) -> np.ndarray:
-        """Boulders in each bin; a boulder on an edge counts half in each."""
+        """Number of boulders in each bin; a boulder on an edge counts half in each."""
         sides = [np.searchsorted(self.edges, values, side) for side in ("left", "right")]
         both = [np.bincount(side, minlength=self.edges.size + 1) for side in sides]
         return (both[0] + both[1]) / 2
@@ -109,13 +109,14 @@ class Counted:
         return np.where(runs.sum(axis=1) >= MIN_CROSSED, likelihood, -np.inf)
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the weight of a simulated boulder from runs of the same inputs."""
+        """Set the weight of a simulated boulder from runs with the same inputs."""
         size = runs.sum(axis=1).mean()
         if not size:
             return
         part = runs / runs.sum(axis=1, keepdims=True)
         mean = part.mean(axis=0)
-        times = size * part.var(axis=0, ddof=1).sum() / (mean * (1 - mean)).sum()  # over binomial
+        # relative to binomial
+        times = size * part.var(axis=0, ddof=1).sum() / (mean * (1 - mean)).sum()
         self.worth = worth_of(times)
 
     def noise(self, boulders: float) -> float:
@@ -133,7 +134,7 @@ class Counted:
 
 
 class Passing(Counted):
-    """Fractions of a number of boulders that travel at least given distances."""
+    """Fractions of a number of boulders that travel at least these distances; see `Counted`."""
 
     def __init__(self, name: str, distance: np.ndarray, fraction: np.ndarray, n: int, take: Take):
         self.name, self.take, self.edges, self.worth = name, take, distance, 1.0
@@ -167,7 +168,7 @@ class Printed:
         return np.array([values.size, values.mean(), std, (apart**4).mean() / std**4])
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the weight of a simulated boulder from runs of the same inputs."""
+        """Set the weight of a simulated boulder from runs with the same inputs."""
         size, mean, std, _ = runs.T
         times = mean.var(ddof=1) / (std**2 / size).mean()
         self.worth = worth_of(times) if np.isfinite(times) else 1.0
@@ -336,11 +337,11 @@ def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
 def predictive_p(
     data: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
 ) -> float:
-    """Posterior predictive probability that the same number of simulated boulders deviates from the
-    prediction at least as much as the observed ones (Gelman, Meng and Stern 1996)."""
+    """Posterior predictive probability that an equal number of simulated boulders deviates from the
+    prediction at least as much as the observed boulders (Gelman, Meng and Stern 1996)."""
     picked = random.choice(weight.size, REPLICATES, p=weight)
     observed, again = data.discrepancy(runs, picked, weight, random)
-    if np.array_equal(observed, again):  # nothing to compare
+    if np.array_equal(observed, again):  # no difference to compare
         return np.nan
     return (1 + int(np.count_nonzero(again >= observed))) / (1 + REPLICATES)
 

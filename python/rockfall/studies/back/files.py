@@ -29,7 +29,7 @@ MARK = "! Made by `rockfall back`"
 def write_back(
     analysis: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
 ) -> list[Path]:
-    """Write TABLE, DRAWN, ALONE, ALL, CASE and, given `draw`, DRAWING: all or none."""
+    """Write TABLE, DRAWN, ALONE, ALL, CASE and, given `draw`, DRAWING; all files or none."""
     folder = Path(folder)
     inputs = [*inputs, *input_files(analysis.case)]
     check_back(folder, inputs)
@@ -79,7 +79,7 @@ def _contents(analysis: Back) -> Contents:
 
 
 def _case_text(analysis: Back, folder: Path) -> str:
-    """Case with the posterior as its uncertain inputs, and file names relative to a folder."""
+    """Case text with the posterior as its uncertain inputs, and file names relative to a folder."""
     ensemble = {"source_shift": 0.0, "draws": DRAWN}
     ensemble |= {key: 1.0 for key in analysis.case.ensemble if key.endswith("_factor")}
     case = _seen_from(folder, analysis.case).replace(ensemble=ensemble)
@@ -88,7 +88,7 @@ def _case_text(analysis: Back, folder: Path) -> str:
 
 
 def _seen_from(folder: Path, case: Case) -> Case:
-    """Case with existing file names made relative to a folder."""
+    """Case with the names of existing files made relative to a folder."""
 
     def moved(name: str) -> str:
         path = case.path(name)

@@ -21,25 +21,24 @@ from rockfall.analysis.observed.marks import (
 from rockfall.quantities import count
 from rockfall.studies.back.witnesses import Witnesses, worth_of
 
-FEW = 20  # number of boulders at a mark below which it is reported
+FEW = 20  # number of boulders at a mark, below which it is reported
 
 
 @dataclass
 class Marked(Witnesses):
     """Marks with their lines in the case, with sums of kernels, squares and distribution functions,
-    and boulders; log-densities of hits come after the log-densities of marks by the same
-    boulders."""
+    and boulders. Log-densities of hits follow log-densities of marks from the same boulders."""
 
     SUMS, AGAIN = 4, 8
 
     marks: list[Mark]
     kernels: list[Heights]
-    boulders: int  # of a run
+    boulders: int  # number of boulders of a run
     name: str = "marks"
 
     @classmethod
     def of_run(cls, marks: list[Mark], base: xr.Dataset) -> Marked:
-        """Marks with the kernels of the boulders of a run."""
+        """Marks with the kernels from the boulders of a run."""
         passing = [passing_at(base, mark) for mark in marks]
         every = [mark.height for mark in marks]
         greatest = max([*every, *(crossing.heights.max(initial=0.0) for crossing in passing)])
@@ -74,7 +73,7 @@ class Marked(Witnesses):
         return likelihood
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the weight of a simulated boulder from runs of the same inputs."""
+        """Set the weight of a simulated boulder from runs with the same inputs."""
         near, squares, _, crossed = self._sums(runs)
         n = np.maximum(crossed, 1)
         part = near / n
@@ -90,8 +89,8 @@ class Marked(Witnesses):
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-density of an equal number of simulated hits minus that of the marks, where at least
-        two boulders of the run pass."""
+        """Log-density of an equal number of simulated hits minus the log-density of the marks,
+        where at least two boulders of the run pass."""
         which = random.integers(Marked.AGAIN, size=picked.size)
         both = runs[:, -2 * Marked.AGAIN :].reshape(len(runs), 2, Marked.AGAIN)[picked, :, which]
         return -both[:, 0], -both[:, 1]
@@ -119,7 +118,8 @@ def _again(
     below: float,
     random: np.random.Generator,
 ) -> np.ndarray:
-    """Log-density of a mark and of simulated hits (2, AGAIN) given the others; 0 below two."""
+    """Log-densities of a mark and of simulated hits (2, AGAIN), each given the others; 0 below
+    two."""
     n = heights.size
     uniform = random.random((Marked.AGAIN, mark.hits))
     if n < 2:

@@ -19,17 +19,17 @@ from rockfall.studies.back.study import Back
 from rockfall.studies.ensemble.uncertain_inputs import PAIR
 
 LEVELS = (0.05, 0.5, 0.95)
-KS = 1.63  # critical value of Kolmogorov-Smirnov at 1 %, times root n; 1 % allows for smoothing
-EDGE = 0.5  # fraction of the posterior beyond the prior's 5 or 95 % quantile
-NOISY = 1.0  # variance of the log-likelihood above which boulders help more than members
-DRAWS = 256  # rows of the file of draws
-ALONE = "by_data.csv"  # the posterior by each set of data alone
-TRADED = 0.7  # correlation of strength and relief of a ground above which it is a warning
-CONTRADICTED = 0.05  # p-value, all sets of data together
+KS = 1.63  # critical Kolmogorov-Smirnov value at 1 %, times root n; 1 % allows for smoothing
+EDGE = 0.5  # posterior fraction beyond the prior's 5 or 95 % quantile
+NOISY = 1.0  # variance of the log-likelihood above which more boulders help more than members
+DRAWS = 256  # rows in the file of draws
+ALONE = "by_data.csv"  # file of posteriors from each set of data alone
+TRADED = 0.7  # correlation of strength and relief of a ground, above which to warn
+CONTRADICTED = 0.05  # p-value for all sets of data together
 
 
 class Parameter(NamedTuple):
-    """A parameter of the back-analysis: its column among the members, its name, its units, and its
+    """Parameter of the back-analysis: its column among the members, its name, its units, and its
     value in the case if it is a factor, else None."""
 
     column: str
@@ -39,7 +39,7 @@ class Parameter(NamedTuple):
 
 
 def parameters(analysis: Back) -> Iterator[Parameter]:
-    """Parameters by column of the cube, without the impact set: sets have no order."""
+    """Parameters by column of the cube, without the impact set, because sets have no order."""
     inputs, case = analysis.inputs, analysis.case
     sought = set(analysis.sought.tolist())
     volume, drop, source, sets, _, first, _, pairs = inputs.ends[:8].tolist()
@@ -79,12 +79,12 @@ def _zones(analysis: Back) -> list[str]:
 
 
 def posterior_table(analysis: Back) -> pd.DataFrame:
-    """Table with a row for each parameter: parameter, units, case (its value there), 5, 50 and 95 %
-    quantiles of prior and posterior, ratio (of the posterior's 5-95 % range to the prior's, of
+    """Table with one row for each parameter: parameter, units, case (value in the case), 5, 50 and
+    95 % quantiles of prior and posterior, ratio (5-95 % range of posterior over prior, in
     logarithms for factors), moved (Kolmogorov-Smirnov distance of the two), verdict, and for
     strength and relief of a ground their correlation (of logarithms, in the posterior). For impact
-    sets ratio is the effective number (exp of the entropy) over that of the prior, and set_best the
-    most likely, from 0."""
+    sets, ratio is the effective number (exp of the entropy) over that of the prior, and set_best is
+    the most likely set, from 0."""
     rows = [_row(analysis, parameter) for parameter in parameters(analysis)]
     for ridge in ridges(analysis):
         for row in rows:
@@ -98,7 +98,7 @@ def posterior_table(analysis: Back) -> pd.DataFrame:
 
 
 def alone_table(analysis: Back) -> pd.DataFrame:
-    """Rows of `posterior_table` by each set of data alone (column data)."""
+    """Rows of `posterior_table` for each set of data alone (column data)."""
     tables = []
     for name, weight in zip(analysis.data["data"], analysis.alone, strict=True):
         if weight.any():
@@ -176,7 +176,7 @@ def _set_row(analysis: Back) -> dict[str, Any]:
 
 
 def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> float:
-    """Value below which a fraction of the weight lies, interpolated between the middles of the
+    """Value with a given fraction of the weight below it, interpolated between the middles of the
     steps. With n effective draws the rank is level (n + 1) (Weibull 1939), so that another draw, or
     the true value, is below it with this probability; ranges are wider for small n."""
     n = effective(weight)
@@ -217,7 +217,7 @@ def warnings(analysis: Back) -> Iterator[str]:
 
 
 def draws_table(analysis: Back) -> pd.DataFrame:
-    """Equally probable draws of the posterior (systematic resampling), as `&ensemble draws`."""
+    """Equally probable draws from the posterior (systematic resampling), as `&ensemble draws`."""
     columns = [name for name in analysis.members if name.startswith(
         ("radius_", "volume", "drop_height", "source_east", "source_north", "set",
          *(f"{key}_" for key in PAIR)))]  # fmt: skip

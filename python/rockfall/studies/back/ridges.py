@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ridges of a posterior: on one slope boulders have equal speed and run-out over hard, rough ground
-and over soft, smooth ground."""
+"""Ridges of a posterior: on one slope, hard and rough ground can give the same speed and run-out as
+soft and smooth ground."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Ridge(NamedTuple):
     """Trade-off between strength and relief of a ground in a posterior."""
 
     ground: str
-    correlation: float  # of their logarithms
-    degrees: float  # change of relief along the ridge that compensates twice the strength
+    correlation: float  # correlation of their logarithms
+    degrees: float  # change of relief along the ridge that compensates a doubled strength
 
 
 def ridges(analysis: Back) -> Iterator[Ridge]:
@@ -33,7 +33,8 @@ def ridges(analysis: Back) -> Iterator[Ridge]:
         spreads = np.log([inputs.given[key] for key in PAIR_FACTORS])
         scores = np.log([strength, relief]) / spreads[:, None]
         covariance = np.cov(scores, aweights=weight)
-        along = spreads * np.linalg.eigh(covariance)[1][:, -1]  # widest by the prior
+        # widest direction relative to the prior
+        along = spreads * np.linalg.eigh(covariance)[1][:, -1]
         yield Ridge(
             inputs.scene.grounds[k].name,
             float(covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])),

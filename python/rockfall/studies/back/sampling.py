@@ -2,12 +2,12 @@
 """Adaptive importance sampling (Cornuet et al. 2012) in the space of normal scores, where the prior
 is normal with mean 0 and variance 1 in each direction.
 
-The first points are draws of the prior. Later points come from a mixture: a fifth from the prior,
+The first points are draws from the prior. Later points come from a mixture: a fifth from the prior,
 so that weights are bounded; the rest from normal kernels around the existing points, with their
-weights (West 1993). Every point is weighted by prior times likelihood over the density of all the
-mixtures combined (Owen and Zhou 2000). The likelihood is smoothed over all points: otherwise points
-with favourable noise would have the largest weights. If few points carry the weight, the likelihood
-is tempered, but only for the kernels.
+weights (West 1993). Every point is weighted by prior times likelihood over the density of all
+mixtures combined (Owen and Zhou 2000). The likelihood is smoothed over all points, because
+otherwise points with favourable noise would have the largest weights. If few points carry the
+weight, the likelihood is tempered, but only for the kernels.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ import numpy as np
 
 from rockfall.studies.back.smoothing import smoothed
 
-DEFENSIVE = 0.2  # fraction of the points from the prior
-WIDEST = 0.9  # width of a kernel, relative to the standard deviation of all
+DEFENSIVE = 0.2  # fraction of points drawn from the prior
+WIDEST = 0.9  # kernel width relative to the standard deviation of all points
 
 
 class Sampler:
-    """Points for which the likelihood is requested, and their weights. `levels` is the number of
-    values of a direction without order, otherwise 0."""
+    """Points whose likelihood is required, and their weights. `levels` is the number of values in a
+    direction without order, otherwise 0."""
 
     def __init__(self, first: np.ndarray, levels: np.ndarray) -> None:
-        self.points, self.levels = first, levels  # (n, dimensions), of the prior
-        self.log_likelihood = np.empty(0)  # in the order of runs
+        self.points, self.levels = first, levels  # (n, dimensions), drawn from the prior
+        self.log_likelihood = np.empty(0)  # in run order
         self.smooth = np.empty(0)
         self.sizes = [len(first)]
-        self.densities = [_log_prior(first)]  # of each mixture, at all points
+        self.densities = [_log_prior(first)]  # density of each mixture at all points
         self.mixtures: list[_Mixture] = []
 
     def learn(self, log_likelihood: np.ndarray) -> None:
@@ -43,7 +43,7 @@ class Sampler:
         return self.log_prior_weights() + self.smooth
 
     def log_prior_weights(self) -> np.ndarray:
-        """Logarithms of the prior over the density of all mixtures."""
+        """Logarithms of the prior divided by the density of all mixtures."""
         shares = np.log(np.array(self.sizes) / sum(self.sizes))[:, None]
         mixed = np.logaddexp.reduce(np.array(self.densities) + shares, axis=0)
         return _log_prior(self.points) - mixed
@@ -99,7 +99,8 @@ class _Mixture:
         apart = points[is_weighted] - centre
         spread = (self.weight[:, None] * apart).T @ apart
         n = effective(weight)
-        spread += np.diag(np.full(dimensions, 1 / n + 1e-6))  # poor estimate from few points
+        # regularisation: few points give a poor estimate
+        spread += np.diag(np.full(dimensions, 1 / n + 1e-6))
         width = min(WIDEST, (4 / ((dimensions + 2) * n)) ** (1 / (dimensions + 4)))
         self.centres = centre + np.sqrt(1 - width**2) * apart
         self.factor = width * np.linalg.cholesky(spread)

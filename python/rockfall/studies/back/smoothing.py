@@ -2,11 +2,11 @@
 """Smoothing of the log-likelihood of members, to remove the noise of their runs: a Gaussian process
 through all of them (Rasmussen and Williams 2006, chapter 2; Järvenpää et al. 2021).
 
-The mean is a quadratic in each direction; departures from it are a Matérn process of roughness 5/2
+The mean is a quadratic in each direction; departures from it are a Matérn process of smoothness 5/2
 with a length in each direction. The deficit t below the maximum has noise of variance a + b t,
 since far from the observations each boulder matters more. Lengths, amplitude, a and b are
-maximum-likelihood estimates. Each member has its own boulders: common boulders would make the noise
-common, too.
+maximum-likelihood estimates. Members do not share boulders, because common boulders would make the
+noise common, too.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FAR = 10.0  # deficits beyond this do not affect the posterior and are compressed logarithmically
+FAR = 10.0  # larger deficits do not affect the posterior and are compressed logarithmically
 FITTED = 200  # members used to fit the hyperparameters
 TREND = 100.0  # prior variance of the coefficients of the quadratic: uninformative
 LENGTH, AMPLITUDE, NOISE, SLOPE = (0.1, 30.0), (0.1, 100.0), (1e-3, 30.0), (1e-3, 3.0)
-FIRST = (2.0, 5.0, 1.0, 0.3)  # initial values
+FIRST = (2.0, 5.0, 1.0, 0.3)  # initial values of the hyperparameters
 
 
 def smoothed(points: np.ndarray, levels: np.ndarray, log_likelihood: np.ndarray) -> np.ndarray:
@@ -53,7 +53,7 @@ def _process(points: np.ndarray, levels: np.ndarray, y: np.ndarray) -> _Process:
 @dataclass
 class _Process:
     """Values, squared distances in each direction, and the covariance of the quadratic. `numbers`
-    are logarithms: lengths, amplitude, a, b."""
+    are the logarithms of lengths, amplitude, a, b."""
 
     y: np.ndarray
     squares: list[np.ndarray]
@@ -81,7 +81,7 @@ class _Process:
         return cho_factor(smooth + np.diag(noise - slope * self.y), lower=True)
 
     def _matern(self, numbers: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """The covariance, and its derivatives by the logarithms of the lengths."""
+        """Covariance, and its derivatives with respect to the logarithms of the lengths."""
         *lengths, amplitude = np.exp(numbers[:-2])
         parts = [square / length**2 for square, length in zip(self.squares, lengths, strict=True)]
         r = np.sqrt(5 * sum(parts))

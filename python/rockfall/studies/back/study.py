@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Back-analysis of a case: members of its ensemble, weighted by the likelihood of the observations,
-with more members where it is high."""
+"""Back-analysis of a case: ensemble members weighted by the likelihood of the observations, with
+more members where it is high."""
 
 from __future__ import annotations
 
@@ -44,26 +44,26 @@ from rockfall.studies.ensemble.uncertain_inputs import (
 from rockfall.studies.study import Study
 
 MEMBERS, EFFECTIVE = 1024, 100
-ROUND = 128  # members; double in the first
+ROUND = 128  # members per round; double in the first
 REPLICATES = 24  # runs of the unchanged case, with new draws of inputs that are not parameters
-NOT_MEMBERS = 2**30  # draw numbers from here are not members
-STREAM = 1  # random stream, next to those of the ensemble
+NOT_MEMBERS = 2**30  # draw numbers from here on are not members
+STREAM = 1  # random stream, distinct from the ensemble's streams
 
 
 @dataclass(frozen=True)
 class Back:
     """Results of a back-analysis.
 
-    `members` has a row for each run: the numbers drawn, in the order of `inputs.kept_names`, its
-    `log_likelihood`, the one `smooth` over members, and `weight`; `data` has a row for each set of
-    data: n, its weight, the posterior predictive p, and its `contributions`. `effective`: the
-    number of equally weighted members with the same information.
+    `members` has a row for each run: the drawn numbers, in the order of `inputs.kept_names`, its
+    `log_likelihood`, the smoothed log-likelihood `smooth`, and `weight`. `data` has a row for each
+    set of data: n, its weight, the posterior predictive p, and its `contributions`. `effective` is
+    the number of equally weighted members with the same information.
     """
 
     case: Case
     inputs: Uncertain
-    sought: np.ndarray  # columns of the cube that are parameters; others are averaged over
-    points: np.ndarray  # (members, numbers) of the cube
+    sought: np.ndarray  # columns of the cube that are parameters; others are averaged out
+    points: np.ndarray  # (members, numbers) in the cube
     members: pd.DataFrame
     data: pd.DataFrame
     notes: tuple[str, ...]
@@ -71,7 +71,7 @@ class Back:
     noise: float  # variance of the log-likelihood due to the boulders of a member
     boulders: int
     alone: np.ndarray  # (data, members): weights by each set of data alone
-    model_warnings: tuple[str, ...]  # of the unchanged case
+    model_warnings: tuple[str, ...]  # warnings of the unchanged case
 
     @property
     def weight(self) -> np.ndarray:
@@ -97,10 +97,10 @@ def back_analysis(
     """Posterior of the uncertain inputs in the group &ensemble of a case, given observations: CSV
     files (docs/observed.md), or one `Observed`.
 
-    Members are drawn and run until `enough` of them are effective, or there are `members`. The
-    prior is that of the ensemble; errors of the terrain, and rocks that no boulder reaches, are
-    drawn for each member and are not parameters (docs/back_analysis.md). On Ctrl-C it raises
-    `Interrupted`, whose `result` is the posterior of the completed rounds.
+    Members are drawn and run until `enough` of them are effective, or their number is `members`.
+    The prior is the distribution of the ensemble; terrain errors, and rocks that no boulder
+    reaches, are drawn for each member and are not parameters (docs/back_analysis.md). On Ctrl-C it
+    raises `Interrupted`, whose `result` is the posterior of the completed rounds.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -128,7 +128,7 @@ def back_analysis(
 
 
 def _check_request(case: Case, members: int, enough: int) -> None:
-    """Refuse numbers without a valid study, and cases whose members have no likelihood."""
+    """Refuse numbers that do not allow a study, and cases whose members have no likelihood."""
     if members < 2 * ROUND:
         raise RockfallError(f"--members {members}: must be at least {2 * ROUND}")
     if not 2 <= enough <= members:
@@ -159,7 +159,7 @@ class _Read:
 def _read(
     case: Case, observed: tuple[str | Path | Observed, ...], arrays: Mapping[str, Any]
 ) -> _Read:
-    """Read a case and its observations, with a run of the unchanged case."""
+    """Case and observations, with a run of the unchanged case."""
     read = read_scene(case, **arrays)
     warn_of(read)
     scene = lean(read, "a back-analysis", ["passages"])
@@ -188,14 +188,14 @@ class _Rounds:
     def __init__(self, read: _Read) -> None:
         inputs, sought = read.inputs, read.sought
         self.read = read
-        self.cube = inputs.design.reshape(-1, inputs.design.shape[-1])  # a row for each member
+        self.cube = inputs.design.reshape(-1, inputs.design.shape[-1])  # one row per member
         is_set = sought == inputs.ends[INPUTS.index("sets")]
         self.levels = np.where(is_set, len(inputs.sets), 0)
         self.sampler = Sampler(normal_scores(self.cube[:, sought]), self.levels)
         self.random = np.random.default_rng((read.case.case["seed"], STREAM))
         self.rows: list[dict[str, float]] = []  # numbers drawn for each member
         self.runs: list[list[np.ndarray]] = [[] for _ in read.data]  # data kept for each set
-        # Complete rounds: log-likelihoods by data set, weights, and weights of the prior alone.
+        # Complete rounds: log-likelihoods by data set, weights, and weights from the prior alone.
         self.by_data = np.empty((len(read.data), 0))
         self.weight = self.ahead = np.empty(0)
 
@@ -220,7 +220,7 @@ class _Rounds:
         self.weight, self.ahead = self.sampler.weights(), self.sampler.log_prior_weights()
 
     def _scenes(self) -> Iterator[tuple[int, Scene]]:
-        """Scenes of the members of a round, by number; the draws of each are appended to `rows`."""
+        """Scenes of the members in a round, by number; the draws of each are appended to `rows`."""
         scene, inputs = self.read.scene, self.read.inputs
         for number in range(len(self.rows), len(self.cube)):
             draws = [inputs.at(name, self.cube[number], number) for name in inputs.names]
@@ -272,7 +272,7 @@ def _places(marks: list[Mark]) -> tuple[list[str], np.ndarray, np.ndarray]:
 
 
 def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
-    """Measure the variation between runs that share all parameters but no other input."""
+    """Measure the variation between runs with the same parameters but different other inputs."""
     scenes = (
         (k, drawn_scene(scene, [inputs.at("dem", inputs.design[0, 0], k)], inputs.boulders_seed(k)))
         for k in range(NOT_MEMBERS, NOT_MEMBERS + REPLICATES)
@@ -315,7 +315,8 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
 
 
 def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
-    """Columns of uncertain strength and relief, in pairs a ground, where boulders rebounded."""
+    """Columns of uncertain strength and relief, in pairs for each ground where boulders
+    rebounded."""
     reached = {ground.name for ground in rebounds_by_ground(base) if ground.rebounds}
     is_given = [inputs.given[key] > 1 for key in PAIR_FACTORS]
     return [

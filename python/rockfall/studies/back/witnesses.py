@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Base of blocks at rest and marks: evidence that has no boulder of its own."""
+"""Base class for blocks at rest and marks: evidence without its own boulder."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ def worth_of(times: float) -> float:
 
 @dataclass(kw_only=True)
 class Witnesses:
-    """Base class for data of witnesses; see `evidence.Counted` for the methods. Data kept of a run
-    are sums over boulders for each witness, and log-densities of the run's own boulders, for the
-    noise."""
+    """Base class for data of witnesses; see `evidence.Counted` for the methods. The data kept from
+    a run are sums over boulders for each witness, and log-densities of the run's own boulders, for
+    the noise."""
 
-    SUMS: ClassVar[int]  # over boulders, of each witness
+    SUMS: ClassVar[int]  # number of sums over boulders for each witness
     AGAIN: ClassVar[int]  # samples of equal size from each run, for predictive probabilities
 
-    noise_alone: float = 0.0  # variance of the log-likelihood by the boulders of a run
+    noise_alone: float = 0.0  # variance of the log-likelihood due to the boulders of a run
     worth: float = 1.0
 
     @property
