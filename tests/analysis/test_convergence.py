@@ -244,5 +244,5 @@ def test_wrong_arguments_are_refused(tmp_path, monkeypatch, capsys, arguments, s
 
 
 def test_a_case_without_lines_is_refused(tmp_path):
-    with pytest.raises(rockfall.RockfallError, match="has no &line"):
+    with pytest.raises(rockfall.RockfallError, match="requires a &line"):
         converge(case_file(tmp_path, line=[]))

@@ -125,7 +125,7 @@ def test_heights_of_a_sphere_on_a_slope_of_60_degrees():
     ("ask", "message"),
     [
         (("line_statistics", "zone"), "by = 'zone': must be one of: source, volume, shape"),
-        (("line_statistics", "volume", [1.0, 0.5]), "classes = 1, 0.5: must rise"),
+        (("line_statistics", "volume", [1.0, 0.5]), "classes = 1, 0.5: must increase"),
         (("line_statistics", "volume", []), "classes: must be volumes > 0 m3"),
         (("line_statistics", "volume", [0.0, 1.0]), "classes: must be volumes > 0 m3"),
         (("line_statistics", "volume", [1.0, np.nan]), "classes: must be volumes > 0 m3"),

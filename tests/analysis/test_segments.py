@@ -289,7 +289,7 @@ def test_chainage_goes_on_where_lines_meet(read):
     assert found.roads == ["roads 1"] * 3 + ["roads 2"] and remarks == []
     assert found.labels[2] == "roads 1, 100 to 150 m"
     _, unequal = read(*lines[:1], shapely.LineString([(120, 200), (120, 230)]))
-    assert "segments are 30 to 100 m long" in unequal[0] and "do not compare" in unequal[0]
+    assert "segments are 30 to 100 m long" in unequal[0] and "--segment-length" in unequal[0]
     named, _ = read(*lines, name=["K 12", "K 12", "lane"])
     assert named.roads == ["K 12", "K 12", "lane"] and named.names == ["K 12", "K 12", "lane"]
     one_line, _ = read(shapely.MultiLineString([first, second]))

@@ -335,7 +335,9 @@ def test_check_summary_and_report_say_the_same(case, monkeypatch):
     assert "exceeded 0.8 m/s per degree" in texts[2]
     graded = [*zip(("stop", "caution", "caution"), texts, strict=True)]
     told = [line.strip() for line in page.splitlines()]
-    assert told[-3:] == [f"{grade:13}in a pilot run {text}" for grade, text in graded]
+    assert [line for line in told if line.startswith(("stop", "caution"))] == [
+        f"{grade:13}in a pilot run {text}" for grade, text in graded
+    ]
     said = [line.strip() for line in summary(result).splitlines() if ": " in line]
     assert [line for line in said if line.startswith(("stop", "caution"))] == [
         f"{grade}: {text}" for grade, text in graded

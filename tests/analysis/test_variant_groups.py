@@ -361,7 +361,7 @@ def test_a_case_with_variants_needs_a_choice(here, capsys):
                   ["slurm", "case.nml", "a", "--shards", "2"], ["hazard", "case.nml"],
                   ["convergence", "case.nml"], ["models", "case.nml"]):  # fmt: skip
         refuses(words, f"case.nml: &variant: {rule}", capsys)
-    known = "the variants are today, net, Räumung 1, base"
+    known = "unknown, variants: today, net, Räumung 1, base"
     refuses(["run", "case.nml", "--variant", "wall"], f"case.nml: --variant wall: {known}", capsys)
     before = everything(here)
     assert main(["slurm", "case.nml", "jobs", "--shards", "2", "--variant", "Räumung 1"]) == 0

@@ -109,7 +109,7 @@ def refused(folder, words, *more):
 
 
 def test_a_checkpoint_is_not_overwritten_unasked(stopped, batch):
-    refused(stopped, "a.nc.checkpoint: holds ")
+    refused(stopped, "a.nc.checkpoint: contains ")
     refused(stopped, "a.nc.checkpoint: belongs to a different run (", "--resume", "--seed", "3")
     refused(stopped, "a.nc.checkpoint: belongs to a different run (", "--resume", "--shard", "2/3")
 
@@ -134,7 +134,7 @@ def test_a_result_is_not_overwritten_unasked(many):
     running.send_signal(signal.SIGINT)
     assert b"--resume continues" in running.communicate()[1]
     assert (many / "a.nc").exists() and (many / "a.nc.checkpoint").exists()
-    refused(many, "a.nc.checkpoint: holds ", "--boulders", "1000000")
+    refused(many, "a.nc.checkpoint: contains ", "--boulders", "1000000")
     state = many / "a.nc.checkpoint"
     words, before = command("rockfall", "a.nc", *slow, "--resume"), state.stat().st_ino
     running = subprocess.Popen(words, cwd=many, stderr=subprocess.PIPE)

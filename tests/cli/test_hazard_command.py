@@ -239,12 +239,12 @@ def test_an_object_beyond_the_elevations_is_said(hazard_case, capsys):
     )
     make_layer("several.gpkg", [HOUSE], layer="houses", name=["house"])
     words = [*ARGUMENTS[:5], "several.gpkg", "--quiet"]
-    refuses(words, r"several.gpkg: has 2 layers \(objects, houses\); name one with "
+    refuses(words, r"several.gpkg: has 2 layers \(objects, houses\); choose one with "
             "--objects-layer", capsys)  # fmt: skip
     assert main([*words, "--objects-layer", "objects"]) == 0
     said = capsys.readouterr().err
     line = "rockfall: warning: several.gpkg: far: extend beyond the terrain, where no boulder"
-    assert said == f"{line} hits them\n"
+    assert said == f"{line} hits them: use a larger DEM\n"
 
 
 def test_objects_are_a_layer_and_a_table(found):

@@ -40,12 +40,12 @@ def elsewhere(transform=None, crs="EPSG:32632", steeper=0.0):
 OTHERS = {  # what changes from the result to the hazard or the models, and what is said of it
     "nothing": ("", "", None),
     "seed, boulders, lines' outputs": ("seed = 7", "seed = 8", None),
-    "stop speed": ("&impact", "&impact stop_speed = 0.3,", "&impact stop_speed differs"),
-    "drop height": ("drop_height = 2.0", "drop_height = 3.0", "&release drop_height differs"),
-    "sets": ("sets = 'sets.nml'", "sets = 'laboratory-spheres'", "other impact sets"),
-    "place": ("x = 600060.0", "x = 600050.0", "&release x differs"),
+    "stop speed": ("&impact", "&impact stop_speed = 0.3,", "different &impact stop_speed"),
+    "drop height": ("drop_height = 2.0", "drop_height = 3.0", "different &release drop_height"),
+    "sets": ("sets = 'sets.nml'", "sets = 'laboratory-spheres'", "different impact sets"),
+    "place": ("x = 600060.0", "x = 600050.0", "different &release x"),
     "trees": ("&output", "&forest uniform_stems = 9.0, uniform_dbh_mean = 30.0, uniform_dbh_std ="
-              " 1.0, uniform_conifers = 9.0 /\n&output", "other trees"),
+              " 1.0, uniform_conifers = 9.0 /\n&output", "different trees"),
 }  # fmt: skip
 
 
@@ -74,7 +74,7 @@ def test_a_report_refuses_what_is_of_another_terrain(place, capsys):
     elsewhere(steeper=0.1)
     assert main(["models", "case.nml", "-o", "more", "--quiet", "--overwrite"]) == 0
     words = ["report", "out.nc", "--models", "more/models.nc"]
-    refuses(words, "more/models.nc: belongs to another case: terrain differs", capsys)
+    refuses(words, "more/models.nc: belongs to another case: different terrain", capsys)
     elsewhere(crs="EPSG:32633")
     assert main(["models", "case.nml", "-o", "more", "--quiet", "--overwrite"]) == 0
     said = "more/models.nc: has a different coordinate system: .*33N in place of .*32N"

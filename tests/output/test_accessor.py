@@ -36,5 +36,5 @@ def test_methods_are_the_functions(case, tmp_path):
 def test_only_functions_of_results_are_methods(case):
     result = rockfall.run(case.replace(scenario=[]), **PLACE)
     assert {*OF_RESULTS} <= {*rockfall.__all__} and dir(result.rockfall) == [*OF_RESULTS]
-    with pytest.raises(AttributeError, match="no function 'read_case' of a result"):
+    with pytest.raises(AttributeError, match="no function 'read_case' for results"):
         result.rockfall.read_case("case.nml")

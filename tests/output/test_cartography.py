@@ -194,7 +194,7 @@ def test_a_basemap_lies_where_it_lies_in_its_own_crs(tmp_path, monkeypatch, crow
     middle = len(found.colours) // 2
     assert found.colours[middle, 10].tolist() == [200, 0, 0]
     assert found.colours[middle, -10].tolist() == [0, 0, 0]
-    with pytest.raises(RockfallError, match="lies apart"):
+    with pytest.raises(RockfallError, match="does not overlap"):
         basemap.read_basemap("o.tif", result, (0.0, 100.0, 0.0, 100.0))
     with rasterio.open("n.tif", "w", transform=place, **about) as file:
         file.write(picture)

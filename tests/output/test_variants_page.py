@@ -90,7 +90,7 @@ def test_without_maps_there_is_no_figure(results, tmp_path):
 @pytest.mark.filterwarnings("ignore:.*figures have no relief")
 def test_what_cannot_be_is_one_line(results, tmp_path):
     path = tmp_path / "a.html"
-    with refused("cost of dam: the variants are bare, with net"):
+    with refused("cost of dam: unknown, variants: bare, with net"):
         rockfall.report_variants(results, path, costs={"dam": 1.0})
     with refused("cost of bare = nan: must be >= 0"):
         rockfall.report_variants(results, path, costs={"bare": np.nan})

@@ -248,7 +248,7 @@ def test_no_trees_where_no_number_is_known(tmp_path):
     [
         ("stems", -1.0, "-1 where trees stand: must be 0 to 1,000,000 stems per hectare"),
         ("stems", 2e6, r"2e\+06 where trees stand"),
-        ("stems", 0.0, "all trees are outside the terrain"),
+        ("stems", 0.0, "no trees on the terrain at these stems per hectare"),
         ("dbh_mean", np.nan, "nan where trees stand: must be > 0 and at most 1000 cm"),
         ("dbh_mean", 0.0, "0 where trees stand"),
         ("dbh_std", -1.0, "-1 where trees stand: must be 0 to 1000 cm"),

@@ -146,10 +146,10 @@ def test_the_command_writes_a_row_and_adds_others(place, capsys):
     ("words", "message"),
     [
         ([], "needs scars for its strength, or a patch"),
-        (["--depth", "29", *SCAR[2:]], "depth = 29.0: must be in m, and at most the block"),
+        (["--depth", "29", *SCAR[2:]], "depth = 29.0: must be in m and at most the block"),
         ([*SCAR, "--depth", "nan"], "depth = nan: must be a number"),
         ([*SCAR, "--volume", "0.3"], "needs either mass or volume"),
-        (SCAR[:4], "needs fall or speed"),
+        (SCAR[:4], "needs either fall or speed"),
         ([*SCAR, "--depth-error", "0.3"], "depth_error = 0.3: must be below depth"),
         ([*SCAR, "--speed-error", "0.3"], "speed_error = 0.3: needs speed"),
         ([*SCAR, "--depth", "0.1", "0.2", "--fall", "1", "2", "3"], "--depth: has 2 values"),

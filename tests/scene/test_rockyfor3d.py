@@ -351,7 +351,7 @@ def test_the_command_says_what_it_left(tmp_path, capsys, monkeypatch):
         assert main(["import-rockyfor3d", "rocky", "-o", "case", *again]) == 0
         out = capsys.readouterr().out
     assert everything(folder) == before
-    for words in "soiltype.asc is missing", "dbhstd.asc is missing", "other.asc: not a file", \
+    for words in "soiltype.asc is missing", "dbhstd.asc is missing", "other.asc: unknown file", \
             "conif_percent.asc is missing", "heights are normal":  # fmt: skip
         assert re.search(rf"^  .*{words}", out, re.M), words
         assert words in Path("case/case.nml").read_text()

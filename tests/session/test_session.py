@@ -277,7 +277,7 @@ def test_errors_of_a_run_are_said_at_once(case):
             session.run(0)
         with refused("batch_seconds = 0: must be > 0"):
             session.run(batch_seconds=0)
-        with refused("no line 'road'"):
+        with refused("until 'speed.mean@road<5%': unknown line 'road'"):
             session.run(until="speed.mean@road<5%")
     with refused("the session is closed"):
         session.run()

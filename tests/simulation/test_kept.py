@@ -223,7 +223,7 @@ def test_what_needs_rows_says_so_and_the_rest_works(counted, tmp_path):
         lambda: rockfall.design(counted),
         lambda: rockfall.line_statistics(counted, "volume"),
     ):
-        with pytest.raises(RockfallError, match="needs rows of"):
+        with pytest.raises(RockfallError, match="requires rows of"):
             ask()
 
 

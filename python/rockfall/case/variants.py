@@ -55,7 +55,7 @@ def chosen_variant(case: Case, name: str | None) -> Case:
         by_name[BASE] = case.replace(variant=[])
     if name not in by_name:
         has = f"variants: {', '.join(by_name)}" if by_name else "the case has no &variant"
-        raise RockfallError(f"{case.name}: --variant {name}: {has}")
+        raise RockfallError(f"{case.name}: --variant {name}: unknown, {has}")
     return by_name[name]
 
 

@@ -212,5 +212,5 @@ def _lines(layer: Layer) -> tuple[str, str]:
 def _other(layer: Layer, rule: str) -> tuple[str, str]:
     if layer.is_called(OBJECTS):
         name = "" if layer.alone else f" --objects-layer {layer.name}"
-        return OBJECTS, f"use it by `rockfall hazard --objects {layer.path}{name}`"
+        return OBJECTS, f"for `rockfall hazard --objects {layer.path}{name}`"
     return "", rule

@@ -36,9 +36,9 @@ def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
         ours, theirs = (json.loads(data.attrs[attribute]) for data in (first, other))
         for key, name in names.items():
             if ours.get(key) != theirs.get(key):
-                raise RockfallError(f"{what}: belongs to another case: {name} differs")
+                raise RockfallError(f"{what}: belongs to another case: different {name}")
     for place in _differences(case_in(first.attrs), case_in(other.attrs)):
-        raise RockfallError(f"{what}: belongs to another case: {place} differs")
+        raise RockfallError(f"{what}: belongs to another case: different {place}")
 
 
 def check_same_site(results: Mapping[str, xr.Dataset]) -> None:

@@ -45,7 +45,7 @@ def check_rows(result: Held, what: str) -> None:
 def check_all_rows(result: Held, what: str) -> None:
     """Refuse an analysis that needs rows of all boulders if the run did not keep them."""
     if result.sizes["boulder"] < simulated(result):
-        raise RockfallError(f"{what}: needs rows of all boulders: &output kept = 'all'")
+        raise RockfallError(f"{what}: requires rows of all boulders: &output kept = 'all'")
 
 
 def is_ensemble(result: Held) -> bool:
