@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Convergence of numbers at lines with boulders and terrain, and the cost of accuracy."""
+"""Convergence of numbers at lines with boulders and terrain, and the cost of a given accuracy."""
 
 from __future__ import annotations
 
@@ -25,21 +25,22 @@ from rockfall.scene.releases.sources import refuse_by_area
 from rockfall.scene.scene import Scene
 from rockfall.studies.study import ROWS_ONLY, Study, with_numbers
 
-BOULDERS = (100, 1000, 2000, 5000, 10_000)  # per source, as in the paper
+BOULDERS = (100, 1000, 2000, 5000, 10_000)  # boulders per source, as in the paper
 REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources
 QUANTITIES = ("speed", "passing_height", "energy_total")
 STATISTICS = ("mean", "std", "q95")
-#: Numbers of a line, first the fraction of the boulders that cross it.
+#: Statistics of a line, beginning with the fraction of the boulders that cross it.
 NUMBERS = (("boulders", "fraction"), *((q, s) for q in QUANTITIES for s in STATISTICS))
 KEYS = ["line", "quantity", "statistic"]
-ERRORS = (0.1, 0.01, 0.001)  # relative errors for which cost is estimated
+ERRORS = (0.1, 0.01, 0.001)  # relative errors with an estimated cost
 
 PIECE = 100_000  # approximate number of boulders in memory at a time
-MIN_BLOCKS, MAX_BLOCKS = 32, 1000  # blocks per size, for the measurement of errors
-MIN_TURNS = 10 * MIN_BLOCKS  # boulders per source, in turns; terrains get a tenth
-MIN_CROSSED = 20  # mean number of boulders of a block past the line; for q95 above it, too
-PAIRS = 50  # blocks whose changes give the standard error of a change
-AS_GIVEN = "as given"  # name of the terrain of the case among its variants
+#: minimum and maximum number of blocks per size for measured errors
+MIN_BLOCKS, MAX_BLOCKS = 32, 1000
+MIN_TURNS = 10 * MIN_BLOCKS  # minimum boulders per source, in turns; each terrain gets a tenth
+MIN_CROSSED = 20  # mean number of boulders past the line in a block, and above q95
+PAIRS = 50  # number of blocks whose changes give the standard error of a change
+AS_GIVEN = "as given"  # name of the case's own terrain among its variants
 SIZE = 10_000  # reference number of boulders for errors and seconds
 
 
@@ -65,11 +66,11 @@ class Convergence:
     cost: pd.DataFrame
     numerical: pd.DataFrame
     sources: int
-    reference: int  # boulders; equal numbers in blocks
+    reference: int  # boulders in blocks for the errors; equal numbers per block
     paired: int  # boulders on each terrain
-    seconds: float  # of CPU per boulder
+    seconds: float  # CPU seconds per boulder
     refused: dict[str, str]  # variant of the terrain -> reason for refusal
-    model_warnings: tuple[str, ...]  # of the boulders of the study
+    model_warnings: tuple[str, ...]  # warnings for the boulders of the study
 
 
 def converge(
@@ -83,10 +84,10 @@ def converge(
 
     The study simulates the first boulders of the case itself (as Bourrier et al. 2009 do for their
     site; by default a million in all, in equal numbers from each source). Statistical errors are
-    those of blocks out of `reference` boulders from each source (default: a million in all),
-    against an equal number of other boulders; each has its own seeds. Numerical errors are changes
-    of the numbers of a tenth of the boulders, equal on each terrain. Only values at the lines are
-    kept in memory, 24 bytes per line and boulder.
+    measured on blocks out of `reference` boulders from each source (default: a million in all),
+    against an equal number of other boulders with other seeds. Numerical errors are changes of the
+    numbers for a tenth of the boulders, the same on each terrain. Memory is needed only for values
+    at the lines, 24 bytes per line and boulder.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -132,14 +133,14 @@ def converge(
 
 
 def _sizes(sources: int) -> list[int]:
-    """BOULDERS, or proportionally fewer if there are many sources."""
+    """Boulder numbers from BOULDERS, or proportionally fewer if there are many sources."""
     most = min(BOULDERS[-1], max(2, REFERENCE // sources))
     return [max(2, size * most // BOULDERS[-1]) for size in BOULDERS]
 
 
 def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
-    """Numbers from the first boulders of each source, with their intervals."""
-    number = (result["boulder"].values - 1) % sizes[-1]  # of a boulder at its source
+    """Statistics of the first boulders of each source, with their intervals."""
+    number = (result["boulder"].values - 1) % sizes[-1]  # number of each boulder at its source
     rows = []
     for size in sizes:
         part = result.isel(boulder=number < size)
@@ -156,13 +157,13 @@ def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
 
 
 def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.ndarray, float]:
-    """Values of boulders: (lines, quantities, boulders), NaN without a crossing; and CPU seconds
-    per boulder. Boulders are simulated in pieces with successive seeds; the sources take turns."""
+    """Values of boulders (lines, quantities, boulders), NaN without a crossing, and CPU seconds per
+    boulder. Boulders are simulated in pieces with successive seeds; the sources take turns."""
     sources = scene.x.size
     piece = max(1, PIECE // sources)
     try:
         values = np.empty((len(scene.case.lines), len(QUANTITIES), boulders * sources))
-    except (MemoryError, ValueError) as error:  # NumPy raises the latter for excessive sizes
+    except (MemoryError, ValueError) as error:  # NumPy raises ValueError for excessive sizes
         raise RockfallError(
             f"reference: {boulders * sources} boulders do not fit in memory"
         ) from error
@@ -184,7 +185,7 @@ def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.nd
 
 
 def _numbers(values: np.ndarray) -> np.ndarray:
-    """Statistics (lines, numbers, blocks) of boulders in blocks; NaN where none crossed."""
+    """Statistics (lines, numbers, blocks) of the boulders in blocks; NaN where none crossed."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Mean of empty|Degrees of freedom|All-NaN")
         fraction = np.isfinite(values[:, :1]).mean(axis=3)
@@ -208,11 +209,11 @@ def _in_blocks(values: np.ndarray, size: int, limit: int) -> np.ndarray:
 def _errors(
     values: np.ndarray, truth: np.ndarray, sources: int, seconds: float, case: Case
 ) -> pd.DataFrame:
-    """Errors of blocks of 100, 200, 500, ... boulders; `truth` is (lines, numbers)."""
+    """Errors of blocks with 100, 200, 500, ... boulders; `truth` is (lines, numbers)."""
     rows = []
     steps = (digit * 10**power for power in count(2) for digit in (1, 2, 5))
     for step in steps:
-        size = -(-step // sources) * sources  # all sources give the same number
+        size = -(-step // sources) * sources  # all sources contribute the same number
         if size * MIN_BLOCKS > values.shape[2]:
             break
         errors = _numbers(_in_blocks(values, size, MAX_BLOCKS))
@@ -229,8 +230,8 @@ def _errors(
 
 
 def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> pd.DataFrame:
-    """Slopes, and the CPU time and number of boulders for an error, by error = c / sqrt(n);
-    `passed` is the fraction that crosses each line."""
+    """Slopes of the errors, and the CPU time and boulders for a given error, from error = c /
+    sqrt(n); `passed` is the fraction that crosses each line."""
     rows = []
     groups = dict(list(error[error["error"] > 0].groupby(KEYS)))
     keys = ((line, *number) for line in error["line"].unique() for number in NUMBERS)
@@ -254,8 +255,8 @@ def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> 
 
 
 def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """Covariance of the logarithms of root-mean-square errors over blocks of normal errors:
-    variance 1 / (2 blocks), for two sizes multiplied by the fraction of boulders that their blocks
+    """Covariance of the logarithms of root-mean-square errors over blocks with normal errors:
+    variance 1 / (2 blocks), multiplied for two sizes by the fraction of boulders that their blocks
     have in common."""
     boulders = size * blocks
     shared = np.minimum.outer(boulders, boulders) / np.maximum.outer(size, size)
@@ -265,7 +266,7 @@ def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
 def _terrains(
     study: Study, scene: Scene, boulders: int, cost: pd.DataFrame
 ) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Change of each number by each terrain variant, and the refused variants."""
+    """Change of each statistic for each terrain variant, and the refused variants."""
     name, other = other_digits(scene)
     others = {name: other} | {f"cells x{k}": larger_cells(scene, k) for k in (2, 4)}
     seed = scene.case.case["seed"]
@@ -287,7 +288,7 @@ def _terrains(
     for variant, terrain in others.items():
         try:
             values, seconds = _sample(study, terrain, boulders, seed)
-        except RockfallError as error:  # a source at the edge, outside the outermost larger cells
+        except RockfallError as error:  # a source at the edge is outside the outermost larger cells
             refused[variant] = str(error)
             continue
         blocks = _numbers(_in_blocks(values, size, PAIRS))
@@ -303,8 +304,8 @@ def _terrains(
 def other_digits(scene: Scene) -> tuple[str, Scene]:
     """Name of the other floating-point precision, and the scene with elevations converted to it.
 
-    float64 elevations are rounded. float32 elevations receive random digits for the rounding:
-    up to half of their last binary digit.
+    float64 elevations are rounded. float32 elevations get random digits below their resolution, up
+    to half of their last binary digit.
     """
     z = scene.rasters.z
     if z.dtype == np.float64:
@@ -314,17 +315,18 @@ def other_digits(scene: Scene) -> tuple[str, Scene]:
 
 
 def larger_cells(scene: Scene, factor: int) -> Scene:
-    """Scene on cells of `factor` times the side, from the north-western corner.
+    """Scene with cells whose side is `factor` times as long, from the north-western corner.
 
-    Elevations are means of known ones, zones the most frequent (the first in the table if tied),
-    sizes in a raster the median.
+    Elevations are means of known elevations, zones are the most frequent (the first in the table if
+    tied), and raster sizes are medians.
     """
     cells = scene.rasters
     z = _merged(cells.z, factor, np.nan)
     ny, nx, _ = z.shape
     grid = replace(scene.grid, cell=factor * scene.grid.cell, nx=nx, ny=ny)
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN slice")  # all nodata
+        # raised where all cells are nodata
+        warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN slice")
         z = np.nanmean(z, axis=2, dtype="f8").astype(cells.z.dtype)
         values = cells.values
         if values is not None:
@@ -336,7 +338,7 @@ def larger_cells(scene: Scene, factor: int) -> Scene:
 
 
 def _merged(raster: np.ndarray, factor: int, fill: float) -> np.ndarray:
-    """(ny, nx, cells): the cells merged into each larger cell."""
+    """Cells merged into each larger cell, (ny, nx, cells)."""
     beyond = [(0, -size % factor) for size in raster.shape]
     padded = np.pad(raster, beyond, constant_values=fill)
     ny, nx = (size // factor for size in padded.shape)
@@ -345,7 +347,7 @@ def _merged(raster: np.ndarray, factor: int, fill: float) -> np.ndarray:
 
 
 def _most_frequent(zone: np.ndarray) -> np.ndarray:
-    """Most frequent zone above 0, 0 if there is none: (ny, nx) of (ny, nx, cells)."""
+    """Most frequent zone above 0 (0 without a zone): (ny, nx) from (ny, nx, cells)."""
     best, highest = np.zeros(zone.shape[:2], zone.dtype), np.zeros(zone.shape[:2], int)
     for number in np.unique(zone[zone > 0]):
         count = np.count_nonzero(zone == number, axis=2)

@@ -22,18 +22,18 @@ from rockfall.result.maps.clusters import boulders_per_cluster
 from rockfall.result.samples import simulated
 from rockfall.studies.variants import check_variants
 
-OF_A_CELL = 1e-6  # tolerance of the places of cells
+OF_A_CELL = 1e-6  # tolerance of cell positions
 MAPS = re.compile(r"(energy|speed|jump_height|passing_height)_(mean|max|max_map|q\d+)")
 
 
 def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray]:
-    """Maps of the difference of each variant from the first, by name: the fraction of boulders that
-    pass a cell, its verdict (-1 less, 1 more, 0 undecided), and the maps of energy, speed and
-    height that both have, where boulders pass in both.
+    """Maps of the difference between each variant and the first, by name: the fraction of boulders
+    that pass a cell, its verdict (-1 less, 1 more, 0 undecided), and the common maps of energy,
+    speed and height, where boulders pass in both.
 
-    Results do not record which boulders pass a cell, so that the fractions are taken as
-    independent. The intervals are then too wide for common random numbers: the verdict of a cell
-    may be undecided although a line shows a difference, never the reverse.
+    Results do not record which boulders pass a cell, so the fractions are treated as independent.
+    With common random numbers the intervals are then too wide: the verdict of a cell may be
+    undecided although a line shows a difference, never the reverse.
     """
     check_variants(results)
     if not have_passages(results):
@@ -78,7 +78,7 @@ def have_passages(results: Mapping[str, xr.Dataset]) -> bool:
 
 
 def on_same_cells(results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-    """The first variant, and those variants whose maps have the same cells."""
+    """First variant, and the variants whose maps have the same cells."""
     first = next(iter(results.values()))
     return {name: result for name, result in results.items() if _same_cells(first, result)}
 
@@ -91,7 +91,7 @@ def _same_cells(first: xr.Dataset, other: xr.Dataset) -> bool:
 
 
 def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
-    """Refuse maps of other cells."""
+    """Refuse maps with other cells."""
     if not _same_cells(first, other):
         ours, theirs = (grid_of(data["passages"])[0] for data in (first, other))
         raise RockfallError(
@@ -115,8 +115,8 @@ def write_variants(
     folder: str | Path,
     inputs: Iterable[str | Path] = (),
 ) -> list[Path]:
-    """Write the table as differences.csv, and maps as GeoTIFF, to a folder: all of them or, with a
-    RockfallError, none; `inputs` are files that must not be replaced."""
+    """Write the table as differences.csv, and maps as GeoTIFF, to a folder: all files or, with a
+    RockfallError, none. `inputs` are files that must not be overwritten."""
     folder = Path(folder)
     with atomic_folder(folder, inputs) as part:
         write_csv(table, part / "differences.csv")

@@ -32,7 +32,7 @@ from rockfall.studies.yearly_variants import YearlyRun, run_name, yearly_run, ye
 
 
 class Second(NamedTuple):
-    """Hazard by a second model, with its name."""
+    """Hazard from a second model, with the name of the model."""
 
     model: str
     hazard: xr.Dataset
@@ -41,9 +41,9 @@ class Second(NamedTuple):
 @dataclass(frozen=True)
 class Dossier:
     """Hazards by variant, "" for a case without variants; frequencies at lines and objects as the
-    table of `rockfall.yearly_variants`; the return period [year] of its answers; the warnings on
-    the models of its runs; the hazard of the first variant by another model that its ground
-    admits; and the costs given for variants."""
+    table of `rockfall.yearly_variants`; the return period [year] of its answers; model warnings of
+    its runs; the hazard of the first variant from another model that suits its ground; and costs
+    given for variants."""
 
     hazards: Mapping[str, xr.Dataset]
     frequencies: pd.DataFrame
@@ -61,7 +61,7 @@ class Dossier:
 @dataclass(frozen=True)
 class DossierInputs:
     """Checked inputs of a dossier: the hazard of each variant, likely mistakes, and the first
-    variant's inputs for a second model, with its name."""
+    variant's inputs for a second model, with the name of the model."""
 
     case: Case
     studies: Mapping[str, HazardInputs]
@@ -70,7 +70,7 @@ class DossierInputs:
 
     @property
     def runs(self) -> list[str]:
-        """Names of the runs: of each scenario of each variant, then by the second model."""
+        """Names of the runs: for each scenario of each variant, then for the second model."""
         of_variants = [
             _run_name(name, scenario.name)
             for name, study in self.studies.items()
@@ -80,7 +80,7 @@ class DossierInputs:
 
     @property
     def second_runs(self) -> list[str]:
-        """Names of the runs by the second model; none without it."""
+        """Names of the runs with the second model; none without it."""
         scenarios = self.second[1].scenarios if self.second else []
         return [run_name("", scenario.name) for scenario in scenarios]
 
@@ -93,10 +93,10 @@ def read_dossier(
     one_model: bool = False,
     **arrays: Any,
 ) -> DossierInputs:
-    """Read and check all inputs of a dossier before any run; arguments are those of
+    """Read and check all inputs of a dossier before any run; arguments are as in
     `rockfall.studies.hazard.read_study`. With `one_model` no second model is run."""
-    base_case(case)  # refuses a case without scenarios
-    arrays = {"stages": KeptStages()} | arrays  # reads inputs shared by the variants only once
+    base_case(case)  # an error without scenarios
+    arrays = {"stages": KeptStages()} | arrays  # inputs shared by the variants are read once
     check_all_kept(case, "a dossier needs")
     cases = variants(case) or {"": case}
     remarks = list(check_variant_scenes(case, **arrays)) if len(cases) > 1 else []
@@ -121,7 +121,7 @@ def read_dossier(
 
 
 def _second(study: HazardInputs) -> tuple[str, HazardInputs] | None:
-    """Inputs of a hazard by a second model, if its ground admits one and cells are held."""
+    """Inputs of a hazard with a second model, if the ground allows it and rasters are in memory."""
     model = second_model(study.scene) if study.scene.rasters.z.size else None
     if model is None:
         return None
@@ -175,8 +175,8 @@ def _scenes(study: HazardInputs, by_name: Mapping[str, Any]) -> Iterator[tuple[s
 
 
 def _at_objects(study: HazardInputs, result: xr.Dataset, lines: list[str]) -> dict[str, np.ndarray]:
-    """Energies and heights of all boulders at objects with a width, by name: with the layer if a
-    line has the same name, and with its number if another object has it."""
+    """Energies and heights of all boulders at objects with a width, by name. The name includes the
+    layer if a line has the same name, and a number if another object has it."""
     at_objects: dict[str, np.ndarray] = {}
     for number, hits in object_hits(study.objects, result):
         name = study.objects.names[number]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard study: each scenario of a case is run once; results are combined by frequency."""
+"""Hazard study: each scenario of a case is run once, and results are combined by frequency."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ def hazard(
     memory: float | None = None,
     **arrays: Any,
 ) -> xr.Dataset:
-    """Run each &scenario of a case and combine them: an xarray.Dataset of annual frequencies and
-    hazard classes, with 95 % intervals, for each cell and each of the `objects` (a layer of points,
-    lines and polygons, a GeoDataFrame, or a list of these; `objects_layer` is the layer's name in a
-    file with several, or a list of names), and of risk if they have exposure; `vulnerability` is a
-    table of curves for them. The lines of another layer, roads, are cut into `segments` of
-    `segment_length` [m], each with its own frequencies; without a length each line is a segment.
-    `results` are results of the scenarios that were run elsewhere. docs/hazard.md explains it; the
-    other arguments are as in `rockfall.run`.
+    """Run each &scenario of a case and combine the results: an xarray.Dataset of annual frequencies
+    and hazard classes, with 95 % intervals, for each cell and each of the `objects`, and of risk if
+    they have exposure. `objects` are a layer of points, lines and polygons, a GeoDataFrame, or a
+    list of these; `objects_layer` is the layer name in a file with several layers, or a list of
+    names; `vulnerability` is a table of curves for the objects. The lines of another layer, roads,
+    are cut into `segments` of `segment_length` [m], each with its own frequencies; without a length
+    each line is a segment. `results` are results of scenarios run elsewhere. docs/hazard.md has the
+    details; the other arguments are as in `rockfall.run`.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -116,7 +116,7 @@ def read_study(
     segments = roads_of(given, scene, remarks)
     own = scene.case.line if case.output["kept"] == "all" else []
     read = {"barrier": scene.case.barrier, "dam": scene.case.dam} | ({"line": own} if own else {})
-    case = case.replace(**read)  # layers have been read
+    case = case.replace(**read)  # because the layers have been read
     scene = scene.replace(remarks=(*scene.remarks, *scenario_remarks(scene)))
     lines = [*found_objects.lines, *segments.lines]
     scenarios = scenarios_of(scene, [*lines, *own])
@@ -134,7 +134,7 @@ def _check_memory(scene: Scene, memory: float) -> None:
     """Refuse maps that do not fit in memory, before any run."""
     levels, scenarios = 1 + len(scene.case.hazard["thresholds"]), len(scene.case.scenario)
     cells = scene.grid.nx * scene.grid.ny
-    need = cells * (16 * levels * scenarios + 40 * levels + 25)  # measured memory
+    need = cells * (16 * levels * scenarios + 40 * levels + 25)  # measured memory [bytes]
     if need > memory:
         raise RockfallError(
             f"{scene.case.name}: a hazard of {cells:,} cells, {scenarios} scenarios and "
@@ -170,7 +170,7 @@ def run_study(
 
 
 def _read_scenario(study: HazardInputs, scenario: Scenario, path: str | Path) -> xr.Dataset:
-    """Result of a scenario that was run elsewhere: complete, with the same inputs."""
+    """Result of a scenario run elsewhere: complete, with the same inputs."""
     result = read_result(path)
     text = f"{path}: scenario '{scenario.name}'"
     own = case_of(result)

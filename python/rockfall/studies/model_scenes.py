@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenes of a case by every rebound model, which differ only in their grounds."""
+"""Scenes of a case for every rebound model, which differ only in their grounds."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.surface import radius_over_rg
 
-#: Obstacle size [m] that separates the soil types 3 and 4 of Rockyfor3D, scree and talus.
+#: Obstacle size [m] between the soil types 3 and 4 of Rockyfor3D, scree and talus.
 LARGE = 0.1
-#: Shipped grounds for rocks below and above it, by model.
+#: Shipped grounds for rocks below and above that size, by model.
 ROCKS = {
     "rockyfor3d": ("soil_3", "soil_4"),
     "pfeiffer_bowen": ("pfeiffer_talus", "pfeiffer_rock"),
     "constant": ("constant_talus", "rock_ledge"),
     "bourrier_hungr": ("bourrier_hungr", "bourrier_hungr"),
 }
-#: Keys that only tables of impacts use.
+#: Keys used only by tables of impacts.
 OF_TABLES = ("block_shape", "block_shape_share", "block_axes", "ground_strength_sigma")
-#: Obstacles of this size [m] stop every boulder in Rockyfor3D, but not with impact sets.
+#: Obstacle size [m] that stops every boulder in Rockyfor3D, but not with impact sets.
 STOPPING = 100.0
-SECOND = "talus"  # table of impacts in place of impact sets
-BY_SETS = "impact sets, method "  # then the method: name of a model
+SECOND = "talus"  # table of impacts that replaces impact sets
+BY_SETS = "impact sets, method "  # prefix of a model name, before the method
 AS_GIVEN = "grounds of the case"
 
 
 def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scenes by model name, the case's own first; `notes` collects remarks."""
+    """Scenes by model name, beginning with the case's own; `notes` collects remarks."""
     as_given = read_scene(case)
     own = _with_named_apart(as_given)
     table = GroundTable(table_path(case))
@@ -96,7 +96,7 @@ def by_tables(
     case: Case, own: Scene, names: Sequence[str] | None, notes: list[str]
 ) -> Iterator[tuple[str, Scene]]:
     """Scenes of a case with these impact tables instead of the grounds that `variants` varies,
-    except its own table. The default is all shipped tables whose rock sizes are known. `own` is the
+    except its own table. The default is all shipped tables with known rock sizes. `own` is the
     scene of the case; `notes` collects remarks."""
     own = _with_named_apart(own)
     varied, is_named = _varied(own), not _own_share(own)
@@ -126,8 +126,8 @@ def by_tables(
 
 
 def second_model(own: Scene) -> tuple[str, Scene] | None:
-    """Name and scene of another model for the ground of a scene: impact sets instead of its tables
-    and classical grounds, where rocks have a suitable size; or the table `talus` instead of its
+    """Name and scene of another model for the ground of a scene. Impact sets replace its tables and
+    classical grounds, if rocks have a suitable size; otherwise the table `talus` replaces its
     impact sets. None if neither is possible."""
     own = _with_named_apart(own)
     varied = _varied(own)
@@ -145,7 +145,7 @@ def second_model(own: Scene) -> tuple[str, Scene] | None:
 def _unsized_notes(
     case: Case, option: str, rules: Iterable[GroundRule], unsized: float
 ) -> Iterator[str]:
-    """Remark where grounds of an option lack rock sizes; refused if all terrain lacks them."""
+    """Remark on grounds of an option that lack rock sizes; an error if all terrain lacks them."""
     needing = [rule.name for rule in rules if rule.rocks]
     if unsized == 1 and needing:
         raise RockfallError(
@@ -173,15 +173,15 @@ def _kept_models(own: Scene) -> set[str]:
 
 
 def _varied(own: Scene) -> set[str]:
-    """Names of the grounds that models replace: the default ground; if every place has a named
-    ground, all except absorbing ones."""
+    """Names of the grounds that models replace: the default ground, or, if every place has a named
+    ground, all grounds except absorbing ones."""
     if _own_share(own):
         return {usual_name(own.case)}
     return {ground.name for ground in own.grounds if ground.model != ABSORBS}
 
 
 def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
-    """The unchanged case, and the case with its sets by each method that has sizes."""
+    """Unchanged case, and the case's sets with each method that has sizes."""
     if "ground" in case.surface:
         yield usual_name(case), own
     elif case.impact["form"] == "table":
@@ -189,7 +189,7 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     method = case.surface["method"]
     named = {str(zone.ground_in(NamedGround(""))) for zone in case_zones(case).values()}
     tables = {ground.name for ground in own.grounds if ground.model in TABLES}
-    unused = {} if named & tables else dict.fromkeys(OF_TABLES)  # refused if no ground has one
+    unused = {} if named & tables else dict.fromkeys(OF_TABLES)  # an error if no ground uses one
     for way in (method, "AB".replace(method, "")):
         surface = {**NO_GROUND, "method": way}
         try:
@@ -202,8 +202,8 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
 
 
 def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scene with its impact sets instead of grounds, wherever its rocks have a suitable size;
-    obstacles that stop every boulder, and smooth ground, keep their grounds."""
+    """Scene with its impact sets instead of grounds, wherever its rocks have a suitable size.
+    Obstacles that stop every boulder, and smooth ground, keep their grounds."""
     cells, rule = own.rasters, GroundRule(own.case.impact["sets"])
     names = [ground.name for ground in own.grounds]
     grounds = own.grounds if rule.name in names else (*own.grounds, rule)
@@ -221,7 +221,7 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
 
 
 def _with_named_apart(scene: Scene) -> Scene:
-    """Scene in which zones that name the case's ground get a renamed copy, which stays unchanged
+    """Scene in which zones with the case's ground by name get a renamed copy, which stays unchanged
     when models vary the case's ground."""
     usual = named_ground(scene.case)
     own, zones = str(usual), case_zones(scene.case).values()
@@ -255,7 +255,7 @@ def _on_grounds(scene: Scene, names: Collection[str]) -> np.ndarray:
 
 
 def _grounds_of(cells: Rasters) -> np.ndarray:
-    """Number of the ground of each cell, counted from 1; a single one if all have the same."""
+    """Ground number of each cell, counted from 1; a single number if all are equal."""
     if cells.cell_ground is not None:
         return cells.cell_ground
     if cells.material_ground is None:
@@ -264,7 +264,7 @@ def _grounds_of(cells: Rasters) -> np.ndarray:
 
 
 def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Test rock sizes (columns, ...) for each cell, or once for a uniform size."""
+    """Apply a test to the rock sizes (columns, ...) of each cell, or to a uniform size."""
     if cells.values is not None:
         return test(cells.values)
     return np.append(False, test(cells.sizes.T))[1 if cells.zone is None else cells.zone]
@@ -273,7 +273,7 @@ def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.
 def with_rocks(
     scene: Scene, small: GroundRule, large: GroundRule, varied: Collection[str] = ()
 ) -> Scene:
-    """Scene with these grounds for small and large rocks, in place of those named."""
+    """Scene with these grounds for small and large rocks, in place of the named grounds."""
     cells = scene.rasters
     varied = varied or {usual_name(scene.case)}
     others = [ground for ground in scene.grounds if ground.name not in varied]
@@ -300,7 +300,7 @@ def with_rocks(
 
 
 def _filled(numbers: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Ground numbers with zeros replaced by others."""
+    """Ground numbers with zeros replaced by the other numbers."""
     return np.where(numbers, numbers, others).astype(np.int8)
 
 

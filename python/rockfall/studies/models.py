@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs of a case by every rebound model, with common random numbers: boulders, places and random
-words are equal, so that only the models differ."""
+"""Runs of a case with every rebound model and common random numbers: boulders, places and random
+words are equal, so only the models differ."""
 
 from __future__ import annotations
 
@@ -35,29 +35,29 @@ from rockfall.result.trajectories import left_terrain
 from rockfall.studies.model_scenes import by_tables, named_notes, variants
 from rockfall.studies.study import ROWS_ONLY, Study
 
-LAYOUT = 1  # of the file
+LAYOUT = 1  # version of the file layout
 QUANTITIES = ("speed", "passing_height", "energy_total")
 RUN_OUT = "stopping_distance"
 COLUMNS = ["model", "line", "quantity", "statistic", "n", "value", "low", "high",
            "difference", "difference_low", "difference_high"]  # fmt: skip
-TEXTS = COLUMNS[:4]  # the others are numbers
+TEXTS = COLUMNS[:4]  # text columns; the others are numbers
 
 
 @dataclass(frozen=True)
 class Models:
     """Results of a case by each model, in SI units.
 
-    `low` and `high` are the limits of 95 % confidence intervals. `difference` is from the first
-    model, boulder by boulder, so that its interval excludes common chance.
+    `low` and `high` are the limits of 95 % confidence intervals. `difference` is the difference
+    from the first model, boulder by boulder, so its interval excludes common chance.
     """
 
     title: str
     boulders: int
-    names: tuple[str, ...]  # of the models
-    table: pd.DataFrame  # COLUMNS; the run-out has no line
+    names: tuple[str, ...]  # model names
+    table: pd.DataFrame  # table with COLUMNS; the run-out has no line
     notes: tuple[str, ...]
-    case: xr.Dataset  # without boulders: attributes and CRS of the first result, to identify it
-    warnings: tuple[str, ...] = ()  # on the models, each once
+    case: xr.Dataset  # first result without boulders, for its attributes and CRS
+    warnings: tuple[str, ...] = ()  # model warnings without repeats
 
 
 def run_models(
@@ -66,15 +66,15 @@ def run_models(
     progress: bool = False,
     tables: Sequence[str] = (),
 ) -> Models:
-    """Run a case by the impact sets with methods A and B, if their sizes are known, and by each
-    classical model or the given `grounds` (rows of its table, impact sets); and by these `tables`
+    """Run a case with its impact sets by methods A and B, if their sizes are known, and with each
+    classical model or the given `grounds` (rows of its table, impact sets); and with these `tables`
     of impacts.
 
-    Ground that the case assigns to zones or cells by name is the same for all models; models differ
+    Ground that the case assigns to zones or cells by name is the same for all models. Models differ
     where its own impact sets or table, or its `&surface ground`, apply. There classical models use
     the shipped grounds in `ROCKS` for rocks of that size. If no rocks have a size there, both
-    grounds are run, and models that need a size are left out, or refused among `grounds`. If every
-    place has a named ground, all except absorbing ones are varied.
+    grounds are run; models that need a size are omitted, or refused among `grounds`. If every place
+    has a named ground, all except absorbing ones are varied.
     """
     case = case.replace(output=ROWS_ONLY)
     notes: list[str] = []
@@ -137,7 +137,7 @@ def read_models(path: str | Path) -> Models:
 
 
 def _rows(result: xr.Dataset, first: xr.Dataset) -> Iterator[dict[str, Any]]:
-    """Numbers of a result, and their differences from the first result."""
+    """Statistics of a result, and their differences from the first result."""
     source = sources(result)
     for k, line in enumerate(line_names(result)):
         crossed, before = (has_crossed(run, k) for run in (result, first))
@@ -164,4 +164,5 @@ def _row(
     apart: Difference | tuple[()] = (),
 ) -> dict[str, Any]:
     values = [line, quantity, statistic, numbers["n"], *limited(numbers, statistic), *apart]
-    return dict(zip(COLUMNS[1:], values, strict=False))  # quantiles have no difference
+    # missing values: quantiles have no difference
+    return dict(zip(COLUMNS[1:], values, strict=False))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs that end when the confidence intervals at the lines reach a requested width.
 
-Unlike a study of several scenes (`rockfall.studies.study`), this is one run that continues with
-more boulders until the rules are met.
+Unlike a study of several scenes (`rockfall.studies.study`), this is a single run that continues
+with more boulders until it meets the rules.
 """
 
 from __future__ import annotations
@@ -41,13 +41,14 @@ if TYPE_CHECKING:
 
     from rockfall.result.contents import Contents, Held
 
-FIRST = 1000  # boulders of the first stage, over all sources
-CAP = 1_000_000  # boulders over all sources, if no cap is given
+FIRST = 1000  # number of boulders in the first stage, over all sources
+CAP = 1_000_000  # limit without a given cap, over all sources
 
-# Minimum and maximum growth per stage, and the growth up to which one stage suffices.
+# Minimum and maximum growth per stage, and the growth below which one stage suffices.
 MIN_GROWTH, MAX_GROWTH, NEAR = 1.05, 4.0, 1.25
-SHORT, MARGIN = 0.8, 1.02  # fraction of the boulders needed: for a distant target, for a near one
-USELESS = 0.3  # ratio of the boulders' error to the limit below which more boulders do not help
+#: fraction of the required boulders to run: for a distant target, for a near target
+SHORT, MARGIN = 0.8, 1.02
+USELESS = 0.3  # boulder error over the limit, below which more boulders do not help
 
 LEVELS = {quantile_name(level): level for level in QUANTILES}
 STATISTICS = ("mean", "std", *LEVELS)
@@ -55,10 +56,10 @@ FORM = "QUANTITY.STATISTIC@LINE<PERCENT% or fraction@LINE<PERCENT%"
 
 
 class Rule(NamedTuple):
-    """A criterion: the half-width of a 95 % interval must be below a fraction of the number."""
+    """Criterion: the half-width of a 95 % interval must be below a fraction of the statistic."""
 
     text: str
-    line: int  # index, from 0
+    line: int  # line index, from 0
     quantity: str
     statistic: str
     limit: float
@@ -67,8 +68,8 @@ class Rule(NamedTuple):
 class Verdict(NamedTuple):
     """Verdict of a result on a rule.
 
-    `width` is the half-width over the number, NaN if there is none. `need` is the required number
-    of boulders from each source: NaN if too few cross the line, inf if no number suffices.
+    `width` is the half-width over the statistic, NaN without an interval. `need` is the required
+    number of boulders from each source: NaN if too few cross the line, inf if no number suffices.
     """
 
     rule: Rule
@@ -92,11 +93,11 @@ class Verdict(NamedTuple):
 def run_until(
     case: Case, rules: str, cap: int | None = None, *, progress: bool = False, **arrays: Any
 ) -> xr.Dataset:
-    """Run a case with the number of boulders per source that `rules` need, at most `cap`.
+    """Run a case with the number of boulders per source that `rules` require, at most `cap`.
 
     `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
     result is that of `run` with the final number of boulders, which replaces the case's own; its
-    attributes `until` and `until_met` are the rules, and 1 if all are met, else 0. Without a `cap`
+    attribute `until` has the rules, and `until_met` is 1 if all are met, else 0. Without a `cap`
     the limit is a million boulders over all sources.
 
     >>> import rockfall
@@ -118,9 +119,9 @@ def run_scene_until(scene: Scene, rules: str, cap: int | None = None, **how: Any
 def simulate_until(
     scene: Scene, rules: str, cap: int | None = None, *, progress: bool = False, keep: bool = True
 ) -> Contents:
-    """Results of the run; see `run_until`. The rasters of a scene that need not be kept are freed.
+    """Run until the rules are met; see `run_until`. Scene rasters that need not be kept are freed.
 
-    With one source each stage continues the previous one. With several sources each stage starts
+    With one source each stage continues the previous stage. With several sources each stage starts
     again, because the source of a boulder follows from its number.
     """
     refuse_by_area(scene.case, scene, "--until")
@@ -166,10 +167,10 @@ def _next_tally(scene: Scene, last: Tally | None) -> Tally:
 
 
 def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
-    """Boulders from each source in the stage after `n`; `n` itself if that was the last.
+    """Boulders from each source in the stage after `n`; `n` itself after the last stage.
 
-    A distant target is approached from below, in steps: the width behind it is itself an estimate,
-    and boulders cannot be removed.
+    A distant target is approached from below in several stages, because the width behind it is an
+    estimate, and boulders cannot be removed.
     """
     needs = [verdict.need for verdict in verdicts if not verdict.met and not np.isinf(verdict.need)]
     if not needs:
@@ -180,21 +181,21 @@ def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
 
 
 def verdicts_of(result: Held) -> list[Verdict]:
-    """Verdict of a result on each rule of its `run_until`; empty without rules."""
+    """Verdict on each rule in the `run_until` of a result; empty without rules."""
     if "until" not in result.attrs:
         return []
     return evaluate(read_rules(result.attrs["until"], line_names(result)), result)
 
 
 def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:
-    """Verdict of a result on each rule."""
+    """Verdict on each rule for a result."""
     samples = LineSamples(result)
     return [_verdict(rule, samples) for rule in rules]
 
 
 def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
-    """Verdict on a rule; the boulders needed follow from the width. If the sources are sampled, the
-    part due to their differences does not decrease with more boulders."""
+    """Verdict on a rule; the required boulders follow from the width. If the sources are sampled,
+    the part due to their differences does not decrease with more boulders."""
     n = line_samples.boulders / max(line_samples.sources, 1)
     sample = line_samples.sample(rule.line, rule.quantity)
     row = numbers(sample, rule.quantity)
@@ -219,8 +220,8 @@ def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
 
 
 def _expected_width(sample: Sample, row: Mapping[str, float], statistic: str) -> float:
-    """Relative half-width of an interval; for quantiles without the random part of the width, which
-    would make runs a third too long."""
+    """Expected relative half-width of an interval. For quantiles it excludes the random part of the
+    width, which would make runs a third too long."""
     level, width = LEVELS.get(statistic), half_width(row, statistic)
     if level is None or not 0 < width < np.inf:
         return width
@@ -230,11 +231,11 @@ def _expected_width(sample: Sample, row: Mapping[str, float], statistic: str) ->
 
 
 def read_rules(text: str, lines: list[str]) -> list[Rule]:
-    """Rules of a text such as 'speed.mean@EL1<2%, fraction@EL1<3%'; `lines` are known names.
+    """Rules from text such as 'speed.mean@EL1<2%, fraction@EL1<3%'; `lines` are known names.
 
-    Quantities and statistics are those of `rockfall.line_statistics`, apart from its maximum.
+    Quantities and statistics are those of `rockfall.line_statistics`, except the maximum.
     """
-    parts = re.split(r",(?=\s*[\w.]+\s*@)", text)  # names of lines may contain commas
+    parts = re.split(r",(?=\s*[\w.]+\s*@)", text)  # line names may contain commas
     return [_rule(part.strip(), lines) for part in parts]
 
 
@@ -245,8 +246,8 @@ def _rule(text: str, lines: list[str]) -> Rule:
         raise RockfallError(f"{prefix}: must be {FORM}, several with commas between")
     what, line, percent = match.groups()
     quantity, _, statistic = what.partition(".")
-    if what in ("fraction", "share"):  # share: its old name
-        quantity, statistic = QUANTITIES[0], "fraction"  # equal for any quantity
+    if what in ("fraction", "share"):  # share is the old name
+        quantity, statistic = QUANTITIES[0], "fraction"  # the fraction is the same for any quantity
     elif quantity not in QUANTITIES:
         names = ", ".join(QUANTITIES)
         raise RockfallError(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs of a case, and their parts merged, with the warnings on their model."""
+"""Runs of a case, and merged parts of a run, with model warnings."""
 
 from __future__ import annotations
 
@@ -31,13 +31,12 @@ def run(
     """Run a case: an xarray.Dataset of boulders, lines, maps and histograms.
 
     `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
-    depend on `threads` (default: the case's) or `chunk`, the boulders per call of the kernel
-    (default: as many as take a quarter of a second). `shard` (I, N) runs the I-th of N ranges of
-    boulders: a part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted` with the
-    completed boulders. Rasters that need more than half of `memory` [bytes] (default: that of the
-    machine) are read in windows. Each likely mistake in the case, and each relevant limit of its
-    model, is a UserWarning; the attribute `model_warnings` has the limits, one a line (parts have
-    none).
+    depend on `threads` (default: the case's) or `chunk`, the number of boulders per kernel call
+    (default: about a quarter of a second). `shard` (I, N) runs the I-th of N ranges of boulders: a
+    part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted` with the completed
+    boulders. Rasters that need more than half of `memory` [bytes] (default: the machine's memory)
+    are read in windows. Each likely mistake in the case, and each relevant limit of its model, is a
+    UserWarning; the attribute `model_warnings` lists the limits, one per line (parts have none).
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -53,11 +52,11 @@ def run(
 
 
 def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
-    """Merge the parts of a run (results, or their files) into its result, bit for bit equal to a
-    run in one piece except for times and threads.
+    """Merge the parts of a run (results, or their files) into one result, bitwise equal to the
+    undivided run except for times and threads.
 
-    A RockfallError names parts of another run, and missing or duplicate boulders. Warnings on the
-    model are as in `run`.
+    A RockfallError reports parts from another run, and missing or duplicate boulders. Model
+    warnings are as in `run`.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

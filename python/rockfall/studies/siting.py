@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Siting of a barrier: the required energy and height at candidate alignments above a protected
-line, from one run with all of them as evaluation lines, so that all alignments have common
-boulders."""
+line. One run has all alignments as evaluation lines, so that they share boulders."""
 
 from __future__ import annotations
 
@@ -49,7 +48,7 @@ from rockfall.studies.study import Study
 
 YES, NO, UNDECIDED = "yes", "no", "undecided"
 BEST, NOT_DISTINGUISHED = "best", "not distinguished"
-LEVEL = 0.95  # of the loads
+LEVEL = 0.95  # quantile of the loads
 CONDITIONS = {field.name for field in fields(Conditions)}
 NUMBERS = ("fraction", "energy_q95", "height_q95", "bypass", "E_d", "height_needed", "ead_class",
            "remaining", "cost")  # fmt: skip
@@ -61,7 +60,8 @@ COLUMNS += ["fits", "fails", "choice", "unconfirmed"]
 @dataclass(frozen=True)
 class Limits:
     """Limits of available barriers: height [m], EAD class, the fraction of arriving boulders that
-    may pass around the ends, and the braking distance to the protected line [m]. None: no limit."""
+    may pass around the ends, and the braking distance to the protected line [m]. None means no
+    limit."""
 
     height: float | None = None
     ead_class: int | None = None
@@ -74,32 +74,33 @@ class Siting:
     """Candidate alignments above a protected line, in SI units; intervals are 95 % confidence
     intervals.
 
-    `table` has COLUMNS, a row for each alignment. For boulders that cross it: `energy_q95` (total)
-    and `height_q95` (of the centre, vertical); E_d, height and EAD class that the standard
-    requires. For boulders that reach the protected line: `bypass`, the fraction that does not cross
-    the alignment before, and `remaining`, the fraction that still comes with a barrier of that
-    height and class there. `cost` is for its length. `fits` is True if it is within the limits;
-    `fails` lists limits that are exceeded or undecided, and unconfirmed assumptions. `choice` gives
+    `table` has COLUMNS, with a row for each alignment. For boulders that cross it: `energy_q95`
+    (total) and `height_q95` (of the centre, vertical), and E_d, height and EAD class that the
+    standard requires. For boulders that reach the protected line: `bypass`, the fraction that does
+    not cross the alignment before, and `remaining`, the fraction that still arrives with a barrier
+    of that height and class there. `cost` is for its length. `fits` is True within the limits;
+    `fails` lists limits that are exceeded or undecided, and unconfirmed assumptions. `choice` marks
     the best alignment under these assumptions. `advice` is the resulting barrier, verified by a run
-    with it; None if no alignment is within the limits. With &scenario groups all numbers are of
+    with it; None if no alignment is within the limits. With &scenario groups all numbers cover
     their boulders, weighted by frequency.
     """
 
     line: str
     boulders: int
-    come: int  # boulders that come to the protected line
+    come: int  # number of boulders that reach the protected line
     limits: Limits
     factors: Factors
-    priced: bool  # costs are from prices
+    priced: bool  # whether costs come from prices
     table: pd.DataFrame
     alignments: tuple[Alignment, ...]
     advice: Advice | None
-    results: Mapping[str, xr.Dataset]  # runs with the alignments, or the best, as evaluation lines
+    #: runs with all alignments, or the best alignment, as evaluation lines
+    results: Mapping[str, xr.Dataset]
     notes: tuple[str, ...]
 
     @property
     def scenarios(self) -> list[str]:
-        """Scenarios whose boulders were used, by frequency; none if &boulder was used."""
+        """Scenarios that supplied the boulders, by frequency; none if &boulder was used."""
         return [name for name in self.results if name]
 
     @property
@@ -131,21 +132,20 @@ def site(
 ) -> Siting:
     """Compare alignments of a barrier above `line`, an evaluation line of a case.
 
-    Candidates are the line itself and copies of it, shifted every `every` metres `to` a distance,
-    perpendicular to the line on the side of the sources, or in a `direction` [degree from north];
-    or the lines of a layer `candidates` (a file, or a GeoDataFrame). The case, or each of its
-    &scenario groups (whose boulders are weighted by frequency), is run with all candidates as
-    evaluation lines. If boulders at all of them need more than half of `memory` [bytes] (default:
-    that of the machine), there are several runs with some of them and the same boulders.
-    `max_height` [m] and `max_class` (0 to 7) limit the barrier, `max_bypass` the fraction of the
-    boulders that may pass around its ends; alignments nearer to the line than the `space` [m] in
-    which a barrier brakes are refused. `volume`, `factors`, `costs` and the conditions of the
-    standard are as in `rockfall.design`; other arguments `given` are arrays and layers as in
-    `rockfall.run`.
+    Candidates are the line itself and copies of it, shifted every `every` metres up to the distance
+    `to`, perpendicular to the line on the side of the sources, or in a `direction` [degree from
+    north]; or the lines of a layer `candidates` (a file, or a GeoDataFrame). The case, or each of
+    its &scenario groups (with boulders weighted by frequency), is run with all candidates as
+    evaluation lines. If their boulders need more than half of `memory` [bytes] (default: the
+    machine's memory), several runs each have some candidates and the same boulders. `max_height`
+    [m] and `max_class` (0 to 7) limit the barrier, `max_bypass` the fraction of the boulders that
+    may pass around its ends. Alignments closer to the line than the braking distance `space` [m]
+    are refused. `volume`, `factors`, `costs` and the conditions of the standard are as in
+    `rockfall.design`; other arguments `given` are arrays and layers as in `rockfall.run`.
 
     The resulting barrier is verified by a run with the same boulders, or by a run for each
-    &scenario. If more than `acceptable` boulders a year still come, by the upper limit of the 95 %
-    interval, the next cheapest alignments are tried.
+    &scenario. If more than `acceptable` boulders a year still arrive, by the upper limit of the 95
+    % interval, the next cheapest alignments are tried.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -174,7 +174,7 @@ def site(
     batches = in_batches(scene, line, alignments, machine_memory() if memory is None else memory)
     design_of = standard, case.boulder["density"], volume
     results: dict[str, xr.Dataset] = {}
-    held: list[Iterable[AtAlignment]] = []  # boulders of the runs with a batch so far
+    held: list[Iterable[AtAlignment]] = []  # boulders of the completed runs with a batch
 
     def numbers(key: tuple[int, str], result: xr.Dataset) -> list[dict[str, Any]]:
         k, name = key
@@ -255,7 +255,7 @@ def _row(
     prices: Costs | None,
     limits: Limits,
 ) -> dict[str, Any]:
-    """Numbers of an alignment."""
+    """Table row of an alignment."""
     came, crossed, comes, around, source = at[:5]
     row: dict[str, Any] = {
         "alignment": alignment.name, "distance": alignment.distance, "space": alignment.space,
@@ -287,7 +287,7 @@ def _capacity(ead_class: float) -> float | None:
 
 def _cost(row: Mapping[str, Any], end: str, prices: Costs | None) -> float:
     """Cost of an alignment over its length, with the cheapest barrier of at least the required
-    class and height; NaN if there is none. Without prices: class energy times height times length
+    class and height; NaN if there is none. Without prices, cost is class energy x height x length
     [kJ m2]."""
     ead_class, high = row[f"ead_class{end}"], row[f"height_needed{end}"]
     if math.isnan(ead_class) or math.isnan(high):
@@ -297,7 +297,7 @@ def _cost(row: Mapping[str, Any], end: str, prices: Costs | None) -> float:
 
 
 def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
-    """Verdict over the intervals of requirements; an unknown upper limit decides nothing."""
+    """Verdict over the intervals of requirements; with an unknown upper limit it is undecided."""
     checks = {"height": ("height_needed", limits.height), "class": ("ead_class", limits.ead_class),
               "bypass": ("bypass", limits.bypass)}  # fmt: skip
     verdicts = {}
@@ -316,7 +316,7 @@ def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
 
 
 def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
-    """Verdict on an alignment whose loads depend on unconfirmed assumptions, for table and texts:
+    """Verdict on an alignment with unconfirmed assumptions about its loads, for table and texts:
     within the limits it is unproven, beyond a limit it stays refused."""
     fits, fails = row["fits"], row["fails"]
     if unconfirmed and fits != NO:
@@ -326,9 +326,9 @@ def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
 
 
 def choose(rows: list[dict[str, Any]]) -> None:
-    """Mark the alignment of the lowest cost among those within the limits (those undecided if there
-    are no others), and those whose difference is not significant. Overlapping intervals count as
-    not significant, although common boulders would allow more: this is conservative."""
+    """Mark the cheapest alignment among those within the limits (or undecided, if none is), and
+    alignments without a significant difference. Overlapping intervals count as not significant,
+    although common boulders would allow more; this is conservative."""
     for row in rows:
         row["choice"] = ""
     open_ones = [row for row in rows if row["fits"] != NO and not math.isnan(row["cost"])]
@@ -346,7 +346,7 @@ def choose(rows: list[dict[str, Any]]) -> None:
 def _notes(
     case: Case, line: str, come: int, alignments: list[Alignment], rows: list[dict[str, Any]]
 ) -> Iterator[str]:
-    """Remarks in addition to the table."""
+    """Remarks on the table."""
     if not come:
         yield f"no boulder comes to {line}: what goes around an alignment is unknown"
     if case.barrier:

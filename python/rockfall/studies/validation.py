@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Validation at a site with observed boulders: all rebound models over several seeds."""
+"""Validation at a site with observed boulders: all rebound models with several seeds."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ from rockfall.studies.model_scenes import by_tables, named_notes, variants
 from rockfall.studies.study import ROWS_ONLY, Study, with_numbers
 
 SEEDS = 5
-FEWEST = 2  # seeds for an error, boulders for a distribution
-BOUNDS = {"mean": 0.10, "std": 0.25}  # of an error relative to the observation
+FEWEST = 2  # minimum seeds for an error, and boulders for a distribution
+BOUNDS = {"mean": 0.10, "std": 0.25}  # limits of the error relative to the observation
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
-APART = "ks", "p", "wasserstein"  # distances of both distributions
+APART = "ks", "p", "wasserstein"  # distances between both distributions
 RUN_OUT, AT_REST = "stopping_distance", "at_rest"
-LOG_DENSITY = "log_density"  # mean over observed blocks of simulated boulders at rest [m-2]
+LOG_DENSITY = "log_density"  # mean at observed blocks of simulated boulders at rest [m-2]
 COLUMNS = ["law", "line", "quantity", "statistic", "n_observed", "observed", "observed_error",
            "simulated", "simulated_error", "verdict"]  # fmt: skip
 WITHIN, BEYOND, UNDECIDED = "within", "beyond", "undecided"
-SIGMAS = 1.96  # of an interval of 95 %
+SIGMAS = 1.96  # standard errors in half a 95 % interval
 
 Key = tuple[str, str, str]  # line, quantity, statistic
 
 
 class Number(NamedTuple):
-    """A statistic: number of observed boulders, observed value, its error, and simulated value."""
+    """A statistic: number of observed boulders, observed value and its error, simulated value."""
 
     n: float
     observed: float
@@ -57,9 +57,9 @@ class Number(NamedTuple):
 class Validation:
     """Distributions at a site, observed and by each rebound model, in SI units.
 
-    `table` has COLUMNS: a row for each model, place (a line, or "" for the run-out), quantity and
-    statistic: mean, std, q05, q50, q95, for run-outs lateral_std (perpendicular to the line to the
-    mean of the observed places), ks and its p, wasserstein; for blocks at rest without a known
+    `table` has COLUMNS, with a row for each model, place (a line, or "" for the run-out), quantity
+    and statistic: mean, std, q05, q50, q95; for run-outs lateral_std (perpendicular to the line to
+    the mean of the observed places); ks and its p, wasserstein; for blocks at rest without a known
     release log_density, the mean logarithm of the density of simulated boulders there [m-2]. Errors
     are standard errors: of observations from resampled boulders, of simulations over seeds.
     Verdicts refer to `BOUNDS`.
@@ -71,7 +71,7 @@ class Validation:
     laws: tuple[str, ...]
     table: pd.DataFrame
     notes: tuple[str, ...]
-    warnings: tuple[str, ...] = ()  # on the models with the first seed, each once
+    warnings: tuple[str, ...] = ()  # model warnings with the first seed, without repeats
 
 
 def validate(
@@ -81,13 +81,13 @@ def validate(
     seeds: int = SEEDS,
     progress: bool = False,
 ) -> Validation:
-    """Run a case by its own rebound model, its impact sets, each classical model, and each table of
-    impacts (the named ones, by default all shipped ones), over seeds following the case's, and
-    compare each with the observations: places or distances of rest, samples and numbers at lines.
+    """Run a case with its own rebound model, its impact sets, each classical model, and each impact
+    table (the named tables, by default all shipped ones), over seeds that follow the case's seed.
+    Compare each with the observations: places or distances of rest, samples and numbers at lines.
     Models differ on the same ground as in `run_models`; the notes list exceptions.
 
     Raises a RockfallError if no observation can be compared with a run, no ground can have another
-    model, or a table of these names needs sizes of rocks that the case lacks.
+    model, or a named table needs rock sizes that the case lacks.
     """
     if seeds < FEWEST:
         raise RockfallError(f"--seeds {seeds}: at least {FEWEST} are needed for an error")
@@ -123,7 +123,7 @@ def validate(
 
 
 def comparable_numbers(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
-    """Numbers of results of one site that can be compared with their observations, by line,
+    """Statistics of results from one site that can be compared with their observations, by line,
     quantity and statistic. Several results, such as different kinds of blocks, count as one sample,
     with each source weighted by its observed frequency."""
     by_key: dict[Key, Number] = {}
@@ -163,7 +163,7 @@ def comparable_numbers(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key
 
 def _at_rest(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> Number | None:
     """Mean logarithm of the density of simulated boulders [m-2] at blocks at rest without a known
-    release; None without such blocks, or if too few boulders come to rest."""
+    release; None without such blocks, or with too few boulders at rest."""
     rests = [rest for pair in pairs for rest in agreement(*pair)]
     if not rests:
         return None
@@ -187,7 +187,7 @@ def run_out_numbers(
 
 
 def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
-    """Values of the boulders that crossed a line; None if the case has no such line."""
+    """Values of the boulders that crossed a line; None if the case lacks the line."""
     lines = line_names(result)
     if line not in lines:
         return None
@@ -198,7 +198,7 @@ def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
 def distribution_numbers(
     seen: np.ndarray, made: np.ndarray, share: np.ndarray
 ) -> dict[str, Number]:
-    """Statistics of an observed and a weighted simulated sample, and their distances; observational
+    """Statistics of an observed and a weighted simulated sample, and their distances. Observation
     errors come from resampled boulders."""
     random, weights = np.random.default_rng(0), np.ones(len(seen))
     drawn = [_numbers(random.choice(seen, len(seen)), weights) for _ in range(RESAMPLES)]
@@ -227,7 +227,7 @@ def _numbers(values: np.ndarray, share: np.ndarray) -> dict[str, float]:
 
 
 def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str, Number]]:
-    """Comparison with a published mean and standard deviation; exact without their number."""
+    """Comparison with a published mean and standard deviation, exact without their number."""
     n, std = row["n"], row["std"]
     errors = {"mean": std / np.sqrt(n), "std": std / np.sqrt(2 * max(n - 1, 1))}
     made_numbers = _numbers(crossed, np.ones(len(crossed))) if len(crossed) >= FEWEST else {}

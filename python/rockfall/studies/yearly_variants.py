@@ -29,11 +29,11 @@ from rockfall.studies.variants import COLUMNS, at_line, verdict_on
 
 NO_OBJECTS: Mapping[str, np.ndarray] = {}
 VALUES = "value", "value_low", "value_high"
-Three = tuple[float, float, float]  # a number and the limits of its interval
+Three = tuple[float, float, float]  # value and the limits of its interval
 
 
 class Yearly(NamedTuple):
-    """Frequencies at the lines of variants, and the warnings on the models of their runs."""
+    """Frequencies at the lines of variants, and the model warnings of their runs."""
 
     table: pd.DataFrame
     warnings: tuple[str, ...]
@@ -45,7 +45,7 @@ class YearlyRun(NamedTuple):
     energies: dict[str, np.ndarray]
     source: Sources
     per_cluster: dict[str, float]  # boulders per independent cluster, by place
-    yearly: float  # frequency of the scenario [1/year]
+    yearly: float  # annual frequency of the scenario [1/year]
 
 
 def yearly_variants(
@@ -59,8 +59,8 @@ def yearly_variants(
     """Run the &scenario groups of each &variant of a case, with common random numbers.
 
     The table has the columns of `rockfall.compare_variants`, by line and variant: `frequency`
-    [1/year] of boulders that pass (statistic all, above_E for each &hazard threshold E [kJ]), as
-    the sum over scenarios, with the difference from the first variant; and `energy_by_period` [J]
+    [1/year] of boulders that pass (statistic all, above_E for each &hazard threshold E [kJ]),
+    summed over scenarios, with the difference from the first variant; and `energy_by_period` [J]
     (statistic T [year]). Limits of sums are sums of limits, since scenarios share random numbers. A
     boulder that a barrier stops at a line does not pass it. `checkpoints` are by `run_name`;
     `given`: see `read_scene`.
@@ -101,14 +101,14 @@ def yearly_table(
 
 
 def run_name(variant: str, scenario: str) -> str:
-    """Run name of a scenario of a variant."""
+    """Name of the run for a scenario of a variant."""
     return f"{variant}/{scenario}"
 
 
 def _scenes(
     case: Case, of_runs: dict[str, tuple[str, float]], given: Mapping[str, Any]
 ) -> Iterator[tuple[str, Scene]]:
-    """Scenes by names of their runs; their variants and frequencies go to `of_runs`."""
+    """Scenes by run name; their variants and frequencies are added to `of_runs`."""
     for variant, own in variants(case).items():
         scene = read_scene(base_case(own, ROWS_ONLY), **given)
         for scenario in scenarios_of(scene, scene.case.line):
@@ -123,8 +123,8 @@ def yearly_run(
     lines: Sequence[str] | None = None,
     objects: Mapping[str, np.ndarray] = NO_OBJECTS,
 ) -> YearlyRun:
-    """Numbers of a result with its frequency [1/year], at all lines or these, and at objects with
-    the energies [J] and heights [m] of all boulders there, (2, boulders)."""
+    """Numbers from a result with its frequency [1/year], at all lines or the given lines, and at
+    objects with the energies [J] and heights [m] of all boulders there, (2, boulders)."""
     names, clusters = line_names(result), Clusters.of(result)
     at_places = {line: hits_at(result, line) for line in (names if lines is None else lines)}
     at_places |= objects
@@ -137,7 +137,7 @@ def yearly_run(
 
 
 def hits_at(result: xr.Dataset, line: str) -> np.ndarray:
-    """Energies [J] and heights of centres [m] at a line, (2, boulders), NaN if not passed."""
+    """Energies [J] and centre heights [m] at a line, (2, boulders), NaN if not passed."""
     at = at_line(result, line)
     assert at is not None
     height = line_values(result, "passing_height", line_names(result).index(line))
@@ -150,7 +150,7 @@ def _rows(
     first: Sequence[YearlyRun] | None,
     hazard: Mapping[str, Any],
 ) -> Iterator[dict[str, object]]:
-    """Rows of a variant at a line; `first`: runs of the first variant, None for itself."""
+    """Rows of a variant at a line; `first` has the runs of the first variant, None for itself."""
     factor, yearly = hazard["frequency_factor"], [run.yearly for run in runs]
     energies = [run.energies[line] for run in runs]
     before = [run.energies[line] for run in first or () if line in run.energies]
@@ -186,7 +186,8 @@ def yearly_sum(
     frequencies: Iterable[float], fractions: Iterable[Sequence[float]], factor: Sequence[float]
 ) -> Three:
     """Sum over scenarios of frequency [1/year] times the fraction of boulders, or a difference of
-    these, with limits. The limits include the lowest and highest `factor` on the frequencies."""
+    such sums, with limits. The limits include the lowest and highest `factor` on the
+    frequencies."""
     each = [yearly * np.array(three) for yearly, three in zip(frequencies, fractions, strict=True)]
     value, low, high = np.sum(each, axis=0).tolist()
     return value, min(by * low for by in factor), max(by * high for by in factor)

@@ -11,10 +11,10 @@ import xarray as xr
 
 from rockfall.scene.scene import Scene
 
-REACHED = 0.01  # fraction of the boulders: the outline of a hazard map
-RANGED = ("energy_mean", "energy_max")  # maps of the case whose quantiles over the runs are kept
+REACHED = 0.01  # fraction of the boulders that defines the outline of a hazard map
+RANGED = ("energy_mean", "energy_max")  # maps of the case with quantiles over the runs
 LEVELS = {"q05": 0.05, "q95": 0.95}
-AT_ONCE = 2**22  # numbers in memory at a time while maps are made
+AT_ONCE = 2**22  # numbers held in memory at a time to make maps
 
 
 class MemberMaps:
@@ -23,7 +23,7 @@ class MemberMaps:
     def __init__(self, scene: Scene) -> None:
         self.shape, self.boulders = scene.grid.shape, scene.boulders
         self.names = scene.case.output["maps"]
-        self.cells: list[np.ndarray] = []  # of each member
+        self.cells: list[np.ndarray] = []  # reached cells of each member
         self.values: dict[str, list[np.ndarray]] = {name: [] for name in self.names}
         self.attrs: dict[str, Any] = {}
 
@@ -35,7 +35,7 @@ class MemberMaps:
             self.values[name].append(result[name].values.ravel()[cells])
 
     def variables(self) -> dict[str, Any]:
-        """Variables (y, x) by name."""
+        """Map variables (y, x) by name."""
         cells = np.unique(np.concatenate(self.cells))
         size = max(1, AT_ONCE // len(self.cells))
         parts = [cells[k : k + size] for k in range(0, cells.size, size)]
@@ -50,7 +50,7 @@ class MemberMaps:
         return variables
 
     def _maps(self, name: str, part: np.ndarray) -> dict[str, tuple[np.ndarray, str, str]]:
-        """Values, meaning and units of the maps derived from one, in some cells."""
+        """Values, meaning and units of the maps derived from one map, in some cells."""
         members = self._dense(name, part)
         if name != "passages":
             attrs = self.attrs[name]
@@ -74,7 +74,7 @@ class MemberMaps:
             yield f"{name}_{label}", (np.quantile(members, level, axis=0), text, units)
 
     def _dense(self, name: str, part: np.ndarray) -> np.ndarray:
-        """Map of all members in these cells (members, cells), 0 where no boulder passed."""
+        """Map values of all members in these cells (members, cells), 0 where no boulder passed."""
         dense = np.zeros((len(self.cells), part.size))
         for row, cells, values in zip(dense, self.cells, self.values[name], strict=True):
             place = np.searchsorted(part, cells)

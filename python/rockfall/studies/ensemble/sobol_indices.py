@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources of the variance of a result: the number of boulders, and the uncertain inputs.
+"""Causes of the variance of a result: the number of boulders, and the uncertain inputs.
 
-A run gives Y = f(X) + e: f is the result for infinitely many boulders with the inputs X, and e is
-the error due to their finite number. The variance of e is the Monte Carlo variance, that of f the
-epistemic one.
+A run gives Y = f(X) + e: f is the result for infinitely many boulders with the inputs X, and e the
+error from their finite number. The variance of e is the Monte Carlo variance, and the variance of f
+the epistemic variance.
 
 Each block of runs has its own inputs and boulders. In a block the same boulders run through A and
-B, two independent draws of all inputs, and through A_i, which has input i of B and all others of A.
-The same boulders behave similarly but not equally: the errors of two runs P and Q of a block are
-correlated. Hence
+B, two independent draws of all inputs, and through A_i, which takes input i from B and all others
+from A. The same boulders behave similarly but not equally, so the errors of two runs P and Q of a
+block are correlated. Hence
 
     E (Y_P - Y_Q)^2     = E (f_P - f_Q)^2 + Var e_P + Var e_Q - 2 Cov(e_P, e_Q)
     E Y_B (Y_Ai - Y_A)  = E f_B (f_Ai - f_A) + Cov(e_B, e_Ai) - Cov(e_B, e_A)
@@ -27,16 +27,16 @@ import numpy as np
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.kernel_rules import Z
 
-MIN_CROSSED = 20  # number of boulders at a line below which their mean is NaN
-MIN_ABOVE = 5  # number of boulders above a quantile below which it is NaN
-RESAMPLES = 500  # of the blocks, for the errors
-RESOLVED = 0.25  # half-width of the 95 % interval of a resolved index
+MIN_CROSSED = 20  # minimum boulders at a line for their mean
+MIN_ABOVE = 5  # minimum boulders above a quantile for its value
+RESAMPLES = 500  # number of resamples of the blocks for the errors
+RESOLVED = 0.25  # maximum half-width of the 95 % interval of a resolved index
 
 
 def deviations(values: np.ndarray, name: str, row: dict[str, float], source: Sources) -> np.ndarray:
-    """Deviations of the boulders of a run: the product with those of another run of the same
-    boulders is the covariance of the errors of the two, the product with itself the variance. NaN
-    where too few boulders crossed.
+    """Deviations of the boulders of a run. Their product with the deviations of another run of the
+    same boulders is the covariance of the two errors; their product with themselves is the
+    variance. NaN where too few boulders crossed.
 
     `values` are the values of the boulders at a line (NaN if they did not cross), `row` their
     `line_numbers`, `name` is fraction, mean or a quantile such as q95.
@@ -54,7 +54,7 @@ def deviations(values: np.ndarray, name: str, row: dict[str, float], source: Sou
 
 
 def _conditional(values: np.ndarray, name: str, row: dict[str, float]) -> np.ndarray | float:
-    """Influence on a mean or quantile of each of the boulders that crossed.
+    """Influence of each boulder that crossed on a mean or quantile.
 
     The influence on a quantile depends on the density there, estimated from boulders within one
     standard error of its rank (Siddiqui 1960). With 500 to 2000 boulders its variance is
@@ -71,7 +71,7 @@ def _conditional(values: np.ndarray, name: str, row: dict[str, float]) -> np.nda
 
 
 def _apart(numbers: np.ndarray, source: Sources) -> np.ndarray:
-    """Numbers minus the mean of their stratum, scaled so that their squares sum to the variance of
+    """Values minus the mean of their stratum, scaled so that their squares sum to the variance of
     the overall mean; NaN for a stratum of one boulder."""
     n = source.released
     mean = np.bincount(source.stratum, numbers, n.size) / np.maximum(n, 1)
@@ -80,23 +80,23 @@ def _apart(numbers: np.ndarray, source: Sources) -> np.ndarray:
 
 
 class Parts(NamedTuple):
-    """Variances, each (..., results)."""
+    """Parts of the variance, each (..., results)."""
 
-    monte_carlo: np.ndarray  # of a run
+    monte_carlo: np.ndarray  # variance due to the boulders of a run
     epistemic: np.ndarray
-    first: np.ndarray  # (inputs, results), of the epistemic variance: if the input were known
-    total: np.ndarray  # (inputs, results), likewise: left if only this input is unknown
+    first: np.ndarray  # (inputs, results): epistemic variance removed if the input were known
+    total: np.ndarray  # (inputs, results): epistemic variance left if only this input is unknown
 
 
 def parts(y: np.ndarray, covariance: np.ndarray) -> Parts:
     """Unbiased parts of the variance, from results (blocks, 2 + inputs, results) of the runs A, B,
-    A_1, A_2 ... and covariances (blocks, 2 + inputs, 2 + inputs, results) of their errors.
+    A_1, A_2 ... and error covariances (blocks, 2 + inputs, 2 + inputs, results).
 
-    The epistemic variance is that over all A and B, less the Monte Carlo variance. The errors of a
-    pair within a block are correlated; each run is in one such pair of 2 blocks - 1. In the
-    first-order part (Saltelli et al. 2010) the mean of the other blocks is subtracted from Y_B,
-    which leaves its expectation unchanged and lowers its variance. The total part is that of Jansen
-    (1999).
+    The epistemic variance is the variance over all A and B less the Monte Carlo variance. The
+    errors of a pair within a block are correlated; each run is in one such pair out of 2 blocks -
+    1. In the first-order part (Saltelli et al. 2010) the mean of the other blocks is subtracted
+    from Y_B, which leaves its expectation unchanged and lowers its variance. The total part follows
+    Jansen (1999).
     """
     a, b, mixed = y[:, 0], y[:, 1], y[:, 2:]
     pairs, two = 2 * len(y), y[:, :2].reshape(2 * len(y), -1)
@@ -115,7 +115,7 @@ class Indices(NamedTuple):
     """Parts, Sobol' indices and standard errors; NaN without a significant variance."""
 
     parts: Parts
-    epistemic_error: np.ndarray  # of the variance
+    epistemic_error: np.ndarray  # standard error of the epistemic variance
     first: np.ndarray
     first_error: np.ndarray
     total: np.ndarray
@@ -123,9 +123,9 @@ class Indices(NamedTuple):
 
 
 def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
-    """Sobol' indices, of first order and total: parts as fractions of the epistemic variance.
+    """First-order and total Sobol' indices: parts as fractions of the epistemic variance.
 
-    Standard errors come from resampled blocks (Efron 1979), those of an index from the linearised
+    Standard errors come from resampled blocks (Efron 1979), and for an index from the linearised
     ratio. They assume independent blocks, so an even design has smaller errors. Indices are given
     where the epistemic variance is significantly above zero (95 %).
     """
@@ -145,8 +145,8 @@ def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
 
 
 def limits(value: float, error: float) -> tuple[float, float, float]:
-    """An index with its 95 % interval, both clipped to 0 and 1; NaN if undecided: the interval is
-    longer than half of that range."""
+    """An index with its 95 % interval, both clipped to 0 and 1. NaN if undecided, because the
+    interval is longer than half of that range."""
     half = Z * error
     if not half <= RESOLVED:
         return np.nan, np.nan, np.nan
@@ -155,5 +155,5 @@ def limits(value: float, error: float) -> tuple[float, float, float]:
 
 
 def runs_needed(error: np.ndarray, runs: int) -> int:
-    """Number of draws that would resolve the least certain of indices with these errors."""
+    """Number of draws that would resolve the least certain index, given these errors."""
     return int(np.ceil(runs * (Z * np.nanmax(error) / RESOLVED) ** 2))

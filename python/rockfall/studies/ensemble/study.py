@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Uncertainty of a result: runs over uncertain inputs, and the influence of each."""
+"""Uncertainty of a result: runs over uncertain inputs, and the influence of each input."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from rockfall.studies.ensemble.sobol_indices import Indices, deviations, indices
 from rockfall.studies.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
 from rockfall.studies.study import ROWS_ONLY, Study
 
-#: At each line: name, then quantity and number of `line_statistics`.
+#: Results at each line: name, then quantity and statistic of `line_statistics`.
 RESULTS = {
     "fraction": ("speed", "fraction"),
     **{
@@ -47,8 +47,8 @@ RESULTS = {
         for number in ("mean", "q95")
     },
 }
-KINDS = ("first_order", "total")  # Sobol' indices
-KEPT = {  # of the draws: units, meaning
+KINDS = ("first_order", "total")  # kinds of Sobol' indices
+KEPT = {  # kept numbers of the draws: units, meaning
     "radius": ("1", "factor on the sizes of the rocks in each row of the table of zones"),
     "volume": ("1", "factor on all volumes"),
     "volume_std": ("1", "factor on the standard deviation of the volume"),
@@ -64,18 +64,19 @@ KEPT = {  # of the draws: units, meaning
 
 
 def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dataset:
-    """Run a case over the uncertain inputs in its group &ensemble: an xarray.Dataset with the
-    result of the unchanged case, and more.
+    """Run a case over the uncertain inputs in its group &ensemble. The xarray.Dataset returned has
+    the result of the unchanged case, and more.
 
-    For each line and result it has the value of the unchanged case, the mean over the runs, and two
-    standard deviations: `monte_carlo_std`, due to the number of boulders of a run, which more
-    boulders reduce, and `epistemic_std`, due to the uncertain inputs, which they do not; and the
-    fractions of the epistemic variance that each input explains (`first_order`, `total`).
-    docs/ensemble.md explains them, `rockfall.studies.ensemble.sobol_indices` their estimation. NaN
-    where too few boulders pass in some run, or where the epistemic variance is not significant. The
-    Dataset also has the draws, the results of every run, and, if the case requests passages or
-    reach_probability, maps over the runs. `arrays` are as in `rockfall.run`. On Ctrl-C it raises
-    `Interrupted`, whose `result` is the ensemble of the completed draws, if there are enough.
+    For each line and result it has the value for the unchanged case, the mean over the runs, and
+    two standard deviations: `monte_carlo_std`, due to the number of boulders in a run, which more
+    boulders reduce, and `epistemic_std`, due to the uncertain inputs, which they do not. It also
+    has the fractions of the epistemic variance that each input explains (`first_order`, `total`).
+    docs/ensemble.md explains them, `rockfall.studies.ensemble.sobol_indices` their estimation.
+    Values are NaN where too few boulders pass in some run, or where the epistemic variance is not
+    significant. The Dataset also has the draws, the results of every run, and, if the case requests
+    passages or reach_probability, maps over the runs. `arrays` are as in `rockfall.run`. On Ctrl-C
+    it raises `Interrupted`, whose `result` is the ensemble of the completed draws, if there are
+    enough.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -146,7 +147,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
 
 
 def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
-    """Scene without outputs that studies do not use, except these maps."""
+    """Scene without the outputs that studies do not use, except these maps."""
     case = scene.case
     refuse_by_area(scene.case, scene, what)
     output = ROWS_ONLY | {"maps": maps, "energy_balance": False}
@@ -155,7 +156,7 @@ def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
 
 
 def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
-    """Draws A and B, and A with one input at a time taken from B."""
+    """Draws A and B, and A with one input at a time from B."""
     yield a
     yield b
     for i in range(len(a)):
@@ -163,9 +164,10 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
 
 
 def _numbers(result: xr.Dataset) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Results of a run (lines * RESULTS), with the `sobol_indices.deviations` of each."""
+    """Results of a run (lines * RESULTS), each with its `sobol_indices.deviations`."""
     source, values, deviates = sources(result), [], []
-    alone = Sources.alone(result.sizes["boulder"])  # intervals are not used
+    # a single source, because intervals are not used
+    alone = Sources.alone(result.sizes["boulder"])
     samples = LineSamples(result, alone)
     for k in range(len(line_names(result))):
         at, at_line, rows = AtLine(result, k), {}, {}
@@ -183,7 +185,7 @@ def _numbers(result: xr.Dataset) -> tuple[np.ndarray, list[np.ndarray]]:
 def _dataset(
     lines: list[str], own: np.ndarray, names: list[str], y: np.ndarray, indices: Indices
 ) -> dict[str, Any]:
-    """Results of runs and parts of their variance, by run, variant, input, line, result."""
+    """Dataset of results and parts of their variance, by run, variant, input, line, result."""
     shape, per_line = (len(lines), len(RESULTS)), ("line", "result")
 
     def table(values: np.ndarray, long_name: str) -> tuple:
@@ -235,7 +237,7 @@ def _units(quantity: str, number: str) -> str:
 
 
 def _drawn(draws: list[list[Draw]], seeds: list[int]) -> dict[str, Any]:
-    """Drawn numbers for A and B of each run; dimensions run, side (and zone)."""
+    """Drawn numbers for A and B in each run; dimensions run, side (and zone)."""
     kept = [{key: value for draw in drawn for key, value in draw.kept.items()} for drawn in draws]
     data: dict[str, Any] = {
         "side": ("side", np.array(["A", "B"], dtype=object)),
@@ -270,8 +272,8 @@ def _with_attributes(
 
 
 def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
-    """One row for each line and result: its numbers, then the fractions of each input with 95 %
-    intervals, NaN where they are undecided.
+    """Table with one row for each line and result: its statistics, then the variance fraction of
+    each input with its 95 % interval, NaN where undecided.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -299,7 +301,7 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
 
 
 def write_ensemble(data: xr.Dataset, path: Path) -> None:
-    """Write the ensemble as netCDF, or its table as CSV, by the extension; atomically."""
+    """Write the ensemble as netCDF, or its table as CSV, by file extension; atomically."""
     check_place(path, data.sizes["line"], files_behind(data))
     if path.suffix == ".nc":
         write_result(data, path)
@@ -308,7 +310,7 @@ def write_ensemble(data: xr.Dataset, path: Path) -> None:
 
 
 def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:
-    """Refuse an output that cannot be written, before the runs; `lines`: their number."""
+    """Refuse an output that cannot be written, before the runs; `lines` is the number of lines."""
     if path.suffix not in (".nc", ".csv"):
         raise RockfallError(f"{path}: must end in .nc (everything) or .csv (the table)")
     if path.suffix == ".csv" and not lines:
