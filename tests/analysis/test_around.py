@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Boulders that reach a line past the ends of a net: how many, and what page 1 says of them."""
 
+import numpy as np
 import pytest
 
 import rockfall
@@ -77,3 +78,20 @@ def test_a_hazard_gives_their_frequency(tmp_path):
             (text,) = dossier.around_ends(hazard)
         assert len(text.split()) <= 25 and "{" not in text
     assert not [*dossier.around_ends(hazard.drop_vars("line_around"))]  # an older file
+
+
+def test_a_scenario_that_misses_the_net_goes_around_it(tmp_path):
+    volumes = np.geomspace(0.02, 5.0, 8).tolist()
+    scenarios = [
+        {"name": f"{volume:.2f}", "frequency": 1.0, "volume_mean": volume} for volume in volumes
+    ]
+    net = SHORT | {"x": [180.0, 220.0]}
+    made = case_with(tmp_path, net).replace(case={"boulders": 1}, scenario=scenarios)
+    hazard = rockfall.hazard(made, **PLACE).sel(line="road")
+    expected, met = [], []
+    for scenario in read_study(made, **PLACE).scenarios:
+        result = rockfall.run(scenario.case, **PLACE)
+        expected.append(past(result))
+        met.append((rockfall.crossings(result)["line"] == "net").any())
+    assert any(met) and any(n > 0 for n, here in zip(expected, met, strict=True) if not here)
+    assert hazard["line_around"].values.tolist() == expected

@@ -161,6 +161,26 @@ def test_a_line_has_the_highest_class_of_the_cells_that_it_crosses(made, north, 
     assert rows["road"] == expected
 
 
+@pytest.mark.parametrize(
+    ("side", "beyond", "expected"),
+    [("east", 0.0, "high"), ("west", 0.0, "high"), ("east", 1.0, "-"), ("west", -1.0, "-")],
+)
+def test_a_line_on_the_border_has_the_class_of_the_cells_there(made, side, beyond, expected):
+    hazard = read_hazard(made[0] / "hazard_today.nc").copy(deep=True)
+    grid, _ = grid_of(hazard["hazard_class"])
+    lines = case_in(hazard.attrs).lines
+    x = getattr(grid, side) + beyond
+    road = {"name": "road", "x": [x, x], "y": [grid.south + 1.0, grid.north - 1.0]}
+    moved = [road if line["name"] == "road" else line for line in lines if "height" not in line]
+    hazard.attrs["case"] = case_in(hazard.attrs).replace(line=moved).text()
+    for end in ("", "_lower", "_upper"):
+        classes = np.zeros(grid.shape, "i1")
+        classes[:, [0, -1]] = 4
+        hazard[f"hazard_class{end}"].values[:] = classes
+    rows = {row[0]: row[-1] for row in answer_table(hazard, 100.0).texts()}
+    assert rows["road"] == expected
+
+
 def test_what_remains_is_a_table_of_what_is_known(made):
     lines = read_hazard(made[0] / "hazard_today.nc").drop_dims("object")
     bare = Dossier({"today": lines, "net": lines}, yearly_table({}, {}))

@@ -264,9 +264,12 @@ def _level(hazard: xr.Dataset, place: Place, name: str, at: int, factor: float) 
 
 
 def _class(hazard: xr.Dataset, place: Place) -> str:
-    """Hazard class of a place, with limits; of a line the highest of the cells that it crosses."""
+    """Hazard class of a place, with limits; of a line the highest of the cells that it crosses, and
+    a dash for a line beyond the map."""
     if place.kind == "line":
         cells = _cells_on(hazard, place.name)
+        if not cells[0].size:
+            return "-"
         numbers = {end: int(hazard[f"hazard_class{end}"].values[cells].max()) for end in CLASS_ENDS}
     else:
         numbers = {end: int(_number(hazard, place, f"hazard_class{end}")) for end in CLASS_ENDS}
@@ -280,8 +283,8 @@ def _cells_on(hazard: xr.Dataset, line: str) -> tuple[np.ndarray, np.ndarray]:
     vertices = np.array(group["x"]) + 1j * np.array(group["y"])
     steps = int(lengths(vertices)[-1] / grid.cell * STEPS) + 2
     places = spaced(vertices, steps)
-    inside = (places.real > grid.west) & (places.real < grid.east)
-    inside &= (places.imag > grid.south) & (places.imag < grid.north)
+    inside = (places.real >= grid.west) & (places.real <= grid.east)
+    inside &= (places.imag >= grid.south) & (places.imag <= grid.north)
     return grid.cells(places.real[inside], places.imag[inside])
 
 

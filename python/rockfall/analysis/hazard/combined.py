@@ -138,8 +138,7 @@ class ScenarioRun:
         above = [barriers_above(result, k) for k in lines]
         self.nets = [[names[net] for net in nets] for nets in above]
         self.around = [
-            int(goes_around(result, k, nets).sum()) if nets else 0
-            for k, nets in zip(lines, above, strict=True)
+            int(goes_around(result, k, nets).sum()) for k, nets in zip(lines, above, strict=True)
         ]
         unknown = np.full(len(names), np.nan)
         self.barriers = {
