@@ -15,7 +15,7 @@ DIGITS = 9  # digits that restore any single-precision number
 MAX_DECIMALS = 16
 TEN = 10 ** np.arange(MAX_DECIMALS + 1)
 DECIMALS, COARSE = 4, 1000.0  # decimals of a double; single precision is as coarse from COARSE
-LARGE = 1e15  # larger and infinite numbers are formatted by NumPy
+SMALL, LARGE = 1e-7, 1e11  # numbers outside, except 0, are formatted by NumPy
 ZERO, MINUS, POINT, COMMA, NEWLINE = b"0-.,\n"
 
 
@@ -30,8 +30,8 @@ def csv_rows(columns: Sequence[np.ndarray]) -> bytes:
 
 def word_column(words: Sequence[str], which: np.ndarray) -> np.ndarray:
     """Column (n, width) of words by their index."""
-    letters = np.array([word.encode() for word in words])
-    return letters.view("u1").reshape(len(words), -1)[which]
+    letters = np.array([word.encode() for word in words], "S")
+    return letters.view("u1").reshape(len(words), letters.itemsize)[which]
 
 
 def whole_column(numbers: np.ndarray, missing: np.ndarray | bool = False) -> np.ndarray:
@@ -46,11 +46,9 @@ def real_column(numbers: np.ndarray) -> np.ndarray:
     """Column (n, width) of reals in the fewest digits that restore them in single precision
     (doubles: at least to four decimals); blank for NaN.
     """
-    missing = np.isnan(numbers)
-    exact = np.where(missing, 0, np.abs(numbers)).astype("f8")
-    if not (exact < LARGE).all():
-        words = np.where(missing, "", numbers.astype("f4").astype(str))
-        return word_column(words.tolist(), np.arange(words.size))
+    missing, exact = np.isnan(numbers), np.abs(numbers).astype("f8")
+    as_digits = (exact == 0) | (exact >= SMALL) & (exact < LARGE)
+    exact = np.where(as_digits, exact, 0)
     whole, places = _shortest(exact.astype("f4"))
     if numbers.dtype == np.float64:
         is_coarse = exact >= COARSE
@@ -64,8 +62,11 @@ def real_column(numbers: np.ndarray) -> np.ndarray:
     after *= _up_to(GROUP * groups)[::-1] >= zeros.astype("u1")[:, None]
     point = np.full((exact.size, 1), POINT, "u1")
     column = np.hstack([_sign(np.signbit(numbers)), _whole(above), point, after])
-    if missing.any():
-        column[missing] = 0
+    column[~as_digits] = 0
+    if (others := np.flatnonzero(~as_digits & ~missing)).size:
+        words = word_column(numbers[others].astype(str).tolist(), np.arange(others.size))
+        column = np.pad(column, [(0, 0), (0, max(0, words.shape[1] - column.shape[1]))])
+        column[others, : words.shape[1]] = words
     return column
 
 
