@@ -141,7 +141,7 @@ def test_a_result_is_not_overwritten_unasked(many):
     while running.poll() is None and state.stat().st_ino == before:
         time.sleep(0.01)
     running.send_signal(signal.SIGINT)
-    assert b"a.nc holds " in running.communicate()[1]
+    assert b"a.nc contains " in running.communicate()[1]
 
 
 @makes_links

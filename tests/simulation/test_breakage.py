@@ -101,7 +101,7 @@ def test_either_program_goes_on_from_a_checkpoint(batch, tmp_path, monkeypatch):
         run_scene(read_scene(made), chunk=10, checkpoint=saved)
     done = batch("ready/case.nml", "--output", "part.nc", "--resume", "--quiet", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "boulders reached &breakage max_fragments = 60: what would" in done.stderr
+    assert "boulders reached &breakage max_fragments = 60: further breakage" in done.stderr
     same_numbers(rockfall.merge([tmp_path / "part.nc"]), rockfall.run(made))
 
 
