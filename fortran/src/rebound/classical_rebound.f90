@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Rebounds by coefficients of restitution, as used in practice for ground other than rocks: meadow, road, rock face.
+!> Rebounds by coefficients of restitution, as used in practice for ground without rocks: meadow, road, rock face.
 !> Each model computes V_t, V_n, W after an impact from those before; W = R_b omega, > 0 for forward rolling, so the
 !> contact point slides at V_t - W. Coefficients scatter from rebound to rebound.
 module rockfall_classical_rebound
@@ -19,12 +19,12 @@ module rockfall_classical_rebound
    integer, parameter :: by_sets = 1, rockyfor3d = 2, pfeiffer_bowen = 3, bourrier_hungr = 4, constant = 5, &
                          absorbing = 6, by_table = 7, by_ratio_table = 8
 
-   !> Obstacle height [m] that marks areas from which no boulder leaves, such as a lake, in Rockyfor3D.
+   !> Obstacle height [m] by which Rockyfor3D marks areas that no boulder leaves, such as a lake.
    real(wp), parameter :: absorbing_obstacle = 100.0_wp
 
    !> Speeds of Pfeiffer and Bowen (1989) [m/s]: 30, 20 and 250 ft/s.
    real(wp), parameter :: normal_speed = 9.144_wp, friction_speed = 6.096_wp, scaling_speed = 76.2_wp
-   real(wp), parameter :: friction_offset = 1.2_wp  !! of Pfeiffer and Bowen [-]
+   real(wp), parameter :: friction_offset = 1.2_wp  !! constant of Pfeiffer and Bowen [-]
 
    !> Parameters of Pichler et al. (2005) as in Rockyfor3D: nose shape of a sphere and compressibility of soils [-];
    !> indentation resistance of ground with R_n = 1 [Pa].
@@ -106,18 +106,18 @@ contains
       absorbs = this%model == absorbing .or. (this%model == rockyfor3d .and. obstacle >= absorbing_obstacle)
    end function absorbs
 
-   !> One rebound. The ground is tilted against the direction of motion by a random angle (Pfeiffer and Bowen 1989; here
-   !> uniform): on a plane, a rebound would otherwise never convert tangential into normal velocity, and hops would
-   !> shrink to nothing within a finite distance on any slope. A rebound that would gain energy, or not rise, is limited
-   !> as in rockfall_impact.
+   !> Compute one rebound. The ground is tilted against the direction of motion by a random angle (Pfeiffer and Bowen
+   !> 1989; here uniform): on a plane, a rebound would otherwise never convert tangential into normal velocity, and hops
+   !> would shrink to nothing within a finite distance on any slope. A rebound that gains energy, or does not rise, is
+   !> limited as in rockfall_impact.
    !>
-   !> W is that of a sphere with the same rotational energy, as everywhere between rebounds; inside this procedure the
+   !> W is that of a sphere with equal rotational energy, as everywhere between rebounds; inside this procedure the
    !> boulder rotates with its own inertia.
    pure subroutine classical_rebound(this, table, words, tilt, boulder, inertia, obstacle, v_in, out)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
       integer(i8), intent(in) :: words(rebound_words)
-      real(wp), intent(in) :: tilt      !! tilt of the ground over its roughness, 0 to 1 [-]
+      real(wp), intent(in) :: tilt      !! tilt of the ground relative to its roughness, 0 to 1 [-]
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia   !! I/(m R**2) [-]
       real(wp), intent(in) :: obstacle  !! obstacle height [m]
@@ -127,7 +127,7 @@ contains
 
       call sine_cosine(this%roughness*tilt, s, c)
       v_tilted = tilted(v_in, s, c)
-      side = sign(1.0_wp, v_tilted(1))  !! on tilted ground it may land moving backwards
+      side = sign(1.0_wp, v_tilted(1))  !! on tilted ground the boulder may land moving backwards
       spin = sqrt(inertia_factor/inertia)  ! R omega over W
       v_tilted = model_rebound(this, table, words, boulder, inertia, obstacle, v_tilted*[side, 1.0_wp, side*spin])
       out%v = tilted(v_tilted*[side, 1.0_wp, side/spin], -s, c)
@@ -135,8 +135,8 @@ contains
       if (out%forced) call limit_rebound(out%v, v_in)
    end subroutine classical_rebound
 
-   !> A rolling boulder moves from obstacle to obstacle in hops of its radius (Pfeiffer and Bowen 1989). They displace
-   !> it by that length; here part of its energy throws it that far, if it has enough: hops over even ground have the
+   !> Make a rolling boulder hop from obstacle to obstacle by its radius (Pfeiffer and Bowen 1989, who displace it by
+   !> that length). Part of its energy, if sufficient, throws it that far: hops over even ground have the
    !> length 2 V_t V_n/pull, apart from the acceleration along the slope.
    pure subroutine lengthen_hop(this, boulder, pull, v)
       type(classical_t), intent(in) :: this
@@ -154,7 +154,7 @@ contains
       v(2) = sqrt(normal2)
    end subroutine lengthen_hop
 
-   !> Components V_t, V_n, W relative to ground tilted against the motion by an angle with the given sine and cosine.
+   !> Components V_t, V_n, W relative to ground tilted against the motion by an angle with this sine and cosine.
    pure function tilted(v, s, c)
       real(wp), intent(in) :: v(3)  !! [m/s]
       real(wp), intent(in) :: s, c  !! [-]
@@ -164,7 +164,7 @@ contains
       if (abs(s) > 0) tilted(:2) = [c*v(1) + s*v(2), c*v(2) - s*v(1)]
    end function tilted
 
-   !> Compute V_t, V_n, W after an impact by the model, with its variables drawn.
+   !> Compute V_t, V_n, W after an impact by the model, whose variables have been drawn.
    pure function model_rebound(this, table, words, boulder, inertia, obstacle, v_in) result(v)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
@@ -245,7 +245,7 @@ contains
       v(2) = slowed_normal(r_n, v_in(2))
    end function friction_rebound
 
-   !> Velocity of a boulder that leaves the ground rolling with a fraction f of its tangential energy: V_t' =
+   !> Velocity of a boulder that leaves the ground rolling, with a fraction f of its tangential energy: V_t' =
    !> sqrt(R**2 (I omega**2 + m V_t**2) f/(I + m R**2)), W' = V_t' (Pfeiffer and Bowen 1989).
    pure function rolling_velocity(energy_fraction, inertia, v_in) result(v)
       real(wp), intent(in) :: energy_fraction  !! [-]

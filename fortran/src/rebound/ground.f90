@@ -16,8 +16,8 @@ module rockfall_ground
    type :: ground_t
       character(len=:), allocatable :: name
       type(classical_t) :: classical              !! its model selects between impact sets, table and coefficients
-      type(impact_set_t), allocatable :: sets(:)  !! impact sets for R_b/R_m = 1, ...
-      type(lateral_t), allocatable :: lateral(:)  !! their lateral deviations, if boulders turn by them
+      type(impact_set_t), allocatable :: sets(:)  !! impact sets for R_b/R_m = 1, 2, 3, 4, 5
+      type(lateral_t), allocatable :: lateral(:)  !! lateral deviations of the sets, if boulders turn by them
       type(impact_table_t), allocatable :: table  !! impact table, if the model is one
       real(wp) :: rest_slope = 1.0e30_wp          !! tangent of the rest angle: on steeper ground no boulder rests [-]
    end type ground_t
@@ -45,11 +45,11 @@ contains
       type(ground_t), intent(in) :: ground
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
-      integer(i8), intent(in) :: number, impact       !! of the boulder and of its contact
-      integer(i8), intent(in) :: words(rebound_words)  !! of the first draw
-      real(wp), intent(in) :: tilt                    !! tilt of the ground over its roughness, 0 to 1 [-]
+      integer(i8), intent(in) :: number, impact       !! numbers of the boulder and of its contact
+      integer(i8), intent(in) :: words(rebound_words)  !! random words of the first draw
+      real(wp), intent(in) :: tilt                    !! tilt of the ground relative to its roughness, 0 to 1 [-]
       type(boulder_t), intent(in) :: boulder
-      real(wp), intent(in) :: inertia                 !! of the boulder, I/(m R**2) [-]
+      real(wp), intent(in) :: inertia                 !! moment of inertia of the boulder, I/(m R**2) [-]
       real(wp), intent(in) :: obstacle                !! obstacle height [m]
       real(wp), intent(in) :: pull                    !! gravity along the normal of the ground [m/s2]
       integer, intent(in) :: class                    !! index of the impact set

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Stochastic impact model (Bourrier et al. 2009, eqs 4-7): V_out = A V_in with V = (V_t, V_n, W), W = R_b omega, and
-!> a multivariate normal random 3x3 matrix A, whose distribution depends only on the ratio of the size of the boulder
-!> to that of the rocks on the slope.
+!> a multivariate normal random 3x3 matrix A. Its distribution depends only on the ratio of boulder size to rock size
+!> on the slope.
 module rockfall_impact
    use rockfall_kinds, only: wp, i8
    use rockfall_sizes, only: n_impact_sets, n_set_numbers
@@ -19,15 +19,15 @@ module rockfall_impact
    public :: admissible, is_admissible, limit_rebound, twice_energy, redraw_rebound, draw_rebound, energy_of
 
    integer, parameter :: impact_ratios = n_impact_sets  !! sets for R_b/R_m = 1, 2, 3, 4, 5
-   integer, parameter :: entries = n_set_numbers  !! of the matrix A
-   integer, parameter :: max_draws = 32    !! draws of A before the last is limited; our choice (theory, chapter 5)
+   integer, parameter :: entries = n_set_numbers  !! number of elements of the matrix A
+   integer, parameter :: max_draws = 32    !! draws of A before the last draw is limited; our choice (theory, chapter 5)
    !> V_n of a limited rebound that did not leave the surface, over the incoming speed [-]; our choice.
    real(wp), parameter :: min_normal = 0.01_wp
    !> Relative pivot size below which a pivot is zero up to rounding [-].
    real(wp), parameter :: pivot_tolerance = 64*epsilon(1.0_wp)
 
-   !> Ranges of incident speed and of angle from the surface on which a set was fitted: squares of both ends, which are
-   !> compared without a root or an arc.
+   !> Ranges of incident speed and of angle to the surface for which a set was fitted: squares of both ends, so that
+   !> comparisons need neither a root nor an arcsine.
    type :: fitted_t
       real(wp) :: speed2(2) = [0.0_wp, huge(1.0_wp)]  !! [m2/s2]
       real(wp) :: sine2(2) = [0.0_wp, 1.0_wp]           !! [-]
@@ -53,16 +53,16 @@ module rockfall_impact
 
    !> Result of one rebound.
    type :: rebound_t
-      real(wp) :: v(3)            !! V_t, V_n, W after it [m/s]
+      real(wp) :: v(3)            !! V_t, V_n, W after the rebound [m/s]
       integer :: draws = 1        !! number of draws of A
-      logical :: forced = .false. !! no draw was admissible: the last was limited
+      logical :: forced = .false. !! no draw was admissible: the last draw was limited
    end type rebound_t
 
 contains
 
    !> Build a set from its mean and covariance. Errors are those of covariance_root.
    pure subroutine impact_set(mean, covariance, set, error)
-      real(wp), intent(in) :: mean(entries), covariance(entries, entries)  !! of a1..a9 [-]
+      real(wp), intent(in) :: mean(entries), covariance(entries, entries)  !! mean and covariance of a1..a9 [-]
       type(impact_set_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
       real(wp), dimension(entries, entries) :: root, drawn
@@ -109,16 +109,16 @@ contains
       end do
    end function with_noise
 
-   !> Fitted ranges from the ends of speed and angle.
+   !> Fitted ranges, given the ends of speed and angle.
    pure type(fitted_t) function fitted(speed, angle)
       real(wp), intent(in) :: speed(2)  !! [m/s]
-      real(wp), intent(in) :: angle(2)  !! from the surface [degree]
+      real(wp), intent(in) :: angle(2)  !! angle to the surface [degree]
 
       fitted%speed2 = speed**2
       fitted%sine2 = squared_sine(angle)
    end function fitted
 
-   !> Return 1 where an incoming velocity lies outside the fitted range of speed, or of angle, else 0; numbers, so that
+   !> Return 1 if an incoming velocity lies outside the fitted range of speed, or of angle, else 0; numbers, so that
    !> loops vectorise.
    elemental subroutine beyond_fit(this, t, n, speed, angle)
       type(fitted_t), intent(in) :: this
@@ -134,7 +134,7 @@ contains
       angle = merge(1.0_wp, angle, normal2 > this%sine2(2)*speed2)
    end subroutine beyond_fit
 
-   !> Impact set of a ratio R_b/R_m: rounded, within 1..5 (theory, chapter 5); `outside`: beyond 0.5..5.5, where no set
+   !> Impact set for a ratio R_b/R_m: rounded, within 1..5 (theory, chapter 5); `outside`: beyond 0.5..5.5, where no set
    !> is calibrated.
    pure subroutine find_nearest_set(ratio, number, outside)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
@@ -145,7 +145,7 @@ contains
       number = int(0.5_wp + max(1.0_wp, min(real(impact_ratios, wp), ratio)))
    end subroutine find_nearest_set
 
-   !> Impact set of a ratio by stochastic interpolation: the lower or upper neighbour, with the probability given by
+   !> Impact set for a ratio by stochastic interpolation: the lower or upper neighbour, with the probability given by
    !> linear interpolation, within 1..5.
    pure integer function interpolated_set(ratio, u) result(number)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
@@ -157,7 +157,7 @@ contains
       if (u < within - number) number = number + 1
    end function interpolated_set
 
-   !> Probability of each set for a ratio [-]: the nearest set only, or its two neighbours.
+   !> Probability of each set for a ratio [-]: only the nearest set, or its two neighbours.
    pure function ratio_weights(ratio, between) result(weight)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       logical, intent(in) :: between
@@ -174,8 +174,8 @@ contains
       weight(number) = 1 - weight(number + 1)
    end function ratio_weights
 
-   !> One rebound: V_out = A V_in with a random A (eqs 4, 5). A draw is admissible if the boulder leaves the surface
-   !> without gaining kinetic energy; otherwise A is redrawn, and after 32 draws the last is limited.
+   !> Draw a rebound: V_out = A V_in with a random A (eqs 4, 5). A draw is admissible if the boulder leaves the surface
+   !> without gaining kinetic energy; otherwise A is redrawn, and after 32 draws the last draw is limited.
    !>
    !> Local frame: t along the tangential velocity before the impact, so V_t_in >= 0; n the surface normal, away from
    !> the ground, so V_n_in <= 0; W = R_b omega, > 0 for forward rolling. As W is a velocity too, A is dimensionless and
@@ -186,7 +186,7 @@ contains
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: boulder, impact
-      integer(i8), intent(in) :: words(rebound_words)  !! of the first draw
+      integer(i8), intent(in) :: words(rebound_words)  !! random words of the first draw
       real(wp), intent(in) :: v_in(3)                  !! V_t, V_n, W [m/s]
       type(rebound_t), intent(out) :: out
 
@@ -198,14 +198,14 @@ contains
    !> Draw V_out for V_in from three independent standard normals.
    elemental subroutine draw_rebound(set, t_in, n_in, w_in, z1, z2, z3, t, n, w)
       type(impact_set_t), intent(in) :: set
-      real(wp), intent(in) :: t_in, n_in, w_in  !! V_t, V_n, W before it [m/s]
+      real(wp), intent(in) :: t_in, n_in, w_in  !! V_t, V_n, W before the rebound [m/s]
       real(wp), intent(in) :: z1, z2, z3        !! [-]
-      real(wp), intent(out) :: t, n, w          !! after it [m/s]
+      real(wp), intent(out) :: t, n, w          !! V_t, V_n, W after the rebound [m/s]
 
       call draw_velocity(velocity_distribution(set, t_in, n_in, w_in), z1, z2, z3, t, n, w)
    end subroutine draw_rebound
 
-   !> Redraw after the draws `out%draws`, which were not admissible.
+   !> Redraw after `out%draws` inadmissible draws.
    pure subroutine redraw_rebound(set, table, key, boulder, impact, v_in, out)
       type(impact_set_t), intent(in) :: set
       type(normal_table_t), intent(in) :: table
@@ -235,7 +235,7 @@ contains
    !> `set_covariance` (eqs 4, 5; theory, chapter 5). Three normal numbers sample it, instead of nine for A.
    elemental type(velocity_distribution_t) function velocity_distribution(set, t, n, w) result(distribution)
       type(impact_set_t), intent(in) :: set
-      real(wp), intent(in) :: t, n, w  !! V_t, V_n, W before it [m/s]
+      real(wp), intent(in) :: t, n, w  !! V_t, V_n, W before the rebound [m/s]
       real(wp) :: tt, nn, ww, nt, wt, wn, s11, s21, s31, s22, s32, s33, d1, d2, d3, sum2, zero1, zero2, zero3
 
       tt = t*t; nn = n*n; ww = w*w; nt = n*t; wt = w*t; wn = w*n
@@ -285,7 +285,7 @@ contains
    elemental subroutine draw_velocity(distribution, z1, z2, z3, t, n, w)
       type(velocity_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: z1, z2, z3  !! independent standard normals [-]
-      real(wp), intent(out) :: t, n, w    !! V_t, V_n, W after it [m/s]
+      real(wp), intent(out) :: t, n, w    !! V_t, V_n, W after the rebound [m/s]
       real(wp) :: x1, x2
 
       x1 = distribution%std_t*z1
@@ -299,7 +299,7 @@ contains
    pure function drawn_velocity(distribution, z) result(v)
       type(velocity_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: z(3)  !! independent standard normals [-]
-      real(wp) :: v(3)              !! V_t, V_n, W after it [m/s]
+      real(wp) :: v(3)              !! V_t, V_n, W after the rebound [m/s]
 
       call draw_velocity(distribution, z(1), z(2), z(3), v(1), v(2), v(3))
    end function drawn_velocity
@@ -321,8 +321,8 @@ contains
    !> Return 1 if a rebound velocity is admissible (theory, chapter 5), else 0: it leaves the surface without gaining
    !> energy. A number, so that loops vectorise.
    elemental real(wp) function admissible(t, n, w, energy_in)
-      real(wp), intent(in) :: t, n, w    !! V_t, V_n, W after it [m/s]
-      real(wp), intent(in) :: energy_in  !! twice_energy before it [m2/s2]
+      real(wp), intent(in) :: t, n, w    !! V_t, V_n, W after the rebound [m/s]
+      real(wp), intent(in) :: energy_in  !! twice_energy before the rebound [m2/s2]
 
       admissible = merge(1.0_wp, 0.0_wp, n > 0)
       admissible = merge(admissible, 0.0_wp, energy_of(t, n, w) <= energy_in)
@@ -335,10 +335,10 @@ contains
       is_admissible = admissible(v_out(1), v_out(2), v_out(3), twice_energy(v_in)) > 0
    end function is_admissible
 
-   !> Limit a rebound: V_n becomes 1 % of the incoming speed if it does not leave the surface, and no energy is gained.
+   !> Limit a rebound: V_n becomes 1 % of the incoming speed if the boulder stays on the surface; no energy is gained.
    pure subroutine limit_rebound(v, v_in)
-      real(wp), intent(inout) :: v(3)  !! V_t, V_n, W after it [m/s]
-      real(wp), intent(in) :: v_in(3)  !! before it [m/s]
+      real(wp), intent(inout) :: v(3)  !! V_t, V_n, W after the rebound [m/s]
+      real(wp), intent(in) :: v_in(3)  !! V_t, V_n, W before the rebound [m/s]
 
       if (v(2) <= 0) v(2) = min_normal*sqrt(v_in(1)**2 + v_in(2)**2)
       if (twice_energy(v) > twice_energy(v_in)) v = v*sqrt(twice_energy(v_in)/twice_energy(v))

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Contacts drawn from a table of contacts simulated in a laboratory (theory, chapter 5): the paper's random operator
-!> without its linearity. A contact finds the bin of its velocity, draws one of the bin's records, and scales it to
-!> its own velocity by the least-squares map of the bin.
+!> without its linearity. For each contact, the bin of its velocity is found, one of the bin's records is drawn, and
+!> the least-squares map of the bin scales the record to the velocity.
 !>
 !> Velocities are scaled by U = sqrt(g R_b), times by sqrt(R_b/g), lengths by R_b. On ground that yields, contacts are
 !> similar if they agree in the scaled quantities, in the ground strength over rho_b g R_b, and in the relief: size,
@@ -37,69 +37,68 @@ module rockfall_impact_table
 
    !> Inputs of the map of a bin: V_t, V_n, W, and the height for a rolling block.
    integer, parameter :: n_inputs = 4
-   !> Map of a bin, with the range of its inputs: the numbers before each row of n_inputs, for the velocity along, V_n
-   !> and W; and before the range, W over V.
+   !> Map of a bin, with the range of its inputs: numbers before each row of n_inputs, for velocity along, V_n and W;
+   !> and before the range, W over V.
    integer, parameter :: along_map = 0, n_map = 4, w_map = 8, low = 12, high = 16, map_fields = 20
-   real(wp), parameter, public :: usual_density = 2700         !! of boulders [kg/m3]
+   real(wp), parameter, public :: usual_density = 2700         !! density of boulders [kg/m3]
    real(wp), parameter, public :: usual_weight = usual_density*9.81_wp  !! [N/m3]
    integer, parameter :: window = 6      !! 1/window of a bin is eligible for a slow contact: see find_window
-   integer, parameter :: fewest = 16     !! fewest eligible records, so that identical landings differ
-   integer, parameter :: candidates = 3  !! of these, the nearest in gravity across it is taken
-   !> Maximum number of parts of a bin; only one is searched. With 16, gfortran unrolls the loop, all scalar.
+   integer, parameter :: fewest = 16     !! minimum number of eligible records, so that identical landings differ
+   integer, parameter :: candidates = 3  !! number drawn; the nearest in gravity across the heading is used
+   !> Maximum number of parts of a bin; only one is searched. With 16, gfortran unrolls the loop into scalar code.
    integer, parameter :: marks = 32
    integer, parameter :: edge_vector = 4 !! edges compared by one instruction
    integer, parameter :: vector = 8      !! records compared by one instruction; parts are multiples of it
 
-   !> Tolerances within which a contact equals the one that followed in the laboratory: V, V_n and W differ by no more
-   !> than the speed there, or than `relief_speed`; gravity along and across the heading by no more than
-   !> `pull_tolerance`, over g; the height of a rolling block by no more than `height_tolerance`, over R_b [-].
+   !> Tolerances within which a contact equals the contact that followed in the laboratory: V, V_n and W differ by at
+   !> most the speed there, or `relief_speed`; gravity along and across the heading by at most
+   !> `pull_tolerance`, over g; the height of a rolling block by at most `height_tolerance`, over R_b [-].
    real(wp), parameter :: pull_tolerance = 0.2_wp, height_tolerance = 0.6_wp
    !> Speed over sqrt(g R_b) below which the relief governs the motion, which is then not proportional to velocity [-].
    real(wp), parameter :: relief_speed = 0.5_wp
-   !> Initial speed over sqrt(g R_b) above which hollows do not stop a block, and each contact is drawn independently
-   !> [-].
+   !> Initial speed over sqrt(g R_b) above which hollows do not stop a block, and contacts are drawn independently [-].
    real(wp), parameter, public :: max_held_speed = 2.0_wp
 
-   !> Bins of one kind of contact. Edges of each key are given per bin of the previous key. Infinite edges fill whole
+   !> Bins of one kind of contact. Edges of each key are given per bin of the previous key. Infinite edges fill complete
    !> vectors: a remainder loop would be mispredicted.
    type :: bins_t
       integer :: n(3) = 0
-      integer :: total = 0                              !! in each part
-      integer :: vectors(3) = 0                         !! of edges
+      integer :: total = 0                              !! number of bins in each part
+      integer :: vectors(3) = 0                         !! vectors of edges per key
       real(wp), allocatable :: first_edge(:, :)         !! (n(1) - 1 and more, parts)
       real(wp), allocatable :: second_edge(:, :, :)     !! (n(2) - 1 and more, n(1), parts)
       real(wp), allocatable :: third_edge(:, :, :, :)   !! (n(3) - 1 and more, n(2), n(1), parts)
    end type bins_t
 
-   !> Ground of a table, for the boulders.
+   !> Ground of a table, as boulders meet it.
    type :: yielding_ground_t
       real(wp) :: rest_angle = 90.0_wp      !! on steeper ground a boulder that stops rolls on [degrees]
       real(wp) :: strength = 0.0_wp         !! median pressure at which it yields; 0: never [Pa]
       real(wp) :: strength_sigma = 0.0_wp   !! standard deviation of its logarithm from boulder to boulder [-]
-      real(wp) :: strength_radius = 0.0_wp  !! R_b of that strength, if proportional to R_b; else 0 [m]
-      real(wp) :: relief = 0.0_wp           !! slope of its relief [degrees],
+      real(wp) :: strength_radius = 0.0_wp  !! R_b for that strength, if strength is proportional to R_b; else 0 [m]
+      real(wp) :: relief = 0.0_wp           !! slope of the relief [degrees],
       real(wp) :: relief_radius = 1.0_wp    !! for boulders of this R_b [m]
       real(wp) :: hurst = 1.0_wp            !! exponent: the slope is proportional to R_b**(hurst - 1) [-]
    end type yielding_ground_t
 
    type :: impact_table_t
       ! Parts by columns and rows, a row after the other; a table may have a single one:
-      real(wp), allocatable :: size(:)     !! of each column, increasing: R_b/R_m, or, if the ground yields, rho_b g R_b
-                                           !! over its strength [-]
-      real(wp), allocatable :: relief(:)   !! of each row, increasing: slope of the relief of the ground [degrees]
-      real(wp) :: inertia = 0.4_wp         !! of the laboratory's blocks, I/(m R_b**2) [-]
-      type(yielding_ground_t) :: ground    !! that it serves
+      real(wp), allocatable :: size(:)     !! size of each column, increasing: R_b/R_m; on yielding ground rho_b g R_b
+                                           !! over strength [-]
+      real(wp), allocatable :: relief(:)   !! slope of the relief for each row, increasing [degrees]
+      real(wp) :: inertia = 0.4_wp         !! moment of inertia of the laboratory's blocks, I/(m R_b**2) [-]
+      type(yielding_ground_t) :: ground    !! ground that the table represents
       type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
       integer, allocatable :: first(:)     !! first record of each bin, and end; flights before rolls, by part
       real(wp), allocatable :: map(:, :)        !! (map_fields, bins)
       real(sp), allocatable :: record(:, :)     !! (record_fields, records), sorted by pull_along within a bin
       ! From `index_records`:
-      real(sp), allocatable :: pull_across(:)   !! gravity across the heading, over g, of each record
-      real(sp), allocatable :: pull_along(:)    !! likewise along it, each bin filled to whole parts with infinite ones
+      real(sp), allocatable :: pull_across(:)   !! gravity across the heading of each record, over g
+      real(sp), allocatable :: pull_along(:)    !! gravity along it; each bin is filled to complete parts with infinity
       integer, allocatable :: place(:)          !! first part of each bin, and end
       real(wp), allocatable :: fastest(:)       !! speed key of the fastest record of incidence and spin, of each bin
       real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
-      real(wp), allocatable :: step(:)          !! logarithm of the next size over each [-], and 0
+      real(wp), allocatable :: step(:)          !! logarithm of the ratio of successive sizes [-], and 0
       real(wp) :: hold = 0.0_wp                 !! tangent of the rest angle; 0 where nothing rests [-]
    end type impact_table_t
 
@@ -107,22 +106,22 @@ module rockfall_impact_table
    type :: approach_t
       real(wp) :: v(3)              !! V_t, V_n, W [-]
       real(wp) :: speed             !! sqrt(V_t**2 + V_n**2) [-]
-      real(wp) :: height = 0.0_wp   !! above the mean ground, of a block that rolls [-]
-      logical :: rolling = .false.  !! continues a contact that was cut
-      real(wp) :: key               !! factor from V**2 to the speed key, so that rho_b V_n**2/(2 p_y) is that of the
-                                    !! record: size over strength of the boulder, over that of its part [-]
-      real(wp) :: stretch           !! ratio of its duration to that of the record, sqrt(key) [-]
+      real(wp) :: height = 0.0_wp   !! height above the mean ground, of a rolling block [-]
+      logical :: rolling = .false.  !! continues a truncated contact
+      real(wp) :: key               !! factor from V**2 to the speed key, so that rho_b V_n**2/(2 p_y) equals the
+                                    !! record's: size over strength for the boulder, over that for its part [-]
+      real(wp) :: stretch           !! ratio of the contact's duration to the record's, sqrt(key) [-]
       real(wp) :: inertia           !! I/(m R_b**2) [-]
       real(wp) :: pull(2)           !! gravity along the heading, and across it towards the descent, over g [-]
-      integer :: next = 0           !! record that followed that of the previous contact; 0: none
+      integer :: next = 0           !! record that followed the previous contact's record; 0: none
    end type approach_t
 
    !> End of a contact.
    type :: outcome_t
-      real(wp) :: along, across, normal, w  !! velocity along the heading before, towards the descent, V_n, W [-]
+      real(wp) :: along, across, normal, w  !! velocity along the initial heading, towards the descent, V_n, W [-]
       real(wp) :: duration, rise            !! [-]
       real(wp) :: reach                     !! advance over the speed of the mean energy [-]
-      real(wp) :: height                    !! of the centre above the mean ground [-]
+      real(wp) :: height                    !! height of the centre above the mean ground [-]
       real(wp) :: allowed                   !! maximum of twice the kinetic energy, over m g R_b, without the work of
                                             !! gravity along the slope
       integer :: exit = flies
@@ -161,8 +160,8 @@ contains
       end do
    end subroutine index_records
 
-   !> Find the speed beyond which bins have no record: the speed of the fastest record at their incidence and spin. Bins
-   !> of rolling blocks have no such speed.
+   !> Find the maximum speed at the incidence and spin of each bin: that of the fastest record there. Bins of rolling
+   !> blocks have no maximum.
    pure subroutine find_fastest(table, bins)
       type(impact_table_t), intent(inout) :: table
       integer, intent(in) :: bins
@@ -179,7 +178,7 @@ contains
       end do
    end subroutine find_fastest
 
-   !> Drop the followers that no boulder can follow, so that they need not be read.
+   !> Remove the followers that no boulder can follow, so that they need not be read.
    pure subroutine drop_fast_followers(record)
       real(sp), intent(inout) :: record(:, :)
       integer :: k, next
@@ -191,7 +190,7 @@ contains
       end do
    end subroutine drop_fast_followers
 
-   !> Number of records in each part of a bin; the last one may have fewer.
+   !> Number of records in each part of a bin; the last part may have fewer.
    pure integer function part_size(table, bin)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
@@ -199,7 +198,7 @@ contains
       part_size = ((table%first(bin + 1) - table%first(bin) - 1)/(marks*vector) + 1)*vector
    end function part_size
 
-   !> Return whether a table has parts for R_b/R_m, from the number of its columns and the strength of its ground [Pa].
+   !> Return whether a table has parts for R_b/R_m, given the number of its columns and the strength of its ground [Pa].
    pure logical function has_ratios(columns, strength)
       integer, intent(in) :: columns
       real(wp), intent(in) :: strength
@@ -207,17 +206,17 @@ contains
       has_ratios = columns > 1 .and. .not. strength > 0
    end function has_ratios
 
-   !> R_b of the largest boulders covered by a column of a table, at the median strength [m]; NaN if size does not
+   !> R_b [m] of the largest boulders that a column of a table covers, at the median strength; NaN if size does not
    !> matter, or is R_b/R_m.
    pure real(wp) function largest_block(largest_size, strength, strength_radius)
-      real(wp), intent(in) :: largest_size               !! of a column [-]
+      real(wp), intent(in) :: largest_size               !! largest size of a column [-]
       real(wp), intent(in) :: strength, strength_radius  !! as in yielding_ground_t [Pa], [m]
 
       largest_block = ieee_value(0.0_wp, ieee_quiet_nan)
       if (strength > 0 .and. .not. strength_radius > 0) largest_block = largest_size*strength/usual_weight
    end function largest_block
 
-   !> Return whether a ratio R_b/R_m is outside those of a table, so that its smallest or largest is used instead.
+   !> Return whether a ratio R_b/R_m is outside the range of a table, which then uses its smallest or largest size.
    pure logical function beyond_ratios(table, ratio)
       type(impact_table_t), intent(in) :: table
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
@@ -232,7 +231,7 @@ contains
    !> Strong ground stays strong for a boulder on its whole path, and on all grounds (theory, eq. 5.25).
    pure subroutine find_part(table, radius, density, gravity, ratio, soil, part, key)
       type(impact_table_t), intent(in) :: table
-      real(wp), intent(in) :: radius, density, gravity  !! R_b [m], of the boulder [kg/m3], [m/s2]
+      real(wp), intent(in) :: radius, density, gravity  !! R_b [m]; density of the boulder [kg/m3]; [m/s2]
       real(wp), intent(in) :: ratio                     !! R_b/R_m [-]
       type(soil_draw_t), intent(in) :: soil
       integer, intent(out) :: part
@@ -276,7 +275,7 @@ contains
    end function place_below
 
    pure integer function drawn_row(relief, own, u) result(row)
-      real(wp), intent(in) :: relief(:), own  !! of the rows; of the ground [degrees]
+      real(wp), intent(in) :: relief(:), own  !! relief of each row; relief of the ground [degrees]
       real(wp), intent(in) :: u               !! uniform in (0, 1) [-]
 
       row = place_below(relief, own)
@@ -298,15 +297,15 @@ contains
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: part       !! from find_part
       type(approach_t), intent(in) :: in
-      integer, intent(out) :: bin       !! bin of the contact; 0: the boulder is like the block of the record
-      integer, intent(out) :: record    !! or 0, to be drawn from the bin by nearest_record
+      integer, intent(out) :: bin       !! bin of the contact; 0: the boulder follows the block of the record
+      integer, intent(out) :: record    !! record; 0: nearest_record must draw it from the bin
 
       record = followed_record(table, in)
       bin = contact_bin(table, part, in)
       if (record > 0) bin = merge(0, bin, is_copied(table, record))
    end subroutine begin_draw
 
-   !> Record of a contact that follows the recorded sequence, or 0.
+   !> Record of a contact in the recorded sequence, or 0.
    pure integer function followed_record(table, in) result(record)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
@@ -314,7 +313,7 @@ contains
       record = merge(in%next, 0, continues_sequence(table, in))
    end function followed_record
 
-   !> Return whether a record that followed is copied, not scaled: the relief governs its motion.
+   !> Return whether a following record is copied, not scaled, because the relief governs its motion.
    pure logical function is_copied(table, record)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: record
@@ -322,8 +321,8 @@ contains
       is_copied = table%record(speed_in, record) < relief_speed
    end function is_copied
 
-   !> Apply a record to this boulder: scale it to the boulder's velocity by the map of its bin, and to its slope. A slow
-   !> block stays in its hollow, so that a small difference in velocity or slope changes nothing, and the record is
+   !> Apply a record to a boulder: scale it to the boulder's velocity by the map of its bin, and adapt it to the slope.
+   !> A slow block stays in its hollow, so a small difference in velocity or slope changes nothing, and the record is
    !> copied.
    pure subroutine transfer_record(table, bin, record, in, out)
       type(impact_table_t), intent(in) :: table
@@ -384,7 +383,7 @@ contains
                                    r(pull_along), r(advance_out))
    end subroutine transfer_record
 
-   !> Load a record into the cache ahead of its use: records are scattered in memory, and each takes two cache lines.
+   !> Load a record into the cache before its use: records are scattered in memory, and each takes two cache lines.
    pure subroutine prefetch_record(table, record)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: record
@@ -393,10 +392,10 @@ contains
       call prefetch(table%record(record_fields, record))
    end subroutine prefetch_record
 
-   !> Factor on the record's velocities: the ratio of the speeds, or 1 for a block that rolls. The fastest bin is open:
-   !> beyond it a contact is a scaled copy of the fastest.
+   !> Factor for the record's velocities: the ratio of the speeds, or 1 for a rolling block. The fastest bin is open:
+   !> beyond it, a contact is a scaled copy of the fastest record.
    elemental real(wp) function speed_scale(ratio, rolling, v1, fastest)
-      real(wp), intent(in) :: ratio    !! of the boulder's speed to that of the record [-]
+      real(wp), intent(in) :: ratio    !! ratio of the boulder's speed to the record's [-]
       real(wp), intent(in) :: rolling  !! 1 or 0
       real(wp), intent(in) :: v1       !! V_t [-]
       real(wp), intent(in) :: fastest  !! V_t of the bin's fastest record [-]
@@ -408,42 +407,42 @@ contains
       speed_scale = merge(v1/merge(fastest, 1.0_wp, beyond > 0), speed_scale, beyond > 0)
    end function speed_scale
 
-   !> Difference of an input of the map from that of the record; beyond the range of the bin's records it does not grow.
+   !> Difference of a map input from the record's, which does not grow beyond the range of the bin's records.
    elemental real(wp) function input_change(input, unit, lowest, highest, of_record)
       real(wp), intent(in) :: input            !! [-]
-      real(wp), intent(in) :: unit             !! scale of the range: of V_t and V_n, or of W [-]
+      real(wp), intent(in) :: unit             !! scale of the range: for V_t and V_n, or for W [-]
       real(wp), intent(in) :: lowest, highest  !! range of the bin's records [-]
-      real(wp), intent(in) :: of_record        !! scaled to the boulder [-]
+      real(wp), intent(in) :: of_record        !! value of the record, scaled to the boulder [-]
 
       input_change = max(unit*lowest, min(unit*highest, input)) - of_record
    end function input_change
 
-   !> Apply the row of the map of a bin.
+   !> Apply a row of the map of a bin.
    elemental real(wp) function mapped_shift(change1, change2, change3, change4, m1, m2, m3, m4)
       real(wp), intent(in) :: change1, change2, change3, change4, m1, m2, m3, m4  !! inputs; the row [-]
 
       mapped_shift = change1*m1 + change2*m2 + change3*m3 + change4*m4
    end function mapped_shift
 
-   !> Duration of a contact. Where the absolute speed is the key, it scales with R_b, not with its square root.
+   !> Duration of a contact. If the absolute speed is the key, it scales with R_b instead of its square root.
    elemental real(wp) function own_duration(of_record, keeps, stretch)
-      real(wp), intent(in) :: of_record  !! [-]
-      real(wp), intent(in) :: keeps      !! 1: of a boulder that rolls, or is like the block; or 0
+      real(wp), intent(in) :: of_record  !! duration of the record [-]
+      real(wp), intent(in) :: keeps      !! 1: the boulder rolls or follows the block; else 0
       real(wp), intent(in) :: stretch    !! as in approach_t [-]
 
       own_duration = merge(of_record, of_record*stretch, keeps > 0)
    end function own_duration
 
-   !> Advance of a contact over the speed of its mean energy: the value of the record, scaled to the boulder's duration.
+   !> Advance of a contact over the speed of its mean energy: the record's value, scaled to the boulder's duration.
    elemental real(wp) function own_reach(of_record, keeps, stretch, speed, along, across, normal)
-      real(wp), intent(in) :: of_record       !! advance [-]
+      real(wp), intent(in) :: of_record       !! advance of the record [-]
       real(wp), intent(in) :: keeps, stretch  !! as in own_duration [-]
-      real(wp), intent(in) :: speed, along, across, normal  !! of the record: before the contact, and after it [-]
+      real(wp), intent(in) :: speed, along, across, normal  !! record: before the contact, and after it [-]
 
       own_reach = own_duration(of_record, keeps, stretch)/mean_speed(speed, along, across, normal)
    end function own_reach
 
-   !> Speed of the mean energy of translation before and after a contact.
+   !> Speed that corresponds to the mean translational energy before and after a contact.
    elemental real(wp) function mean_speed(speed, along, across, normal)
       real(wp), intent(in) :: speed                  !! before [-]
       real(wp), intent(in) :: along, across, normal  !! after [-]
@@ -451,25 +450,25 @@ contains
       mean_speed = sqrt(0.5_wp*(speed*speed + (along*along + across*across + normal*normal)))
    end function mean_speed
 
-   !> Velocity along the heading, or across it. Velocities scale with speed, the work of gravity with duration only: the
-   !> contribution of the record is removed.
+   !> Velocity along or across the heading. Velocities scale with speed, but the work of gravity only with duration: the
+   !> record's contribution of gravity is replaced.
    elemental real(wp) function own_velocity(scale, of_record, pull, duration, record_pull, record_duration)
-      real(wp), intent(in) :: scale, of_record               !! from speed_scale [-]; of the record [-]
-      real(wp), intent(in) :: pull, duration                 !! of gravity there, over g; of the contact [-]
+      real(wp), intent(in) :: scale, of_record               !! from speed_scale [-]; velocity of the record [-]
+      real(wp), intent(in) :: pull, duration                 !! pull of gravity, over g; duration of the contact [-]
       real(wp), intent(in) :: record_pull, record_duration   !! pull and duration of the record [-]
 
       own_velocity = scale*of_record + pull*duration - scale*record_pull*record_duration
    end function own_velocity
 
    !> Velocity along the heading, slowed by friction over the boulder's own duration of the contact instead of the
-   !> laboratory's: by the force that gravity exerts at the rest angle of the ground. It is not reversed.
+   !> laboratory's. The force is that of gravity at the rest angle of the ground. The velocity is not reversed.
    elemental real(wp) function held_longer(along, rolling, hold, pull1, pull2, stretch, duration)
-      real(wp), intent(in) :: along         !! of a boulder held for as long as the block [-]
-      real(wp), intent(in) :: rolling       !! 1: a boulder that rolls, whose duration is the block's; or 0
+      real(wp), intent(in) :: along         !! for a boulder held for as long as the block [-]
+      real(wp), intent(in) :: rolling       !! 1: the boulder rolls, with the block's duration; else 0
       real(wp), intent(in) :: hold          !! as in impact_table_t [-]
       real(wp), intent(in) :: pull1, pull2  !! gravity along and across the heading, over g [-]
       real(wp), intent(in) :: stretch       !! as in approach_t [-]
-      real(wp), intent(in) :: duration      !! of the record [-]
+      real(wp), intent(in) :: duration      !! duration of the record [-]
       real(wp) :: pressing                  !! gravity across the plane, over g [-]
 
       pressing = sqrt(max(0.0_wp, 1 - pull1*pull1 - pull2*pull2))
@@ -477,7 +476,7 @@ contains
       held_longer = merge(along, held_longer, rolling > 0)
    end function held_longer
 
-   !> Return 1 if a record is shifted by the map of its bin, else 0: a flight is not shifted into the ground.
+   !> Return 1 if the map of its bin shifts a record, else 0: a flight is not shifted into the ground.
    elemental real(wp) function takes_shift(exit, normal, shift)
       real(wp), intent(in) :: exit           !! as in outcome_t
       real(wp), intent(in) :: normal, shift  !! V_n before the shift, and its shift [-]
@@ -487,14 +486,14 @@ contains
    end function takes_shift
 
    !> Maximum of twice the kinetic energy after a contact, over m g R_b, without the work of gravity along the slope:
-   !> the energy before it, plus the gain of the record beyond that work. This gain is due to the relief and to spin
-   !> about other axes: it is allowed in full on ground as steep as the record's, and not at all on flat ground.
+   !> the energy before the contact, plus the record's gain beyond that work. Relief, and spin about other axes, cause
+   !> this gain: it is fully allowed on ground as steep as the record's, and not at all on flat ground.
    elemental real(wp) function allowed_energy(v1, v2, v3, inertia, pull, ratio, in1, in2, in3, along, across, normal, &
                                               w, record_pull, advance)
       real(wp), intent(in) :: v1, v2, v3, inertia, pull, ratio  !! V_t, V_n, W; as in approach_t, speed_scale [-]
-      real(wp), intent(in) :: in1, in2, in3                     !! V_t, V_n, W of the record before [-]
-      real(wp), intent(in) :: along, across, normal, w          !! of the record after [-]
-      real(wp), intent(in) :: record_pull, advance              !! of the record [-]
+      real(wp), intent(in) :: in1, in2, in3                     !! V_t, V_n, W of the record before the contact [-]
+      real(wp), intent(in) :: along, across, normal, w          !! velocities of the record after the contact [-]
+      real(wp), intent(in) :: record_pull, advance              !! pull and advance of the record [-]
       real(wp) :: gain, gain_fraction
 
       gain = max(0.0_wp, scaled_energy(along, across, normal, w, inertia) &
@@ -521,7 +520,7 @@ contains
       end if
    end function contact_bin
 
-   !> Number of bins before the bins of one kind of contact of a part.
+   !> Number of bins before the bins of one kind of contact in a part.
    pure integer function bins_before(table, part, rolling)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: part
@@ -530,7 +529,7 @@ contains
       bins_before = (part - 1)*(table%flights%total + table%rolls%total) + merge(table%flights%total, 0, rolling)
    end function bins_before
 
-   !> Keys of a contact's bin. They are compared multiplied by their denominators, to avoid divisions.
+   !> Keys of a contact's bin, compared multiplied by their denominators to avoid divisions.
    elemental subroutine bin_keys(v2, v3, speed, height, key, rolling, key1, over1, key2, over2, key3)
       real(wp), intent(in) :: v2, v3              !! V_n, W [-]
       real(wp), intent(in) :: speed, height, key  !! as in approach_t [-]
@@ -551,7 +550,7 @@ contains
    pure integer function key_bin(bins, part, key, over) result(bin)
       type(bins_t), intent(in) :: bins
       integer, intent(in) :: part
-      real(wp), intent(in) :: key(3), over(2)  !! of the first two
+      real(wp), intent(in) :: key(3), over(2)  !! numerators; denominators of the first two
       integer :: i, j, k
 
       i = min(bins%n(1), edge_bin(bins%vectors(1), bins%first_edge(:, part), over(1), key(1)))
@@ -560,8 +559,8 @@ contains
       bin = ((i - 1)*bins%n(2) + j - 1)*bins%n(3) + k
    end function key_bin
 
-   !> Return 1 + the number of edges, scaled by a unit, below a value. All edges are compared: an early exit would be
-   !> mispredicted.
+   !> Return 1 + the number of edges, multiplied by a unit, below a value. All edges are compared, because an early exit
+   !> would be mispredicted.
    pure integer function edge_bin(vectors, edge, unit, value)
       integer, intent(in) :: vectors
       real(wp), intent(in) :: edge(edge_vector, vectors)
@@ -576,20 +575,20 @@ contains
       edge_bin = 1 + int(sum(below))
    end function edge_bin
 
-   !> Return whether a hollow may stop a boulder. If so, its record is drawn from those nearest in gravity along the
-   !> heading, else from the whole bin: its response to gravity is then proportional, and with few candidates a rare
-   !> record would be drawn at every other contact on slopes near its own.
+   !> Return whether a hollow may stop a boulder. If so, its record is drawn from the records nearest in gravity along
+   !> the heading, else from the whole bin. Faster boulders respond proportionally to gravity, and with few candidates a
+   !> rare record would be drawn at every other contact on slopes near its own.
    pure logical function is_held(speed)
       real(wp), intent(in) :: speed  !! as in approach_t [-]
 
       is_held = .not. speed > max_held_speed
    end function is_held
 
-   !> All records of a bin.
+   !> Select all records of a bin.
    pure subroutine whole_bin(table, bin, from, n)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
-      integer, intent(out) :: from, n   !! the first, their number
+      integer, intent(out) :: from, n   !! first record; number of records
 
       from = table%first(bin)
       n = table%first(bin + 1) - from
@@ -600,7 +599,7 @@ contains
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
       real(wp), intent(in) :: pull      !! gravity along the heading, over g [-]
-      integer, intent(out) :: from, n   !! the first, their number
+      integer, intent(out) :: from, n   !! first record; number of records
       integer :: first, last, start, below, k
       real(sp) :: along
 
@@ -609,7 +608,7 @@ contains
       n = max((last - first + window)/window, min(last - first + 1, fewest))
       along = real(pull, sp)
       below = 0
-      do k = 1, marks  ! comparing all, vectorised, is faster than bisection
+      do k = 1, marks  ! comparing all of them, vectorised, is faster than bisection
          below = below + merge(1, 0, table%mark(k, bin) < along)
       end do
       start = below*part_size(table, bin)
@@ -620,7 +619,7 @@ contains
       from = max(first, min(first + start + below - n/2, last + 1 - n))
    end subroutine find_window
 
-   !> Choose one of these records: of three candidates, evenly spaced, the nearest in gravity across the heading. The
+   !> Choose a record from these: of three candidates, evenly spaced, the nearest in gravity across the heading. The
    !> response of slow blocks to gravity is not proportional.
    pure integer function nearest_record(table, from, n, pull, u)
       type(impact_table_t), intent(in) :: table
@@ -642,8 +641,8 @@ contains
       call prefetch_record(table, nearest_record)
    end function nearest_record
 
-   !> Return whether a boulder follows the block of its last record: the next recorded contact begins like this one. A
-   !> boulder in a hollow of the relief thus stays in it as long as in the laboratory.
+   !> Return whether a boulder follows the block of its last record: the next recorded contact begins like the present
+   !> one. A boulder in a hollow of the relief thus stays in it as long as in the laboratory.
    pure logical function continues_sequence(table, in)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
@@ -651,7 +650,7 @@ contains
 
       continues_sequence = .false.
       if (in%next == 0) return
-      associate (record => table%record(:, in%next))  ! one comparison: several would be mispredicted
+      associate (record => table%record(:, in%next))  ! a single comparison: several would be mispredicted
          tolerance = max(relief_speed, real(record(speed_in), wp))
          excess = max(abs(in%pull(1) - record(pull_along)) - pull_tolerance, &
                       abs(in%pull(2) - record(pull_across)) - pull_tolerance, &
@@ -670,7 +669,7 @@ contains
       scaled_energy = along*along + across*across + normal*normal + inertia*w*w
    end function scaled_energy
 
-   !> Return 1 if a contact is faster than all records of its incidence and spin, else 0; 0 if it copies a record.
+   !> Return 1 if a contact is faster than all records at its incidence and spin, else 0; 0 if it copies a record.
    elemental real(wp) function exceeds_table(fastest, key3, copies)
       real(wp), intent(in) :: fastest  !! as in impact_table_t
       real(wp), intent(in) :: key3     !! from bin_keys

@@ -14,13 +14,13 @@ contains
 
    !> Transform the incoming velocity to the local frame of the impact (Bourrier et al. 2009, eqs 4, 5; theory, chapter
    !> 5): the plane of the surface normal n = (-g, 1)/sqrt(1 + |g|**2) and the tangential direction of motion t. So
-   !> V_n = v.n <= 0 and V_t = |v - V_n n| >= 0. `heading` is that of t in plan; zero if there is none.
+   !> V_n = v.n <= 0 and V_t = |v - V_n n| >= 0. `heading` is that of t in plan; zero if t is undefined.
    pure subroutine decompose(v, g, steepness, before, omega_r, v_in, heading)
       real(wp), intent(in) :: v(3)         !! [m/s]
       real(wp), intent(in) :: g(2)         !! gradient of the patch [-]
       real(wp), intent(in) :: steepness    !! sqrt(1 + |g|**2) [-]
       real(wp), intent(in) :: before(2)    !! heading after the last rebound, of any length
-      real(wp), intent(in) :: omega_r      !! W with respect to it [m/s]
+      real(wp), intent(in) :: omega_r      !! W with respect to this heading [m/s]
       real(wp), intent(out) :: v_in(3)     !! V_t, V_n, W [m/s]
       real(wp), intent(out) :: heading(2)  !! unit, or zero [-]
       real(wp) :: plan(2)
@@ -50,8 +50,8 @@ contains
       normal = min(0.0_wp, normal)
    end subroutine in_local_frame
 
-   !> W before an impact [m/s]: forward rolling relative to the previous heading is backward rolling relative to an
-   !> opposite one.
+   !> W before an impact [m/s]: forward rolling relative to the previous heading is backward rolling relative to the
+   !> opposite heading.
    elemental real(wp) function signed_w(omega_r, before1, before2, heading1, heading2) result(w)
       real(wp), intent(in) :: omega_r             !! W with respect to the heading before [m/s]
       real(wp), intent(in) :: before1, before2    !! heading after the last rebound,
@@ -64,8 +64,8 @@ contains
    !> Make V_t non-negative after an impact by reversing the heading, and with it the sign of W.
    elemental subroutine face_forward(tangential, heading1, heading2, w)
       real(wp), intent(in) :: tangential             !! V_t [m/s]
-      real(wp), intent(inout) :: heading1, heading2  !! before the impact [-]
-      real(wp), intent(inout) :: w                   !! W after it [m/s]
+      real(wp), intent(inout) :: heading1, heading2  !! heading before the impact [-]
+      real(wp), intent(inout) :: w                   !! W after the impact [m/s]
       real(wp) :: forward
 
       forward = merge(-1.0_wp, 1.0_wp, tangential < 0)
@@ -74,7 +74,7 @@ contains
       w = forward*w
    end subroutine face_forward
 
-   !> Velocity after an impact from V_t, of either sign, along a heading, and V_n. The height above the patch grows at
+   !> Velocity after an impact, given V_t, of either sign, along a heading, and V_n. The height above the patch grows at
    !> v.(-g, 1) = V_n sqrt(1 + |g|**2) (theory, chapter 5).
    elemental subroutine launch_velocity(tangential, normal, heading1, heading2, g1, g2, steepness, v1, v2, v3, rate)
       real(wp), intent(in) :: tangential, normal  !! V_t, V_n [m/s]
@@ -82,7 +82,7 @@ contains
       real(wp), intent(in) :: g1, g2              !! gradient of the patch [-]
       real(wp), intent(in) :: steepness           !! sqrt(1 + |g|**2) [-]
       real(wp), intent(out) :: v1, v2, v3         !! [m/s]
-      real(wp), intent(out) :: rate               !! of the height above the patch [m/s]
+      real(wp), intent(out) :: rate               !! rate of change of the height above the patch [m/s]
       real(wp) :: along, forward, up
 
       along = g1*heading1 + g2*heading2
@@ -94,15 +94,15 @@ contains
       rate = normal*steepness
    end subroutine launch_velocity
 
-   !> Next flight: V_t_out in the tangent plane over the new heading h, along (h, g.h)/sqrt(1 + (g.h)**2), and V_n_out
-   !> along the normal (theory, chapters 5 and 6).
+   !> Start of the next flight: V_t_out in the tangent plane over the new heading h, along (h, g.h)/sqrt(1 + (g.h)**2),
+   !> and V_n_out along the normal (theory, chapters 5 and 6).
    pure subroutine outgoing_flight(dem, landing, cell, g, steepness, before, turning, v_out, flight, omega_r)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: landing
       integer, intent(in) :: cell(2)          !! raster cell of the contact
       real(wp), intent(in) :: g(2)            !! gradient of the patch [-]
       real(wp), intent(in) :: steepness       !! sqrt(1 + |g|**2) [-]
-      real(wp), intent(in) :: before(2)       !! heading [-]; zero after a vertical impact on the flat
+      real(wp), intent(in) :: before(2)       !! heading before [-]; zero after a vertical impact on flat ground
       type(turning_t), intent(in) :: turning
       real(wp), intent(in) :: v_out(3)        !! V_t, V_n, W [m/s]
       type(flight_t), intent(inout) :: flight

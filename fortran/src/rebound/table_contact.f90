@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Contact from a table, transferred to the boulder's own ground: its local frame, gravity and terrain
+!> Contact by a table, transferred to the boulder's own ground: local frame, gravity and terrain
 !> (theory, chapter 5).
 module rockfall_table_contact
    use rockfall_kinds, only: wp
@@ -23,10 +23,10 @@ module rockfall_table_contact
    !> Use of the random numbers of a contact: the record; side or heading, if the ground gives none.
    integer, parameter :: record_u = 1, side_u = 3
 
-   !> Rise over R_b up to which a boulder whose last contact was cut is still in it [-]: the laboratory records higher
-   !> rises as flights.
+   !> Rise over R_b up to which a boulder whose last contact was truncated is still in it [-]; the laboratory records
+   !> higher rises as flights.
    real(wp), parameter :: max_rise = 0.02_wp
-   !> V_n over V_t above which a boulder that rolls against steeper ground meets it as after a flight [-].
+   !> V_n over V_t above which a rolling boulder meets steeper ground as after a flight [-].
    real(wp), parameter :: impact_ratio = 0.5_wp
 
    !> Twice the kinetic energy over m g R_b below which the laboratory considers a block at rest [-].
@@ -35,14 +35,14 @@ module rockfall_table_contact
    !> Speed over sqrt(g R_b) below which a boulder does not move [-]; avoids divisions by zero.
    real(wp), parameter :: min_speed = 1.0e-6_wp
 
-   !> Energy fraction lost when a contact is limited: all contacts have losses, so a rocking boulder comes to rest [-].
+   !> Energy fraction lost when a contact is limited [-]: all contacts have losses, so a rocking boulder comes to rest.
    real(wp), parameter :: min_loss = 0.02_wp
 
    type :: table_contact_t
       real(wp) :: v_in(3), v_out(3)  !! V_t, V_n, W [m/s]
-      logical :: stops = .false.     !! it stops, if the ground permits
-      logical :: limited = .false.   !! energy was limited
-      logical :: fast = .false.      !! faster than all records of its incidence and spin
+      logical :: stops = .false.     !! the boulder stops, if the ground permits
+      logical :: limited = .false.   !! the energy was limited
+      logical :: fast = .false.      !! faster than all records at its incidence and spin
    end type table_contact_t
 
 contains
@@ -96,7 +96,7 @@ contains
                         out%reach, boulder%radius, total, left, per_total, speed, slide)
       contact%limited = left < total
       call find_slide(dem, gravity, landing, t, slide, out%duration*(unit/gravity), unit*speed, roll, off)
-      g_end = g  ! beyond the known terrain, the gradient is continued
+      g_end = g  ! beyond the known terrain, the gradient stays constant
       associate (end => roll%landing)
          if (end%contact) g_end = gradient(dem, end%patch, end%u, end%w)
          falls = merge(1.0_wp, 0.0_wp, off)
@@ -118,16 +118,16 @@ contains
       roll%above = takeoff_height(touch%lift, boulder%radius, rolls)
    end subroutine table_contact
 
-   !> Keep the state of the previous contact if it still applies: the boulder is still in that contact if it has hardly
-   !> risen since; a different ground ends the sequence of records, and uses another part of a table.
+   !> Keep the state of the previous contact if it still applies: the boulder is still in contact if it has hardly
+   !> risen since. A different ground ends the sequence of records, and uses another part of a table.
    pure subroutine update_touch(table, ground, ratio, boulder, soil, gravity, jump_height, touch)
-      type(impact_table_t), intent(in) :: table  !! of the ground
+      type(impact_table_t), intent(in) :: table  !! table of the ground
       integer, intent(in) :: ground
       real(wp), intent(in) :: ratio        !! R_b/R_m [-]
       type(boulder_t), intent(in) :: boulder
       type(soil_draw_t), intent(in) :: soil
       real(wp), intent(in) :: gravity      !! [m/s2]
-      real(wp), intent(in) :: jump_height  !! since the previous contact [m]
+      real(wp), intent(in) :: jump_height  !! maximum since the previous contact [m]
       type(touch_t), intent(inout) :: touch
       integer :: stays, rolling  ! 1 or 0
 
@@ -160,7 +160,7 @@ contains
    !> Return 1 if the next contact follows the recorded sequence, else 0.
    elemental real(wp) function keeps_sequence(off, rolled, rolls)
       real(wp), intent(in) :: off            !! from find_slide: 1 or 0
-      real(wp), intent(in) :: rolled, rolls  !! stays on the ground, in the laboratory and here: 1 or 0
+      real(wp), intent(in) :: rolled, rolls  !! stays on the ground, in the laboratory and for this boulder: 1 or 0
 
       keeps_sequence = merge(0.0_wp, 1.0_wp, rolled > rolls)
       keeps_sequence = merge(0.0_wp, keeps_sequence, off > 0)
@@ -172,7 +172,7 @@ contains
                                          t3)
       real(wp), intent(in) :: v1, v2, v3           !! [m/s]
       real(wp), intent(in) :: g1, g2, steepness    !! gradient of the plane, sqrt(1 + |g|**2) [-]
-      real(wp), intent(in) :: touches, pressed     !! still in the contact before: 1 or 0; its V_n [m/s]
+      real(wp), intent(in) :: touches, pressed     !! still in the previous contact: 1 or 0; V_n of that contact [m/s]
       real(wp), intent(out) :: tangential, normal  !! V_t, V_n [m/s]
       real(wp), intent(out) :: t1, t2, t3          !! zero if V_t is not above `shortest` [-]
       real(wp) :: plan1, plan2, inverse
@@ -185,7 +185,7 @@ contains
       t3 = g1*t1 + g2*t2
    end subroutine resolve_on_plane
 
-   !> Unit tangent for an impact along the normal of a plane: down the plane, random on a flat one.
+   !> Unit tangent for an impact along the normal of a plane: downslope, or random on a flat plane.
    pure function random_tangent(g, u) result(t)
       real(wp), intent(in) :: g(2)  !! gradient of the plane [-]
       real(wp), intent(in) :: u     !! uniform in (0, 1) [-]
@@ -200,11 +200,11 @@ contains
    !> Components of gravity along and across a tangent, and the side of the descent.
    elemental subroutine find_pull(g1, g2, cosine, t1, t2, t3, u, along, across, side)
       real(wp), intent(in) :: g1, g2             !! gradient of the plane [-]
-      real(wp), intent(in) :: cosine             !! of its slope, 1/sqrt(1 + |g|**2) [-]
+      real(wp), intent(in) :: cosine             !! cosine of the slope, 1/sqrt(1 + |g|**2) [-]
       real(wp), intent(in) :: t1, t2, t3         !! unit tangent [-]
       real(wp), intent(in) :: u                  !! uniform in (0, 1), used if there is no descent to either side [-]
-      real(wp), intent(out) :: along, across     !! over g; across towards the descent [-]
-      real(wp), intent(out) :: side              !! of the descent: 1 left, -1 right [-]
+      real(wp), intent(out) :: along, across     !! components over g; across towards the descent [-]
+      real(wp), intent(out) :: side              !! side of the descent: 1 left, -1 right [-]
       real(wp) :: left
 
       along = -t3
@@ -219,7 +219,7 @@ contains
       type(impact_table_t), intent(in) :: table
       real(wp), intent(in) :: inertia               !! as in table_contact [-]
       type(touch_t), intent(in) :: touch
-      type(approach_t), intent(inout) :: in         !! v, speed, and pull on entry; complete on return
+      type(approach_t), intent(inout) :: in         !! v, speed and pull on entry; complete on return
       integer, intent(out) :: bin, record           !! as from begin_draw
       logical, intent(out) :: fast                  !! as in table_contact_t
 
@@ -249,8 +249,8 @@ contains
       touch%next = out%next
    end subroutine apply_record
 
-   !> Limit the energy to slightly less than before the contact, with the work of gravity along the slope; compute the
-   !> speed of its mean energy, and its length. Gravity works over the length that remains after limiting.
+   !> Limit the energy to slightly less than before the contact, including the work of gravity along the slope; compute
+   !> the speed of the mean energy, and the length. Gravity works over the length that remains after limiting.
    elemental subroutine limit_energy(along, across, normal, w, inertia, allowed, speed_in, pull, reach, radius, total, &
                                      left, per_total, speed, slide)
       real(wp), intent(in) :: along, across, normal, w, inertia, allowed, reach  !! as in outcome_t [-]
@@ -259,12 +259,12 @@ contains
       real(wp), intent(out) :: total, left  !! twice the kinetic energy over m g R_b: as drawn, and after limiting
       real(wp), intent(out) :: per_total    !! 1/total
       real(wp), intent(out) :: speed        !! [-]
-      real(wp), intent(out) :: slide        !! along the ground [m]
+      real(wp), intent(out) :: slide        !! length along the ground [m]
       real(wp) :: drawn, factor, work, limit
 
       total = scaled_energy(along, across, normal, w, inertia)
       drawn = mean_speed(speed_in, along, across, normal)
-      work = 2*max(0.0_wp, pull)*max(0.0_wp, reach)  ! over the speed
+      work = 2*max(0.0_wp, pull)*max(0.0_wp, reach)  ! divided by the speed
       limit = allowed + work*drawn
       left = merge((1 - min_loss)*limit, total, total > limit)
       per_total = 1/max(total, tiny(total))
@@ -274,7 +274,7 @@ contains
       slide = max(0.0_wp, reach)*speed*radius
    end subroutine limit_energy
 
-   !> Correct the remaining energy for ground that falls by more, or less, than a plane; not where the ground falls away
+   !> Correct the remaining energy for ground that falls more, or less, than a plane, unless the ground falls away
    !> and the boulder leaves it at once.
    elemental real(wp) function after_fall(left, extra_drop, off)
       real(wp), intent(in) :: left  !! as from limit_energy [-]
@@ -320,7 +320,7 @@ contains
       takeoff_height = merge(0.0_wp, max(0.0_wp, lift)*radius, rolls > 0)
    end function takeoff_height
 
-   !> V_t, V_n, W after a contact [m/s].
+   !> V_t, V_n, W [m/s] after a contact.
    pure function velocity_after(unit, along, across, normal, w) result(v)
       real(wp), intent(in) :: unit                      !! [m/s]
       real(wp), intent(in) :: along, across, normal, w  !! remaining [-]
@@ -329,17 +329,17 @@ contains
       v = unit*[sign(sqrt(along*along + across*across), along), normal, merge(-w, w, along < 0)]
    end function velocity_after
 
-   !> Velocity at the end of a contact. A flying boulder keeps its velocity relative to the ground there; a rolling one
-   !> stays on the ground, and runs against it where it is steeper.
+   !> Velocity at the end of a contact. A flying boulder keeps its velocity relative to the ground; a rolling boulder
+   !> stays on the ground, and runs against it where the ground is steeper.
    elemental subroutine compute_departure(along, across, normal, g1, g2, cosine, t1, t2, t3, end1, end2, rolls, &
                                           pressed, heading1, heading2, v1, v2, v3)
       real(wp), intent(in) :: along, across, normal  !! after the contact, in its initial frame, across to the left
-      real(wp), intent(in) :: g1, g2, cosine         !! of the ground at its start, as in find_pull [-]
-      real(wp), intent(in) :: t1, t2, t3             !! the tangent there [-]
-      real(wp), intent(in) :: end1, end2             !! gradient where it ends [-]
+      real(wp), intent(in) :: g1, g2, cosine         !! ground at the start, as in find_pull [-]
+      real(wp), intent(in) :: t1, t2, t3             !! tangent at the start [-]
+      real(wp), intent(in) :: end1, end2             !! gradient at the end [-]
       real(wp), intent(inout) :: rolls               !! stays on the ground: 1 or 0
       real(wp), intent(inout) :: pressed             !! V_n of a rolling boulder [m/s]
-      real(wp), intent(out) :: heading1, heading2    !! of any length
+      real(wp), intent(out) :: heading1, heading2    !! heading of any length
       real(wp), intent(out) :: v1, v2, v3            !! [m/s]
       real(wp) :: plan1, plan2, rise, end_steepness, speed, tangential, against, slope1, slope2, runs, up
 

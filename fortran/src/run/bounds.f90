@@ -12,7 +12,7 @@ module rockfall_bounds
 
 contains
 
-   !> Number of boulders of the whole run.
+   !> Number of boulders in the complete run.
    pure integer(i8) function boulder_count(scene)
       type(scene_t), intent(in) :: scene
 
@@ -20,7 +20,7 @@ contains
       if (size(scene%release%x) > 0) boulder_count = last_of(scene%release, size(scene%release%x, kind=i8))
    end function boulder_count
 
-   !> Volume distribution of a scene; if sources give volumes, that of their largest and heaviest boulders.
+   !> Volume distribution of a scene; if sources give volumes, the distribution for their largest and heaviest boulders.
    pure type(volume_distribution_t) function max_volumes(scene) result(volumes)
       type(scene_t), intent(in) :: scene
       integer :: k
@@ -45,17 +45,17 @@ contains
       max_radius = margin*sphere_radius(max_volume(max_volumes(scene), scene%table))
    end function max_radius
 
-   !> Maximum number of hits of trees by a boulder and its fragments.
+   !> Maximum number of tree hits by a boulder and its fragments.
    pure integer function max_tree_hits(scene)
       type(scene_t), intent(in) :: scene
       integer :: fragments
 
       fragments = 1
-      if (allocated(scene%breakage)) fragments = 2*scene%breakage%max_fragments  ! these, and pieces that broke
+      if (allocated(scene%breakage)) fragments = 2*scene%breakage%max_fragments  ! fragments, and pieces that broke
       max_tree_hits = int(min(int(huge(1), i8), int(fragments, i8)*scene%max_impacts))
    end function max_tree_hits
 
-   !> Height [m] above the ground of a source equivalent to the initial energy of its boulders.
+   !> Height [m] above the ground of a source whose potential energy equals the initial energy of its boulders.
    pure real(wp) function lift_of(scene, source)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: source  !! 1..
@@ -70,7 +70,7 @@ contains
       lift_of = lift_of + dot_product(v, v)/(2*scene%gravity)
    end function lift_of
 
-   !> Check that sources in rows first to last of the raster lie on known terrain, given a window of it. Raises `head`
+   !> Check that sources in raster rows first to last lie on known terrain, given a window of the terrain. Raises `head`
    !> to the maximum energy head of their boulders.
    pure subroutine check_sources(scene, first, last, head, error)
       type(scene_t), intent(in) :: scene

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many boulders, distributed over threads, only in this file: boulders are independent, each result has its own
-!> element, and tallies are exact, so neither threads nor chunks change a bit.
+!> Runs of many boulders, distributed over threads (only in this file). Boulders are independent, each result has its
+!> own element, and tallies are exact, so neither threads nor chunks change a bit.
 module rockfall_ensemble
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_thread_num
@@ -28,13 +28,13 @@ module rockfall_ensemble
    public :: run_boulders, trace_boulder, recorded_boulders
 
    real(wp), parameter :: quick_batch = 0.02_wp  !! maximum time of a batch [s]; slower boulders go singly
-   !> Largest source that one thread runs alone: `max_alone` boulders in small calls; in larger ones a size that leaves
+   !> Largest source that one thread runs alone: `max_alone` boulders in small calls; in larger ones, a size that leaves
    !> each thread about `turns_per_thread` such sources.
    integer, parameter :: max_alone = 256, turns_per_thread = 8
 
    !> Work space of a thread.
    type :: worker_t
-      procedure(trace_full), pointer, nopass :: trace => null()  !! where boulders run one by one
+      procedure(trace_full), pointer, nopass :: trace => null()  !! procedure for boulders that run one by one
       type(scratch_t) :: scratch
       type(span_t), allocatable :: spans(:)  !! spans of the flight
       type(totals_t) :: totals
@@ -51,18 +51,18 @@ contains
 
    !> Run boulders `first`, `first + step` and so on, as many as there are results; add to maps and histogram counts.
    !> Boulders that left the window of the terrain (see status) are not counted. Each thread adds to private maps, or
-   !> all to shared ones. After `seconds` no more boulders start: only the first `done` are, at least one.
+   !> all add to shared maps. After `seconds` no more boulders start: only the first `done` are completed, at least one.
    subroutine run_boulders(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground, &
                            seconds, done)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step                 !! step: 1 if maps count sources
       integer, intent(in) :: threads                         !! as for team_size
       type(boulder_result_t), intent(out) :: results(:)
-      type(crossings_t), intent(inout) :: crossings(:)       !! of each boulder, if there are lines
-      type(maps_t), intent(in) :: maps(:)                    !! one, or one for each thread
+      type(crossings_t), intent(inout) :: crossings(:)       !! crossings of each boulder, if there are lines
+      type(maps_t), intent(in) :: maps(:)                    !! a single element, or one for each thread
       integer(i8), intent(inout) :: histogram_counts(:, :)   !! (bins, quantities)
       integer(i8), intent(inout) :: by_ground(:)             !! rebounds on each ground, as in n_grounds
-      real(wp), intent(in), optional :: seconds              !! without effect if maps count sources
+      real(wp), intent(in), optional :: seconds              !! time limit [s]; no effect if maps count sources
       integer(i8), intent(out), optional :: done
 
       integer(i8) :: deadline
@@ -87,8 +87,8 @@ contains
       if (are_shared) call free_locks(maps_of_thread(1))
    end subroutine run_boulders
 
-   !> Run one thread's part of the boulders. A separate procedure, so that its work space is default-initialised, which
-   !> private copies are not.
+   !> Run one thread's part of the boulders. A separate procedure, so that its work space is default-initialised, unlike
+   !> private copies.
    subroutine run_thread(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground, next, &
                          deadline)
       type(scene_t), intent(in) :: scene
@@ -130,7 +130,7 @@ contains
       !$omp end critical
    end subroutine run_thread
 
-   !> Add the rebounds on each ground to those on the grounds of the cells.
+   !> Add the rebounds on all grounds of the scene to the counts for the cells' grounds.
    pure subroutine add_by_ground(scene, rebounds, by_ground)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: rebounds(:)      !! on each of the scene's grounds
@@ -183,8 +183,8 @@ contains
       call add_boulder(scene, maps, result, worker%scratch, worker%totals)
    end subroutine run_boulder
 
-   !> Run one thread's part if maps count sources. All threads go through the sources in the same order. Small sources
-   !> that are complete in this call are distributed, one thread each; the boulders of other sources are distributed,
+   !> Run one thread's part if maps count sources. All threads process the sources in the same order. Each small source
+   !> that is complete in this call is run by one thread; all threads share the boulders of other sources,
    !> with a barrier at the end of each source, because the next one marks the same cells.
    subroutine run_by_source(scene, first, threads, results, crossings, maps, worker)
       type(scene_t), intent(in) :: scene
@@ -248,12 +248,12 @@ contains
       end do
    end function last_small_source
 
-   !> Trace one boulder and keep its trajectory in `scratch%record`, which has space for them, and counts
-   !> all.
+   !> Trace one boulder and keep its trajectory in `scratch%record`, which has space for `max_vertices`, but counts
+   !> all vertices.
    subroutine trace_boulder(scene, number, max_vertices, result, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      integer, intent(in) :: max_vertices     !! vertices to keep
+      integer, intent(in) :: max_vertices     !! number of vertices to keep
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(out) :: scratch
 
@@ -270,7 +270,7 @@ contains
       end if
    end subroutine trace_boulder
 
-   !> Numbers of the boulders in first..last whose trajectories are recorded: `requested` in total, from each source in
+   !> Numbers of the boulders in first..last with recorded trajectories: `requested` in total, from each source in
    !> proportion to its boulders, starting with its first. The choice does not depend on the range.
    pure function recorded_boulders(release, requested, first, last) result(number)
       type(release_t), intent(in) :: release

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Cases, scenes and runs behind handles, for callers in other languages: a case is read once, and changed into others;
-!> an empty scene receives its arrays by name and is built once; its runs advance in chunks and list their arrays.
-!> Requests of callers are checked here.
+!> Cases, scenes and runs behind handles, for callers in other languages: a case is read once, and others are derived
+!> from it; an empty scene receives its arrays by name and is built once; its runs advance in chunks and list their
+!> arrays. Requests of callers are checked here.
 module rockfall_handles
    use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
    use rockfall_kinds, only: wp, sp, i4, i8
@@ -33,7 +33,7 @@ module rockfall_handles
    public :: case_handle_t, scene_handle_t, run_handle_t, case_at, scene_at, run_at, new_scene, close_handle
    public :: give, limit, boulders_of
 
-   !> Case behind a handle, or another text in namelist format, for its groups alone.
+   !> Case behind a handle, or other text in namelist format, used only for its groups.
    type :: case_handle_t
       type(namelist_t) :: list
       type(case_t) :: case
@@ -45,9 +45,9 @@ module rockfall_handles
    !> Scene behind a handle.
    type :: scene_handle_t
       type(scene_t) :: scene
-      type(terrain_t) :: dem  !! its terrain, as far as the arrays extend
+      type(terrain_t) :: dem  !! terrain, as far as the arrays extend
       type(case_t) :: case
-      type(scene_arrays_t), allocatable :: arrays  !! until it is built
+      type(scene_arrays_t), allocatable :: arrays  !! arrays until the scene is built
    contains
       procedure :: build, terrain_known
    end type scene_handle_t
@@ -55,20 +55,20 @@ module rockfall_handles
    !> Run behind a handle.
    type :: run_handle_t
       type(run_t) :: run
-      type(scene_handle_t), pointer :: scene => null()  !! on which it was opened, if any
-      type(part_t) :: part    !! its arrays in files, when packed or to be unpacked
-      type(table_t) :: table  !! arrays of the run or its part, as listed last
+      type(scene_handle_t), pointer :: scene => null()  !! scene on which the run was opened, if any
+      type(part_t) :: part    !! arrays in files, when packed or to be unpacked
+      type(table_t) :: table  !! arrays of the run or its part, as last listed
    contains
       procedure :: begin, begin_joined, begin_continued, advance, list, write_map
    end type run_handle_t
 
 contains
 
-   !> Read the groups of a text. `form` is "case", whose values are checked and complete; "defaults", every group of a
-   !> case, for any text; or "any", with unknown groups and keys.
+   !> Read the groups of a text. `form` is "case", whose values are checked and complete; "defaults", with each group of
+   !> a case, for any text; or "any", with unknown groups and keys.
    subroutine read_values(this, form, text, name, error)
       class(case_handle_t), intent(inout) :: this
-      character(len=*), intent(in) :: form, text, name  !! name: for messages
+      character(len=*), intent(in) :: form, text, name  !! text; `form`; name for messages
       type(error_t), allocatable, intent(out) :: error
 
       select case (form)
@@ -84,7 +84,7 @@ contains
       end select
    end subroutine read_values
 
-   !> Make a case from another by changes in text, as in change_namelist.
+   !> Derive a case from another by changes in text, as in change_namelist.
    subroutine change(this, other, removed, text, name, error)
       class(case_handle_t), intent(inout) :: this
       type(case_handle_t), intent(in) :: other
@@ -98,7 +98,7 @@ contains
       if (.not. allocated(error)) call this%finish(name, error)
    end subroutine change
 
-   !> Check the rules of a case between its keys, and mark those that have their default.
+   !> Check the rules between the keys of a case, and mark the keys with defaults.
    subroutine finish(this, name, error)
       class(case_handle_t), intent(inout) :: this
       character(len=*), intent(in) :: name
@@ -135,7 +135,7 @@ contains
    function new_scene(grid, first, draw) result(scene)
       type(grid_t), intent(in) :: grid
       integer, intent(in) :: first(2)  !! column and row of the first array element
-      integer, intent(in) :: draw      !! draw of the impact sets; 0: the only one
+      integer, intent(in) :: draw      !! index of the draw of the impact sets; 0: the only draw
       type(scene_handle_t), pointer :: scene
 
       allocate (scene)
@@ -145,7 +145,7 @@ contains
       scene%arrays%draw = draw
    end function new_scene
 
-   !> Give an array to a scene, as in set_array; without effect once it is built.
+   !> Pass an array to a scene, as in set_array; no effect once the scene is built.
    subroutine give(this, name, kind, length, at)
       type(scene_handle_t), intent(inout) :: this
       character(len=*), intent(in) :: name, kind
@@ -175,7 +175,7 @@ contains
       end if
    end subroutine build
 
-   !> Return whether the arrays that every scene needs are given.
+   !> Return whether all arrays that every scene needs were given.
    pure logical function is_complete(arrays)
       type(scene_arrays_t), intent(in) :: arrays
 
@@ -183,7 +183,7 @@ contains
                     .and. allocated(arrays%source_y) .and. allocated(arrays%sets_text)
    end function is_complete
 
-   !> Terrain of a scene that has elevations, also before it is built.
+   !> Terrain of a scene that has elevations; the scene need not be built.
    type(terrain_t) function terrain_known(this) result(dem)
       class(scene_handle_t), intent(in) :: this
 
@@ -194,7 +194,7 @@ contains
       end associate
    end function terrain_known
 
-   !> Confine boulders to these columns and rows, those of the maps: equal for all runs of a scene.
+   !> Confine boulders to these columns and rows of the maps: equal for all runs of a scene.
    subroutine limit(this, first, last)
       type(scene_handle_t), intent(inout) :: this
       integer, intent(in) :: first(2), last(2)
@@ -212,7 +212,7 @@ contains
    end function boulders_of
 
    !> Open a run of n boulders of a scene after the first `before`, with maps of a window (first column and row, numbers
-   !> of columns and rows); without a window, of the cells that boulders can reach, to which the scene is confined.
+   !> of columns and rows); by default, the cells that boulders can reach, to which the scene is then confined.
    subroutine begin(this, scene, before, n, threads, error, window, max_columns)
       class(run_handle_t), intent(inout) :: this
       type(scene_handle_t), pointer, intent(in) :: scene
@@ -249,7 +249,7 @@ contains
    subroutine begin_joined(this, case, boulders, window, grounds, features, shapes, part_last, group_part, error)
       class(run_handle_t), intent(inout) :: this
       type(case_t), intent(in) :: case
-      integer(i8), intent(in) :: boulders(3)  !! of the complete run, before the part, in it
+      integer(i8), intent(in) :: boulders(3)  !! in the complete run, before the part, in the part
       integer, intent(in) :: window(4), grounds
       logical, intent(in) :: features, shapes
       integer(i4), intent(in) :: part_last(:), group_part(:)  !! as in layout_t
@@ -262,7 +262,7 @@ contains
                            this%run, error)
    end subroutine begin_joined
 
-   !> Open a run of a scene that continues another, which then cannot continue itself.
+   !> Open a run of a scene that continues another run, which then cannot be continued itself.
    subroutine begin_continued(this, scene, other, error)
       class(run_handle_t), intent(inout) :: this
       type(scene_handle_t), pointer, intent(in) :: scene
@@ -273,8 +273,8 @@ contains
       call continue_run(scene%case, scene%scene, other%run, this%run, error)
    end subroutine begin_continued
 
-   !> Run n boulders of a run, every `step`-th from the first on, on a scene, which may be a window of the run's. After
-   !> `seconds` no more boulders start, but at least one is done.
+   !> Run n boulders of a run, every `step`-th from the first, on a scene, which may be a window of the run's. After
+   !> `seconds` no more boulders start, but at least one is completed.
    subroutine advance(this, scene, first, step, n, seconds, done, error)
       class(run_handle_t), intent(inout) :: this
       type(scene_t), intent(in) :: scene
@@ -311,8 +311,8 @@ contains
    subroutine write_map(this, name, done, per_cluster, values, error)
       class(run_handle_t), intent(in) :: this
       character(len=*), intent(in) :: name
-      integer(i8), intent(in) :: done         !! boulders
-      integer(i8), intent(in) :: per_cluster  !! boulders that may all behave alike; 1: independent
+      integer(i8), intent(in) :: done         !! number of completed boulders
+      integer(i8), intent(in) :: per_cluster  !! number of boulders that may all behave alike; 1: independent
       real(sp), intent(inout) :: values(:, :)
       type(error_t), allocatable, intent(out) :: error
       type(maps_t) :: maps

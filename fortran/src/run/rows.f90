@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Results as rows of numbers in map coordinates, the same for both programs.
+!> Results as rows of numbers in map coordinates, for both programs.
 module rockfall_rows
    use rockfall_kinds, only: wp, i8
    use rockfall_terrain, only: terrain_t

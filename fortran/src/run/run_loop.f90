@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Run of the standalone program: all boulders of a scene, in chunks.
+!> Run loop of the standalone program: all boulders of a scene, in chunks.
 module rockfall_run_loop
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
@@ -25,9 +25,9 @@ module rockfall_run_loop
    public :: run_observer_t, run_case, scan_terrain, save_rest, first_chunk, chunk_crossings
 
    integer(i8), parameter :: first_chunk = 16     !! boulders in the first call
-   real(wp), parameter :: chunk_seconds = 1.0_wp  !! duration of a call: at its end threads wait for each other
+   real(wp), parameter :: chunk_seconds = 1.0_wp  !! duration of a call, at whose end threads wait for each other
 
-   !> Approximate number of line crossings in a call, which keeps all of them, with 170 bytes each.
+   !> Approximate maximum of line crossings in a call, which keeps all of them in memory, 170 bytes each.
    integer(i8), parameter :: chunk_crossings = 250000
 
    !> Minimum time between saves of a run, as a multiple of the duration of the last save.
@@ -51,11 +51,11 @@ module rockfall_run_loop
 
 contains
 
-   !> Run the case, or part shard(1) of shard(2) ranges of its boulders, which differ by one boulder at most. It is
-   !> refused when its results do not fit in memory.
+   !> Run the case, or range shard(1) of shard(2) ranges of its boulders, which differ by at most one boulder. The run
+   !> is refused if its results do not fit in memory.
    subroutine run_case(case, grid, scene, shard, observer, run, error)
       type(case_t), intent(in) :: case
-      type(grid_t), intent(in) :: grid  !! of the terrain
+      type(grid_t), intent(in) :: grid  !! grid of the terrain
       type(scene_t), intent(inout) :: scene
       integer(i8), intent(in) :: shard(2)
       class(run_observer_t), intent(inout) :: observer
@@ -92,7 +92,7 @@ contains
       if (allocated(error)) error%message = case%file//": "//error%message
    end subroutine name_case
 
-   !> Scan the terrain: check the sources, bound the values of maps, and find the window of the maps.
+   !> Scan the terrain: check the sources, bound the map values, and find the window of the maps.
    subroutine scan_terrain(case, scene, window, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -148,7 +148,7 @@ contains
       end do
    end subroutine run_all
 
-   !> Rerun the selected boulders individually and keep their trajectories: first to count the vertices, then to store
+   !> Rerun the selected boulders one by one and keep their trajectories: first to count the vertices, then to store
    !> them.
    subroutine record_trajectories(case, scene, run, error)
       type(case_t), intent(in) :: case

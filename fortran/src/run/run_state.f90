@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> State of a run: rows of its boulders, sums over them, tallies of maps. Both programs open it, advance it in chunks of
+!> State of a run: rows of its boulders, sums over them, and map tallies. Both programs open it, advance it in chunks in
 !> any order, and read its arrays through the table of `arrays_of`; without a scene it is joined from parts.
 module rockfall_run_state
    use rockfall_kinds, only: wp, sp, i1, i4, i8
@@ -37,20 +37,20 @@ module rockfall_run_state
    public :: arrays_of, rows_of, row_kept, no_row, plan_of, settle_run, restore_run, forget_tallies
    public :: sort_crossings, forget_crossings, add_crossing_arrays
 
-   integer(i8), parameter :: no_row = huge(1_i8)           !! number of a row that is still empty
+   integer(i8), parameter :: no_row = huge(1_i8)           !! row number of an empty row
    integer, parameter :: passing_height = findloc(crossing_fields, "passing_height", dim=1)
    integer, parameter :: at_once = 256                     !! boulders whose crossings a thread stores together
-   integer, parameter :: ahead = 8                         !! crossings that are fetched before one is sampled
-   integer, parameter :: n_totals = size(boulder_counts) - 3  !! of boulder_counts: those summed over all boulders
+   integer, parameter :: ahead = 8                         !! crossings that are prefetched before one is sampled
+   integer, parameter :: n_totals = size(boulder_counts) - 3  !! number of boulder_counts summed over all boulders
 
    !> Run, or a range of its boulders. Arrays that the case does not need have size zero.
    type :: run_t
-      integer(i8) :: total = 0, before = 0, boulders = 0  !! boulders of the whole run, before the range, in the range
-      integer(i8) :: done = 0                             !! boulders of the range done, from its first on
-      integer(i8) :: per_source = 0                       !! boulders from each source; 0: different numbers
+      integer(i8) :: total = 0, before = 0, boulders = 0  !! boulders in the run, before the range, in the range
+      integer(i8) :: done = 0                             !! completed boulders of the range, from its first on
+      integer(i8) :: per_source = 0                       !! boulders of each source; 0: different numbers
       integer :: threads = 1
       real(wp) :: wall = 0.0_wp, cpu = 0.0_wp             !! [s]
-      ! Rows of all boulders of the range, or only of the boulders in `number`; then samples cover all.
+      ! Rows of all boulders of the range, or only of the boulders in `number`, in which case samples cover all.
       integer(i8), allocatable :: number(:)
       integer, allocatable :: real_columns(:), integer_columns(:)  !! selected row_reals and row_integers
       real(wp), allocatable :: reals(:, :)                !! (rows, columns)
@@ -58,8 +58,8 @@ module rockfall_run_state
       integer(i4), allocatable :: integers(:, :)
       integer :: lines = 0
       integer(i8) :: crossed(1) = 0                       !! crossings in the last chunk, whether kept or in samples
-      type(crossing_rows_t) :: crossings                  !! of lines, by the boulders of these rows
-      ! Sums over the boulders done:
+      type(crossing_rows_t) :: crossings                  !! line crossings of the boulders with rows
+      ! Sums over the completed boulders:
       integer(i8) :: count(n_totals) = 0                  !! the last of boulder_counts
       integer(i8) :: histogram(bins, quantities) = 0
       logical :: histograms_requested = .false.
@@ -70,17 +70,17 @@ module rockfall_run_state
       integer(i8), allocatable :: vertex_boulder(:)       !! where the run loop records them
       logical :: sampled = .false.                        !! sources are a sample of others
       logical :: map(n_maps) = .false.                    !! requested, in the order of map_names
-      type(map_tallies_t) :: maps                         !! of the cells of a window
-      integer :: min_passages = 1                         !! for a mean or a quantile in a cell
-      ! Boulders of the last chunk that left the window of the terrain, and where:
+      type(map_tallies_t) :: maps                         !! tallies of the cells in a window
+      integer :: min_passages = 1                         !! minimum number of passages for a mean or a quantile
+      ! Boulders of the last chunk that left the window of the terrain, and their positions:
       integer(i8), allocatable :: left(:)
       real(wp), allocatable :: left_at(:, :)              !! (boulders, 2), map coordinates [m]
    end type run_t
 
 contains
 
-   !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, with none done. Maps cover a
-   !> window: first column and row, numbers of columns and rows.
+   !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, none completed. Maps cover
+   !> a window: first column and row, numbers of columns and rows.
    subroutine open_run(case, scene, before, boulders, window, run, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -115,7 +115,7 @@ contains
       if (tells_sources(run%maps)) run%maps%first_partial = first_partial(scene%release, before + 1)
    end subroutine set_dimensions
 
-   !> Set the properties of a run that follow from its case.
+   !> Set the properties of a run that its case determines.
    subroutine set_case(case, run)
       type(case_t), intent(in) :: case
       type(run_t), intent(inout) :: run
@@ -128,18 +128,18 @@ contains
       run%min_passages = case%min_passages
    end subroutine set_case
 
-   !> Tallies that the maps of a case need.
+   !> Tallies that a case's maps need.
    pure type(map_plan_t) function plan_of(case) result(plan)
       type(case_t), intent(in) :: case
 
       plan = map_plan(pack(map_names, case%map), size(case%thresholds))
    end function plan_of
 
-   !> Open a run without a scene: one to be joined from parts, whose rows may arrive in any order, or a part.
+   !> Open a run without a scene: a part, or a run to be joined from parts, whose rows may arrive in any order.
    subroutine open_joined_run(case, total, before, boulders, window, grounds, features, shapes, layout, run, error)
       type(case_t), intent(in) :: case
       integer(i8), intent(in) :: total             !! boulders of the complete run
-      integer(i8), intent(in) :: before, boulders  !! of the part: before it, and in it
+      integer(i8), intent(in) :: before, boulders  !! number before the part; number in the part
       integer, intent(in) :: window(4)
       integer, intent(in) :: grounds   !! number of grounds; 0: only the impact sets
       logical, intent(in) :: features  !! sources come from the features of a layer
@@ -163,8 +163,8 @@ contains
       if (.not. allocated(error)) call allocate_tallies(run, error)
    end subroutine open_joined_run
 
-   !> Open a run of a scene that continues another one, whose boulders are its first; tallies are moved, so the other
-   !> run cannot continue itself.
+   !> Open a run of a scene that continues another run, whose boulders are its first. Tallies are moved, so the other
+   !> run cannot be continued itself.
    subroutine continue_run(case, scene, other, run, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -194,7 +194,7 @@ contains
       if (.not. fit) call report_memory(run, error)
    end subroutine continue_run
 
-   !> Add a part to a run. If not all rows are kept, rows of the part follow the rows of earlier parts.
+   !> Add a part to a run. If not all rows are kept, rows of the part follow those of earlier parts.
    subroutine merge_run(run, part, error)
       type(run_t), intent(inout) :: run
       type(run_t), intent(in) :: part
@@ -227,7 +227,7 @@ contains
       if (.not. fit) call fail(error, "the counts of quantile maps do not fit in memory")
    end subroutine merge_run
 
-   !> Copy the rows of another run, after the first `row` rows.
+   !> Copy the rows of another run to follow the first `row` rows.
    pure subroutine copy_rows(run, row, other)
       type(run_t), intent(inout) :: run
       integer(i8), intent(in) :: row
@@ -240,7 +240,7 @@ contains
       end associate
    end subroutine copy_rows
 
-   !> Sort crossings by line, those of a line by boulder.
+   !> Sort crossings by line, then by boulder.
    subroutine sort_crossings(run, error)
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
@@ -257,7 +257,7 @@ contains
       call free_samples(run%samples)
    end subroutine close_run
 
-   !> Free the tallies and samples of a run, once all results are computed; counts, sums and maxima of maps only where
+   !> Free the tallies and samples of a run once all results are computed; counts, sums and maxima of maps only if
    !> `stacks` is true. Views of other arrays remain valid.
    subroutine forget_tallies(run, stacks)
       type(run_t), intent(inout) :: run
@@ -267,7 +267,7 @@ contains
       call forget_samples(run%samples)
    end subroutine forget_tallies
 
-   !> Forget the crossings, which the caller now keeps.
+   !> Discard the crossings, which the caller now keeps.
    subroutine forget_crossings(run)
       type(run_t), intent(inout) :: run
 
@@ -276,7 +276,7 @@ contains
 
    ! ---- memory -------------------------------------------------------------------------------
 
-   !> Allocate the rows of boulders, with the columns that the case needs, and the sums.
+   !> Allocate the sums and the rows of boulders, with the columns that the case needs.
    subroutine allocate_rows(case, grounds, features, shapes, run, error)
       type(case_t), intent(in) :: case
       integer, intent(in) :: grounds
@@ -306,7 +306,7 @@ contains
       call start_rows(allocated(case%breakage), any(case%lines%height > 0), run%crossings)
    end subroutine allocate_rows
 
-   !> Allocate empty maps, and samples where not all rows are kept.
+   !> Allocate empty maps, and samples if not all rows are kept.
    subroutine allocate_tallies(run, error)
       type(run_t), intent(inout) :: run
       type(error_t), allocatable, intent(out) :: error
@@ -328,20 +328,20 @@ contains
 
    ! ---- boulders -----------------------------------------------------------------------------
 
-   !> Run n boulders of the run, every `step`-th from the first on, on a scene, which may be a window of the run's
-   !> terrain: boulders that leave it are not counted, and must be rerun. With a step above 1, which maps of sources do
-   !> not allow, `done` does not change.
+   !> Run n boulders of the run, every `step`-th from the first, on a scene, which may be a window of the run's
+   !> terrain: boulders that leave it are not counted, and must be rerun. With a step above 1, not allowed with maps of
+   !> sources, `done` does not change.
    subroutine advance(run, scene, first, step, chunk, seconds, n, error)
       type(run_t), intent(inout), target :: run
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step, chunk
-      real(wp), intent(in) :: seconds   !! after which no more boulders start
-      integer(i8), intent(out) :: n     !! boulders done, at least one
+      real(wp), intent(in) :: seconds   !! time after which no more boulders start [s]
+      integer(i8), intent(out) :: n     !! number of completed boulders, at least one
       type(error_t), allocatable, intent(out) :: error
       type(boulder_result_t), allocatable :: results(:)
       type(crossings_t), allocatable :: crossings(:)
       type(maps_t), allocatable :: maps(:)
-      integer(i8), allocatable :: row(:)  !! of each boulder; 0: none
+      integer(i8), allocatable :: row(:)  !! row of each boulder; 0: none
       integer(i8) :: k
       integer :: status, thread, threads
       logical :: fit
@@ -380,7 +380,7 @@ contains
       end if
       if (allocated(scene%lines) .and. allocated(run%number)) then
          threads = min(team_size(run%threads), size(scene%lines))
-         ! with the whole team: a smaller team would end its idle threads, and restart them for the next chunk
+         ! use the whole team: a smaller team would end its idle threads, and restart them for the next chunk
          !$omp parallel do default(none) num_threads(team_size(run%threads)) &
          !$omp& shared(run, scene, results, crossings, n, threads)
          do thread = 1, threads
@@ -421,14 +421,14 @@ contains
       run%integers(row, :) = integers(run%integer_columns)
    end subroutine store_row
 
-   !> Store the crossings of boulders of a chunk that have rows, after those of earlier chunks.
+   !> Store the crossings by boulders of a chunk that have rows, after those of earlier chunks.
    subroutine store_crossings(run, scene, first, step, results, crossings, row, fit)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: first, step  !! numbers of the boulders
+      integer(i8), intent(in) :: first, step  !! number of the first boulder; step to the next
       type(boulder_result_t), intent(in) :: results(:)
       type(crossings_t), intent(in) :: crossings(:)
-      integer(i8), intent(in) :: row(:)       !! of each boulder; 0: none
+      integer(i8), intent(in) :: row(:)       !! row of each boulder; 0: none
       logical, intent(out) :: fit
       integer(i8) :: before(size(crossings) + 1), k
 
@@ -455,7 +455,7 @@ contains
    pure subroutine store_boulder(rows, scene, number, crossings, before)
       type(crossing_rows_t), intent(inout) :: rows
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: number  !! of the boulder
+      integer(i8), intent(in) :: number  !! number of the boulder
       type(crossings_t), intent(in) :: crossings
       integer(i8), intent(in) :: before
       real(wp) :: values(n_reals)
@@ -473,7 +473,7 @@ contains
             do k = 1, n_reals
                rows%real(k)%of(row) = real(values(k), sp)
             end do
-            ! rounded up, so that a barrier as high as the highest crossing of a result stops that boulder
+            ! rounded up, so that a barrier as high as a result's highest crossing stops that boulder
             rows%real(passing_height)%of(row) = rounded_up(values(passing_height))
             if (rows%may_break) then
                rows%volume(row) = real(at%fragment%volume, sp)
@@ -491,9 +491,9 @@ contains
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: results(:)
       type(crossings_t), intent(in) :: crossings(:)
-      integer, intent(in) :: thread, threads   !! number of this one, and of all
+      integer, intent(in) :: thread, threads   !! number of this thread; number of all
       integer, allocatable :: first(:), boulder(:), place(:)
-      real(wp) :: radius(at_once), row(size(line_fields), at_once)  !! of crossings added together
+      real(wp) :: radius(at_once), row(size(line_fields), at_once)  !! crossings that are added together
       integer :: source(at_once), line, k, m, n
 
       allocate (first(size(scene%lines) + 1), boulder(sum(crossings%n)), place(sum(crossings%n)))
@@ -523,11 +523,11 @@ contains
       end do
    end subroutine sample_crossings
 
-   !> Sort the crossings of some boulders by line, those of a line by boulder.
+   !> Sort the crossings of some boulders by line, then by boulder.
    pure subroutine sort_by_line(crossings, first, boulder, place)
       type(crossings_t), intent(in) :: crossings(:)
-      integer, intent(out) :: first(:)  !! first crossing of each line, and end
-      integer, dimension(:), intent(out) :: boulder, place  !! of each crossing: its boulder, index among those of it
+      integer, intent(out) :: first(:)  !! first crossing of each line, and the end
+      integer, dimension(:), intent(out) :: boulder, place  !! boulder of each crossing; index among its crossings
       integer :: next(size(first)), j, k
 
       next = 0
@@ -588,7 +588,7 @@ contains
       end do
    end function rows_before
 
-   !> Number of rows of the boulders done.
+   !> Number of rows of the completed boulders.
    pure integer(i8) function rows_of(run)
       type(run_t), intent(in) :: run
 
@@ -677,7 +677,7 @@ contains
       call table%add("sample", "group_part", values=run%layout%group_part)
    end subroutine add_sample_arrays
 
-   !> Add the stacks of maps (columns, rows, layers); files contain the cells reached by boulders. Also add, after
+   !> Add the stacks of maps (columns, rows, layers); files contain only cells reached by boulders. Also add, after
    !> `settle_partial_sources`, the cells of partial sources.
    subroutine add_map_arrays(run, table)
       type(run_t), intent(in), target :: run
@@ -707,7 +707,7 @@ contains
 
    ! ---- partial sources ----------------------------------------------------------------------
 
-   !> Count in maps only the boulders done of partial sources (sign 1), or revert this (-1), as in map_tallies.
+   !> For partial sources, count in maps only the completed boulders (sign 1), or revert this (-1), as in map_tallies.
    subroutine settle_run(run, release, sign)
       type(run_t), intent(inout) :: run
       type(release_t), intent(in) :: release
@@ -716,7 +716,7 @@ contains
       call settle_partial_sources(run%maps, release, run%before + 1, run%before + run%done, sign)
    end subroutine settle_run
 
-   !> Restore the cells of the sources cut by the boulders done; not `good` if they do not match.
+   !> Restore the cells of the sources split by the completed boulders; not `good` if they do not match.
    subroutine restore_run(run, release, good)
       type(run_t), intent(inout) :: run
       type(release_t), intent(in) :: release

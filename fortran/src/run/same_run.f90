@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Comparison of runs: whether parts belong to one run, and whether cases are equal in any notation.
+!> Comparison of runs: whether parts belong to the same run, and whether cases are equal in any notation.
 module rockfall_same_run
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t
@@ -13,16 +13,16 @@ module rockfall_same_run
    !> Identity of a run, and of a range of its boulders.
    type :: identity_t
       character(len=:), allocatable :: version        !! version of this software
-      type(namelist_t) :: keys                        !! of the case, complete
+      type(namelist_t) :: keys                        !! complete keys of the case
       character(len=:), allocatable :: read, decoded  !! checksums of inputs by name, as in files (JSON)
-      integer(i8) :: total = 0, first = 0, last = 0   !! boulders of the run, of the range
-      type(grid_t) :: grid                            !! of the terrain
-      integer :: window(4) = 0                        !! of the maps: first column and row, columns, rows
+      integer(i8) :: total = 0, first = 0, last = 0   !! boulders in the run; first and last in the range
+      type(grid_t) :: grid                            !! grid of the terrain
+      integer :: window(4) = 0                        !! window of the maps: first column and row, columns, rows
    end type identity_t
 
 contains
 
-   !> Return the first difference, "" if none: the other part must belong to the same run, and begin this one.
+   !> Return the first difference, "" if none: the other part must belong to the same run and begin this part.
    pure function difference(ours, theirs) result(what)
       type(identity_t), intent(in) :: ours, theirs
       character(len=:), allocatable :: what
@@ -48,7 +48,7 @@ contains
       what = ""
    end function difference
 
-   !> Name of the first input whose checksums differ, "" if none.
+   !> Name of the first input whose checksums differ; "" if none.
    pure function differing_checksum(ours, theirs) result(name)
       character(len=*), intent(in) :: ours, theirs
       character(len=:), allocatable :: name
@@ -61,7 +61,7 @@ contains
       end do
       name = ours
       if (ours(at:min(at, len(ours))) == "}") name = theirs
-      if (ours(at:min(at, len(ours))) == "}" .or. theirs(at:min(at, len(theirs))) == "}") at = at + 4  ! one more
+      if (ours(at:min(at, len(ours))) == "}" .or. theirs(at:min(at, len(theirs))) == "}") at = at + 4  ! end of a list
       begin = max(index(name(:min(at, len(name))), '{"', back=.true.) + 2, &
                   index(name(:min(at, len(name))), ', "', back=.true.) + 3)
       name = name(begin:)
@@ -69,7 +69,7 @@ contains
       if (name == "") name = "input"
    end function differing_checksum
 
-   !> Keys of the text of a case; none if the text is no case.
+   !> Keys in the text of a case; none if the text is not a case.
    pure type(namelist_t) function keys_of(text) result(keys)
       character(len=*), intent(in) :: text
       type(error_t), allocatable :: error
@@ -78,8 +78,8 @@ contains
       if (allocated(error)) keys = namelist_t()
    end function keys_of
 
-   !> First key, as `&group key`, whose values differ between two cases, "" if none: among the keys that determine the
-   !> arrays of a scene file, or all that must agree to continue a run. "&case" if one is not a case.
+   !> First key, as `&group key`, whose values differ between two cases; "" if none. Compares the keys for the
+   !> arrays of a scene file, or all keys that must agree to continue a run. "&case" if either text is not a case.
    pure function differing_key(ours, theirs, of_arrays) result(name)
       type(namelist_t), intent(in) :: ours, theirs
       logical, intent(in) :: of_arrays

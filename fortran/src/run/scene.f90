@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Builds the scene from a case and the arrays that it names, for both programs.
+!> Builder of the scene from a case and the arrays that it requires, for both programs.
 module rockfall_scene
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i4, i8
@@ -34,13 +34,13 @@ module rockfall_scene
    !> Ground type as passed to the kernel.
    type :: ground_text_t
       character(len=:), allocatable :: name
-      character(len=:), allocatable :: text, file  !! as in read_ground, or the row of a table; "": none
+      character(len=:), allocatable :: text, file  !! as in read_ground, or row of a table; file; "": none
       integer :: table = 0                         !! number of its table; 0: none. Neither: the case's impact sets
    end type ground_text_t
 
 contains
 
-   !> Build the scene of a case. Errors that the text of the case does not reveal are reported here.
+   !> Build the scene of a case. Reports errors that the text of the case alone does not reveal.
    subroutine build_scene_of_case(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -79,7 +79,7 @@ contains
       if (.not. allocated(error)) call set_grounds(case, arrays, scene, error)
    end subroutine build_scene_of_case
 
-   !> Split grounds: texts are concatenated, and `ground_names` has two lines for each, its name and its file.
+   !> Split grounds from concatenated texts; `ground_names` has two lines for each, its name and its file.
    pure function parsed_grounds(arrays) result(grounds)
       type(scene_arrays_t), intent(in) :: arrays
       type(ground_text_t), allocatable :: grounds(:)
@@ -132,7 +132,7 @@ contains
       end associate
    end subroutine set_release
 
-   !> Set the number of boulders per source: fixed, in proportion to its area, or a part of the total.
+   !> Set the number of boulders per source: fixed, in proportion to area, or a part of the total.
    pure subroutine set_numbers(case, arrays, release)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -154,7 +154,7 @@ contains
       end if
    end subroutine set_numbers
 
-   !> Set the boulders and release conditions given by the features of a layer.
+   !> Set the boulders and release conditions specified by the features of a layer.
    pure subroutine set_features(case, arrays, scene)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -183,7 +183,7 @@ contains
       end do
    end subroutine set_features
 
-   !> Set the boulders given by sources.
+   !> Set the boulders specified by sources.
    pure subroutine set_boulders(case, arrays, scene)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -197,7 +197,7 @@ contains
       if (case%source_density) scene%of_source%density = arrays%source_density
    end subroutine set_boulders
 
-   !> Set the block shapes of boulders that have several.
+   !> Set the block shapes, if boulders have several.
    pure subroutine set_shapes(case, arrays, scene)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -233,7 +233,7 @@ contains
                             case%lines%height > 0)
    end subroutine set_lines
 
-   !> Refuse lines that run from the terrain to impossible places: a decimal comma, or a vertex in another system. Lines
+   !> Refuse lines that run from the terrain to impossible places: a decimal comma, or a vertex in another CRS. Lines
    !> completely off the terrain cause a warning.
    pure subroutine check_lines(case, grid, error)
       type(case_t), intent(in) :: case
@@ -272,7 +272,7 @@ contains
                         arrays%tree_factor, case%tree_model, scene%forest)
    end subroutine set_forest
 
-   !> Check that features give volumes where the case does not, and that each distribution has its parameters.
+   !> Check that features give volumes if the case does not, and that each distribution has its parameters.
    pure subroutine check_features(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -310,7 +310,7 @@ contains
                 //"boulders_total shares a number over all")
    end subroutine check_number
 
-   !> Check that the fragments of all boulders can be counted in 32 bits, as maps do.
+   !> Check that 32 bits, as in maps, suffice to count the fragments of all boulders.
    pure subroutine check_fragments(case, scene, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -322,7 +322,7 @@ contains
                 //" together")
    end subroutine check_fragments
 
-   !> Set the factored impact sets, and the rule of turning.
+   !> Set the factored impact sets, and the turning rule.
    subroutine set_impacts(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -337,7 +337,7 @@ contains
       if (allocated(usual%lateral)) call move_alloc(usual%lateral, scene%lateral)
    end subroutine set_impacts
 
-   !> Set the ground types, if not only the case's impact sets apply.
+   !> Set the ground types, unless only the case's impact sets apply.
    subroutine set_grounds(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -397,7 +397,7 @@ contains
       if (case%strength_sigma >= 0) ground%table%ground%strength_sigma = case%strength_sigma
    end subroutine set_ground_of
 
-   !> Distance from the path of a boulder within which maps may show hits [cells].
+   !> Maximum distance [cells] from a boulder's path at which maps may show hits.
    pure integer function object_reach(scene, case)
       type(scene_t), intent(in) :: scene
       type(case_t), intent(in) :: case

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Arrays of a scene, for both programs: their table, and a component for each.
+!> Arrays of a scene, for both programs: their table, and a component for each array.
 module rockfall_scene_arrays
    use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
    use rockfall_kinds, only: wp, sp, i1, i2, i4, i8
@@ -9,7 +9,7 @@ module rockfall_scene_arrays
    private
    public :: scene_arrays_t, scene_array_t, scene_table, scene_array_of, scene_array_text, feature_fields, is_borrowed
 
-   !> Values of a feature, in the units of the keys with these names.
+   !> Values of a feature, in the units of the keys with the same names.
    character(len=*), parameter :: feature_fields(*) = [character(len=11) :: "volume_mean", "volume_std", "volume_min", &
                                                        "volume_max", "density", "drop_height", "velocity_x", &
                                                        "velocity_y", "velocity_z"]
@@ -68,11 +68,11 @@ module rockfall_scene_arrays
       scene_array_t("tree_dbh", "f8", "tree", "cm", "diameter of the stem at breast height"), &
       scene_array_t("tree_factor", "f8", "tree", "1", "energy that the species absorbs, relative to silver fir")]
 
-   !> Input of a scene in addition to its case, from Python or from a scene file. Arrays of views belong to the caller.
+   !> Input of a scene except its case, from Python or from a scene file. The caller owns the targets of pointers.
    type :: scene_arrays_t
-      type(grid_t) :: grid                                       !! of the whole raster
+      type(grid_t) :: grid                                       !! grid of the complete raster
       integer :: first(2) = 1                                    !! column and row of the first array element
-      real(wp), pointer, contiguous :: z8(:, :) => null()        !! elevations [m], or
+      real(wp), pointer, contiguous :: z8(:, :) => null()        !! elevations [m] in double, or
       real(sp), pointer, contiguous :: z4(:, :) => null()        !! in single precision; NaN = no data
       integer(i1), pointer, contiguous :: zone1(:, :) => null()  !! 1-based column of `sizes`, or
       integer(i2), pointer, contiguous :: zone2(:, :) => null()  !! for more than 127 materials
@@ -81,23 +81,23 @@ module rockfall_scene_arrays
       real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
       real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, if releases depend on it
       real(wp), allocatable :: source_frequency(:)               !! in any unit; weights that distribute boulders_total
-      real(wp), allocatable :: source_volume(:), source_inertia(:)  !! of their boulders, if given [m3], [-]
-      real(wp), allocatable :: source_density(:)                 !! density of their boulders, if given [kg/m3]
-      integer(i1), allocatable :: source_shape(:)                !! block shape of their boulders; 0: the case's
+      real(wp), allocatable :: source_volume(:), source_inertia(:)  !! properties of the boulders, if given [m3], [-]
+      real(wp), allocatable :: source_density(:)                 !! density of the boulders, if given [kg/m3]
+      integer(i1), allocatable :: source_shape(:)                !! block shape of the boulders; 0: the case's
       integer, allocatable :: source_feature(:)                  !! 1-based feature of a layer, if sources come from one
       integer, allocatable :: feature_distribution(:)            !! volume model (rockfall_boulder); 0: the case's
       real(wp), allocatable :: feature_value(:, :)               !! (feature_fields, features); NaN: the case's
       real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
-      real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! their diameters at breast height, > 0 [cm]
-      real(wp), pointer, contiguous :: tree_factor(:) => null()  !! of their species [-]
+      real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! stem diameters at breast height, > 0 [cm]
+      real(wp), pointer, contiguous :: tree_factor(:) => null()  !! strength factors of the species [-]
       character(len=:), allocatable :: sets_text, sets_name      !! file of impact sets, and its name for messages
-      integer :: draw = 0                                        !! draw to read; 0: the file must have only one
+      integer :: draw = 0                                        !! index of the draw; 0: the file must have only one
       character(len=:), allocatable :: ground_text, ground_names  !! as in grounds_of, with
       integer, allocatable :: ground_length(:)                   !! if not only the case's impact sets apply,
       integer, allocatable :: ground_table(:)                    !! number of the table of each ground, from 1; 0: none
       type(table_arrays_t) :: tables                             !! tables of impacts
       integer(i1), allocatable :: material_ground(:)             !! with the 1-based ground of each material, or
-      integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell; default: the first
+      integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! ground of each cell; default: the first
       integer, allocatable :: shape_ground(:, :)                 !! as in shape_mix_t, if tables differ by shape
    contains
       procedure :: set_array
@@ -105,7 +105,7 @@ module rockfall_scene_arrays
 
 contains
 
-   !> Row of the table of this name, which must have it.
+   !> Row of the table for an array name, which must exist.
    pure type(scene_array_t) function scene_array_of(name) result(row)
       character(len=*), intent(in) :: name
 
@@ -125,12 +125,12 @@ contains
              //trim(row%long_name)
    end function scene_array_text
 
-   !> Set a component by its name in scene files to a contiguous array in memory; the kind selects the component for
-   !> elevations and zones. Rasters and trees remain the caller's, others are copied.
+   !> Set a component, by its name in scene files, to a contiguous array in memory; the kind selects the component for
+   !> elevations and zones. Rasters and trees remain the caller's; other arrays are copied.
    subroutine set_array(arrays, name, kind, length, at)
       class(scene_arrays_t), intent(inout) :: arrays
       character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
-      integer(i8), intent(in) :: length(3)        !! of its dimensions, the first varies fastest; 1 beyond the last
+      integer(i8), intent(in) :: length(3)        !! dimensions, the first varies fastest; 1 beyond the last
       type(c_ptr), intent(in) :: at
       real(wp), pointer, contiguous :: reals(:), table(:, :)
       integer(i4), pointer, contiguous :: integers(:), numbers(:, :)

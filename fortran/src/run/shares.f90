@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Shares of a number of boulders: of sources, by area or weight, and of equal ranges.
+!> Shares of a number of boulders: by source, in proportion to area or weight, and in equal ranges.
 module rockfall_shares
    use rockfall_kinds, only: wp, i8
    implicit none

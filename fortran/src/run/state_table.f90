@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Table of the arrays of a run: description (a row of the table of variables), dimensions in files, and address.
-!> Files, views and checks are loops over its rows.
+!> Table of the arrays of a run, with a description (row of the table of variables), dimensions in files, and address.
+!> Files, views and checks loop over its rows.
 module rockfall_state_table
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_loc
    use rockfall_kinds, only: i8
@@ -28,8 +28,8 @@ module rockfall_state_table
 
 contains
 
-   !> Add an array, which must be contiguous and must not be moved. Its kind is taken from the table of variables,
-   !> or is `kind` if the table lacks it; so are the dimensions of a sample.
+   !> Add an array, which must be contiguous and must not be moved. The table of variables gives its kind, or `kind` if
+   !> it lacks the array; likewise the dimensions of a sample.
    subroutine add(this, group, name, axes, values, kind)
       class(table_t), intent(inout) :: this
       character(len=*), intent(in) :: group, name
@@ -61,7 +61,7 @@ contains
       this%row = [this%row, row]
    end subroutine add
 
-   !> Names of the dimensions of a sample, the first varies fastest.
+   !> Names of the dimensions of a sample; the first varies fastest.
    pure function sample_axes(variable) result(axis)
       type(variable_t), intent(in) :: variable
       character(len=40) :: axis(max_rank)

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Logarithmic bins of positive numbers, four per octave, found from the bits of a number: counts merge exactly, and
+!> Logarithmic bins of positive numbers, four per octave, computed from the bits of a number. Counts merge exactly, and
 !> give quantiles. The width of a bin is 14 to 25 % of its value.
 module rockfall_bins
    use rockfall_kinds, only: wp, i4, i8
@@ -32,7 +32,7 @@ contains
       log_bin = min(quarter + 2, n_log_bins(quantity))
    end function log_bin
 
-   !> Lower edge of a bin, in the unit of the quantity; past the last bin, the edge of the last, which is open-ended.
+   !> Lower edge of a bin, in the unit of the quantity; past the last, open-ended bin, the edge of that bin.
    pure real(wp) function log_bin_edge(quantity, bin)
       integer, intent(in) :: quantity, bin
       integer :: quarter

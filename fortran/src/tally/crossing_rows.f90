@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> First crossings of lines by the boulders whose rows are kept: a row for each line that a boulder crossed. They are in
-!> single precision, in the order in which boulders arrive, until they are sorted.
+!> First crossings of lines by the boulders whose rows are kept, with a row for each line that a boulder crossed. Rows
+!> are in single precision, in the order in which boulders arrive, until they are sorted.
 module rockfall_crossing_rows
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_variables, only: crossing_fields
@@ -10,29 +10,29 @@ module rockfall_crossing_rows
              first_unsorted, n_reals
 
    integer, parameter :: n_reals = size(crossing_fields)
-   integer(i8), parameter :: first_room = 1024  !! rows
+   integer(i8), parameter :: first_room = 1024  !! initial capacity [rows]
 
    type :: column_t
       real(sp), allocatable :: of(:)
    end type column_t
 
-   !> Columns are longer than the `n` rows in use; those that the case does not need have no length.
+   !> Columns are longer than the `n` rows in use; columns that the case does not need have no length.
    type :: crossing_rows_t
       integer(i8) :: n = 0
       logical :: may_break = .false., may_hit = .false.
-      integer(i8), allocatable :: boulder(:)      !! number
-      integer(i4), allocatable :: line(:)         !! index, from 0
+      integer(i8), allocatable :: boulder(:)      !! boulder number
+      integer(i4), allocatable :: line(:)         !! index of the line, from 0
       type(column_t) :: real(n_reals)             !! crossing_fields
-      real(sp), allocatable :: volume(:)          !! of the fragment, if boulders may break [m3]
-      integer(i4), allocatable :: fragments(:)    !! that crossed, likewise
+      real(sp), allocatable :: volume(:)          !! volume of the fragment, if boulders may break [m3]
+      integer(i4), allocatable :: fragments(:)    !! number that crossed, if boulders may break
       integer(i1), allocatable :: outcome(:)      !! at the barrier on the line, if there are barriers; 0: not hit
    end type crossing_rows_t
 
 contains
 
-   !> Begin without any row.
+   !> Initialise without any row.
    pure subroutine start_rows(may_break, may_hit, rows)
-      logical, intent(in) :: may_break, may_hit  !! boulders; barriers
+      logical, intent(in) :: may_break, may_hit  !! boulders may break; barriers may be hit
       type(crossing_rows_t), intent(out) :: rows
       integer :: k
 
@@ -89,7 +89,7 @@ contains
 
    pure subroutine lengthen(column, n, room, status)
       real(sp), allocatable, intent(inout) :: column(:)
-      integer(i8), intent(in) :: n, room  !! rows to keep, new length
+      integer(i8), intent(in) :: n, room  !! number of rows to keep; new length
       integer, intent(out) :: status
       real(sp), allocatable :: longer(:)
 
@@ -99,7 +99,7 @@ contains
       call move_alloc(longer, column)
    end subroutine lengthen
 
-   !> Append the rows of others.
+   !> Append rows from another object.
    pure subroutine append_rows(rows, others, fit)
       type(crossing_rows_t), intent(inout) :: rows
       type(crossing_rows_t), intent(in) :: others
@@ -123,16 +123,16 @@ contains
       rows%n = rows%n + others%n
    end subroutine append_rows
 
-   !> Forget all rows, but keep their memory.
+   !> Discard all rows, but keep their memory.
    pure subroutine clear_rows(rows)
       type(crossing_rows_t), intent(inout) :: rows
 
       rows%n = 0
    end subroutine clear_rows
 
-   !> Sort rows by line, those of a line by boulder; two orders and a column are in memory meanwhile.
+   !> Sort rows by line, then by boulder; meanwhile two orders and a column are in memory.
    subroutine sort_rows(lines, rows, fit)
-      integer, intent(in) :: lines  !! number of them
+      integer, intent(in) :: lines  !! number of lines
       type(crossing_rows_t), intent(inout) :: rows
       logical, intent(out) :: fit
       integer(i8), allocatable :: order(:), merged(:)
@@ -168,7 +168,7 @@ contains
       end associate
    end subroutine sort_rows
 
-   !> First row out of order (by line, then by boulder); one beyond the last if there is none. In sorted rows it is a
+   !> First row out of order (by line, then by boulder); one beyond the last row if none. In sorted rows, it is a
    !> second crossing of a line by one boulder.
    pure integer(i8) function first_unsorted(rows) result(k)
       type(crossing_rows_t), intent(in) :: rows
@@ -180,7 +180,7 @@ contains
       k = rows%n + 1
    end function first_unsorted
 
-   !> Stable order of rows by line; and the number of rows before each line.
+   !> Stable order of rows by line, and the number of rows before each line.
    pure subroutine order_by_line(line, first, order)
       integer(i4), intent(in) :: line(:)
       integer(i8), intent(out) :: first(0:)
@@ -234,7 +234,7 @@ contains
       end do
    end function end_of
 
-   !> Merge the first `n` of an order with the others; both parts ascend.
+   !> Merge the first `n` elements of an order with the others; both parts ascend.
    pure subroutine merge_two(number, order, n, merged)
       integer(i8), intent(in) :: number(:), order(:), n
       integer(i8), intent(out) :: merged(:)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Samples of boulders whose rows are not kept: quantities at each line and at their ends, over all boulders, by part
-!> (features or sources named in statistics), and coarsely by group of sources, for confidence intervals.
+!> Samples of boulders whose rows are not kept: quantities at each line and at the boulder's end, over all boulders,
+!> by part (features or sources named in statistics), and coarsely by group of sources, for confidence intervals.
 module rockfall_line_samples
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_math, only: rounded_up
@@ -13,7 +13,7 @@ module rockfall_line_samples
    public :: layout_t, layout_of, add_end, add_crossings, line_quantities, place_along, point_along
    public :: line_quantity, end_quantity, units_of, n_quantities, tails
 
-   !> Quantities at a line; the first may have a tail; quantities at the end of a boulder.
+   !> Quantities at a line (the first `tails` of them may have tails); quantities at the end of a boulder.
    character(len=20), parameter :: line_quantity(*) = [character(len=20) :: &
       "speed", "jump_height", "passing_height", "energy_translational", "energy_rotational", "energy_total", "omega", &
       "rotational_share", "upper_edge", "normal_height", "normal_upper_edge", "position"]
@@ -26,9 +26,9 @@ module rockfall_line_samples
       [kilo, kilo, kilo, unity, unity, unity, kilo, mega, kilo, kilo, kilo, kilo, &
        kilo, kilo, kilo, kilo, kilo, mega, unity, unity, unity, unity, unity, unity], [n_quantities, 2])
 
-   integer, parameter :: max_parts = 50, ranges = 20  !! with more features or sources, parts are this many ranges,
-   integer, parameter :: max_parted = 256             !! or fewer: parts times places, 0.6 MB each
-   integer, parameter :: max_grouped = 2048           !! groups of sources times places, 10 kB each
+   integer, parameter :: max_parts = 50, ranges = 20  !! more features or sources are combined into this many ranges,
+   integer, parameter :: max_parted = 256             !! or fewer: maximum of parts times places, 0.6 MB each
+   integer, parameter :: max_grouped = 2048           !! maximum of groups of sources times places, 10 kB each
 
    integer, parameter :: volume = findloc(boulder_fields, "volume", dim=1)
    integer, parameter :: status = findloc(boulder_counts, "status", dim=1), &
@@ -51,7 +51,7 @@ module rockfall_line_samples
 
 contains
 
-   !> Build the layout: one group per source if places times sources are few, else neighbouring sources are grouped.
+   !> Build the layout: one group per source if places times sources are few; else neighbouring sources are grouped.
    pure function layout_of(release, places) result(layout)
       type(release_t), intent(in) :: release
       integer, intent(in) :: places  !! number of lines, plus one for the end
@@ -112,9 +112,9 @@ contains
    subroutine add_crossings(samples, layout, index, line, origin, radii, sources, crossings)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout
-      integer, intent(in) :: index              !! of the line
+      integer, intent(in) :: index              !! index of the line
       type(line_t), intent(in) :: line
-      real(wp), intent(in) :: origin(2)         !! of local coordinates [m]
+      real(wp), intent(in) :: origin(2)         !! origin of local coordinates [m]
       real(wp), intent(in) :: radii(:)          !! R_b of the boulders [m]
       integer, intent(in) :: sources(:)         !! source numbers
       real(wp), intent(in) :: crossings(:, :)   !! (line_fields, boulders)
@@ -133,7 +133,7 @@ contains
    subroutine add_quantities(samples, layout, sources, values, kind, place)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout
-      integer, intent(in) :: sources(:)      !! of the boulders
+      integer, intent(in) :: sources(:)      !! source of each boulder
       real(wp), intent(in) :: values(:, :)   !! (boulders, quantities)
       integer, intent(in) :: kind, place     !! 1 for lines, 2 for ends
       real(wp), parameter :: limit = real(largest_unit, wp)
@@ -149,7 +149,7 @@ contains
    end subroutine add_quantities
 
    !> Quantities at a line, except the last, from its row; NaN if not available. The centre of a boulder in contact with
-   !> the ground is R / cos(slope) above it vertically, and R along the normal; in flight, these are above the point at
+   !> the ground is R / cos(slope) vertically above it, and R along the normal; in flight, both are above the point at
    !> its jump height.
    pure function line_quantities(row, radius) result(q)
       real(wp), intent(in) :: row(:)  !! line_fields

@@ -24,25 +24,25 @@ module rockfall_samples
    integer(i8), parameter :: largest_unit = 2_i8**45  !! larger numbers are clamped
    !> Words of a sum and of a sum of squares, two digits each to the base 2**62; then the maximum.
    integer, parameter :: n_words = 5, base_bits = 62
-   !> Largest values stored individually at a line: up to `most_largest`, of `all_largest` over all lines, but at least
-   !> as many as a return level needs from independent boulders (MAX_ABOVE of return_levels.py, and two neighbours).
+   !> Largest values stored individually at a line: up to `most_largest`, and `all_largest` over all lines, but at least
+   !> the number that a return level needs from independent boulders (MAX_ABOVE of return_levels.py, two neighbours).
    integer, parameter :: most_largest = 100000, all_largest = 2000000, fewest_largest = 2002
 
-   integer, parameter :: batch = 256  !! numbers added together
+   integer, parameter :: batch = 256  !! numbers added at a time
 
-   !> Samples of `quantities` at each of `places` (the ends of boulders, then each line). Counts are in blocks of the
-   !> bins of a coarse one, which exist once they have a boulder; unused pages of memory cost nothing.
+   !> Samples of `quantities` at each of `places` (the ends of boulders, then each line). Counts are in blocks: a block
+   !> has the bins within one coarse bin, and exists once a boulder falls there. Unused memory pages cost nothing.
    type :: samples_t
-      integer(i4) :: blocks = 0                                         !! in use
+      integer(i4) :: blocks = 0                                         !! number of blocks in use
       integer(i4), pointer, contiguous :: at(:, :, :, :) => null()      !! block, 0 = none (coarse bins, quantities,
       !!                                                                   parts, places)
       integer(i4), pointer, contiguous :: counts(:, :) => null()        !! (bins of a block, blocks)
       integer(i8), pointer, contiguous :: sums(:, :, :, :) => null()    !! (words, quantities, parts, places)
       integer(i4), pointer, contiguous :: groups(:, :, :, :) => null()  !! (coarse bins, quantities, groups, places)
       real(sp), pointer, contiguous :: largest(:, :, :) => null()       !! heaps of `known` (numbers, tails, lines)
-      integer(i4), allocatable :: known(:)                              !! numbers in each heap of a line
+      integer(i4), allocatable :: known(:)                              !! number of values in each heap of a line
       integer(i8), pointer, contiguous :: ended(:) => null()            !! boulders by status
-      type(c_ptr), private :: block(6) = c_null_ptr  !! of memory: at, groups, counts, sums, ended, largest
+      type(c_ptr), private :: block(6) = c_null_ptr  !! memory of at, groups, counts, sums, ended, largest
    end type samples_t
 
    !> Bins that are not empty, 0-based over all dimensions, in order, and their counts.
@@ -53,13 +53,13 @@ module rockfall_samples
 
 contains
 
-   !> Allocate empty samples, if they fit in memory: of quantities by part and coarsely by group, at all places; of the
-   !> boulders by status; and the largest numbers of each tail at lines. Of `boulders`, each has one number at a place.
+   !> Allocate empty samples, if they fit in memory: quantities by part and coarsely by group, at all places;
+   !> boulders by status; and the largest numbers of each tail at lines. Each of `boulders` has one number at a place.
    subroutine allocate_samples(samples, quantities, parts, groups, places, statuses, tails, boulders, sampled, fit)
       type(samples_t), intent(inout) :: samples
       integer, intent(in) :: quantities, parts, groups, places, statuses, tails
       integer(i8), intent(in) :: boulders
-      logical, intent(in) :: sampled  !! sources are
+      logical, intent(in) :: sampled  !! sources are a sample
       logical, intent(out) :: fit
       integer(i8) :: n, blocks
       integer :: k
@@ -104,7 +104,7 @@ contains
       samples%known = spread(0, 1, lines)
    end subroutine allocate_tails
 
-   !> Continue samples with longer tails, of `boulders`, if they fit in memory; the rest is moved, to memory for the
+   !> Continue samples with longer tails, for `boulders`, if they fit in memory; other data is moved, to memory for the
    !> maximum number of blocks.
    subroutine continue_samples(from, to, boulders, sampled, fit)
       type(samples_t), intent(inout) :: from
@@ -138,14 +138,14 @@ contains
 
    ! ---- blocks -------------------------------------------------------------------------------
 
-   !> Put blocks in the order of bins, quantities, parts and places, independent of the threads; and list their 0-based
-   !> places in it.
+   !> Order blocks by bins, quantities, parts and places, independently of the threads, and list their 0-based places
+   !> in this order.
    subroutine list_blocks(samples, places)
       type(samples_t), intent(inout), target :: samples
       integer(i8), allocatable, intent(out) :: places(:)
       integer(i4), pointer, contiguous :: at(:)
       integer(i4) :: moved(bins_per_coarse)
-      integer(i4), allocatable :: from(:)  !! block that is to come to a place
+      integer(i4), allocatable :: from(:)  !! block to be moved to each place
       integer(i8) :: k
       integer :: n, place, next
 
@@ -161,7 +161,7 @@ contains
       end do
       do n = 1, samples%blocks
          if (from(n) == n) cycle
-         moved = samples%counts(:, n)  ! begin of a cycle of blocks, each block replaces another
+         moved = samples%counts(:, n)  ! start of a cycle, in which each block replaces another
          place = n
          do
             next = from(place)
@@ -177,7 +177,7 @@ contains
    !> Restore the places of blocks, and the lengths of tails.
    subroutine find_blocks(samples, places)
       type(samples_t), intent(inout), target :: samples
-      integer(i8), intent(in) :: places(:)  !! of blocks, as listed
+      integer(i8), intent(in) :: places(:)  !! places of the blocks, as listed
       integer(i4), pointer, contiguous :: at(:)
       integer :: k
 
@@ -188,7 +188,7 @@ contains
       end do
    end subroutine find_blocks
 
-   !> Block of a coarse bin, new if it has none. Threads add at different places, and take blocks from one stock.
+   !> Block of a coarse bin, new if the bin has none. Threads add at different places, but share the stock of blocks.
    subroutine find_block(samples, at, block)
       type(samples_t), intent(inout) :: samples
       integer(i4), intent(inout) :: at
@@ -203,7 +203,7 @@ contains
       at = block
    end subroutine find_block
 
-   !> Bins of n that are not empty.
+   !> Indices and counts of the non-empty bins among n.
    pure type(filled_bins_t) function filled_bins(n, counts) result(filled)
       integer(i8), intent(in) :: n
       integer(i4), intent(in) :: counts(n)
@@ -255,7 +255,7 @@ contains
    !> Add numbers to the samples of a quantity at a place. Separate loops for each step overlap the waits for memory.
    subroutine add_numbers(samples, numbers, quantity, part, group, place)
       type(samples_t), intent(inout) :: samples
-      integer(i8), intent(in) :: numbers(:)               !! of units
+      integer(i8), intent(in) :: numbers(:)               !! in units
       integer, intent(in) :: quantity, part(:), group(:)  !! part and group of each number
       integer, intent(in) :: place
       integer(i4) :: block(batch)
@@ -290,7 +290,7 @@ contains
    pure subroutine add_to_sums(words, numbers, part)
       integer(i8), intent(inout) :: words(:, :)  !! (words, parts)
       integer(i8), intent(in) :: numbers(:)
-      integer, intent(in) :: part(:)             !! of each number
+      integer, intent(in) :: part(:)             !! part of each number
       integer(i16) :: total, squares
       integer :: first, last, k
 
@@ -311,7 +311,7 @@ contains
       end do
    end subroutine add_to_sums
 
-   !> Add the samples of other numbers.
+   !> Add the samples of another run.
    subroutine merge_samples(samples, other)
       type(samples_t), intent(inout) :: samples
       type(samples_t), intent(in) :: other
@@ -387,7 +387,7 @@ contains
       end associate
    end function sample_sum
 
-   !> Add numbers of boulders to the tails of a line.
+   !> Add numbers from boulders to the tails of a line.
    pure subroutine add_tails(samples, line, numbers)
       type(samples_t), intent(inout) :: samples
       integer, intent(in) :: line
@@ -405,8 +405,8 @@ contains
       end associate
    end subroutine add_tails
 
-   !> Insert a number into a heap of the largest, whose root is the smallest and whose first nodes are known. In a full
-   !> heap, the nodes on the path of smaller children move up by one, and the number rises from its end, without
+   !> Insert a number into a heap of the largest numbers, whose root is the smallest and whose first nodes are known. In
+   !> a full heap, the nodes on the path of smaller children move up by one, and the number rises from its end, without
    !> unpredictable branches (Wegener 1993, doi:10.1016/0304-3975(93)90364-Y).
    pure subroutine add_tail(heap, known, number)
       real(sp), intent(inout) :: heap(:)

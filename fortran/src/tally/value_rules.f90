@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Values that the variables of a run can have, by their names in files.
+!> Values that the variables of a run can have, by variable name in files.
 module rockfall_value_rules
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
    use rockfall_kinds, only: wp
@@ -21,7 +21,7 @@ module rockfall_value_rules
 
 contains
 
-   !> Fault of the values of a variable without missing ones; "" if a run can have them.
+   !> Fault in the values of a variable without missing values; "" if a run can have them.
    pure function value_fault(name, values, grid) result(fault)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: values(:)

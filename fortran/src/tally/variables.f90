@@ -21,7 +21,7 @@ module rockfall_variables
       !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), feature (per
       !> boulder, if sources come from a layer), shape (per boulder, if they have several), mass (if sources come from a
       !> layer or give densities), tree (per boulder, if there are trees), breakage (per boulder, if they may break),
-      !> crossing (first one of a line), fragment (there, if boulders may break), hit (there, if there are barriers),
+      !> crossing (first crossing of a line), fragment (then, if boulders may break), hit (then, if there are barriers),
       !> line (derived from a crossing, in no file), line_vertex, barrier, map, histogram, vertex (of a trajectory),
       !> tally (per cell, in part files), kept and sample (if not all rows are kept); or status, outcome and leg: values
       !> of the status of a boulder, of the outcome at a barrier, and of the motion from a vertex to the next.
@@ -32,7 +32,7 @@ module rockfall_variables
       character(len=80) :: long_name
       character(len=80) :: comment = ""
       character(len=2) :: stored = "" !! type in part files: i1, i4, f4; default f8, or i8 for integers
-      character(len=24) :: axes = ""  !! of a sample: its dimensions after sample_, the last varies fastest
+      character(len=24) :: axes = ""  !! dimensions of a sample after sample_; the last varies fastest
    end type variable_t
 
    character(len=*), parameter :: ends = "the first and the last bin include all values beyond"
@@ -50,7 +50,7 @@ module rockfall_variables
    character(len=*), parameter :: speeds = " of the passing boulders' maximum speeds"
    character(len=*), parameter :: jump_heights = " of the passing boulders' maximum jump heights"
    character(len=*), parameter :: passing_heights = " of the passing boulders' maximum passing heights"
-   character(len=3), parameter :: levels(*) = ["q50", "q90", "q95", "q98", "q99"]  !! quantiles of maps
+   character(len=3), parameter :: levels(*) = ["q50", "q90", "q95", "q98", "q99"]  !! quantiles in maps
    character(len=13), parameter :: of_level(*) = [character(len=13) :: "median", "90 % quantile", "95 % quantile", &
                                                   "98 % quantile", "99 % quantile"]
    character(len=*), parameter :: at_crossing = " at the first crossing"
@@ -294,7 +294,7 @@ module rockfall_variables
       .or. variable_table%group == "count")
    character(len=27), parameter :: energy_fields(*) = pack(variable_table%name, &
       variable_table%group == "energy")
-   !> Columns of rows, each with its group; the group of the first is present in every run.
+   !> Columns of rows, each with its group; every run has the group of the first.
    logical, parameter :: is_row_real(*) = variable_table%kind == "real" &
       .and. (variable_table%group == "boulder" .or. variable_table%group == "energy" &
              .or. variable_table%group == "mass" .or. variable_table%group == "breakage")

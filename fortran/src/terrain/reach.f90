@@ -8,21 +8,21 @@ module rockfall_reach
    private
    public :: block_side, update_block_minima, reach_box
 
-   integer, parameter :: max_blocks = 1024   !! along a side of the raster: at most 8 MB of minima
-   integer, parameter :: margin = 3           !! cells: of a patch, and around the cells of a patch
-   real(wp), parameter :: slack = 0.01_wp     !! [m] far above the rounding error of the energy head
+   integer, parameter :: max_blocks = 1024   !! maximum along a side of the raster: at most 8 MB of minima
+   integer, parameter :: margin = 3           !! cells of a patch, and around the cells of a patch
+   real(wp), parameter :: slack = 0.01_wp     !! far above the rounding error of the energy head [m]
 
-   !> Blocks reached by a flood fill, and the stack of those whose neighbours are still to be visited.
+   !> Blocks reached by a flood fill, and the stack of blocks whose neighbours are still to be visited.
    type :: flood_t
-      real(wp) :: level = 0.0_wp           !! higher blocks are not reached [m]
+      real(wp) :: level = 0.0_wp           !! elevation below which blocks can be reached [m]
       logical, allocatable :: reached(:, :)
-      integer, allocatable :: stack(:, :)  !! column, row
+      integer, allocatable :: stack(:, :)  !! column and row of each block
       integer :: n = 0                     !! size of the stack
    end type flood_t
 
 contains
 
-   !> Side length in cells of the blocks; only their minimum elevation is stored.
+   !> Side length in cells of the blocks, whose minimum elevation is stored.
    pure integer function block_side(nodes)
       integer, intent(in) :: nodes(2)  !! columns, rows of the raster
 
@@ -31,7 +31,7 @@ contains
 
    !> Update the minima of blocks [m] with the known elevations of rows first to last.
    pure subroutine update_block_minima(dem, first, last, minima)
-      type(terrain_t), intent(in) :: dem        !! with all columns of these rows
+      type(terrain_t), intent(in) :: dem        !! terrain with all columns of these rows
       integer, intent(in) :: first, last        !! rows from the north
       real(wp), intent(inout) :: minima(:, :)   !! (columns, rows) of blocks
       real(wp) :: z
@@ -54,15 +54,15 @@ contains
       end do
    end subroutine update_block_minima
 
-   !> Rectangle of cells (first column, first row, last column, last row) that contains every cell that boulders from
-   !> these sources can reach or affect, and their neighbours: blocks below the energy head that are connected to a
+   !> Rectangle of cells (first column, first row, last column, last row) that contains all cells that boulders from the
+   !> sources can reach or affect, and their neighbours: blocks below the energy head that are connected to a
    !> block with a source.
    pure function reach_box(dem, minima, head, x, y, beyond) result(box)
-      type(terrain_t), intent(in) :: dem       !! geometry only; elevations are not needed
-      real(wp), intent(in) :: minima(:, :)     !! of all blocks [m]
+      type(terrain_t), intent(in) :: dem       !! terrain, used only for its geometry
+      real(wp), intent(in) :: minima(:, :)     !! minima of all blocks [m]
       real(wp), intent(in) :: head             !! maximum energy head of all sources [m]
       real(wp), intent(in) :: x(:), y(:)       !! sources, local coordinates [m]
-      integer, intent(in) :: beyond            !! cells around these that boulders affect
+      integer, intent(in) :: beyond            !! number of cells around the reached cells that boulders affect
       integer :: box(4)
       type(flood_t) :: flood
       integer :: k, block(2), side
@@ -73,7 +73,7 @@ contains
       side = block_side([dem%nx, dem%ny])
       do k = 1, size(x)
          block = [nint(x(k)*dem%per_cell) + 1, dem%ny - nint(y(k)*dem%per_cell)]
-         call push_blocks(flood, minima, (block - 2)/side + 1, block/side + 1)  ! one of the surrounding cells is lower
+         call push_blocks(flood, minima, (block - 2)/side + 1, block/side + 1)  ! a surrounding cell is lower
       end do
       do while (flood%n > 0)
          block = flood%stack(:, flood%n)
@@ -92,7 +92,7 @@ contains
    pure subroutine push_blocks(flood, minima, first, last)
       type(flood_t), intent(inout) :: flood
       real(wp), intent(in) :: minima(:, :)       !! [m]
-      integer, intent(in) :: first(2), last(2)   !! blocks, possibly beyond the raster
+      integer, intent(in) :: first(2), last(2)   !! first and last block, possibly beyond the raster
       integer :: i, r
 
       do r = max(1, first(2)), min(last(2), size(minima, 2))

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Cells as steep as rock faces, and their surface areas.
+!> Cells as steep as rock faces, and surface areas of cells.
 module rockfall_steep_cells
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i2
@@ -19,7 +19,7 @@ contains
       slope = 55*exponential(-0.075_wp*logarithm(cell))
    end function usual_threshold
 
-   !> Set the positive cells to zero that are flatter than a threshold (Horn 1981) or have an incomplete 3x3 window,
+   !> Set to zero the positive cells that are flatter than a threshold (Horn 1981) or have an incomplete 3x3 window,
    !> from row `first` on.
    pure subroutine keep_steep_cells(dem, threshold, first, cells)
       type(terrain_t), intent(in) :: dem
@@ -48,9 +48,9 @@ contains
       end do
    end subroutine keep_steep_cells
 
-   !> Ratio of surface to plan area of the cells of sources, sqrt(1 + tan**2) [-] by Horn (1981); if the 3x3 window is
-   !> incomplete, from the patch next to the source, as for the descent of a cell. 1 outside the known terrain, where
-   !> sources are not allowed.
+   !> Ratio of surface to plan area for the cells of sources, sqrt(1 + tan**2) [-] by Horn (1981). If the 3x3 window is
+   !> incomplete, it is that of the patch next to the source, as for the descent of a cell; 1 outside the known terrain,
+   !> where sources are not allowed.
    pure function surface_ratios(dem, x, y) result(ratio)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x(:), y(:)  !! local coordinates [m]

@@ -14,8 +14,8 @@ module rockfall_surface
    real(wp), parameter :: second_from = 0.7_wp, third_from = 0.9_wp
    real(wp), parameter :: size_weights(3) = [second_from, third_from - second_from, 1 - third_from]
 
-   !> Surface given as a constant (no array), as zones with a table, or as rasters of the values. Arrays start at the
-   !> same cell as those of the terrain.
+   !> Surface given as a constant (no array), as zones with a table, or as rasters of values. Arrays start at the
+   !> same cell as the arrays of the terrain.
    type :: surface_t
       integer :: method = method_b
       real(wp) :: size_to_radius = 0.5_wp  !! method A: 1/2 treats Rg as a diameter, 1 as a radius [-]
@@ -24,14 +24,14 @@ module rockfall_surface
       integer(i1), pointer, contiguous :: zone1(:, :) => null()   !! (nx, ny) column of `sizes`, or
       integer(i2), pointer, contiguous :: zone2(:, :) => null()   !! for more than 127 materials
       real(sp), pointer, contiguous :: values(:, :, :) => null()  !! (nx, ny, 1 or 3) sizes of each cell [m]
-      !> Index of the ground type per material, or per cell, if there are several.
+      !> Index of the ground type per material or cell, if there are several.
       integer(i1), allocatable :: material_ground(:)
       integer(i1), pointer, contiguous :: cell_ground(:, :) => null()
    end type surface_t
 
 contains
 
-   !> Rock radius R_m [m] at a raster cell for one rebound; `u` draws the obstacle size of method A (theory, chapter 7).
+   !> Rock radius R_m [m] at a raster cell for one rebound; `u` selects method A's obstacle size (theory, chapter 7).
    pure real(wp) function rock_radius(surface, at, u)
       type(surface_t), intent(in) :: surface
       integer, intent(in) :: at(2)  !! column, row from the north

@@ -11,14 +11,14 @@ module rockfall_terrain
    public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, nearest_node, cell_descent
    public :: is_within, horn, is_pit, steepness_of, max_elevation
 
-   real(wp), parameter :: max_elevation = 1.0e7_wp  !! [m] maximum absolute elevation; above it: undeclared nodata
+   real(wp), parameter :: max_elevation = 1.0e7_wp  !! maximum absolute elevation; above it: undeclared nodata [m]
 
    !> Distance from a side of a patch within which a point counts as on it [cells]: map coordinates of 1e7 m have a
    !> resolution of 2e-9 m, so a source at a cell centre may be off by that much.
    real(wp), parameter :: on_side = 1.0e-6_wp
 
-   !> View of the caller's array in its native precision. `z(i, r)`: column i from the west, row r from the north, as in
-   !> files; NaN = no data. The array may be a window of the raster: columns, rows and coordinates refer to the whole
+   !> View of the caller's array in native precision. `z(i, r)`: column i from the west, row r from the north, as in
+   !> files; NaN = no data. The array may be a window of the raster: columns, rows and coordinates refer to the complete
    !> raster, so that results do not depend on the window.
    type :: terrain_t
       integer :: nx = 0, ny = 0                           !! nodes of the raster
@@ -35,18 +35,18 @@ module rockfall_terrain
    type :: patch_t
       integer :: i = 0, j = 0
       real(wp) :: z00 = 0.0_wp, a = 0.0_wp, b = 0.0_wp, c = 0.0_wp  !! [m]
-      logical :: known = .false.  !! false if a corner has no data, or outside
+      logical :: known = .false.  !! false if a corner has no data or is outside
    end type patch_t
 
 contains
 
    !> Build a terrain from the elevations of a raster whose outer north-western corner is (west, north) in map
-   !> coordinates; or of a window of it that starts at column and row `first`.
+   !> coordinates, or from a window of the raster that starts at column and row `first`.
    function terrain(west, north, cell, z8, z4, nodes, first) result(dem)
       real(wp), intent(in) :: west, north, cell                  !! [m]
       real(wp), intent(in), target, contiguous, optional :: z8(:, :)  !! exactly one of the two [m]
       real(sp), intent(in), target, contiguous, optional :: z4(:, :)  !! [m]
-      integer, intent(in), optional :: nodes(2), first(2)        !! of the full raster; of the window
+      integer, intent(in), optional :: nodes(2), first(2)        !! nodes of the full raster; first node of the window
       type(terrain_t) :: dem
       integer :: from(2), across(2)
 
@@ -92,8 +92,8 @@ contains
       in_window = i >= dem%lo(1) .and. j >= dem%lo(2) .and. i <= dem%hi(1) .and. j <= dem%hi(2)
    end function in_window
 
-   !> Find the patch at a point, and the position in it. Points outside the raster get the nearest patch; points on the
-   !> edge of the known terrain (up to `on_side`) get a known patch.
+   !> Find the patch at a point, and the point's position in the patch. Points outside the raster get the nearest patch;
+   !> points on the edge of the known terrain (up to `on_side`) get a known patch.
    pure subroutine locate(dem, x, y, patch, u, w)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y  !! [m]
@@ -103,7 +103,7 @@ contains
 
       i = max(1, min(dem%nx - 1, int(x*dem%per_cell) + 1))
       j = max(1, min(dem%ny - 1, int(y*dem%per_cell) + 1))
-      do k = 0, 3  ! the patch, then its neighbours across a side and a corner
+      do k = 0, 3  ! the patch itself, then its neighbours across a side and a corner
          call read_patch(dem, i + mod(k, 2)*side_step(patch_position(dem, x, i)), j &
                          + k/2*side_step(patch_position(dem, y, j)), patch)
          if (patch%known) exit
@@ -163,7 +163,7 @@ contains
       is_known_at = patch%known
    end function is_known_at
 
-   !> Read patch (i, j); unknown outside the window or next to nodata.
+   !> Read patch (i, j), which is unknown outside the window or next to nodata.
    pure subroutine read_patch(dem, i, j, patch)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: i, j
@@ -195,7 +195,7 @@ contains
       end if
    end subroutine read_corners
 
-   !> Coefficients of a patch from the elevations of its corners [m]; `known` is 1, or 0 if one of them is not.
+   !> Coefficients of a patch from the elevations of its corners [m]; `known` is 1, or 0 if a corner is unknown.
    elemental subroutine find_coefficients(z00, z10, z01, z11, a, b, c, known)
       real(wp), intent(in) :: z00, z10, z01, z11
       real(wp), intent(out) :: a, b, c  !! as in patch_t
@@ -284,7 +284,7 @@ contains
 
    !> Direction of steepest descent of a raster cell by 3x3 finite differences (Horn 1981,
    !> doi:10.1109/PROC.1981.11918), as the downhill vector -grad z, not normalised; and whether the cell is a pit (none
-   !> of its eight neighbours is lower). If the window is incomplete: the descent of the patch, and no pit.
+   !> of its eight neighbours is lower). If the window is incomplete: descent of the patch, and no pit.
    pure subroutine cell_descent(dem, at, patch_gradient, descent, pit)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: at(2)              !! from cell_of
@@ -311,7 +311,7 @@ contains
       is_pit = merge(1.0_wp, 0.0_wp, lowest >= middle)
    end function is_pit
 
-   !> Return whether a raster cell has all of its eight neighbours.
+   !> Return whether a raster cell has all eight neighbours.
    pure logical function has_neighbours(dem, at)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: at(2)  !! from cell_of
@@ -322,7 +322,7 @@ contains
    !> Return 1 if a raster cell is not on the edge of its raster, else 0; a number, so that loops vectorise.
    elemental real(wp) function is_within(column, row, nx, ny)
       real(wp), intent(in) :: column, row  !! integers, from 1 [-]
-      real(wp), intent(in) :: nx, ny       !! of the raster, integers too [-]
+      real(wp), intent(in) :: nx, ny       !! columns and rows of the raster, integers [-]
 
       is_within = merge(1.0_wp, 0.0_wp, column >= 2)
       is_within = merge(is_within, 0.0_wp, row >= 2)
@@ -343,7 +343,7 @@ contains
       end if
    end subroutine read_window
 
-   !> Downhill vector of a cell from its eight neighbours, named by direction, and the elevation of the lowest one.
+   !> Downhill vector of a cell from its eight neighbours, named by direction, and elevation of the lowest neighbour.
    elemental subroutine horn(nw, n, ne, w, e, sw, s, se, per_cell, east, north, lowest)
       real(wp), intent(in) :: nw, n, ne, w, e, sw, s, se  !! [m]
       real(wp), intent(in) :: per_cell                    !! [1/m]

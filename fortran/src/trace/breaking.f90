@@ -18,7 +18,7 @@ module rockfall_breaking
 
 contains
 
-   !> Break a block at its release, by the energy of the fall `release_fall`.
+   !> Break a block at its release, with the energy of the fall `release_fall`.
    pure subroutine break_at_release(scene, result, scratch)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: result
@@ -27,14 +27,14 @@ contains
       call break_boulder(scene, result%boulder%mass*scene%gravity*scene%breakage%release_fall, result, scratch)
    end subroutine break_at_release
 
-   !> Break a boulder after its rebound, by the energy of its normal motion before. A boulder that rests or rolls there
-   !> does not break.
+   !> Break a boulder after its rebound, with the energy of its normal motion before. A boulder that rests or rolls
+   !> after the rebound does not break.
    pure subroutine break_at_impact(scene, landing, v, omega_r, roll, result, flight, scratch)
       type(scene_t), intent(in) :: scene
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)          !! incoming velocity [m/s]
       real(wp), intent(in) :: omega_r       !! W after the rebound [m/s]
-      type(roll_t), intent(inout) :: roll   !! ended, if it breaks in the contact of a table
+      type(roll_t), intent(inout) :: roll   !! roll that ends if the boulder breaks in a contact by a table
       type(boulder_result_t), intent(inout) :: result
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch
@@ -51,7 +51,7 @@ contains
       scratch%broken = piece_t(scratch%start%number, result, flight, omega_r, stored_part(scratch%record))
    end subroutine break_at_impact
 
-   !> Break a boulder, if the energy suffices and the number of fragments allows it.
+   !> Break a boulder if the energy suffices and the number of fragments allows it.
    pure subroutine break_boulder(scene, energy, result, scratch)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: energy  !! [J]
@@ -68,13 +68,13 @@ contains
       result%breakages = result%breakages + 1
    end subroutine break_boulder
 
-   !> Fragment k of the broken piece in the work space, ready to start. Its path continues the path of the piece; its
-   !> counts begin at zero. The speed of its centre and W are those of the piece times sqrt(kept_energy).
+   !> Fragment k of the broken piece in the work space, ready to start. Its path continues that of the piece; its
+   !> counts begin at zero. The speed of its centre and W are the piece's, multiplied by sqrt(kept_energy).
    pure type(piece_t) function fragment_piece(scene, scratch, k, number) result(piece)
       type(scene_t), intent(in) :: scene
       type(scratch_t), intent(in) :: scratch
       integer, intent(in) :: k
-      integer(i8), intent(in) :: number  !! of the fragment, as of fragment_number
+      integer(i8), intent(in) :: number  !! number of the fragment, from fragment_number
       integer(i8) :: word(words_per_block)
       real(wp) :: g(2), v(3)
 

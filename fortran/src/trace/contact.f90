@@ -28,7 +28,7 @@ module rockfall_contact
    private
    public :: handle_impact, find_ground, find_impact_set, close_impact, rest_or_roll
 
-   real(wp), parameter :: rockless_radius = 1.0e-9_wp  !! R_m of ground without rocks: below that of any boulder [m]
+   real(wp), parameter :: rockless_radius = 1.0e-9_wp  !! R_m of ground without rocks, smaller than any boulder [m]
 
 contains
 
@@ -103,13 +103,13 @@ contains
       if (slow) call rest_or_roll(scene, ground, landing, squared_length(flight%v), omega_r, result, roll)
    end subroutine handle_impact
 
-   !> Handle a contact drawn from a table: find its end, or where the boulder stops.
+   !> Handle a contact by a table: find its end, or where the boulder stops.
    pure subroutine handle_table_contact(scene, ground_data, number, ground, landing, v, ratio, u, omega_r, level, &
                                         result, flight, roll, scratch)
       type(scene_t), intent(in) :: scene
       type(ground_t), intent(in) :: ground_data
       integer(i8), intent(in) :: number
-      integer, intent(in) :: ground          !! its index
+      integer, intent(in) :: ground          !! index of the ground
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)           !! incoming velocity [m/s]
       real(wp), intent(in) :: ratio          !! R_b/R_m [-]
@@ -138,7 +138,7 @@ contains
       if (level >= with_all) then
          call record_vertex(scratch%record, vertex_t(landing%x, landing%y, landing%z, result%time, flight%v, &
                                                      contact%v_in, contact%v_out, ratio))
-         ! V_n of a rolling boulder is in neither; its next contact restores it
+         ! V_n of a rolling boulder is in neither velocity; its next contact restores it
          call add_ground_loss(before, squared_length(flight%v), inertia_factor*omega_r*omega_r, result)
       end if
       call close_impact(scene, squared_length(flight%v), .not. contact%stops, result)
@@ -151,8 +151,8 @@ contains
    !> Find the ground of a raster cell, its rocks and obstacles, and whether it absorbs the boulder.
    pure subroutine find_ground(scene, u_obstacle, shape, cell, level, ground, radius, obstacle, status)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: u_obstacle    !! random number of the obstacle, if the ground is drawn [-]
-      integer, intent(in) :: shape          !! of the boulder, as in boulder_result_t
+      real(wp), intent(in) :: u_obstacle    !! random number for the obstacle, if the ground is drawn [-]
+      integer, intent(in) :: shape          !! shape of the boulder, as in boulder_result_t
       integer, intent(in) :: cell(2)        !! column, row from the north
       integer, value :: level               !! basic, ..., with_all
       integer, intent(out) :: ground        !! 0: the scene has only the case's impact sets
@@ -174,12 +174,12 @@ contains
       end if
    end subroutine find_ground
 
-   !> Choose the impact set of a ratio R_b/R_m.
+   !> Choose the impact set for a ratio R_b/R_m.
    pure subroutine find_impact_set(scene, ratio, u_ratio, set, outside)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: ratio, u_ratio  !! R_b/R_m; random number, if the ground is drawn [-]
       integer, intent(out) :: set
-      logical, intent(out) :: outside  !! outside the calibrated ratios
+      logical, intent(out) :: outside  !! the ratio is outside the calibrated ratios
 
       call find_nearest_set(ratio, set, outside)
       if (scene%between_ratios) set = interpolated_set(ratio, u_ratio)
@@ -190,7 +190,7 @@ contains
       type(ground_t), intent(in) :: ground
       integer, intent(in) :: set
       real(wp), intent(in) :: v_in(3)      !! V_t, V_n, W [m/s]
-      logical, intent(inout) :: outside    !! outside the calibrated ratios
+      logical, intent(inout) :: outside    !! the ratio is outside the calibrated ratios
       real(wp), intent(out) :: fast, steep !! 1 or 0
       real(wp), intent(inout) :: ratio     !! R_b/R_m [-]
 
@@ -204,11 +204,11 @@ contains
       end if
    end subroutine check_fit_range
 
-   !> Finish an impact: a boulder that flies on after its last permitted contact ends here.
+   !> Finish an impact: a boulder that would fly on after its last permitted contact ends here.
    pure subroutine close_impact(scene, speed2, flies, result)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: speed2  !! |v|**2 after the impact
-      logical, intent(in) :: flies    !! neither rests nor rolls
+      logical, intent(in) :: flies    !! the boulder neither rests nor rolls
       type(boulder_result_t), intent(inout) :: result
 
       result%speed_max = max(result%speed_max, speed2)
@@ -218,7 +218,7 @@ contains
    !> Decide whether a boulder that is too slow to fly rests or rolls.
    pure subroutine rest_or_roll(scene, ground, landing, speed2, omega_r, result, roll)
       type(scene_t), intent(in) :: scene
-      integer, intent(in) :: ground    !! its index, if the scene has several
+      integer, intent(in) :: ground    !! index of the ground, if the scene has several
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: speed2   !! |v|**2 [m2/s2]
       real(wp), intent(in) :: omega_r  !! W [m/s]

@@ -14,24 +14,24 @@ module rockfall_crossings
    public :: crossing_t, crossings_t, crossing, record_crossings, start_crossings, clear_crossings, keep_crossings, &
              outcome_at, find_entry
 
-   !> First crossing of an evaluation line; at a barrier that is hit, the crossing of the hit.
+   !> First crossing of an evaluation line; at a barrier that is hit, the crossing at the hit.
    type :: crossing_t
       logical :: crossed = .false.
       integer(i1) :: outcome = 0       !! outcome at the barrier (rockfall_barrier); 0: not hit
       real(wp) :: x = 0, y = 0, time = 0  !! local coordinates [m], since release [s]
       real(wp) :: v(3) = 0, omega = 0  !! [m/s], [rad/s]
-      real(wp) :: jump_height = 0      !! lowest point above the surface [m]
-      real(wp) :: passing_height = 0   !! centre of the sphere above the surface, vertical [m]
-      integer :: line = 0              !! its index
-      integer :: fragments = 0         !! of a boulder that may break: number of fragments that crossed, and
+      real(wp) :: jump_height = 0      !! height of the lowest point above the surface [m]
+      real(wp) :: passing_height = 0   !! vertical height of the sphere's centre above the surface [m]
+      integer :: line = 0              !! index of the line
+      integer :: fragments = 0         !! if the boulder may break: number of fragments that crossed, and
       type(boulder_t) :: fragment = boulder_t()  !! the fragment that the other values belong to
    end type crossing_t
 
-   !> Crossings of a boulder, one for each line: of thousands of lines it crosses few.
+   !> Crossings of a boulder, stored only for the few lines that it crosses.
    type :: crossings_t
       integer :: n = 0
-      type(crossing_t), allocatable :: at(:)  !! the first n
-      integer, allocatable :: place(:)        !! of each line among these; 0: none; not allocated once it has ended
+      type(crossing_t), allocatable :: at(:)  !! the first n are used
+      integer, allocatable :: place(:)        !! index of each line in `at`; 0: none; not allocated once it has ended
    end type crossings_t
 
    integer, parameter :: first_room = 4  !! initial capacity [crossings]
@@ -41,7 +41,7 @@ contains
    !> Record the first crossings of lines along a flight, up to a time.
    pure subroutine record_crossings(scene, gravity, result, flight, landing, omega_r, crossings, until)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: gravity  !! of the path [m/s2]
+      real(wp), intent(in) :: gravity  !! gravity along the path [m/s2]
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
@@ -74,7 +74,7 @@ contains
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: omega_r
-      integer, intent(in) :: line  !! its index
+      integer, intent(in) :: line  !! index of the line
       type(crossings_t), intent(inout) :: crossings
       real(wp), intent(in), optional :: until
       real(wp) :: fraction
@@ -91,7 +91,7 @@ contains
       crossings%at(k)%line = line
    end subroutine record_crossing
 
-   !> Allocate crossings of this number of lines.
+   !> Allocate space for the crossings of this number of lines.
    pure subroutine start_crossings(lines, crossings)
       integer, intent(in) :: lines
       type(crossings_t), intent(out) :: crossings
@@ -100,7 +100,7 @@ contains
       crossings%place = 0
    end subroutine start_crossings
 
-   !> Forget all crossings.
+   !> Discard all crossings.
    pure subroutine clear_crossings(crossings)
       type(crossings_t), intent(inout) :: crossings
 
@@ -108,7 +108,7 @@ contains
       crossings%n = 0
    end subroutine clear_crossings
 
-   !> Find the place of a line among the crossings, or an empty one at their end.
+   !> Find the index of a line among the crossings, or a new index at their end.
    pure subroutine find_entry(crossings, line, k)
       type(crossings_t), intent(inout) :: crossings
       integer, intent(in) :: line
@@ -146,14 +146,14 @@ contains
       if (crossings%place(line) > 0) outcome = crossings%at(crossings%place(line))%outcome
    end function outcome_at
 
-   !> State of a boulder `t` after the start of a flight.
+   !> State of a boulder at time `t` after the start of a flight.
    !>
-   !> The passing height is that of the centre of the sphere, as in the paper. A sphere on a slope touches it along the
+   !> The passing height is that of the sphere's centre, as in the paper. A sphere on a slope touches it along the
    !> normal, so its centre is R_b sqrt(1 + |g|**2) = R_b/cos(slope) vertically above the surface, plus the jump height
    !> in flight (theory, chapter 10).
    pure type(crossing_t) function crossing(scene, gravity, result, flight, t, omega_r) result(c)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: gravity  !! of the path [m/s2]
+      real(wp), intent(in) :: gravity  !! gravity along the path [m/s2]
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: t        !! [s]

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Boulders that may break: the paths of a boulder and of its fragments, one after the other, and their joint
-!> contribution to the tallies. Each fragment is a boulder with its own random numbers; tallies count the released
+!> Boulders that may break: paths of a boulder and its fragments, one after the other, and their joint contribution to
+!> the tallies. Each fragment is a boulder with its own random numbers; tallies count the released
 !> boulder (theory, chapter 3):
 !>
 !> - a cell, a line or an object is reached once, with the maxima over the fragments that reached it; - a deposit is
@@ -28,7 +28,7 @@ module rockfall_fragments
    private
    public :: trace_fragments
 
-   !> Outcomes at a barrier, in ascending order of precedence among several fragments.
+   !> Outcomes at a barrier, in ascending order of precedence if several fragments reach it.
    integer(i1), parameter :: rising_outcomes(*) = int([0, stopped_there, passed_over, broken_through], i1)
 
    !> Pieces to be traced.
@@ -42,16 +42,16 @@ module rockfall_fragments
    type :: all_pieces_t
       type(boulder_result_t) :: result
       integer :: ended = 0           !! pieces that did not break
-      real(wp) :: distance2 = -1     !! squared plan distance of the farthest [m2]
+      real(wp) :: distance2 = -1     !! squared plan distance of the farthest piece [m2]
       type(visits_t) :: visits
       type(gathered_t) :: gathered
       type(tree_hits_t) :: tree_hits
       integer(i8) :: histogram(bins, quantities) = 0
       integer(i8), allocatable :: by_ground(:)
       type(crossings_t), allocatable :: crossings
-      real(wp), allocatable :: raised(:, :)  !! (3, lines): highest jump, centre and upper edge of those there [m]
-      real(wp), allocatable :: energy(:)     !! largest of the crossing fragments, per line [J]
-      type(record_t) :: path         !! of the one that came farthest
+      real(wp), allocatable :: raised(:, :)  !! (3, lines): maximum jump height, centre and upper edge of fragments [m]
+      real(wp), allocatable :: energy(:)     !! maximum energy of the fragments that crossed, per line [J]
+      type(record_t) :: path         !! path of the fragment that travelled farthest
    end type all_pieces_t
 
 contains
@@ -102,7 +102,7 @@ contains
       end associate
    end subroutine prepare
 
-   !> Release a boulder, as a block or as its fragments.
+   !> Release a boulder, as one block or as its fragments.
    pure subroutine release(scene, number, scratch, all, pending)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -137,7 +137,7 @@ contains
    !> Queue the fragments of the broken piece, and add the energy of breaking.
    pure subroutine add_fragments(scene, boulder, scratch, all, pending)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: boulder  !! its number
+      integer(i8), intent(in) :: boulder  !! number of the boulder
       type(scratch_t), intent(in) :: scratch
       type(all_pieces_t), intent(inout) :: all
       type(pending_t), intent(inout) :: pending
@@ -181,7 +181,7 @@ contains
       pending%piece(pending%n) = piece
    end subroutine add_pending
 
-   !> Add a piece that was traced to its end or until it broke.
+   !> Add a piece that was traced until it ended or broke.
    pure subroutine add_piece(scene, result, scratch, all)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
@@ -242,7 +242,7 @@ contains
       all%energy%left = all%energy%left + piece%energy%left
    end subroutine add_counts
 
-   !> Add the end of a piece, which may have travelled farthest.
+   !> Add the end of a piece, which may be the farthest.
    pure subroutine add_end(result, scratch, all)
       type(boulder_result_t), intent(in) :: result
       type(scratch_t), intent(in) :: scratch
@@ -278,13 +278,13 @@ contains
       gathered%stop_cell(:, gathered%stops) = cell
    end subroutine add_stop
 
-   !> Add the crossing of a line by a piece: the most energetic one is kept.
+   !> Add the crossing of a line by a piece; the crossing with the highest energy is kept.
    pure subroutine add_crossing(result, piece, all, energy, raised)
       type(boulder_result_t), intent(in) :: result
       type(crossing_t), intent(in) :: piece
       type(crossing_t), intent(inout) :: all
-      real(wp), intent(inout) :: energy     !! largest so far [J]
-      real(wp), intent(inout) :: raised(3)  !! highest jump, centre, upper edge so far [m]
+      real(wp), intent(inout) :: energy     !! maximum so far [J]
+      real(wp), intent(inout) :: raised(3)  !! maximum jump height, centre, upper edge so far [m]
       real(wp) :: energy_here
       integer :: fragments
       integer(i1) :: outcome
@@ -305,15 +305,15 @@ contains
       all%fragments = fragments
    end subroutine add_crossing
 
-   !> The more severe of two outcomes at a barrier, for objects below it.
+   !> The more severe of two outcomes at a barrier, for the objects below it.
    pure integer(i1) function more_severe(a, b)
       integer(i1), intent(in) :: a, b
 
       more_severe = rising_outcomes(max(findloc(rising_outcomes, a, dim=1), findloc(rising_outcomes, b, dim=1)))
    end function more_severe
 
-   !> Move the joint contribution of all pieces to the work space, as that of one boulder. At a line its heights are
-   !> raised to the highest lowest point, centre and upper edge of the fragments that crossed.
+   !> Move the joint contribution of all pieces to the work space, as the contribution of one boulder. Its heights at a
+   !> line are raised to the maximum lowest point, centre and upper edge of the fragments that crossed.
    pure subroutine hand_over(all, scratch)
       type(all_pieces_t), intent(inout) :: all
       type(scratch_t), intent(inout) :: scratch
@@ -338,7 +338,7 @@ contains
    end subroutine hand_over
 
    pure subroutine raise(by, crossing)
-      real(wp), intent(in) :: by  !! >= 0 [m]
+      real(wp), intent(in) :: by  !! height difference >= 0 [m]
       type(crossing_t), intent(inout) :: crossing
 
       crossing%jump_height = crossing%jump_height + by

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Trees and barriers: which one a boulder hits first, and the effect of the hit.
+!> Trees and barriers: the first obstacle hit by a boulder, and the effect of the hit.
 module rockfall_obstacles
    use rockfall_kinds, only: wp, i1, i8
    use rockfall_math, only: squared_length
@@ -28,7 +28,7 @@ module rockfall_obstacles
    type :: obstacle_t
       integer :: kind = none        !! barrier, tree
       integer :: number = 0         !! index of the barrier
-      real(wp) :: time = no_hit_time  !! since the start of the flight [s]
+      real(wp) :: time = no_hit_time  !! time since the start of the flight [s]
       type(tree_hit_t) :: hit = tree_hit_t()  !! hit of a tree
    end type obstacle_t
 
@@ -37,7 +37,7 @@ contains
    !> Find the first obstacle on a path, and record the line crossings up to it.
    pure subroutine find_obstacle(scene, gravity, result, flight, landing, omega_r, spans, scratch, obstacle)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: gravity  !! of the path [m/s2]
+      real(wp), intent(in) :: gravity  !! gravity along the path [m/s2]
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
@@ -57,10 +57,10 @@ contains
                          crossing(scene, gravity, result, flight, obstacle%time, omega_r))
    end subroutine find_obstacle
 
-   !> Record the crossing at which a barrier is hit instead of earlier ones, when the boulder passed
+   !> Record the crossing at which a barrier is hit, instead of earlier crossings at which the boulder passed
    !> over: the load of a barrier is the hit.
    pure subroutine record_hit(line, crossings, hit)
-      integer, intent(in) :: line  !! its index
+      integer, intent(in) :: line  !! index of the line
       type(crossings_t), intent(inout) :: crossings
       type(crossing_t), intent(in) :: hit
       integer :: k
@@ -73,7 +73,7 @@ contains
    !> Find the first barrier hit by a flight, if it is hit before `obstacle`.
    pure subroutine find_barrier(scene, gravity, result, flight, landing, omega_r, crossings, obstacle)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: gravity    !! of the path [m/s2]
+      real(wp), intent(in) :: gravity    !! gravity along the path [m/s2]
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
@@ -128,7 +128,7 @@ contains
    !> Find the first tree hit by a flight, if it is hit before `obstacle`.
    pure subroutine find_tree(forest, radius, flight, spans, felled, obstacle)
       type(forest_t), intent(in) :: forest
-      real(wp), intent(in) :: radius  !! of the boulder [m]
+      real(wp), intent(in) :: radius  !! radius of the boulder [m]
       type(flight_t), intent(in) :: flight
       type(span_t), intent(in), contiguous :: spans(:)
       integer, intent(in) :: felled(:)
@@ -139,13 +139,13 @@ contains
       if (hit%tree > 0 .and. hit%time < obstacle%time) obstacle = obstacle_t(tree, 0, hit%time, hit)
    end subroutine find_tree
 
-   !> Apply the energy loss at an obstacle; with the remaining energy the boulder flies on from there.
+   !> Apply the energy loss at an obstacle; the boulder flies on from there with the remaining energy.
    pure subroutine hit_obstacle(scene, number, obstacle, landing, v, omega_r, result, flight, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
       type(obstacle_t), intent(in) :: obstacle
       type(landing_t), intent(in) :: landing
-      real(wp), intent(in) :: v(3)        !! velocity there [m/s]
+      real(wp), intent(in) :: v(3)        !! velocity at the obstacle [m/s]
       real(wp), intent(inout) :: omega_r  !! W [m/s]
       type(boulder_result_t), intent(inout) :: result
       type(flight_t), intent(inout) :: flight
@@ -193,7 +193,7 @@ contains
       integer(i8), intent(in) :: number
       type(tree_hit_t), intent(in) :: hit
       type(landing_t), intent(in) :: landing
-      real(wp), intent(in) :: energy  !! of the boulder [J]
+      real(wp), intent(in) :: energy  !! energy of the boulder [J]
       type(boulder_result_t), intent(inout) :: result
       type(scratch_t), intent(inout) :: scratch
       type(tree_impact_t), intent(out) :: impact

@@ -12,7 +12,7 @@ module rockfall_outcome
    public :: stopped, absorbed, left_domain, impact_limit, hit_nodata, stopped_by_tree, stopped_by_barrier
    public :: left_window, broken
 
-   !> Status codes, in the order of the table of rockfall_variables; 0 while a boulder moves.
+   !> Status codes, in the order of the table of rockfall_variables; 0 while the boulder moves.
    integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5, &
                          stopped_by_tree = 6, stopped_by_barrier = 7
    integer, parameter :: broken = -2       !! broke into fragments, which continue; never in results
@@ -23,16 +23,16 @@ module rockfall_outcome
       real(wp) :: released = 0.0_wp  !! kinetic energy at the release, plus potential energy from there to the end
       real(wp) :: ground = 0.0_wp, trees = 0.0_wp, barriers = 0.0_wp  !! absorbed energy
       real(wp) :: left = 0.0_wp      !! kinetic energy at the end
-      real(wp) :: breakage = 0.0_wp  !! kinetic energy that breaking took, with that of fines
+      real(wp) :: breakage = 0.0_wp  !! kinetic energy lost in breaking, including that of fines
    end type energy_balance_t
 
-   !> Result of a boulder (theory, chapter 10); first the numbers that each contact changes, so that they are contiguous
-   !> in memory.
+   !> Result of a boulder (theory, chapter 10). The numbers that each contact changes come first, so that they are
+   !> contiguous in memory.
    type :: boulder_result_t
       type(boulder_t) :: boulder = boulder_t()
       integer :: status = 0
       integer :: impacts = 0               !! contacts with the slope
-      real(wp) :: path_length = 0.0_wp     !! along the flights [m]
+      real(wp) :: path_length = 0.0_wp     !! length along the flights [m]
       real(wp) :: time = 0.0_wp            !! [s]
       real(wp) :: speed_max = 0.0_wp       !! [m/s]; squared until the end
       real(wp) :: jump_height_max = 0.0_wp !! [m]
@@ -45,7 +45,7 @@ module rockfall_outcome
       integer :: stop_cell(2) = 0          !! column, row; only valid with a contact
       integer :: trees_hit = 0             !! repeated hits of a tree count
       integer :: fragments = 1             !! into which it broke; 1: it did not
-      integer :: breakages = 0, capped = 0 !! number of times, and of those limited by the maximum number of fragments
+      integer :: breakages = 0, capped = 0 !! total number; number limited by max_fragments
       real(wp) :: fines = 0.0_wp           !! volume that became fines [m3]
       type(energy_balance_t) :: energy = energy_balance_t()  !! if the scene has trees or barriers, or on request
    end type boulder_result_t
@@ -71,7 +71,7 @@ contains
    !> Add a flight to the result.
    pure subroutine add_flight(length, time, speed2, jump_height, result)
       real(wp), intent(in) :: length, time  !! [m], [s]
-      real(wp), intent(in) :: speed2        !! at its end, |v|**2 [m2/s2]
+      real(wp), intent(in) :: speed2        !! |v|**2 at the end of the flight [m2/s2]
       real(wp), intent(in) :: jump_height   !! maximum [m]
       type(boulder_result_t), intent(inout) :: result
 
@@ -96,11 +96,11 @@ contains
       result%out_of_angle = result%out_of_angle + merge(1, 0, steep)
    end subroutine count_outcome
 
-   !> Add the kinetic energy that a contact leaves to the ground; energies are doubled, and per mass [m2/s2].
+   !> Add the kinetic energy that a contact loses to the ground; energies are doubled, and per mass [m2/s2].
    pure subroutine add_ground_loss(before, after, spin, result)
-      real(wp), intent(in) :: before  !! before the contact
-      real(wp), intent(in) :: after   !! after it, without `spin`
-      real(wp), intent(in) :: spin    !! after it, of a rotation that is not in `after`
+      real(wp), intent(in) :: before  !! energy before the contact
+      real(wp), intent(in) :: after   !! energy after the contact, without `spin`
+      real(wp), intent(in) :: spin    !! energy after the contact of a rotation that is not in `after`
       type(boulder_result_t), intent(inout) :: result
 
       result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass*(before - after - spin)
@@ -109,9 +109,9 @@ contains
    !> Close the energy balance with the energy left at the end and the energy released on the path.
    pure subroutine close_energy_balance(gravity, z, v, omega_r, result)
       real(wp), intent(in) :: gravity  !! [m/s2]
-      real(wp), intent(in) :: z        !! elevation of the end [m]
-      real(wp), intent(in) :: v(3)     !! velocity there [m/s]
-      real(wp), intent(in) :: omega_r  !! W there [m/s]
+      real(wp), intent(in) :: z        !! elevation at the end [m]
+      real(wp), intent(in) :: v(3)     !! velocity at the end [m/s]
+      real(wp), intent(in) :: omega_r  !! W at the end [m/s]
       type(boulder_result_t), intent(inout) :: result
       real(wp) :: kinetic
 

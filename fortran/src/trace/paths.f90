@@ -65,13 +65,13 @@ contains
    end subroutine fly_to_obstacle
 
    !> Follow a roll, or the slide of a contact by a table, to its end, where the next flight starts, or to the first
-   !> obstacle. Lines and cells get the mean speed, the end the exact speed.
+   !> obstacle. Lines and cells get the mean speed; the end gets the exact speed.
    pure subroutine follow_roll(scene, level, roll, result, flight, omega_r, landing, v, obstacle, scratch)
       type(scene_t), intent(in) :: scene
       integer, value :: level                 !! basic, ..., with_all
       type(roll_t), intent(inout) :: roll     !! reset on return
       type(boulder_result_t), intent(inout) :: result
-      type(flight_t), intent(inout) :: flight !! with the velocity after the rebound; on return the next flight, if any
+      type(flight_t), intent(inout) :: flight !! velocity after the rebound; on return the next flight, if any
       real(wp), intent(inout) :: omega_r      !! W: after the rebound, and at the end [m/s]
       type(landing_t), intent(out) :: landing
       real(wp), intent(out) :: v(3)           !! velocity at the end [m/s]
@@ -129,9 +129,9 @@ contains
    pure subroutine record_ground_leg(scene, roll, flight, landing, result, scratch)
       type(scene_t), intent(in) :: scene
       type(roll_t), intent(in) :: roll
-      type(flight_t), intent(in) :: flight    !! its path
-      type(landing_t), intent(in) :: landing  !! its end
-      type(boulder_result_t), intent(in) :: result  !! up to its start
+      type(flight_t), intent(in) :: flight    !! path of the leg
+      type(landing_t), intent(in) :: landing  !! end of the leg
+      type(boulder_result_t), intent(in) :: result  !! result up to the start of the leg
       type(scratch_t), intent(inout) :: scratch
       real(wp), allocatable :: time(:), place(:, :)
       logical :: waits
@@ -150,14 +150,14 @@ contains
                                                      leg=rest_leg))
    end subroutine record_ground_leg
 
-   !> Record the raster cells under a flight, or along a roll, which is a path without gravity.
+   !> Record the raster cells under a flight, or along a roll (a path without gravity).
    pure subroutine visit_cells(scene, gravity, flight, omega_r, start_time, time, spans, scratch)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: gravity  !! of the path [m/s2]
+      real(wp), intent(in) :: gravity  !! gravity along the path [m/s2]
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
       real(wp), intent(in) :: start_time  !! since the release [s]
-      real(wp), intent(in) :: time     !! of the flight [s]
+      real(wp), intent(in) :: time     !! duration of the flight [s]
       type(span_t), intent(in), contiguous :: spans(:)  !! spans of the flight
       type(scratch_t), intent(inout) :: scratch
 

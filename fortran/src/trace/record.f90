@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The recorded trajectory of a boulder: its vertices, and the motion from each to the next.
+!> Recorded trajectory of a boulder: its vertices, and the motion from each vertex to the next.
 module rockfall_record
    use rockfall_kinds, only: wp
    implicit none
@@ -7,20 +7,20 @@ module rockfall_record
    public :: record_t, vertex_t, record_vertex, start_ground_leg, end_record, stored_part, store_path
    public :: no_leg, flight_leg, ground_leg, rest_leg
 
-   !> Motion from a vertex to the next: none at the end; otherwise in the order of rockfall_variables.
+   !> Motion from a vertex to the next: `none` at the end; otherwise in the order of rockfall_variables.
    integer, parameter :: no_leg = 0, flight_leg = 1, ground_leg = 2, rest_leg = 3
 
-   !> Vertex of a trajectory: the release, each contact, each obstacle hit, the end; also where a leg on the ground
+   !> Vertex of a trajectory: release, contact, obstacle hit, or end; also where a leg on the ground
    !> meets the next patch of the terrain, and where the boulder waits.
    type :: vertex_t
       real(wp) :: x = 0, y = 0, z = 0, time = 0  !! local coordinates [m], since release [s]
-      real(wp) :: v(3) = 0                   !! velocity after it [m/s]
+      real(wp) :: v(3) = 0                   !! velocity after the vertex [m/s]
       real(wp) :: v_in(3) = 0, v_out(3) = 0  !! V_t, V_n, W before and after; 0 without a rebound [m/s]
       real(wp) :: ratio = 0            !! R_b/R_m; 0 without a rebound
-      integer :: leg = flight_leg      !! to the next vertex
+      integer :: leg = flight_leg      !! motion to the next vertex
    end type vertex_t
 
-   !> Vertices of a trajectory, as many as there is space for.
+   !> Vertices of a trajectory, as far as they fit.
    type :: record_t
       type(vertex_t), allocatable :: vertex(:)  !! allocated by the caller if it needs the trajectory
       integer :: n = 0                          !! number of vertices, possibly above size(vertex)
@@ -28,7 +28,7 @@ module rockfall_record
 
 contains
 
-   !> Append a vertex to the record, if any; keeps counting when it is full, so that the caller learns the size needed.
+   !> Append a vertex to the record, if any; keeps counting when it is full, so that the caller gets the size needed.
    pure subroutine record_vertex(record, vertex)
       type(record_t), intent(inout) :: record
       type(vertex_t), intent(in) :: vertex
@@ -58,7 +58,7 @@ contains
       if (record%n <= size(record%vertex)) record%vertex(record%n)%leg = no_leg
    end subroutine end_record
 
-   !> The vertices that are stored, and the number of all.
+   !> Stored vertices, and the number of all vertices.
    pure type(record_t) function stored_part(record)
       type(record_t), intent(in) :: record
 
@@ -66,7 +66,7 @@ contains
       if (allocated(record%vertex)) stored_part%vertex = record%vertex(:min(record%n, size(record%vertex)))
    end function stored_part
 
-   !> Begin a record with a path, which is a stored part of it; no effect without a record.
+   !> Start a record with the path so far, which is stored; no effect without a record.
    pure subroutine store_path(path, record)
       type(record_t), intent(in) :: path
       type(record_t), intent(inout) :: record

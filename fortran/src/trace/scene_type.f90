@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The scene: all input of a boulder's simulation, constant during a run; built by rockfall_scene.
+!> Scene: all input of a boulder's simulation, constant during a run; built by rockfall_scene.
 module rockfall_scene_type
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, normal_table_t, boulder_number
@@ -20,7 +20,7 @@ module rockfall_scene_type
    public :: scene_t, n_grounds, goes_in_lanes, has_obstacles, needs_energies, inertia_of, is_slow
    public :: one_by_one, narrow_lanes, wide_lanes, masked_lanes
 
-   !> Execution modes: one boulder at a time; in lanes for any processor; in lanes for AVX2; in lanes for AVX-512.
+   !> Execution modes: boulders one at a time; in lanes for any processor; in lanes for AVX2; in lanes for AVX-512.
    integer, parameter :: one_by_one = 0, narrow_lanes = 1, wide_lanes = 2, masked_lanes = 3
 
    !> All input of a boulder's simulation, constant during a run.
@@ -31,27 +31,27 @@ module rockfall_scene_type
       type(terrain_t) :: dem
       type(surface_t) :: surface
       type(impact_set_t) :: sets(impact_ratios)
-      logical :: between_ratios = .false.  !! a ratio between two sets selects either at random
+      logical :: between_ratios = .false.  !! a ratio between two sets selects either set at random
       logical :: has_tables = .false.      !! a ground has a table of impacts
       real(wp) :: radius_sigma = 0.0_wp    !! standard deviation of ln R_m from boulder to boulder [-]
       logical :: ground_drawn = .false.    !! ground properties are random: additional words per impact
       integer :: turning = past_aspect     !! rule, as in turning_t
       type(lateral_t), allocatable :: lateral(:)  !! per ratio; only for by_lab
       type(ground_t), allocatable :: grounds(:)   !! only if `sets` does not apply everywhere; the first n_grounds
-                                               !! are of the cells, others replace them by shape
+                                               !! belong to cells, the others replace them by shape
       type(shape_mix_t), allocatable :: shapes    !! if boulders have several shapes
       type(volume_distribution_t) :: volumes
-      type(source_boulder_t), allocatable :: of_source(:)  !! given by sources; `volumes` are then factors on these
+      type(source_boulder_t), allocatable :: of_source(:)  !! given by sources; `volumes` are then factors for these
       type(feature_t), allocatable :: features(:)          !! if a layer has release attributes
       type(release_t) :: release
       type(line_t), allocatable :: lines(:)        !! evaluation lines, then barriers
-      type(line_index_t), allocatable :: line_index  !! if there are many
+      type(line_index_t), allocatable :: line_index  !! if there are many lines
       type(barrier_t), allocatable :: barriers(:)
       type(forest_t), allocatable :: forest
       type(breakage_t), allocatable :: breakage    !! if boulders may break
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
       real(wp) :: stop_speed = 0.5_wp      !! speed after a rebound below which a boulder rests or rolls [m/s]
-      real(wp) :: rest_slope = 1.0e30_wp   !! tangent of the rest angle of `sets`: rolls where steeper [-]
+      real(wp) :: rest_slope = 1.0e30_wp   !! tangent of the rest angle of `sets`: boulders roll where steeper [-]
       real(wp) :: object_width = 0.0_wp    !! width for maps of hits [m]
       integer :: max_impacts = 100000      !! number of contacts after which a boulder ends
       logical :: histograms_requested = .false.
@@ -95,7 +95,7 @@ contains
    !> Moment of inertia of a boulder, I/(m R_b**2) [-].
    pure real(wp) function inertia_of(scene, number)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: number  !! of a boulder or a fragment
+      integer(i8), intent(in) :: number  !! number of a boulder or a fragment
 
       inertia_of = inertia_factor
       if (allocated(scene%of_source)) &

@@ -22,28 +22,28 @@ module rockfall_scratch
    !> cells; also trajectory vertices, obstacles and the energy balance.
    integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_all = 3
 
-   !> Boulder at its release, or fragment where its boulder broke: start of a path.
+   !> Boulder at its release, or fragment at its origin: start of a path.
    type :: piece_t
-      integer(i8) :: number = 0            !! as of fragment_number
-      type(boulder_result_t) :: result     !! result up to now
-      type(flight_t) :: flight             !! the first
+      integer(i8) :: number = 0            !! number from fragment_number
+      type(boulder_result_t) :: result     !! result so far
+      type(flight_t) :: flight             !! first flight
       real(wp) :: omega_r = 0.0_wp         !! W [m/s]
-      type(record_t) :: path               !! that led here
+      type(record_t) :: path               !! path so far
    end type piece_t
 
-   !> Additional record of a boulder that may break: visits with energies, as by `merge_visits`.
+   !> Additional record of a boulder that may break: visits with energies, from `merge_visits`.
    type :: gathered_t
       type(visits_t) :: hits
-      type(visits_t) :: passing            !! as of merge_passing
+      type(visits_t) :: passing            !! visits from merge_passing
       integer :: stops = 0                 !! fragments that came to rest
-      integer, allocatable :: stop_cell(:, :)  !! where: column, row
+      integer, allocatable :: stop_cell(:, :)  !! column and row for each of these
    end type gathered_t
 
    !> Work space of a boulder; components not needed by the scene are not allocated.
    type :: scratch_t
       logical :: cells_requested = .false.       !! maps need visits of cells
       logical :: heights_requested = .false.     !! maps need heights in these cells
-      logical :: hits_requested = .false.        !! maps need the objects that it would hit
+      logical :: hits_requested = .false.        !! maps need the objects that the boulder would hit
       logical :: passing_requested = .false.     !! maps need passing heights
       type(visits_t) :: visits
       type(paths_t) :: paths                     !! if hits are requested
@@ -53,12 +53,12 @@ module rockfall_scratch
       integer, allocatable :: felled(:)          !! broken trees
       logical :: tree_hits_requested = .false.   !! maps need hits of trees
       type(tree_hits_t) :: tree_hits
-      type(record_t) :: record                   !! of the trajectory
+      type(record_t) :: record                   !! record of the trajectory
       type(touch_t) :: touch                     !! state on the ground of a table
       ! Only where boulders may break:
-      type(piece_t), allocatable :: start        !! the piece to be traced,
-      integer :: room = 1                        !! the fragments that it may become,
-      type(piece_t), allocatable :: broken       !! and its last state, if it broke, with its fragments
+      type(piece_t), allocatable :: start        !! piece to be traced,
+      integer :: room = 1                        !! number of fragments that it may become,
+      type(piece_t), allocatable :: broken       !! its last state, if it broke, with its fragments
       type(split_t) :: split
       type(gathered_t), allocatable :: gathered
    end type scratch_t
@@ -86,10 +86,10 @@ contains
       end if
    end subroutine clear_scratch
 
-   !> Find the objects that a boulder hits on its paths, each once.
+   !> Find the objects that a boulder hits on its paths, once each.
    pure subroutine find_all_hits(scene, radius, paths, hits)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: radius  !! of the boulder [m]
+      real(wp), intent(in) :: radius  !! radius of the boulder [m]
       type(paths_t), intent(in) :: paths
       type(visits_t), intent(inout) :: hits
 

@@ -66,11 +66,11 @@ contains
          call record_vertex(scratch%record, vertex_t(flight%x, flight%y, flight%z, result%time, flight%v))
    end subroutine start_piece
 
-   !> Kinetic and potential energy of a boulder without spin [J].
+   !> Kinetic and potential energy [J] of a boulder without spin.
    pure real(wp) function energy_head(gravity, boulder, flight)
       real(wp), intent(in) :: gravity       !! [m/s2]
       type(boulder_t), intent(in) :: boulder
-      type(flight_t), intent(in) :: flight  !! its first
+      type(flight_t), intent(in) :: flight  !! first flight of the boulder
 
       energy_head = sum(kinetic_energy(boulder, flight%v, 0.0_wp)) + boulder%mass*gravity*flight%z
    end function energy_head

@@ -21,7 +21,7 @@ module rockfall_tallies
    type :: totals_t
       integer(i8) :: histogram(bins, quantities) = 0
       integer(i8), allocatable :: by_ground(:)  !! rebounds, if the scene has several grounds
-      type(visits_t), private :: hits           !! work space: of a boulder
+      type(visits_t), private :: hits           !! work space for the hits of a boulder
    end type totals_t
 
 contains

@@ -23,7 +23,7 @@ module rockfall_trajectory
 
 contains
 
-   !> Trace boulder `number` (1..) from release to its end, and record everything requested.
+   !> Trace boulder `number` (1..) from its release to its end, and record everything requested.
    pure subroutine trace_full(scene, number, result, scratch, spans)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
