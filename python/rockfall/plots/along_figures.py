@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures along a line: frequency, energy and height of boulders; needs of a barrier."""
+"""Figures along a line: frequency, energy and height of boulders, and requirements of a barrier."""
 
 from __future__ import annotations
 
@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 @styled
 def line_profile_figure(profile: pd.DataFrame) -> Figure:
     """Figure of a `rockfall.line_profile`: fraction of all boulders that pass each metre of the
-    line, 95 % quantiles of the total energy and of the passing height of these boulders, with
-    95 % bands."""
+    line, and 95 % quantiles of their total energy and passing height, with 95 % bands."""
     figure = new_figure(WIDE, 5.2)
     panels = figure.subplots(3, 1, sharex=True)
     _draw_windows(panels[0], profile, "per_metre", 100.0)
@@ -66,7 +65,7 @@ def along_figure(design: Design) -> Figure:
 
 
 def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> None:
-    """Draw steps of a number and its band, hatched upwards without an upper limit."""
+    """Draw a number as steps with its band, hatched upwards without an upper limit."""
     edges = np.append(along["start"], along["end"].iloc[-1])
     value, low, high = (factor * along[name + end].to_numpy() for end in ENDS)
     finite = np.append(value, high)[np.isfinite(np.append(value, high))]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""All figures that a result supports, with captions: those of the paper, for any case."""
+"""All figures of a result, with captions: the figures of the paper, for any case."""
 
 from __future__ import annotations
 
@@ -62,14 +62,14 @@ from rockfall.simulation.progress import add_steps
 if TYPE_CHECKING:
     from matplotlib import figure
 
-PER_FIGURE = 8  # lines
+PER_FIGURE = 8  # number of lines per figure
 #: Figures of rebounds, compared with the laboratory and the paper.
 LABORATORY = ("incident_energy", "incidence_angle", "restitution", "impact_set")
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure: a file name, a title, a descriptive sentence; `draw` makes it."""
+    """A figure: file name, title, descriptive sentence, and the function `draw` that makes it."""
 
     name: str
     title: str
@@ -87,12 +87,12 @@ def figures(
 ) -> list[Figure]:
     """Figures of a result, in reading order.
 
-    `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps and ground under
-    profiles. `observed`, from `rockfall.analysis.observed.observations.read_observed`, adds its
+    `terrain`, from `rockfall.plots.terrain.terrain_of`, supplies the relief for maps and the ground
+    for profiles. `observed`, from `rockfall.analysis.observed.observations.read_observed`, adds its
     summaries and samples to the distributions at the lines, its distances and fractions to the
-    curve of passing, its stops to the maps. `look` has limits between classes and a basemap. With
-    more than `most_lines` lines, those that most boulders pass are drawn. `left` notes what cannot
-    be drawn, because a file of the case cannot be read.
+    passing curve, and its stops to the maps. `look` has class limits and a basemap. With more than
+    `most_lines` lines, only the lines that most boulders pass are drawn. `left` lists what cannot
+    be drawn because a file of the case cannot be read.
     """
     if "boulder" not in result.sizes or not simulated(result):
         raise RockfallError("figures need a result with boulders")
@@ -121,7 +121,8 @@ def write_figures(
     files = {f"{figure.name}.{format}": figure.draw for figure in shown}
     inputs = list(inputs)
     add_steps(len(files))
-    check_outputs([Path(folder) / name for name in files], inputs)  # drawing takes long
+    # before drawing, which takes long
+    check_outputs([Path(folder) / name for name in files], inputs)
     with atomic_folder(folder, inputs) as part:
         for name, draw in files.items():
             save(draw(), part / name)
@@ -133,7 +134,7 @@ def _trajectories(
 ) -> Iterator[Figure]:
     """Recorded trajectories (paper, Fig. 4)."""
     if not any(np.ptp(xyz, axis=1).any() for xyz in vertices_of(result, "x", "y", "z")):
-        return  # none recorded, or none that moved
+        return  # none recorded, or none moved
     recorded = np.unique(result["trajectory_boulder"].values).size
     drawn, total = min(recorded, MAX_TRAJECTORIES), simulated(result)
     yield Figure(
@@ -189,7 +190,7 @@ def _passages(
 
 
 def drawn_lines(result: xr.Dataset, most: int | None = None) -> list[int]:
-    """Indices of lines in figures, in order: all, or those that most boulders pass."""
+    """Indices of the lines in figures, in order: all lines, or those that most boulders pass."""
     if not lines(result):
         return []
     passed = result["row_size"].values
@@ -197,7 +198,7 @@ def drawn_lines(result: xr.Dataset, most: int | None = None) -> list[int]:
 
 
 def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[Figure]:
-    """Distributions at the evaluation lines (paper, Figs 8 and 11), several per figure."""
+    """Distributions at the evaluation lines (paper, Figs 8 and 11), several lines per figure."""
     if not which:
         return
     passed = {}
@@ -264,11 +265,11 @@ def _ranges(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def _rebounds(result: xr.Dataset, left: LeftOut) -> Iterator[Figure]:
-    """Figures over all rebounds (paper, Figs 11 to 14), and the impact set behind them (Fig. 5)."""
+    """Figures of all rebounds (paper, Figs 11 to 14), and the impact set behind them (Fig. 5)."""
     if "incidence_angle_histogram" in result and result["incidence_angle_histogram"].any():
         n = int(result["incidence_angle_histogram"].sum())
         frequency, edges = histogram(result, "tangential_share")
-        above = 100 * frequency[edges[:-1] > 0.75].sum()  # bins of 0.02
+        above = 100 * frequency[edges[:-1] > 0.75].sum()  # bins are 0.02 wide
         theirs = beside_paper(result)
         for name, title, what, shown in (
             ("incident_energy", say("figures.energy_title"),
@@ -294,7 +295,7 @@ def _rebounds(result: xr.Dataset, left: LeftOut) -> Iterator[Figure]:
 
 
 def set_of(result: xr.Dataset) -> Sets:
-    """Impact set of a run. Raises a RockfallError if its file cannot be read, or has changed."""
+    """Impact set of a run. Raises a RockfallError if its file cannot be read or has changed."""
     path = set_path(case_of(result))
     if open_sets(path).checksum != result.attrs["impact_set_checksum"]:
         raise RockfallError(f"{path}: is not the impact set of the run (SHA-256 differs)")
@@ -302,7 +303,7 @@ def set_of(result: xr.Dataset) -> Sets:
 
 
 def _maps(result: xr.Dataset, terrain: Terrain | None, look: Look | None) -> Iterator[Figure]:
-    """Maps that are not in other figures, in the order of the result."""
+    """Maps that other figures do not show, in the order of the result."""
     boulders = say_count("figures.in_each_cell", simulated(result))
     for name in map(str, result.data_vars):
         variable = result[name]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figure of the numbers at a line against the number of boulders of a run."""
+"""Figure of the statistics at a line against the number of boulders of a run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LOOKS = {  # colour and dashes
+LOOKS = {  # colour and dash styles
     "fraction": (INK, "-"),
     "mean": (BLUE, "-"),
     "std": (INK, (0, (1, 1.5))),
@@ -58,7 +58,7 @@ def history_figure(result: xr.Dataset, line: int) -> Figure:
 
 
 def _mark_minor(axes: Axes) -> None:
-    """Draw minor ticks of a logarithmic axis as one row: a tick takes a millisecond."""
+    """Draw minor ticks of a logarithmic axis as one row, because a tick takes a millisecond."""
     import matplotlib
     from matplotlib.markers import TICKDOWN
     from matplotlib.ticker import LogLocator, NullLocator
@@ -83,8 +83,8 @@ def _mark_minor(axes: Axes) -> None:
 def _curve(
     axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, scale: float
 ) -> float:
-    """Plot a number with its 95 % band. Returns the upper axis limit, from twice the highest number
-    and the end of the last band, since bands of few boulders are unbounded."""
+    """Plot a statistic with its 95 % band. Return the upper axis limit, from twice the highest
+    value and the end of the last band, since bands of few boulders are unbounded."""
     value, low, high = (
         np.array([scale * row.get(f"{name}{end}", np.nan) for row in rows]) for end in ENDS
     )

@@ -39,16 +39,16 @@ DRAWN = (
     "speed", "passing_height", "energy_translational", "energy_rotational", "energy_total",
     "rotational_share",
 )  # fmt: skip
-DISTANCE = "axis.distance"  # message
-ABREAST = 2  # lines side by side
+DISTANCE = "axis.distance"  # message id
+ABREAST = 2  # number of lines side by side
 MAX_BINS = 60
-MAX_BINS_BELOW = 500  # of a distribution that extends far below zero
-BEYOND = 0.998  # one value in 500 lies beyond the end of the axis
+MAX_BINS_BELOW = 500  # maximum number of bins for a distribution far below zero
+BEYOND = 0.998  # quantile at the end of the axis: one value in 500 lies beyond
 OURS = {"marker": "o", "markersize": 4, "color": BLUE}
 
 
 class Row(NamedTuple):
-    """Mean and standard deviation of a line and quantity, with their source."""
+    """Mean and standard deviation of a quantity at a line, with their source."""
 
     source: str
     mean: float
@@ -61,8 +61,8 @@ def distribution_figure(
     result: xr.Dataset, quantity: str, observed: Any = None, which: Iterable[int] | None = None
 ) -> Figure:
     """Distribution of a quantity among the boulders that pass, with a panel for each line, or for
-    the lines `which`, counted from 0; mean and standard deviation are below, also of `observed`
-    (see `rockfall.plots.figures`)."""
+    the lines `which`, counted from 0. Mean and standard deviation are below, also those of
+    `observed` (see `rockfall.plots.figures`)."""
     which = list(range(result.sizes["line"]) if which is None else which)
     display, names = QUANTITIES[quantity], [line_names(result)[k] for k in which]
     ours = [display.factor * values_at(result, quantity, k) for k in which]
@@ -76,7 +76,7 @@ def distribution_figure(
     tall = 1.9 + 0.17 * deepest
     figure = new_figure(WIDE, 0.3 + (tall + 0.5) * deep)
     blocks = figure.add_gridspec(deep, abreast)
-    panels = []  # without shared axes, which take quadratic time
+    panels = []  # not with shared axes, which take quadratic time
     for k, name in enumerate(names):
         block = blocks[k // abreast, k % abreast].subgridspec(
             2, 1, height_ratios=[1.9, 0.17 * deepest + 0.1], hspace=0
@@ -98,8 +98,8 @@ def distribution_figure(
 
 @styled
 def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
-    """Fraction of the boulders that travel at least a given distance, with its 95 % band, and
-    observed ones (see `rockfall.plots.figures`)."""
+    """Fraction of the boulders that travel at least a given distance, with its 95 % band, and the
+    observed fraction (see `rockfall.plots.figures`)."""
     figure = new_figure(WIDE, 2.9)
     axes = figure.add_subplot()
     _draw_passing(axes, result)
@@ -127,7 +127,7 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
 
 def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
     """Draw the curve of `passing_figure`. The final distance of boulders that left the terrain is
-    unknown: beyond the nearest exit, the curve lies between two dotted curves."""
+    unknown, so beyond the nearest exit two dotted curves bound the curve."""
     gone, distance = left_terrain(result), stop_distances(result)
     shown, fraction, low, high = passing(result, distance)
     _, upper, _, high = passing(result, np.where(gone, np.inf, distance))
@@ -155,7 +155,7 @@ def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None
         where = np.median(distance)
         for axes in panels:
             axes.axvline(where, **(BARRIER if k in barriers else LINE))
-        high = 0.02 + 0.08 * (k % 4)  # lines may be near each other
+        high = 0.02 + 0.08 * (k % 4)  # staggered, because lines may be close together
         style: dict[str, Any] = {"transform": labels.get_xaxis_transform(), "clip_on": True}
         labels.text(where, high, f" {plain(name)}", **style)
 
@@ -165,7 +165,7 @@ def _finite(values: np.ndarray) -> np.ndarray:
 
 
 def _sample(observed: Any, line: str, quantity: str) -> np.ndarray:
-    """Observed values of individual boulders; empty if there are none."""
+    """Observed values of individual boulders; empty without observations."""
     samples = {} if observed is None else observed.samples
     return np.asarray(samples.get((line, quantity), ()), float)
 
@@ -173,7 +173,7 @@ def _sample(observed: Any, line: str, quantity: str) -> np.ndarray:
 def _rows(
     line: str, ours: np.ndarray, theirs: np.ndarray, quantity: str, observed: Any
 ) -> list[Row]:
-    """Means and deviations of a quantity at a line: simulated, published, of the sample."""
+    """Means and deviations of a quantity at a line: simulated, published, and from the sample."""
     rows = []
     if ours.size:
         rows.append(Row(say("compare.this_run"), ours.mean(), _deviation(ours), OURS))
@@ -197,7 +197,7 @@ def _deviation(values: np.ndarray) -> float:
 
 
 def _bins(samples: list[np.ndarray]) -> np.ndarray:
-    """Bin edges of a round width, up to a value that one in 500 of any sample exceeds; their number
+    """Bin edges of a round width, up to a value that one in 500 exceeds in any sample; their number
     depends on the largest sample."""
     high = max((float(np.quantile(v, BEYOND)) for v in samples if v.size), default=1.0)
     low = min([0.0, *(float(v.min()) for v in samples if v.size)])

@@ -30,15 +30,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MAX_TRAJECTORIES = 200  # maximum drawn
-LIMIT = 0.01  # pass frequency of the outline (paper, Fig. 10)
+MAX_TRAJECTORIES = 200  # maximum number of trajectories drawn
+LIMIT = 0.01  # passage frequency at the outline (paper, Fig. 10)
 BAR = 0.48  # height for the colour bar [inch]
-LETTER = 0.062  # width of a letter of its label [inch]
-OPAQUE = 0.8  # of colours, so that the relief remains visible
+LETTER = 0.062  # letter width of its label [inch]
+OPAQUE = 0.8  # opacity of colours, with the relief still visible
 
 
 class Look(NamedTuple):
-    """A user's choices for maps: limits between classes by unit, an image below them."""
+    """User settings for maps: class limits by unit, and an image below the maps."""
 
     limits: Limits | None = None
     basemap: Basemap | None = None
@@ -53,11 +53,11 @@ def map_figure(
     look: Look | None = None,
     room: Room = PAGE,
 ) -> Figure:
-    """A map variable of the result in classes, blank where no boulder passed; with observed stops
-    (n, 2).
+    """Map variable of the result in classes, blank where no boulder passed, with observed stops (n,
+    2).
 
     Classes and colours are the same for every result. Passages and fractions are percentages of all
-    boulders, with an outline at 1 %. If a map has more cells than the picture has dots, each dot
+    boulders, with an outline at 1 %. If a map has more cells than the image has dots, each dot
     shows the maximum of its cells.
     """
     look = look or Look()
@@ -91,7 +91,7 @@ def stops_figure(
     look: Look | None = None,
     room: Room = PAGE,
 ) -> Figure:
-    """End points of boulders, with a marker for each status; observed stops (n, 2)."""
+    """End points of boulders, with a marker for each status, and observed stops (n, 2)."""
     key = [*key_of(result), *_stops_key(result), *_observed_key(observed)]
     basemap = (look or Look()).basemap
     extent = reached(result, terrain, observed)
@@ -113,7 +113,7 @@ def is_fraction(name: str) -> bool:
 
 
 def map_note(result: xr.Dataset, name: str) -> str:
-    """Note on blank cells that have values, and on what the values of a map are based on."""
+    """Note on cells with values that are blank, and on the boulders behind the map."""
     attrs = result[name].attrs
     notes = map_comment(name, attrs)
     if "min_passages" in attrs:
@@ -126,7 +126,7 @@ def map_note(result: xr.Dataset, name: str) -> str:
 
 
 def map_values(result: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
-    """A map in the unit shown, NaN where no boulder passed; passages as a percentage."""
+    """Map values in the displayed unit, NaN where no boulder passed; passages as a percentage."""
     values = np.where(result[name].values > of_none(result, name), result[name].values, np.nan)
     if name == "passages":
         return 100 * values / simulated(result), "%"
@@ -163,7 +163,7 @@ def _draw_classes(
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
     colours = ListedColormap(list(classes.colours))
-    # a class includes its upper limit, unlike in matplotlib
+    # classes include their upper limit, unlike Matplotlib's
     ends = [-np.inf, *np.nextafter(classes.limits, np.inf), np.inf]
     norm = BoundaryNorm(ends, len(classes.colours))
     draw_image(sheet.axes, values, grid, norm=norm, cmap=colours, alpha=OPAQUE)
@@ -180,7 +180,7 @@ def _draw_classes(
 
 
 def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
-    """Draw recorded trajectories in plan; only some of them if there are many."""
+    """Draw recorded trajectories in plan; a selection if there are many."""
     from matplotlib.collections import LineCollection
 
     paths = [xy.T for xy in spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)]

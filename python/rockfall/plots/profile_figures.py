@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recorded trajectories along their profile: elevation, height above the ground, speed."""
+"""Recorded trajectories in profile: elevation, height above the ground, speed."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ PANEL, TALLEST = 6.3, 4.5  # width and maximum height of the profile [inch]
 
 @styled
 def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
-    """Profile at true scale, heights above the ground and speeds of the recorded trajectories,
-    against the plan distance from the release; without terrain, ground and heights are omitted."""
+    """Profile at true scale, heights above the ground, and speeds of the recorded trajectories
+    against the plan distance from the release. Without terrain, ground and heights are omitted."""
     curves = trajectories(result, MAX_TRAJECTORIES)
     ground = _ground_below(result, curves, terrain)
     drop = max((np.ptp(curve.z) for curve in curves), default=0.0)
@@ -49,8 +49,8 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
 
 
 def true_scale(drop: float, furthest: float, tallest: float = TALLEST) -> tuple[float, float]:
-    """Height [inch], at most `tallest`, of a profile at true scale that falls by a height over a
-    distance [m], and the distance at which its axis must end to show all of it."""
+    """Height [inch], at most `tallest`, of a profile at true scale with a given fall over a given
+    distance [m], and the distance [m] at the end of its axis to show all of it."""
     drop, furthest = 1.1 * drop, 1.03 * furthest or 1.0
     high = float(np.clip(PANEL * drop / furthest, 1.2, tallest))
     return high, max(furthest, PANEL * drop / high)
@@ -66,7 +66,7 @@ def _ground_below(
 
 
 def _speeds_in_motion(curve: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Distances and speeds, without times when a boulder rests between contacts."""
+    """Distances [m] and speeds [m/s], without rest times between contacts."""
     moves = (curve.speed > 0) | (curve.time == 0)
     return curve.distance[moves], curve.speed[moves]
 
@@ -89,7 +89,7 @@ def _draw_heights(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.
 
 
 def draw_curves(axes: Axes, shown: list[tuple[np.ndarray, np.ndarray]], **options: object) -> None:
-    """Draw curves (x, y), interrupted at NaN, in the style of trajectories or another."""
+    """Draw curves (x, y), interrupted at NaN, in the style of trajectories or another style."""
     from matplotlib.collections import LineCollection
 
     look: dict[str, Any] = {"rasterized": True, **TRAJECTORY, **options}

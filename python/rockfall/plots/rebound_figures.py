@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures over all rebounds: fractions of the incident energy, incidence angles, R_t and R_n; and
-R_t and R_n of an impact set."""
+"""Figures of all rebounds: fractions of the incident energy, incidence angles, R_t and R_n; and R_t
+and R_n of an impact set."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ PAPER = {
     "restitution_tangential": [(0.7, "axis.paper_tangential")],
     "restitution_normal": [(0.4, "axis.paper_normal"), (1.0, "axis.paper_normal_small")],
 }
-ANGLES = np.arange(5.0, 90.1, 2.5)  # incidence [degrees]
-LAST_RT = 60.0  # [degrees]; beyond, V_t_in is too small to divide by
+ANGLES = np.arange(5.0, 90.1, 2.5)  # incidence angles [degree]
+LAST_RT = 60.0  # [degree]; at steeper incidence V_t_in is too small to divide by
 KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
     "R_t": [((5, 30), (0.7, 0.7))],
     "R_n": [((90,), (0.4,)), ((10, 20), (1.0, 1.0))],
@@ -44,7 +44,7 @@ KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
 
 
 def beside_paper(result: xr.Dataset) -> bool:
-    """Return True if the rebounds compare with the paper's, which are by impact sets."""
+    """Return True if the rebounds are comparable with the paper's, which follow impact sets."""
     return not (classical_grounds(result) or table_grounds(result))
 
 
@@ -73,7 +73,7 @@ def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
 
 
 def histogram(result: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Fraction of the rebounds in each bin of a histogram, and the edges of the bins."""
+    """Fraction of the rebounds in each histogram bin, and the bin edges."""
     counts = result[f"{name}_histogram"].values
     bounds = result[f"{name}_bin_bounds"].values
     return counts / max(1, counts.sum()), np.append(bounds[:, 0], bounds[-1, 1])
@@ -82,7 +82,7 @@ def histogram(result: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
 @styled
 def draw_restitution(sets: Sequence[Sets]) -> Figure:
     """R_t and R_n against the incidence angle for each ratio, without spin (the paper's Fig. 5):
-    mean and the middle 80 % of the admissible draws of each set; values of the paper in grey."""
+    mean and middle 80 % of the admissible draws of each set, with values of the paper in grey."""
     figure = new_figure(WIDE, 3.6)
     panels = figure.subplots(2, 5, sharex=True, sharey="row")
     looks = ((VERMILION, "-"), (BLUE, (0, (5, 2))))
@@ -92,7 +92,8 @@ def draw_restitution(sets: Sequence[Sets]) -> Figure:
             for row, axes in enumerate(panels[:, k]):
                 shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
                 values = [draw[row] for draw in draws[: shown.size]]
-                is_known = np.array([v.size > 0 for v in values])  # some draw is admissible
+                # with at least one admissible draw
+                is_known = np.array([v.size > 0 for v in values])
                 shown, values = shown[is_known], [v for v in values if v.size]
                 if not values:
                     continue

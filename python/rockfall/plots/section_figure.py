@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 SHOWN = ("energy_total", "passing_height", "speed")
 HEIGHTS = [1.0, 1.4, 1.4, 1.1]  # height of the panels below the profile [inch]
-TALLEST = 4.0  # maximum height of the profile, so that everything fits on A4 [inch]
+TALLEST = 4.0  # maximum profile height for a figure that fits on A4 [inch]
 MEAN: dict[str, Any] = {"lw": 0.8, "linestyle": (0, (4, 2))}
 QUANTILE: dict[str, Any] = {"lw": 1.3}
 MAXIMUM: dict[str, Any] = {"lw": 0.9, "linestyle": ":"}
@@ -46,9 +46,8 @@ STRENGTH: dict[str, Any] = {"color": INK, "marker": "_", "ms": 9, "mew": 1.8, "l
 def section_figure(section: Section) -> Figure:
     """Profile at true scale with the recorded trajectories within the corridor; boulders at each
     station; mean, 95 % quantile with its 95 % band, and maximum of total energy, passing height and
-    speed: of recorded trajectories, of the cells of the maps, and at the lines that the section
-    crosses. Barriers have their height and capacity. Numbers from too few boulders are not
-    drawn."""
+    speed. These come from recorded trajectories, map cells, and lines that the section crosses.
+    Barriers are drawn with their height and capacity. Numbers from too few boulders are omitted."""
     length = float(lengths(section.line.vertices)[-1])
     high, furthest = true_scale(_relief(section), length, TALLEST)
     figure = new_figure(WIDE, high + sum(HEIGHTS) + 1.3)
@@ -68,7 +67,7 @@ def section_figure(section: Section) -> Figure:
 
 
 def _relief(section: Section) -> float:
-    """Difference of the elevations that a profile shows [m]."""
+    """Elevation range of a profile [m]."""
     shown = [section.table["elevation"].to_numpy(float), *(z for _, z in section.paths)]
     values = np.concatenate(shown)
     return float(np.ptp(finite)) if (finite := values[np.isfinite(values)]).size else 0.0
@@ -90,7 +89,7 @@ def _draw_profile(axes: Axes, section: Section) -> None:
 
 
 def _bases(section: Section) -> str:
-    """Notes on the boulders behind the numbers of a section, and on those left out."""
+    """Notes on the boulders behind the numbers of a section, and on omitted boulders."""
     style = {"part": section.recorded, "n": section.boulders, "within": section.line.within}
     left_out = section.not_kept
     more = [say_count("figures.section_not_kept", left_out)] if left_out else []
@@ -113,7 +112,7 @@ def _draw_boulders(axes: Axes, section: Section) -> None:
 
 
 def _draw_envelopes(axes: Axes, section: Section, quantity: str, display: Quantity) -> None:
-    """Draw the envelopes of a quantity from each of its sources."""
+    """Draw the envelopes of a quantity from each data source."""
     table, factor = section.table, display.factor
     for before, colour in (("recorded", BLUE), ("cell", VERMILION)):
         mean = factor * table[f"{before}_{quantity}_mean"]
@@ -142,12 +141,12 @@ def _draw_band(
 
 
 def _with_limits(table: pd.DataFrame, name: str, factor: float) -> list[np.ndarray]:
-    """Columns of a number and of the limits of its interval."""
+    """Column names of a number and the limits of its interval."""
     return [factor * table[column].to_numpy(float) for column in with_limits(name)]
 
 
 def _draw_strength(axes: Axes, lines: pd.DataFrame, name: str, factor: float) -> None:
-    """Draw the height or the capacity of the barriers."""
+    """Draw the barriers' height or capacity."""
     barriers = lines[lines["kind"] == "barrier"]
     axes.plot(barriers["distance"], factor * barriers[name].astype(float), **STRENGTH,
               label=say("tables.barrier"))  # fmt: skip
@@ -158,7 +157,7 @@ def _mark_lines(panels: np.ndarray, lines: pd.DataFrame) -> None:
     for k, row in enumerate(lines.itertuples()):
         for axes in panels:
             axes.axvline(row.distance, **(LINE | {"lw": 0.6, "zorder": 0}))
-        high = 0.03 + 0.1 * (k % 4)  # lines may be near each other
+        high = 0.03 + 0.1 * (k % 4)  # staggered, because lines may be close together
         style: dict[str, Any] = {"transform": panels[0].get_xaxis_transform(), "clip_on": True}
         panels[0].text(row.distance, high, f" {plain(str(row.name))}", **style)
 

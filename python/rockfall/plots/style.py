@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 _Look = dict[str, Any]
 
-BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # Okabe and Ito (2008)
+BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # colours by Okabe and Ito (2008)
 INK, GREY = "#222222", "#8A8A8A"
-#: Styles of one of many trajectories, an evaluation line, a barrier, and observations.
+#: Styles of a trajectory, an evaluation line, a barrier, and observations.
 TRAJECTORY: _Look = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}
 LINE: _Look = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}
 BARRIER: _Look = {"color": INK, "linewidth": 1.8, "solid_capstyle": "butt"}
 OBSERVED: _Look = {"color": INK, "marker": "D", "markersize": 3.5, "markerfacecolor": "white"}
-NARROW, WIDE = 90 / 25.4, 180 / 25.4  # a column and a page [inch]
+NARROW, WIDE = 90 / 25.4, 180 / 25.4  # column and page width [inch]
 FORMATS = ("png", "pdf", "svg")
 STYLE: dict[Any, Any] = {
     "font.size": 8,
@@ -42,16 +42,16 @@ STYLE: dict[Any, Any] = {
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
     "legend.frameon": False,
-    "svg.hashsalt": "rockfall",  # reproducible bytes
+    "svg.hashsalt": "rockfall",  # for reproducible bytes
 }
 MOST_TICKS = 9  # maximum number of ticks of an axis: Matplotlib's locators make no more
-POINTS = 72  # per inch, the dots of vectors
-PDF = {"Creator": "rockfall", "CreationDate": None}  # metadata
+POINTS = 72  # points per inch
+PDF = {"Creator": "rockfall", "CreationDate": None}  # fixed metadata
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Wrap a function that makes a figure so that it uses the house style, with numbers on its axes
-    in the format of the language."""
+    """Wrap a function that makes a figure so that it uses the house style, with axis numbers in the
+    format of the language."""
 
     @wraps(draw)
     def wrapped(*arguments: object, **options: object) -> Figure:
@@ -78,7 +78,7 @@ def _localise_ticks(figure: Figure, language: str) -> None:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Empty figure [inch] with a layout that separates its panels, outside pyplot's registry."""
+    """Empty figure of this size [inch] with separated panels, not registered with pyplot."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -91,12 +91,12 @@ def draw_bars(axes: Axes, fraction: np.ndarray, edges: np.ndarray) -> None:
 
 
 def save(figure: Figure, path: str | Path, dpi: int | None = None, **options: Any) -> None:
-    """Write a figure atomically, with reproducible bytes; raises Stopped if a stop was requested.
+    """Write a figure atomically, with reproducible bytes. Raises Stopped if a stop was requested.
     `options` are passed to Matplotlib's `savefig`."""
     import matplotlib
 
     step()
-    dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # vectors with dense parts as dots
+    dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # for dense parts in vector files
     style = {
         ".png": {"Software": "rockfall"},
         ".pdf": PDF,
@@ -107,14 +107,15 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None, **options: An
         _lay_out(figure, Path(path).suffix, dpi)
         try:
             figure.savefig(part, dpi=dpi, metadata=style.get(part.suffix), **options)
-        except ValueError as error:  # not an image extension
+        except ValueError as error:  # unknown image extension
             raise RockfallError(f"{path}: cannot be written: {error}") from error
 
 
 def _keep_ticks(figure: Figure) -> None:
-    """Cache ticks by view and space: Matplotlib computes them a dozen times."""
+    """Cache ticks by view and space, because Matplotlib computes them a dozen times."""
     for axis in [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
-        make = getattr(axis, "_update_ticks", None)  # private: without it figures take longer
+        # private attribute: figures take longer without it
+        make = getattr(axis, "_update_ticks", None)
         if make is not None:
             setattr(axis, "_update_ticks", _kept(axis, make))  # noqa: B010
 
@@ -133,12 +134,12 @@ def _kept(axis: Axis, make: Callable[[], list[Tick]]) -> Callable[[], list[Tick]
 
 
 def _room(axis: Axis) -> tuple[float, ...]:
-    """Inputs of the ticks: the view, and the space for them."""
+    """Values that determine the ticks: the view, and the space for them."""
     return *axis.get_view_interval(), min(axis.get_tick_space(), MOST_TICKS)
 
 
 def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
-    """Lay out a figure with the texts of its first format, so that it is drawn once."""
+    """Lay out a figure with the texts of its first format, so that it is drawn only once."""
     from matplotlib.backend_bases import get_registered_canvas_class
 
     engine, canvas = figure.get_layout_engine(), get_registered_canvas_class(ending[1:])
@@ -146,7 +147,7 @@ def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
         canvas(figure)
         figure.set_dpi(dpi if ending == ".png" else POINTS)
         engine.execute(figure)
-        figure.set_layout_engine(None)  # none by default
+        figure.set_layout_engine(None)  # layout is fixed from here on
 
 
 def save_pages(pages: Iterable[Figure], path: str | Path, dpi: int) -> None:
@@ -165,7 +166,7 @@ def save_pages(pages: Iterable[Figure], path: str | Path, dpi: int) -> None:
 
 
 def plain(text: str) -> str:
-    """User text with dollar signs escaped, so that it is not read as mathematics."""
+    """User text with escaped dollar signs, so that Matplotlib does not read it as mathematics."""
     return text.replace("$", r"\$")
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Terrain of the boulders of a result, found again and checked."""
+"""Terrain of a result, located and checked."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rockfall.result.trajectories import Terrain
 from rockfall.scene.layers import file_checksum
 from rockfall.terrain.dams import with_dam
 
-MAX_CELLS = 16_000_000  # read at full resolution; larger terrain is thinned
+MAX_CELLS = 16_000_000  # maximum cells at full resolution; larger terrain is thinned
 
 
 def terrain_of(
@@ -29,16 +29,17 @@ def terrain_of(
 ) -> Terrain | None:
     """Elevations (ny, nx) [m] within the extent of a result, and their grid.
 
-    The terrain is read from the file `dem`, or else from that of the case, whose name is relative
-    to the folder in which it was run, or else from the file of that name in the result's folder
-    `beside`. A given file that differs from that of the run is a RockfallError; without a given
-    one, None with a warning that gives the reason.
+    The terrain is read from the file `dem`, else from the case's file, whose name is relative to
+    the folder of the run, else from a file with the same name in the result's folder `beside`. A
+    given file that differs from the run's file raises a RockfallError. Without a given file, a
+    failure returns None with a warning that gives the reason.
     """
     try:
         path = _found(result, _places(result, beside) if dem is None else [Path(dem)])
         z, grid = _read(result, path)
         for dam in case_of(result).dam:
-            with contextlib.suppress(RockfallError):  # its crest extends beyond the boulders
+            # raised if the dam's crest extends beyond the boulders
+            with contextlib.suppress(RockfallError):
                 z, _ = with_dam(z, grid, dam, str(path))
         return z, grid
     except RockfallError as error:
@@ -49,7 +50,7 @@ def terrain_of(
 
 
 def _places(result: xr.Dataset, beside: Path | None) -> list[Path]:
-    """Candidate paths of the case's DEM: where it was run, or next to the result."""
+    """Candidate paths of the case's DEM: in the folder of the run, or next to the result."""
     case = case_of(result)
     if case.terrain["dem"] == FROM_ARRAY:
         raise RockfallError(f"{case.name}: elevations were given as an array, not as a file")
@@ -76,7 +77,7 @@ def _found(result: xr.Dataset, places: list[Path]) -> Path:
 
 
 def _check_same(result: xr.Dataset, path: Path) -> None:
-    """Check that the bytes of the DEM are those of the run; for an array they are unknown."""
+    """Refuse a DEM whose bytes differ from the run's; for an array they are unknown."""
     checksum = file_checksum(path)
     expected = json.loads(result.attrs["input_checksums"])["dem"]
     from_array = case_of(result).terrain["dem"] == FROM_ARRAY
@@ -106,12 +107,12 @@ def _read(result: xr.Dataset, path: Path) -> Terrain:
 
 
 def _inside(centres: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Index of the cells between two places."""
+    """Index of the cells between two positions."""
     return np.flatnonzero((centres >= low) & (centres <= high))
 
 
 def _check_place(result: xr.Dataset, path: Path, grid: Grid) -> None:
-    """Check that the result's grid, with the origin of its maps, matches the DEM's cells."""
+    """Refuse a DEM whose cells do not match the result's grid and the origin of its maps."""
     west, north, cell = corner_of(result["crs"].attrs)
     column, row = round((west - grid.west) / grid.cell), round((grid.north - north) / grid.cell)
     part = grid.part(Box(row, column, grid.ny, grid.nx))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Candidate alignments of a barrier above a protected line: the line shifted step by step towards
-the sources, or lines drawn by the user."""
+"""Candidate alignments of a barrier above a protected line: shifted copies of the line towards the
+sources, or lines drawn by the user."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rockfall.terrain.height import height, inside
 from rockfall.terrain.polyline import beside, lengths, spaced
 
 MAX_ALIGNMENTS = 200
-SAMPLES = 200  # places along a line at which elevation and distance are taken
+SAMPLES = 200  # number of places along a line for elevation and distance
 
 
 class Alignment(NamedTuple):
@@ -36,7 +36,7 @@ class Alignment(NamedTuple):
 
 
 class Shift(NamedTuple):
-    """Shifts of the protected line: step [m], maximum distance, and azimuth [degree]; None:
+    """Shifts of the protected line: step [m], maximum distance [m], and azimuth [degree]; None:
     perpendicular to the line, towards the sources."""
 
     every: float
@@ -45,8 +45,8 @@ class Shift(NamedTuple):
 
 
 def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Alignment]]:
-    """Scene with copies of a line as evaluation lines, and these lines, the original first. Copies
-    entirely outside the terrain are left out."""
+    """Scene with copies of a line as evaluation lines, and these lines, beginning with the
+    original. Copies entirely outside the terrain are omitted."""
     number = _steps(shift)
     vertices = vertices_of(scene.case, line)
     step = _direction(scene, line, vertices, shift.direction) * shift.every
@@ -72,8 +72,8 @@ def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Al
 def drawn_scene(
     case: Case, scene: Scene, line: str, layer: Any, name: str | None, arrays: Mapping[str, Any]
 ) -> tuple[Scene, list[Alignment]]:
-    """Scene of a case with the lines of a layer (a file or GeoDataFrame) as evaluation lines, and
-    these lines; `scene` is the scene without them."""
+    """Scene with the lines of a layer (a file or GeoDataFrame) as evaluation lines, and these
+    lines; `scene` is the scene without them."""
     given = {"candidates": layer} if is_frame(layer) else {}
     with frame_files(given) as files:
         file = files.get("candidates", layer if is_frame(layer) else Path(layer).resolve())
@@ -121,7 +121,7 @@ def alignment(
 
 
 def _steps(shift: Shift) -> int:
-    """Number of copies."""
+    """Number of copies of the line."""
     for name in ("every", "to"):
         if not 0 < getattr(shift, name) < math.inf:
             raise RockfallError(f"{name} = {getattr(shift, name)}: must be > 0 m")
@@ -137,7 +137,8 @@ def _steps(shift: Shift) -> int:
 
 
 def _direction(scene: Scene, line: str, vertices: np.ndarray, azimuth: float | None) -> complex:
-    """Unit vector of a shift: its azimuth, or off the line's chord to the mean source."""
+    """Unit vector of a shift: along its azimuth, or perpendicular to the line's chord towards the
+    mean source."""
     if azimuth is not None:
         return complex(1j * np.exp(-1j * math.radians(azimuth)))
     chord = vertices[-1] - vertices[0]

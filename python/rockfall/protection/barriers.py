@@ -25,11 +25,12 @@ COLUMNS += with_limits("fraction")
 
 
 def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
-    """One row for each barrier and outcome: n and fraction of all boulders with this outcome at the
-    barrier, with the limits of its 95 % confidence interval (as line_statistics).
+    """Table with one row for each barrier and outcome: n and fraction of all boulders with this
+    outcome at the barrier, with the limits of its 95 % confidence interval (as in
+    `line_statistics`).
 
     Outcomes are stopped, broken_through and passed_over; the remaining fraction never reached the
-    barrier. `height` [m] and `capacity` [J] are the barrier's.
+    barrier. `height` [m] and `capacity` [J] describe the barrier.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -44,7 +45,7 @@ def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
 
 
 def barrier_rows(result: Held) -> Iterator[dict[str, Any]]:
-    """Rows of `barrier_statistics`."""
+    """Table rows for `barrier_statistics`."""
     if barriers_of(result):
         check_rows(result, "what barriers did")
     for k in barriers_of(result):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that reach a line, as a barrier there would."""
+"""Boulders that reach a line, as seen by a barrier there."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rockfall.result.variables import OUTCOME
 
 
 class Crossings(NamedTuple):
-    """Values of each boulder that crossed a line: source and volume [m3] there, position along it
+    """Values of each boulder that crossed a line: source and volume [m3], position along the line
     [m], speed [m/s], energies [J], heights above the ground [m]."""
 
     source: Sources | Weighted
@@ -26,9 +26,9 @@ class Crossings(NamedTuple):
     speed: np.ndarray
     energy_total: np.ndarray
     energy_translational: np.ndarray
-    passing_height: np.ndarray  # of the centre, vertical: that of &barrier
-    upper_edge: np.ndarray  # of the highest point, vertical
-    normal_height: np.ndarray  # of the centre, normal to the slope
+    passing_height: np.ndarray  # vertical height of the centre, as for &barrier
+    upper_edge: np.ndarray  # vertical height of the highest point
+    normal_height: np.ndarray  # height of the centre normal to the slope
     normal_upper_edge: np.ndarray
 
     @property
@@ -49,8 +49,8 @@ def crossings(result: xr.Dataset, line: int) -> Crossings:
 
 
 def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:
-    """Mark boulders that pass a barrier of this height [m] and capacity [J], over or through it, at
-    first contact: the kernel's rule without its stop speed."""
+    """Mask of boulders that pass a barrier of this height [m] and capacity [J], over or through it,
+    at first contact: the kernel's rule without its stop speed."""
     if not came.n:
         return np.zeros(0, bool)
     outcome = barrier_outcomes(height, capacity, came.passing_height, came.energy_total)

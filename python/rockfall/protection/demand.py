@@ -12,9 +12,9 @@ from rockfall.protection.factors import Factors
 from rockfall.result.variables import ENDS
 from rockfall.scene.rebounds.rebound import sphere_radius
 
-ABOVE = len(EAD_ENERGY)  # class of barriers whose manufacturer declares a higher energy
+ABOVE = len(EAD_ENERGY)  # class of barriers with a declared energy above the list
 
-ROUNDING = 1e-9  # of a density from an energy
+ROUNDING = 1e-9  # rounding error of a density from an energy
 
 Row = dict[str, float]
 
@@ -22,8 +22,8 @@ Row = dict[str, float]
 def demand(came: Crossings, factors: Factors, density: float, volume: float | None = None) -> Row:
     """Design values, in SI units: v_d, m_d, E_d, h_d (of the centre, vertical, and normal to the
     slope), with the limits of their 95 % intervals; `height_needed` = h_d + f_min, and the EAD
-    class for E_d. `volume` [m3] of the design block; None: a quantile of the boulders that reach
-    the line. `density` is that of the case, unless a layer of sources gives densities."""
+    class for E_d. `volume` [m3] is the volume of the design block; None: a quantile of the boulders
+    that reach the line. `density` is the case's density, unless a source layer gives densities."""
     if volume is None:
         volume = quantile(came.volume, factors["quantile_volume"], came.source)[0]
     values = _uni if factors.conditions.standard == "UNI" else _onr
@@ -38,7 +38,7 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
 
 
 def _density(came: Crossings, density: float) -> float:
-    """Density of the boulder that is densest by its energy; the density of the case if equal."""
+    """Density [kg/m3] of the densest boulder by energy; the case's density if equal."""
     moves = came.speed > 0
     mass = 2 * came.energy_translational[moves] / came.speed[moves] ** 2
     densest = float((mass / came.volume[moves]).max(initial=0.0))
@@ -46,15 +46,15 @@ def _density(came: Crossings, density: float) -> float:
 
 
 def class_for(energy: float, factors: Factors) -> float:
-    """Lowest EAD class whose capacity covers a design energy [J]; ABOVE if none does, NaN if the
-    energy is unknown. Class 0 kits are not tested at SEL."""
+    """Lowest EAD class whose capacity covers a design energy [J]; ABOVE if no class does, NaN if
+    the energy is unknown. Class 0 kits are not tested at SEL."""
     first = 1 if factors.conditions.limit_state == "SEL" else 0
     enough = [k for k in range(first, ABOVE) if energy < usable(EAD_ENERGY[k], factors)]
     return np.nan if np.isnan(energy) else enough[0] if enough else ABOVE
 
 
 def usable(capacity: float, factors: Factors) -> float:
-    """Usable capacity [J] of a barrier of this capacity (MEL) [J]."""
+    """Usable capacity [J] of a barrier with this capacity (MEL) [J]."""
     return capacity * factors["energy_share"] / factors["gamma_E"]
 
 
@@ -70,7 +70,7 @@ def _uni(came: Crossings, factors: Factors, density: float, volume: float) -> Ro
 
 
 def _onr(came: Crossings, factors: Factors, density: float, volume: float) -> Row:
-    """ONR 24810: E_d = E_k gamma_F_energy, of the total energy; h_d = h_k gamma_F_height."""
+    """ONR 24810: E_d = E_k gamma_F_energy, for the total energy; h_d = h_k gamma_F_height."""
     energy = _scaled(came, "energy_total", factors["quantile_energy"], factors["gamma_F_energy"])
     speed = _scaled(came, "speed", factors["quantile_speed"], 1.0)
     row = {"m_d": volume * density} | _named("v_d", speed) | _named("E_d", energy)
@@ -83,7 +83,7 @@ def _heights(came: Crossings, level: float, factor: float) -> Row:
 
 
 def _scaled(came: Crossings, quantity: str, level: float, factor: float) -> list[float]:
-    """A quantile and its limits, times a factor."""
+    """A quantile and its limits, multiplied by a factor."""
     return [factor * value for value in quantile(getattr(came, quantity), level, came.source)]
 
 

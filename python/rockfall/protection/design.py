@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Design sheet of a result: loads at lines, needs by standards, checks of barriers."""
+"""Design sheet of a result: loads at lines, requirements of standards, barrier checks."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ DESIGN = ("v_d", "E_d", "h_d", "normal_h_d", "height_needed", "normal_height_nee
 _WITH_LIMITS = [name + end for name in DESIGN for end in ENDS]
 _LOADS = ["line", "n", "quantity", *with_limits("q95"), *with_limits("q99")]
 _LOADS += [name for N in LEVELS for name in with_limits(f"level_{N}")]
-FAR = 10.0  # ratio of the volume of a design block to that of boulders
+FAR = 10.0  # ratio of design block to boulder volume, above which to remark
 _DEMAND = ["n", "volume", "m_d", *_WITH_LIMITS, "f_min", *with_limits("ead_class"), "unconfirmed"]
 _CHECKS = [
     "line", "n", "height", "capacity", "height_needed", "height_holds", "height_certain", "E_d",
@@ -60,12 +60,13 @@ _ALONG = ["line", "start", "end", *_DEMAND]
 class Design:
     """Tables of a design, in SI units; intervals are 95 % confidence intervals.
 
-    `loads`: a row for each line and quantity; `demand`: requirements of the standard at each line;
-    `checks`: of each barrier; `choices`: for each line and EAD class the height that leaves at most
-    `residual`; `along`: as `demand`, for windows of a line; None unless requested. Their column
-    `unconfirmed` names the unconfirmed assumptions of the loads (rebounds, forest, logs): a check
-    that passes under them is not proven. `warnings` are the remarks on the model. `kept` describes
-    the boulders behind the numbers if a run did not keep all; else "".
+    `loads` has a row for each line and quantity; `demand`, the requirements of the standard at each
+    line; `checks`, a check of each barrier; `choices`, for each line and EAD class the height that
+    leaves at most `residual`; `along`, as `demand`, for windows of a line, or None unless
+    requested. Their column `unconfirmed` lists the unconfirmed assumptions of the loads (rebounds,
+    forest, logs): a check that passes under these assumptions is not proven. `warnings` are the
+    remarks on the model. `kept` describes the boulders behind the numbers if a run did not keep
+    all; else "".
     """
 
     factors: Factors
@@ -77,8 +78,8 @@ class Design:
     along: pd.DataFrame | None
     warnings: tuple[str, ...] = ()
     kept: str = ""
-    population: tuple[str, ...] = ()  # boulders behind the numbers
-    priced: bool = False  # costs are from prices, else class energy [kJ] times height
+    population: tuple[str, ...] = ()  # notes on the boulders behind the numbers
+    priced: bool = False  # whether costs come from prices, else class energy [kJ] x height
 
 
 def design(
@@ -96,11 +97,11 @@ def design(
 ) -> Design:
     """Requirements for a barrier on each line of a result, and checks of its barriers.
 
-    `line` names the only line or barrier of the sheet. `along` names a line to be cut into windows
-    of `width` [m]; windows with fewer than `min_boulders` boulders are blank. `residual` is the
-    fraction of the boulders that may pass, `volume` [m3] the design block, `factors` a table with
-    the numbers of the standard, without which its requirements are left open, `costs` a table of
-    prices, and `conditions` are those of `rockfall.protection.factors.Conditions`.
+    `line` selects a single line or barrier for the sheet. `along` selects a line to be cut into
+    windows of `width` [m]; windows with fewer than `min_boulders` boulders are blank. `residual` is
+    the fraction of the boulders that may pass, and `volume` [m3] the design block. `factors` is a
+    table with the numbers of the standard, without which its requirements are left open; `costs` is
+    a table of prices. `conditions` are those of `rockfall.protection.factors.Conditions`.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -118,7 +119,7 @@ def design(
     asked, barriers, chosen = [], [], []
     loads: list[dict[str, Any]] = []
     shown = [(k, name) for k, name in enumerate(names) if line in (None, name)]
-    for k, name in stepped(shown):  # one in memory at a time
+    for k, name in stepped(shown):  # one line in memory at a time
         came = crossings(result, k)
         _, *percents = passing_percent(result, k)
         fractions = (value / 100 for value in percents)
@@ -163,7 +164,7 @@ def _block_remarks(result: xr.Dataset, volume: float | None) -> Iterator[str]:
 
 def unconfirmed_of(result: xr.Dataset, case: Case, factors: Factors) -> str:
     """Unconfirmed assumptions of the loads. The user's own grounds are confirmed by declaring the
-    rebound back-analysed; shipped grounds, the forest and lying logs never are."""
+    rebound back-analysed; shipped grounds, forest and lying logs are always unconfirmed."""
     is_fitted = has_own_grounds(case) and factors.conditions.calibration == BACK_ANALYSED
     rebounds = ["rebounds"] if classical_grounds(result) and not is_fitted else []
     forest = ["forest"] if case.has_forest else []
@@ -176,7 +177,7 @@ def _table(rows: list[dict[str, Any]], columns: list[str]) -> pd.DataFrame:
 
 
 def conditions_of(given: dict[str, str]) -> Conditions:
-    """Conditions of the standard given as options."""
+    """Conditions of the standard from options."""
     unknown = given.keys() - Conditions.__dataclass_fields__.keys()
     if unknown:
         raise TypeError(f"design: unknown option {sorted(unknown)[0]!r}")
@@ -247,10 +248,10 @@ def _check_of(
 
 
 def verdict_of(row: Mapping[str, Any]) -> str:
-    """Verdict on a barrier, for tables and texts: "no" if a requirement certainly fails;
-    "undecided" if the interval of a requirement contains its limit, or the loads depend on
-    unconfirmed assumptions; else "yes"; with the deciding requirements. "" for a barrier that no
-    boulder reaches."""
+    """Verdict on a barrier with the deciding requirements, for tables and texts: "no" if a
+    requirement certainly fails; "undecided" if the interval of a requirement contains its limit, or
+    the loads depend on unconfirmed assumptions; else "yes". "" for a barrier that no boulder
+    reaches."""
     if not row["n"]:
         return ""
     unsure = [what for what in ("height", "energy") if not row[f"{what}_certain"]]
@@ -269,7 +270,7 @@ def verdict_of(row: Mapping[str, Any]) -> str:
 def _verdict(
     asked: dict[str, Any], name: str, suffices: Callable[[float], bool]
 ) -> tuple[bool, bool]:
-    """Verdict on a requirement, and whether all of the interval agrees; unknown is ignored."""
+    """Verdict on a requirement, and whether the entire interval agrees; unknown is ignored."""
     value, low, high = (asked[f"{name}{end}"] for end in ENDS)
     if suffices(value):
         return True, suffices(high)

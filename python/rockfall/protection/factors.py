@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Partial factors of the standards, from the user's table: none is shipped, because the texts of
-the standards were not available."""
+"""Partial factors of the standards from the user's table. None is shipped, because the texts of the
+standards were not available."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rockfall.io.tables import check_columns, read_table
 COLUMNS = ["standard", "factor", "condition", "value", "source"]
 BACK_ANALYSED = "back-analysed"  # the rebound was fitted to observations on the slope
 
-#: Condition that selects the row of a factor; other factors have a single row.
+#: Condition that selects the row of a factor; other factors have only one row.
 DECIDES = {
     "gamma_dp": "survey",
     "gamma_vol": "blocks",
@@ -37,11 +37,11 @@ class Conditions:
     """A designer's knowledge of the site; defaults are conservative."""
 
     standard: str = "UNI"
-    survey: str = "poor"  # of the topography: good, poor
+    survey: str = "poor"  # survey of the topography: good, poor
     blocks: str = "poor"  # survey of the blocks: good, poor
-    calibration: str = "literature"  # of the rebound: back-analysed, literature
-    limit_state: str = "MEL"  # MEL: one large impact; SEL: several
-    consequence: str = "CC2"  # of a failure: CC1, CC2, CC3
+    calibration: str = "literature"  # calibration of the rebound: back-analysed, literature
+    limit_state: str = "MEL"  # limit state: MEL (one large impact) or SEL (several)
+    consequence: str = "CC2"  # consequence class of a failure: CC1, CC2, CC3
 
 
 #: Allowed values of each condition.
@@ -57,7 +57,7 @@ ALLOWED = {
 
 @dataclass(frozen=True)
 class Factors:
-    """The factors of a standard under given conditions, NaN if not given, with sources."""
+    """Factors of a standard under given conditions, NaN if not given, with their sources."""
 
     conditions: Conditions
     values: dict[str, float]
@@ -79,14 +79,14 @@ class Factors:
         )
 
     def require(self, what: str) -> None:
-        """Refuse to do without factors."""
+        """Raise an error if factors are missing."""
         if self.open:
             standard = self.conditions.standard
             raise RockfallError(f"{what} needs --factors TABLE.csv, with {standard}: {self.open}")
 
 
 def read_factors(conditions: Conditions, path: str | Path | None = None) -> Factors:
-    """Factors of a standard under these conditions, from a table; open without one."""
+    """Factors of a standard under these conditions, from a table; missing without a table."""
     for key, allowed in ALLOWED.items():
         if (given := getattr(conditions, key)) not in allowed:
             raise RockfallError(f"{key} = '{given}': must be {', '.join(allowed)}")
@@ -103,7 +103,7 @@ def read_factors(conditions: Conditions, path: str | Path | None = None) -> Fact
 
 
 def _rows(path: str | Path, standard: str) -> dict[str, dict[str, tuple[float, str]]]:
-    """Value and source by factor and condition."""
+    """Values and sources by factor and condition."""
     where, columns, rows = read_table(path)
     check_columns(where, columns, COLUMNS)
     if missing := [name for name in COLUMNS if name not in columns]:

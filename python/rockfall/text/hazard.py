@@ -28,8 +28,8 @@ from rockfall.tables.hazard import (
 
 
 def hazard_summary(hazard: xr.Dataset) -> str:
-    """The scenarios, the area of each class and its certain fraction, the objects, the segments of
-    roads, the risk of the objects and its assumptions."""
+    """Summary of a hazard: scenarios, area of each class and its certain fraction, objects, road
+    segments, risk of the objects and its assumptions."""
     scenarios = count(hazard.sizes["scenario"], "scenario")
     lines = [f"{hazard.attrs['title'] or 'rockfall'}: {scenarios}"]
     lines += [
@@ -59,9 +59,9 @@ def _more(hazard: xr.Dataset, name: str) -> list[str]:
 
 
 def hazard_warnings(hazard: xr.Dataset, shown: Collection[str] = ()) -> Iterator[str]:
-    """Model remarks of `run` for each scenario, merged if equal; warnings about too few boulders to
-    identify safe cells, and about zones lower than the map. Messages with ids already `shown` are
-    left out."""
+    """Model remarks of `run` for each scenario, merged if equal, and warnings about too few
+    boulders to identify safe cells, and about zones in a lower class than the map. Messages with
+    ids already `shown` are omitted."""
     for group in warning_groups(hazard):
         for sentence in group.texts:
             if isinstance(sentence, Text) and sentence.key in shown:
@@ -70,14 +70,14 @@ def hazard_warnings(hazard: xr.Dataset, shown: Collection[str] = ()) -> Iterator
 
 
 class WarningGroup(NamedTuple):
-    """Warnings about the same scenarios."""
+    """Warnings that concern the same scenarios."""
 
-    scenarios: str  # names; "": all scenarios, or the hazard itself
+    scenarios: str  # scenario names; "" for all scenarios, or the hazard itself
     texts: list[str]
 
 
 def warning_groups(hazard: xr.Dataset) -> list[WarningGroup]:
-    """Warnings of `hazard_warnings` by scenarios: on all first, then in their order."""
+    """Warnings of `hazard_warnings` by scenarios: first those for all, then in scenario order."""
     groups: dict[str, list[str]] = {"": []}
     for names, text in _of_model(hazard):
         groups.setdefault(names, []).append(text)
@@ -86,7 +86,7 @@ def warning_groups(hazard: xr.Dataset) -> list[WarningGroup]:
 
 
 def limits_of_hazard(hazard: xr.Dataset) -> Iterator[Text]:
-    """Warnings of all scenarios together."""
+    """Warnings that concern all scenarios."""
     yearly, longest = float(hazard["frequency"].sum()), float(hazard["return_period"].max())
     clusters = (hazard["boulders"] / hazard["boulders_per_cluster"]).values.tolist()
     parts = zip(clusters, hazard["frequency"].values, strict=True)
@@ -106,7 +106,7 @@ def limits_of_hazard(hazard: xr.Dataset) -> Iterator[Text]:
 
 
 def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
-    """Model remarks with the names of their scenarios; "" for remarks on all scenarios."""
+    """Model remarks with their scenario names; "" for remarks on all scenarios."""
     if "scenario_warnings" not in hazard:
         yield "", say("hazard.no_remarks")
         return
@@ -122,7 +122,7 @@ def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
 
 
 def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
-    """Model remarks of a scenario; older files have them in English only."""
+    """Model remarks of a scenario; older files have only English remarks."""
     texts = str(hazard["scenario_warnings"].values[k]).splitlines()
     if "scenario_messages" not in hazard:
         return texts

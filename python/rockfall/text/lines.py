@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text of the tables of the lines of a result."""
+"""Text of the line tables of a result."""
 
 import itertools
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ crosses the line."""
 
 
 def lines_text(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Dataset) -> str:
-    """Statistics and levels of the first lines of a result, one line after the other."""
+    """Statistics and levels of the first lines of a result, line by line."""
     shown = [*scenario_note(case_of(result)), ABOUT, *_by_line(statistics, levels, result)]
     if is_ensemble(result):
         shown += ["", ensemble_summary(result)]
@@ -50,7 +50,7 @@ def lines_text(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Datase
 
 
 def hazard_text(hazard: xr.Dataset) -> str:
-    """Frequencies, energies, heights by return period at places of a hazard."""
+    """Frequencies, energies, and heights by return period at places of a hazard."""
     tables = (answer_table(hazard, YEARS), *period_tables(hazard))
     blocks = [f"\n{table.caption}\n{as_text(table)}" for table in tables]
     return "\n".join([say("hazard.population"), *blocks])

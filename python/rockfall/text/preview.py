@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Preview of a case: its inputs, resources, and approximate run time."""
+"""Preview of a case: inputs, resources, and approximate run time."""
 
 from collections.abc import Iterator
 from statistics import NormalDist
@@ -31,9 +31,9 @@ from rockfall.text.breakage import breakage_lines
 from rockfall.text.summary import MOST_STANDS, NO_CRS
 
 MAX_LINES = 20  # maximum number of names that `check` lists
-LARGE_RESULT = 2e9  # bytes of rows of boulders above which their size in the file is printed
-MAX_ZONES = 12  # listed individually
-DRAWS = 101  # samples of rock sizes by boulder, for their quantiles
+LARGE_RESULT = 2e9  # size [bytes] of boulder rows above which it is printed
+MAX_ZONES = 12  # maximum number of zones listed individually
+DRAWS = 101  # number of samples of rock sizes by boulder, for their quantiles
 
 
 def preview(scene: Scene) -> str:
@@ -115,7 +115,7 @@ def _slopes(ground: Ground) -> str:
 
 
 def _speed(scene: Scene) -> str:
-    """Maximum speed allowed by energy, from the highest release to the lowest cell."""
+    """Maximum speed [m/s] by energy conservation, from the highest release to the lowest cell."""
     low, head = scene.ground.low.value, scene.survey().head[0]
     speed = np.sqrt(2 * scene.case.flight["gravity"] * max(0.0, head - low))
     return f"at most {speed:.0f} m/s: from the highest release to the lowest cell without a loss"
@@ -141,7 +141,7 @@ def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _band(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Command that runs the next softer and firmer ground everywhere."""
+    """Command that runs the next softer and the next firmer ground everywhere."""
     names = {ground.name for ground in scene.grounds}
     others = band(names.pop()) if len(names) == 1 else ()
     if others:
@@ -166,12 +166,12 @@ def _boulders(scene: Scene) -> str:
 
 
 def weighing(scene: Scene) -> str:
-    """Weighting of sources in the number of boulders."""
+    """Weighting of the sources by number of boulders."""
     return "true surface area" if scene.frequency is None else "frequency"
 
 
 def _released(scene: Scene) -> tuple[int, int]:
-    """Minimum and maximum number of boulders released by a source."""
+    """Minimum and maximum number of boulders that a source releases."""
     numbers = scene.sources_of(np.arange(1, scene.boulders + 1))
     counts = np.bincount(numbers, minlength=scene.x.size)
     return int(counts.min()), int(counts.max())
@@ -203,13 +203,13 @@ def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
 
 
 def _shapes(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Block shapes of the pilot's boulders, where they have several."""
+    """Block shapes of the pilot's boulders, in a case with several shapes."""
     if shapes := boulders_by_shape(values):
         yield "shapes", ", ".join(f"{percent(own.mean())} {name}" for name, own in shapes.items())
 
 
 def _sets(scene: Scene, values: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Names of impact sets, their fitted ranges and rebounds outside, or a note."""
+    """Names of impact sets, their fitted ranges and rebounds outside these, or a note."""
     name = scene.case.impact["sets"]
     if name not in sets_followed(values, name):
         yield "impact sets", f"{name}, which no rebound of a pilot run followed"
@@ -244,9 +244,9 @@ def _forest(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
-    """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks:
-    for the mean volume, and in brackets for the 5 and 95 % quantiles if these use other sets.
-    Boulders are relatively larger on smaller rocks."""
+    """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks.
+    Values are for the mean volume, and in brackets for the 5 and 95 % quantiles if these use other
+    sets. Boulders are relatively larger on smaller rocks."""
     grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
     if sigma := scene.case.boulder["mean_radius_sigma"]:
         deviates = [NormalDist(sigma=sigma).inv_cdf((k + 0.5) / DRAWS) for k in range(DRAWS)]
@@ -290,7 +290,8 @@ def _range(low: float, high: float) -> str:
 def _memory(scene: Scene, pilot: Pilot) -> str:
     need = memory(scene, pilot)
     made, file = need.pop("made"), need.pop("file")
-    total = sum(need.values()) + max(0, made - need["rasters"])  # rasters go before maps are made
+    # rasters are freed before maps are made
+    total = sum(need.values()) + max(0, made - need["rasters"])
     parts = ", ".join(f"{name} {_bytes(size)}" for name, size in need.items() if size)
     warning = ", more than this machine has" if total > machine_memory() else ""
     if file > LARGE_RESULT:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 MOST_STANDS = 12
-MOST_LINES = 20  # maximum number of evaluation lines on a terminal
+MOST_LINES = 20  # maximum number of lines on a terminal
 #: Note on a terrain without a coordinate reference system.
 NO_CRS = (
     "the DEM has no CRS: layers are taken to have its coordinates, results have none: "
@@ -68,7 +68,7 @@ def summary(result: Held) -> str:
 
 
 def _passages(result: Held) -> Table:
-    """Boulders at the first lines, their mean speed and passing height."""
+    """Boulders at the first lines, with their mean speed and passing height."""
     samples, rows = LineSamples(result), []
     for k, name in enumerate(line_names(result)[:MOST_LINES]):
         numbers = {key: line_row(samples.sample(k, key), key) for key in AT_LINES}
@@ -82,13 +82,13 @@ def _passages(result: Held) -> Table:
 
 
 def more_lines(lines: int) -> list[str]:
-    """Note on the number of lines not shown, and where to list them; empty if none."""
+    """Note on the number of lines not shown, and where they are listed; empty if none."""
     more = lines - MOST_LINES
     return [f"  and {more:,} more: `rockfall lines OUT.nc -o FILE.csv` writes all"] * (more > 0)
 
 
 def _rebounds(result: Held) -> Iterator[str]:
-    """Statistics of the draws of the impact model, and extrapolation."""
+    """Statistics of the draws in the impact model, and extrapolation."""
     rebounds, redrawn, forced = (
         int(result[f"rebounds{suffix}"].values) for suffix in ("", "_redrawn", "_forced")
     )

@@ -27,7 +27,7 @@ class Basemap(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """Colours (ny, nx, 3), 0 to 255, and whether the image has any there (ny, nx)."""
+    """Colours (ny, nx, 3), 0 to 255, and a mask (ny, nx) of places where the image has any."""
 
     colours: np.ndarray
     seen: np.ndarray
@@ -36,8 +36,8 @@ class Picture(NamedTuple):
 def read_basemap(path: str | Path, result: xr.Dataset, extent: Extent) -> Basemap:
     """Read the part of an image within an extent, in the CRS of the result.
 
-    GeoTIFF, JPEG or PNG with georeference and CRS, one band (grey, or with a palette) or three of 8
-    bits; anything else is a RockfallError.
+    Accepts GeoTIFF, JPEG or PNG with georeference and CRS, and one band (grey, or with a palette)
+    or three bands of 8 bits. Anything else raises a RockfallError.
     """
     crs = result["crs"].attrs.get("crs_wkt") if "crs" in result else None
     if not crs:
@@ -49,9 +49,9 @@ def read_basemap(path: str | Path, result: xr.Dataset, extent: Extent) -> Basema
 def read_picture(
     path: str | Path, crs: str, extent: Extent, dots: int = DOTS, *, stretched: bool = False
 ) -> Picture:
-    """Read the part of an image within an extent, in a CRS (WKT), with `dots` along the longer
-    side. `stretched`: bands of more than 8 bits from their 2 % to their 98 % quantile, instead of
-    refusing them."""
+    """Read the part of an image within an extent, in a CRS (WKT), with `dots` pixels along the
+    longer side. `stretched`: bands with more than 8 bits are scaled from their 2 % to their 98 %
+    quantile instead of refused."""
     import rasterio
     from rasterio.io import DatasetReader
 
@@ -98,7 +98,7 @@ def _warped(source: Any, crs: str, extent: Extent, path: str | Path, dots: int) 
 
 
 def _stretch(bands: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Bands (n, ny, nx) as 0 to 255, from the 2 % to the 98 % quantile where they are seen."""
+    """Visible bands (n, ny, nx) scaled to 0 to 255, from the 2 % to the 98 % quantile."""
     low, high = np.percentile(bands[:, seen], [2, 98]) if seen.any() else (0.0, 1.0)
     scaled = (bands.astype("f8") - low) / ((high - low) or 1.0)
     return np.where(seen, np.clip(255 * scaled, 0, 255), 255)

@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Annotation
 
-#: x, y [m], the angle of the text [degree], and its offset from the place [points].
+#: Position x, y [m], angle of the text [degree], and offset from the position [points].
 Place = tuple[float, float, float, tuple[float, float]]
 
 FREE = 2.0  # minimum gap between two texts [dots]
-TRIED = 24  # places along a curve
-BESIDE = ((0.0, 4.0), (0.0, -4.0), (4.0, 0.0), (-4.0, 0.0))  # of a name, in turn [points]
+TRIED = 24  # number of places tried along a curve
+BESIDE = ((0.0, 4.0), (0.0, -4.0), (4.0, 0.0), (-4.0, 0.0))  # offsets tried for a name [points]
 
 
 class Labels:
@@ -33,13 +33,13 @@ class Labels:
         self.renderer = FigureCanvasAgg(axes.figure).get_renderer()  # type: ignore[arg-type]
 
     def put(self, text: str, places: Iterable[Place], **style: Any) -> bool:
-        """Write a text at the first free place; nothing if there is none."""
+        """Write a text at the first free place, or nothing without a free place."""
         from matplotlib.patheffects import withStroke
 
         halo = [withStroke(linewidth=2, foreground="white")]
         style = {"color": INK, "path_effects": halo, "rotation_mode": "anchor"} | style
         frame = self.axes.get_window_extent(self.renderer)
-        rooms: dict[Any, Any] = {}  # box of the text: measuring it takes the longest
+        rooms: dict[Any, Any] = {}  # cache of text boxes, because measuring takes the longest
         for x, y, angle, offset in places:
             at = self.axes.transData.transform((x, y))
             if not frame.contains(*at):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Marks on a map in addition to its values: sources, evaluation lines, barriers, objects."""
+"""Marks on a map besides its values: sources, evaluation lines, barriers, objects."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from rockfall.plots.style import BARRIER, BLUE, INK, LINE
 from rockfall.protection.barriers import barriers_of
 from rockfall.result.trajectories import lines
 
-SMALL = 7  # size of names
-FEW_SOURCES = 20  # fewer are drawn individually
-FINEST = 2.5  # side of a cell of the outline of sources [points]
+SMALL = 7  # font size of names
+FEW_SOURCES = 20  # fewer sources are drawn individually
+FINEST = 2.5  # minimum cell side in the outline of sources [points]
 ROCK = "#00604a"  # colour of sources
 SOURCE: dict[str, Any] = {"color": ROCK, "linewidth": 0.8}
-NET: dict[str, Any] = BARRIER | {"color": BLUE, "linewidth": 2.4}  # on colours of classes
+NET: dict[str, Any] = BARRIER | {"color": BLUE, "linewidth": 2.4}  # style on colours of classes
 OBJECT: dict[str, Any] = {"color": INK, "linewidth": 1.1}
 CASING = 1.6  # width of the white halo of a line [points]
 
 
 def starts(result: xr.Dataset) -> np.ndarray:
-    """Start points (n, 2) [m], each once."""
+    """Distinct start points (n, 2) [m]."""
     places = np.column_stack([result["start_x"], result["start_y"]]).astype("f8")
-    once = np.unique(places.view("c16").ravel())  # takes a tenth of the time of rows
+    once = np.unique(places.view("c16").ravel())  # ten times faster than unique rows
     return once[:, np.newaxis].view("f8")
 
 
@@ -80,14 +80,14 @@ def draw_sources(sheet: Sheet, places: np.ndarray) -> None:
 
 
 def outlined(places: np.ndarray, finest: float) -> tuple[Any, Any]:
-    """Cells that contain sources, not smaller than the source spacing or `finest` [m]."""
+    """Cells that contain sources, with sides of at least the source spacing and `finest` [m]."""
     apart = [np.diff(np.unique(c.round(3))) for c in places.T]
     spacing = float(np.median(np.concatenate(apart))) if any(map(len, apart)) else finest
     return occupied(places, max(spacing, finest))
 
 
 def inside(x: np.ndarray, y: np.ndarray, extent: Extent) -> tuple[np.ndarray, np.ndarray]:
-    """Points along a polyline within an extent, in order."""
+    """Points of a polyline within an extent, in order."""
     along = np.linspace(0, x.size - 1, 200 * (x.size - 1) + 1)
     x, y = (np.interp(along, np.arange(c.size), c) for c in (x, y))
     here = (x >= extent[0]) & (x <= extent[1]) & (y >= extent[2]) & (y <= extent[3])

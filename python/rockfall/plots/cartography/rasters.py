@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rasters as images: cut, thinned, outlined."""
+"""Rasters as images: cropped, thinned, outlined."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from rockfall.plots.extent import Extent
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DOTS = 1500  # minimum cells along the longer side of a map; its image has fewer
+DOTS = 1500  # minimum cells along the longer side of a map; the image has fewer dots
 
 
 def cropped(
     values: np.ndarray, grid: Grid, extent: Extent, merge: np.ufunc, dots: int = 0
 ) -> tuple[np.ndarray, Grid]:
-    """Part of a raster within an extent, with at most `dots` cells per side; several cells are
+    """Part of a raster within an extent, with at most `dots` cells per side. Several cells are
     merged by the function `merge` (np.add: their mean)."""
     west, east, south, north = extent
     columns = _span(west - grid.west, east - grid.west, grid.cell, grid.nx)
@@ -33,7 +33,7 @@ def cropped(
 
 
 def merged(values: np.ndarray, step: int, merge: np.ufunc) -> np.ndarray:
-    """Raster with `step` x `step` cells merged to one, fewer at its southern and eastern edge."""
+    """Raster with blocks of `step` x `step` cells merged, smaller at its south and east edges."""
     for axis in (0, 1) if step > 1 else ():
         values = merge.reduceat(values, np.arange(0, values.shape[axis], step), axis=axis)
     return values
@@ -63,7 +63,7 @@ def edges(inside: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 def occupied(points: np.ndarray, cell: float) -> tuple[np.ndarray, Grid]:
-    """Mask of cells with this size that contain a point (n, 2), and their grid."""
+    """Mask of cells of this size that contain a point (n, 2), and their grid."""
     west, south = np.floor(points.min(axis=0) / cell) * cell
     column, row = np.floor((points - (west, south)) / cell).astype(int).T
     inside = np.zeros((row.max() + 1, column.max() + 1), bool)

@@ -17,16 +17,17 @@ if TYPE_CHECKING:
 
 BROWN = "#5f4426"
 DARKEST = 0.35
-LIGHTS = ((315.0, 0.5), (0.0, 0.2), (270.0, 0.2), (45.0, 0.1))  # azimuth [degree], weight
-INTERVALS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # [m], standard map intervals
-INDEX = 5  # each fifth contour is drawn bold with its elevation
+#: azimuth [degree] and weight of each light
+LIGHTS = ((315.0, 0.5), (0.0, 0.2), (270.0, 0.2), (45.0, 0.1))
+INTERVALS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # standard map intervals [m]
+INDEX = 5  # every fifth contour is bold and labelled
 LINES = 60  # approximate number of contours on a map
-CONTOUR_DOTS = 400  # resolution of the terrain under contours: finer contours are ragged
+CONTOUR_DOTS = 400  # terrain resolution under contours: finer contours are ragged
 SHORTEST = 12  # minimum number of vertices of a contour
 
 
 class Contours(NamedTuple):
-    """Interval [m], and curves (n, 2) [m] of each level."""
+    """Interval [m], and curves (n, 2) [m] at each level."""
 
     interval: float
     curves: dict[float, list[np.ndarray]]
@@ -36,7 +37,7 @@ class Contours(NamedTuple):
 
 
 def shade(z: np.ndarray, cell: float) -> np.ndarray:
-    """Brightness of a terrain lit mostly from the north-west, with steep ground darker; nodata is
+    """Brightness of a terrain lit mainly from the north-west, with steep ground darker; nodata is
     white. Shared by the maps of a page."""
     return _shade(z.tobytes(), z.dtype.str, z.shape, cell)
 
@@ -82,7 +83,7 @@ def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
 
 def draw_contours(axes: Axes, contours: Contours) -> None:
     """Draw contours, labelled ones thicker. All contours of a kind form one curve with gaps, which
-    Matplotlib simplifies and readers draw at once."""
+    Matplotlib simplifies and PDF readers draw in one step."""
     from matplotlib.lines import Line2D
 
     gap = np.full((1, 2), np.nan)

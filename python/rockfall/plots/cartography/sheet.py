@@ -33,16 +33,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEFT, RIGHT, TOP = 0.28, 0.1, 0.08  # margins of a map [inch]
-TICKS, STRIP, ROW = 0.24, 0.44, 0.19  # heights below the map: coordinates, scale, row of legend
-NARROWEST_BAR = 3.0  # of the colour bar [inch]
-KEY_COLUMN = 1.75  # width of a column of the legend [inch]
-INCH = 0.0254  # [m]
-SCALES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # times a power of ten
-APART = 1.0  # minimum distance of two coordinates [inch]
-SMALL = 7  # size of texts around the map
+TICKS, STRIP, ROW = 0.24, 0.44, 0.19  # heights below the map: coordinates, scale, legend row
+NARROWEST_BAR = 3.0  # minimum width of the colour bar [inch]
+KEY_COLUMN = 1.75  # column width of the legend [inch]
+INCH = 0.0254  # metres per inch
+SCALES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # mantissas of scales
+APART = 1.0  # minimum distance between two coordinates [inch]
+SMALL = 7  # font size around the map
 PALE = 0.35  # opacity of white over a user's image
 WKT_NAME = re.compile(r'\w+\["([^"]+)"')
-EPSG = re.compile(r'(?:AUTHORITY\["EPSG","|ID\["EPSG",)([0-9]+)"?\]\]$')  # at the end of a WKT
+#: EPSG code at the end of a WKT
+EPSG = re.compile(r'(?:AUTHORITY\["EPSG","|ID\["EPSG",)([0-9]+)"?\]\]$')
 
 
 class Room(NamedTuple):
@@ -57,8 +58,8 @@ PAGE = Room()
 
 @dataclass
 class Sheet:
-    """A drawn map: `scale` in metres per inch, `bottom` and `wide` of its frame [inch], `free` the
-    height of the space between the scale bar and the legend [inch]."""
+    """A drawn map: `scale` in metres per inch, `bottom` and `wide` (width) of its frame [inch],
+    `free`, the height between the scale bar and the legend [inch]."""
 
     figure: Figure
     axes: Axes
@@ -98,7 +99,7 @@ def new_sheet(
     basemap: Basemap | None = None,
     room: Room = PAGE,
 ) -> Sheet:
-    """New sheet as wide as its space, with a map at a round scale, this legend, and the given space
+    """New sheet that fills the space, with a map at a round scale, this legend, and this space
     above it [inch]; the map background is drawn."""
     from matplotlib.figure import Figure
 
@@ -132,18 +133,18 @@ def inner_size(room: Room, key: Sequence[Any] = (), below: float = 0.0) -> tuple
 
 
 def _columns(room: Room) -> int:
-    """Columns of a legend."""
+    """Number of columns in a legend."""
     return max(1, int(room.wide / KEY_COLUMN))
 
 
 def round_scale(rough: float) -> float:
-    """Next round scale denominator (5000 of 1:5,000) above `rough`."""
+    """Round scale denominator (5000 for 1:5,000) above `rough`."""
     power = 10.0 ** np.floor(np.log10(rough))
     return float(power * next(scale for scale in SCALES if scale * power >= 0.9999 * rough))
 
 
 def scale_text(denominator: float, paper: str = "A4") -> str:
-    """Scale as text, valid at the size in which the map is drawn."""
+    """Text of the scale, valid at the drawn size of the map."""
     return say("map.scale", denominator=denominator, paper=paper)
 
 
@@ -156,7 +157,7 @@ def named_crs(crs: Mapping[str, Any]) -> str:
 
 
 def crs_text(crs: Mapping[str, Any]) -> str:
-    """Coordinate system of a grid mapping, with the EPSG code in its text."""
+    """Text of the coordinate system of a grid mapping, with its EPSG code."""
     code = EPSG.search(str(crs.get("crs_wkt", "")).rstrip())
     parts = [named_crs(crs), f"EPSG:{code[1]}" if code else ""]
     return ", ".join(filter(None, parts)) or say("sheet.no_crs")
@@ -182,7 +183,8 @@ def _name_contours(sheet: Sheet, contours: Contours) -> None:
     for level, curves in contours.curves.items():
         if contours.is_index(level):
             for curve in sorted(curves, key=len, reverse=True)[:2]:
-                length = np.hypot(*np.diff(curve, axis=0).T).sum() / sheet.scale  # [inch]
+                # curve length [inch]
+                length = np.hypot(*np.diff(curve, axis=0).T).sum() / sheet.scale
                 if length > 0.6:
                     sheet.labels.put(f"{level:g}", along(curve), color=BROWN, fontsize=SMALL)
 

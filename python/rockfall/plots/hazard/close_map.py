@@ -17,13 +17,13 @@ from rockfall.result.trajectories import Terrain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FINEST, COARSEST = 1000.0, 5000.0  # denominators of its scale
+FINEST, COARSEST = 1000.0, 5000.0  # scale denominators
 
 
 @styled
 def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure:
     """Map of the zones, lines, barriers and objects of a hazard, at 1:1,000 to 1:5,000. If the
-    complete map needs a smaller scale, only the part around objects and lines is shown."""
+    complete map needs a smaller scale, only the area around objects and lines is shown."""
     key = zone_key(hazard)
     wide, high = inner_size(room, key)
     extent = extent_of(hazard, terrain)
@@ -33,7 +33,7 @@ def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure
     middle = np.array([west + east, south + north]) / 2
     if scale > COARSEST:
         middle = _middle(hazard, middle)
-    sides = np.array([wide, high]) * metres * (1 - 1e-9)  # without rounding to the next scale
+    sides = np.array([wide, high]) * metres * (1 - 1e-9)  # prevents rounding to the next scale
     sheet = new_sheet(_around(middle, sides, terrain), terrain, key, room=room)
     draw_zones(sheet, hazard)
     finish(sheet, hazard["crs"].attrs)
@@ -41,7 +41,7 @@ def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure
 
 
 def _middle(hazard: xr.Dataset, middle: np.ndarray) -> np.ndarray:
-    """Centre of the objects, or of the cells of the highest class."""
+    """Centre of the objects, or of the cells in the highest class."""
     import shapely
 
     if "object" in hazard.dims:
@@ -55,7 +55,7 @@ def _middle(hazard: xr.Dataset, middle: np.ndarray) -> np.ndarray:
 
 
 def _around(middle: np.ndarray, sides: np.ndarray, terrain: Terrain | None) -> Extent:
-    """Extent of this size around a point, moved into the terrain and clipped to it."""
+    """Extent of this size around a point, shifted into the terrain and clipped to it."""
     low, high = middle - sides / 2, middle + sides / 2
     if terrain is not None:
         grid = terrain[1]

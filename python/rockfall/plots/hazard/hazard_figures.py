@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard zones, intensities and risk over the relief of the terrain."""
+"""Hazard zones, intensities and risk over the terrain relief."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ if TYPE_CHECKING:
     from matplotlib import figure
     from matplotlib.axes import Axes
 
-OPAQUE = 0.7  # so that the relief remains visible under classes
+OPAQUE = 0.7  # opacity of classes, with the relief still visible
 HATCH = "/////"
-LOOKS = {False: LINE, True: NET}  # by whether it is a barrier
+LOOKS = {False: LINE, True: NET}  # styles by whether the line is a barrier
 
 
 def hazard_figures(hazard: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
-    """Figures of the zones of a hazard, of the intensity for each return period, of the risk of
-    exposed objects, and of each segmented road."""
+    """Figures of a hazard: zones, intensity for each return period, risk of exposed objects, and
+    each segmented road."""
     minimum_area = case_in(hazard.attrs).hazard["minimum_area"]
     key = "hazard.classes_of_area" if minimum_area else "hazard.classes"
     shown = [
@@ -72,7 +72,7 @@ def hazard_figures(hazard: xr.Dataset, terrain: Terrain | None = None) -> list[F
 def zones_figure(
     hazard: xr.Dataset, terrain: Terrain | None = None, room: Room = PAGE
 ) -> figure.Figure:
-    """Map of the zones of a hazard, hatched where their class is uncertain, and the objects."""
+    """Map of the zones of a hazard, hatched where their class is uncertain, with the objects."""
     sheet = begun(hazard, terrain, zone_key(hazard), room)
     draw_zones(sheet, hazard)
     finish(sheet, hazard["crs"].attrs)
@@ -91,7 +91,7 @@ def draw_zones(sheet: Sheet, hazard: xr.Dataset) -> None:
 
 
 def draw_places(sheet: Sheet, hazard: xr.Dataset) -> None:
-    """Draw the lines and barriers of the case of a hazard, and the objects."""
+    """Draw the lines and barriers in the case of a hazard, and the objects."""
     _draw_lines(sheet, hazard)
     _draw_objects(sheet, hazard)
 
@@ -137,12 +137,12 @@ def _risk_figure(hazard: xr.Dataset, terrain: Terrain | None) -> figure.Figure:
 
 
 def begun(hazard: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Room = PAGE) -> Sheet:
-    """New map that covers everything boulders reached, and the objects."""
+    """New map with an extent that covers all places boulders reached, and the objects."""
     return new_sheet(extent_of(hazard, terrain), terrain, key, room=room)
 
 
 def extent_of(hazard: xr.Dataset, terrain: Terrain | None) -> Extent:
-    """Extent that covers everything boulders reached, and the objects."""
+    """Extent that covers all places boulders reached, and the objects."""
     import shapely
 
     passed = hazard["hit_frequency"].values > 0
@@ -180,7 +180,7 @@ def _key(data: xr.DataArray) -> list[Any]:
 
 
 def _lines(hazard: xr.Dataset) -> Iterator[tuple[bool, str, np.ndarray, np.ndarray]]:
-    """Barrier flag, name and vertices of each line and barrier of a hazard but lying logs."""
+    """Barrier flag, name and vertices of each line and barrier of a hazard, except lying logs."""
     case = case_in(hazard.attrs)
     for is_barrier, groups in ((False, case.line), (True, case.barrier)):
         for group in groups:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard map on a sheet of A3, as authorities publish them: zones with a title block that explains
-them and lists the inputs, and pages with all warnings.
+"""Hazard map on an A3 sheet, in the form that authorities publish: zones with a title block that
+explains them and lists the inputs, and pages with all warnings.
 
 All positions are in inches, from the lower left corner of the paper.
 """
@@ -39,20 +39,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDE, HIGH = 420 / 25.4, 297 / 25.4
-MARGIN, BLOCK, GAP = 10 / 25.4, 95 / 25.4, 6 / 25.4  # of the paper; title block; next to the map
-SMALL, NORMAL, LARGE = 7.0, 8.0, 13.0  # sizes of letters [pt]
-LETTER = 0.52  # average width of a letter, relative to its size
-BOX, ROW = 0.2, 0.24  # side of a colour of the legend; height of a row of a table
-BETWEEN = 0.14  # two parts of the title block
-COLUMNS = 3  # of a page of warnings
-COLUMN = (WIDE - 2 * MARGIN - (COLUMNS - 1) * GAP) / COLUMNS  # width
-LINE = 1.35 * NORMAL / 72  # height
+#: paper margin, title block width, gap next to the map [inch]
+MARGIN, BLOCK, GAP = 10 / 25.4, 95 / 25.4, 6 / 25.4
+SMALL, NORMAL, LARGE = 7.0, 8.0, 13.0  # font sizes [pt]
+LETTER = 0.52  # mean letter width relative to the font size
+BOX, ROW = 0.2, 0.24  # side of a legend colour, height of a table row [inch]
+BETWEEN = 0.14  # gap between two parts of the title block [inch]
+COLUMNS = 3  # columns on a page of warnings
+COLUMN = (WIDE - 2 * MARGIN - (COLUMNS - 1) * GAP) / COLUMNS  # column width [inch]
+LINE = 1.35 * NORMAL / 72  # line height [inch]
 MAX_FILES = 8
-SHOWN = ("high", "moderate", "low", "residual")  # classes of the legend
+SHOWN = ("high", "moderate", "low", "residual")  # classes in the legend
 
 
 class Imprint(NamedTuple):
-    """Details of a sheet given by the user; blank lines where they are absent."""
+    """User-supplied details of a sheet; absent details leave blank lines."""
 
     project: str = ""
     client: str = ""
@@ -89,7 +90,7 @@ def hazard_sheet(
 
 def _place_on_paper(sheet: Sheet) -> None:
     """Move the map, which fills a figure, to the lower left of the paper. Elements placed in inches
-    keep their position; the others keep their size."""
+    keep their position; other elements keep their size."""
     figure = sheet.figure
     wide, high = figure.get_size_inches()
     places = {axes: axes.get_position() for axes in figure.axes}
@@ -106,7 +107,7 @@ def _place_on_paper(sheet: Sheet) -> None:
 
 
 def wrapped(text: str, wide: float, size: float, most: int = 0) -> list[str]:
-    """Lines of a paragraph wrapped to this width, up to a maximum."""
+    """Lines of a paragraph wrapped to this width, up to a maximum number."""
     letters = int(wide * 72 / (LETTER * size))
     how: dict[str, Any] = {"max_lines": most or None, "placeholder": " ..."}
     return textwrap.wrap(text, letters, break_on_hyphens=False, **how) or [""]
@@ -131,7 +132,7 @@ class _Block:
         self.y -= high
 
     def write(self, text: str, size: float = NORMAL, weight: str = "normal", most: int = 0) -> None:
-        """Write a paragraph, up to a maximum of lines."""
+        """Write a paragraph, up to a maximum number of lines."""
         for line in wrapped(text, self.wide, size, most):
             self.put(self.left, line, size, fontweight=weight)
             self.skip(1.35 * size / 72)
@@ -177,7 +178,7 @@ def _write_legend(block: _Block) -> None:
 
 
 def _write_matrix(block: _Block, hazard: xr.Dataset) -> None:
-    """The classes by energy and return period, the strongest at the top."""
+    """Write the classes by energy and return period, the highest energy at the top."""
     case = case_in(hazard.attrs)
     matrix, first = Matrix.of(case), 0.34 * block.wide
     column = (block.wide - first) / len(matrix.periods)
@@ -240,8 +241,8 @@ def _write_sources(block: _Block, hazard: xr.Dataset, sheet: Sheet) -> None:
 
 
 def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
-    """Write the number of warnings, where the full list is, and as many complete warnings as fit: a
-    cut warning might lose the words "errs low"."""
+    """Write the number of warnings, the place of the full list, and as many complete warnings as
+    fit: a cut warning might lose the words "errs low"."""
     if not warnings:
         return
     block.write(say("sheet.warnings", n=len(warnings)), NORMAL, "bold")
@@ -253,7 +254,7 @@ def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
 
 
 def warning_pages(hazard: xr.Dataset, groups: Iterable[tuple[str, Sequence[str]]]) -> list[Figure]:
-    """Pages of A3 with all warnings, by the names of their scenarios ("" for all)."""
+    """Pages of A3 with all warnings, by scenario names ("" for all scenarios)."""
     import matplotlib
 
     with matplotlib.rc_context(STYLE):
@@ -266,7 +267,7 @@ def warning_pages(hazard: xr.Dataset, groups: Iterable[tuple[str, Sequence[str]]
 
 
 class _Line(NamedTuple):
-    """A line of a page: text, height with the gap below, and whether of a heading."""
+    """A line of a page: text, height with the gap below, and whether it belongs to a heading."""
 
     text: str
     height: float

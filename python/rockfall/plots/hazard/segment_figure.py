@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-ABOVE = (BLUE, GREEN, VERMILION)  # of all boulders, then of those above each threshold
-FALLS = 3.0  # powers of ten of the displayed frequencies
-PANELS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # columns
-ROOM = 5.0  # space above the highest frequency, for the legend
+ABOVE = (BLUE, GREEN, VERMILION)  # colours: all boulders, then boulders above each threshold
+FALLS = 3.0  # number of decades on the frequency axis
+PANELS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # panel -> column
+ROOM = 5.0  # factor above the highest frequency, as space for the legend
 
 
 def roads_of_segments(hazard: xr.Dataset) -> list[str]:
@@ -36,8 +36,8 @@ def roads_of_segments(hazard: xr.Dataset) -> list[str]:
 @styled
 def segment_figure(hazard: xr.Dataset, road: str) -> Figure:
     """Figure of the segments of a road: hazard class, annual frequencies with 95 % bands, and 95 %
-    quantiles of the energy and upper-edge height of boulders that touch them. Hatched where too few
-    boulders give no upper limit."""
+    quantiles of the energy and upper-edge height of boulders that touch them. Hatched without an
+    upper limit, because boulders are too few."""
     rows = segment_table(hazard)
     rows = rows[rows["road"] == road].sort_values("chainage_from")
     thresholds = hazard["threshold"].values.tolist()
@@ -78,7 +78,7 @@ def _draw_classes(axes: Axes, rows: pd.DataFrame) -> None:
 
 
 def _draw_frequencies(axes: Axes, rows: pd.DataFrame, thresholds: list[float]) -> None:
-    """Draw frequencies of all boulders and of those above each threshold, on a log axis."""
+    """Draw frequencies of all boulders and of boulders above each threshold, on a log axis."""
     names = ["frequency"]
     names += [f"frequency_above_{shown('threshold', threshold)}" for threshold in thresholds]
     energies = (Number(shown("threshold", threshold, " ")) for threshold in thresholds)
@@ -98,7 +98,7 @@ def _draw_frequencies(axes: Axes, rows: pd.DataFrame, thresholds: list[float]) -
 def _draw_steps(
     axes: Axes, rows: pd.DataFrame, name: str, colour: str, label: str | None = None
 ) -> None:
-    """Draw a number of segments as steps with a band, hatched without an upper limit."""
+    """Draw a segment quantity as steps with a band, hatched without an upper limit."""
     top = rows[[name, f"{name}_high"]].max().max()
     for k, (_, row) in enumerate(rows.iterrows()):
         ends = [row["chainage_from"], row["chainage_to"]]

@@ -34,8 +34,8 @@ SHOWN = {name: QUANTITIES["fraction" if name == "boulders" else name] for name i
 
 
 def figure(convergence: Convergence, paths: Sequence[Path]) -> None:
-    """Draw the measured numbers of each line against the number of boulders, and errors below.
-    Written to each of `paths`, in the format of its extension."""
+    """Draw the statistics of each line against the number of boulders, with errors below. The
+    figure is written to each of `paths`, in the format of its extension."""
     page = _page(convergence)
     for path in paths:
         save(page, path, dpi=200)
@@ -67,7 +67,7 @@ def _at(table: pd.DataFrame, line: str, quantity: str | None = None) -> pd.DataF
 
 
 def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
-    """Numbers of a quantity against the number of boulders, with their 95 % bands."""
+    """Draw statistics of a quantity against the number of boulders, with 95 % bands."""
     scale = SHOWN[quantity].factor
     for statistic, rows in table.groupby("statistic", sort=False):
         n, colour = rows["boulders"], COLOURS[statistic]
@@ -75,16 +75,16 @@ def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
             n, scale * rows["low"], scale * rows["high"], color=colour, alpha=0.2, lw=0
         )
         axes.plot(n, scale * rows["value"], color=colour, marker=MARKERS[quantity], ms=3, lw=1)
-    n = table["boulders"]  # also where no boulder crosses
+    n = table["boulders"]  # all sizes, even where no boulder crosses
     axes.set(xlabel="boulders from each source", xlim=(0.8 * n.min(), 1.25 * n.max()))
     _logarithmic(axes, "x", (1,))
     if quantity != "boulders" and (table["value"] > 0).any():
-        _logarithmic(axes, "y")  # equal heights are equal percentages
+        _logarithmic(axes, "y")  # so that equal heights are equal percentages
     axes.set_title(f"{capital(SHOWN[quantity].title)} at {line}")
 
 
 def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> None:
-    """Monte Carlo error against CPU time, both on logarithmic scales."""
+    """Draw Monte Carlo error against CPU time, both on logarithmic scales."""
     for (quantity, statistic), group in table.groupby(KEYS[1:], sort=False):
         colour, marker = COLOURS[statistic], MARKERS[quantity]
         look: dict[str, Any] = {"color": colour, "marker": marker, "ms": 3.5, "lw": 0.8}
@@ -100,7 +100,7 @@ def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> N
 
 
 def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
-    """Draw the changes by each variant of the terrain, and the Monte Carlo error."""
+    """Draw the changes by terrain variant, and the Monte Carlo error."""
     variants = list(dict.fromkeys(table["variant"]))
     labels = []
     for k, variant in enumerate(variants):
@@ -122,7 +122,7 @@ def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
 
 
 def _logarithmic(axes: Axes, name: str, digits: tuple[int, ...] = (1, 2, 5)) -> None:
-    """A logarithmic axis, x or y, with few plain numbers."""
+    """Make an axis, x or y, logarithmic with few plain numbers."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     axes.set(**{f"{name}scale": "log"})

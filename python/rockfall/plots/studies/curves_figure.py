@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Frequencies over energies at places of hazards: a panel a place, a curve a variant."""
+"""Frequency against energy at places of hazards: a panel per place, a curve per variant."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of the difference of a variant from the first."""
+"""Maps of the difference between a variant and the first variant."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rockfall.result.trajectories import Terrain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LESS, MORE, UNDECIDED = "#0072B2", "#D55E00", "#BBBBBB"  # Okabe and Ito (2008)
+LESS, MORE, UNDECIDED = "#0072B2", "#D55E00", "#BBBBBB"  # colours by Okabe and Ito (2008)
 
 
 @styled

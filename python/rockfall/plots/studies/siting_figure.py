@@ -54,7 +54,7 @@ def siting_figure(siting: Siting) -> Figure:
 def _draw(
     axes: Axes, table: pd.DataFrame, name: str, factor: float, colour: str, label: str
 ) -> None:
-    """Draw a number of each alignment with its interval; a triangle: no upper limit."""
+    """Draw a number for each alignment with its interval; a triangle: no upper limit."""
     value, low, high = (factor * table[name + end].to_numpy() for end in ENDS)
     ends = np.nan_to_num(np.stack([value - low, high - value])).clip(min=0)
     style: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 0.8, "color": colour, "label": label}
