@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The case: the inputs of a run. The kernel reads, completes and checks it; here are a view of it,
-a writer, and functions for other packages."""
+"""The case: the inputs of a run. The kernel reads, completes and checks a case; this package
+provides a view, a writer, and functions for other packages.
+"""
 
 from rockfall.case.case import (
     FROM_ARRAY,

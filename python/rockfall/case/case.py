@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The case: the input of a run, by the kernel's table of keys, defaults and ranges."""
+"""The case: the inputs of a run, with the keys, defaults and ranges of the kernel's table."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from rockfall.io.files import check_text_file, reason
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
-FROM_ARRAY = "(array)"  # the DEM of a case whose elevations come from `run(case, dem=...)`
-LINES = tuple(_core.fields("line_group").decode().split())  # groups of lines, in their order
-OPERATOR = {"sets": "matrix", "table": "table"}  # forms of what keys of `impact` name
+FROM_ARRAY = "(array)"  # DEM of a case with elevations from `run(case, dem=...)`
+LINES = tuple(_core.fields("line_group").decode().split())  # groups of lines, in order
+OPERATOR = {"sets": "matrix", "table": "table"}  # form of rebounds by key of `impact`
 
 
 def read_case(path: str | Path) -> Case:
@@ -52,7 +52,7 @@ def case_of(result: Held) -> Case:
 
 
 def case_in(attrs: Mapping[str, Any]) -> Case:
-    """Case stored in attributes; file names as in `case_of`."""
+    """Case stored in attributes; file names are as in `case_of`."""
     return _case(str(attrs["case"]).encode(errors="replace"), Path(str(attrs["case_file"])))
 
 
@@ -67,10 +67,10 @@ def _made(values: KernelValues, folder: Path, name: str) -> Case:
 
 
 class Case:
-    """A case, group by group as in its file: `case.boulder["density"]`, `case.line[0]["name"]`.
+    """A case by groups, as in its file: `case.boulder["density"]`, `case.line[0]["name"]`.
 
-    Keys that are not given have their default, or are absent. File names are relative to `folder`.
-    Groups that may be repeated (`REPEATABLE`) are lists.
+    Missing keys have their default, or are absent. File names are relative to `folder`. Repeatable
+    groups (`REPEATABLE`) are lists.
 
     >>> import rockfall
     >>> case = rockfall.Case(
@@ -98,7 +98,7 @@ class Case:
         self._take(read_values(text, name, "case"), Path(folder), name)
 
     def _take(self, values: KernelValues, folder: Path, name: str) -> None:
-        """Take the values that the kernel has read; messages show the name."""
+        """Take over values read by the kernel; `name` is for messages."""
         self.folder, self.name, self._values = folder, name, values
         self._facts = Facts(*values.facts)
         groups = _all_values(values)
@@ -134,7 +134,7 @@ class Case:
 
     @property
     def lines(self) -> list[dict[str, Any]]:
-        """Lines at which crossings are recorded: the evaluation lines, then the barriers.
+        """Lines where crossings are recorded: evaluation lines, then barriers.
 
         >>> import rockfall
         >>> [line["name"] for line in rockfall.read_case("case.nml").lines]
@@ -143,7 +143,7 @@ class Case:
         return [line for group in LINES for line in getattr(self, group)]
 
     def files(self) -> Iterator[tuple[Key, str]]:
-        """Files that the case names, with their keys.
+        """Yield the files named in the case, with their keys.
 
         >>> import rockfall
         >>> for key, name in rockfall.read_case("case.nml").files():
@@ -176,9 +176,10 @@ class Case:
 
     def replace(self, **groups: Any) -> Case:
         """Return a copy with other values: `case.replace(surface={"method": "A"})`; None removes a
-        key, with all keys that are only valid with it: `zones` with their table, field and layer. A
-        list replaces all groups of its name: `case.replace(line=[])`. `sets` or `table` of
-        `impact` bring their form with them; `maps` and `scenario` take keys of `hazard` along.
+        key and all keys that are only valid with it, as `zones` with their table, field and layer.
+        A list replaces all groups of its name: `case.replace(line=[])`. A change of `sets` or
+        `table` of `impact` also sets their form; keys of `hazard` are removed with the `maps` or
+        `scenario` that they need.
 
         >>> import rockfall
         >>> case = rockfall.read_case("case.nml")
@@ -204,7 +205,7 @@ class Case:
         return _made(self._changed(changes), self.folder, self.name)
 
     def _changed(self, changes: dict[str, Any]) -> KernelValues:
-        """Copy of the case with changes; only the changes are read. None removes a key."""
+        """Copy of the case with changes (None removes a key); only the changes are parsed."""
         plain, removed = _plain(changes), []
         for group, values in changes.items():
             keys = {} if group in REPEATABLE else {key.lower() for key in values}
@@ -213,7 +214,7 @@ class Case:
         return changed_values(self._values, removed, namelist_text(plain).encode(), self.name)
 
     def _changes_in_place(self) -> dict[str, Any]:
-        """Return the values set since by `case.boulder[key] = value`, and the keys removed."""
+        """Values set by assignments such as `case.boulder[key] = value`, and removed keys."""
         changes: dict[str, Any] = {}
         groups = self._groups | {group: self.__dict__[group] for group in REPEATABLE}
         for group, was in _all_values(self._values).items():
@@ -241,7 +242,7 @@ class Case:
         return values.text
 
     def path(self, file: str) -> Path:
-        """The path of a file that the case names.
+        """Path of a file named in the case.
 
         >>> import rockfall
         >>> case = rockfall.read_case("case.nml")
@@ -255,7 +256,7 @@ class Facts(NamedTuple):
     """Facts of a case that the kernel derives from its keys."""
 
     has_forest: bool
-    has_points: bool  # sources are points, not cells
+    has_points: bool  # sources are points, not terrain cells
     by_layer: bool  # attributes of the source layer give the boulders
     by_raster: bool  # rasters give the boulders
     by_table: bool  # an impact table is the default operator
@@ -265,20 +266,20 @@ class Facts(NamedTuple):
 
 
 def facts(case: Case, *groups: str) -> Facts:
-    """Facts of a case, derived from the keys of these groups, which stages note."""
+    """Facts of a case; stages record the groups from whose keys they are derived."""
     for group in groups:
         getattr(case, group)
     return case._facts
 
 
 def in_kernel(case: Case) -> KernelValues:
-    """A case as the kernel has read it, with values changed in place since."""
+    """Case in the kernel, including values changed in place since it was read."""
     changes = case._changes_in_place()
     return case._changed(changes) if changes else case._values
 
 
 def check_all_kept(case: Case, needs: str) -> None:
-    """Refuse a case whose runs do not keep the rows of all boulders; `needs`: "X needs"."""
+    """Refuse a case whose runs do not keep the rows of all boulders; `needs` begins the message."""
     if (kept := case.output["kept"]) != "all":
         raise RockfallError(
             f"{case.name}: &output kept = {literal(kept)}: {needs} the rows of all boulders: "
@@ -287,14 +288,14 @@ def check_all_kept(case: Case, needs: str) -> None:
 
 
 def is_given(case: Case, group: str, key: str) -> bool:
-    """Return True if a key does not have its default; stages note its group."""
+    """Return True if a key differs from its default; stages record its group."""
     own = getattr(case, group).get(key)
     read = next(read for read in case._values.groups if read.name == group)
     return key in read.given or own != read.usual.get(key)
 
 
 def _plain(groups: Mapping[str, Any]) -> dict[str, Any]:
-    """Groups, some of them lists, with values for a namelist file."""
+    """Convert groups (some are lists) to values for a namelist file."""
     return {
         group: [*map(plain_values, values)] if group in REPEATABLE else plain_values(values)
         for group, values in groups.items()
@@ -313,8 +314,9 @@ def _all_values(values: KernelValues) -> dict[str, Any]:
 
 
 def _new_form(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Form of rebounds implied by changes of `impact`: that of the sets or table that they name,
-    which would otherwise have no effect. The kernel refuses both together."""
+    """Form of rebounds implied by changes of `impact`: sets or table, which would otherwise have no
+    effect. The kernel refuses both together.
+    """
     named = [form for key, form in OPERATOR.items() if changes.get(key) is not None]
     if changes.get("form") is not None or not (named or {"form", "table"} & changes.keys()):
         return {}
@@ -322,7 +324,7 @@ def _new_form(changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def given_groups(case: Case) -> dict[str, dict[str, Any]]:
-    """Groups of a case that may not be repeated, with the keys that do not have their default."""
+    """Groups that are not repeatable, with the keys that differ from their default."""
     return {
         group.name: group.given
         for group in in_kernel(case).groups
@@ -331,7 +333,7 @@ def given_groups(case: Case) -> dict[str, dict[str, Any]]:
 
 
 def given_in_lists(case: Case) -> dict[str, list[dict[str, Any]]]:
-    """Groups that may be repeated, without keys that have their default."""
+    """Repeatable groups, with the keys that differ from their default."""
     groups: dict[str, list[dict[str, Any]]] = {group: [] for group in REPEATABLE}
     for group in in_kernel(case).groups:
         if group.name in REPEATABLE:
@@ -340,6 +342,6 @@ def given_in_lists(case: Case) -> dict[str, list[dict[str, Any]]]:
 
 
 def given_text(case: Case) -> str:
-    """Text of a case without the groups in which every key has its default."""
+    """Text of a case without groups whose keys all have their default."""
     given = {group: case._groups[group] for group in given_groups(case)}
     return namelist_text(given | {name: getattr(case, name) for name in REPEATABLE})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Input files of a case, which no command overwrites."""
+"""Input files of a case, which commands must not overwrite."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ APPENDED = (".xml", ".aux.xml", "-wal", "-shm", "-journal")
 
 
 def input_files(case: Case) -> Iterator[Path]:
-    """All files that a case reads, the case file first; some may not exist."""
+    """Yield all files that a case reads, the case file first; some may not exist."""
     yield Path(case.name)
     for key, name in case.files():
         if name != FROM_ARRAY:
@@ -39,8 +39,9 @@ def input_files(case: Case) -> Iterator[Path]:
 
 
 def read_names(case: Case) -> list[str]:
-    """Names, without folders, of the files that a case gives: files of sets and tables of impacts,
-    which may be named but unused, are left out."""
+    """Names (without folders) of the files given in a case, except impact sets and impact tables,
+    which may be unused.
+    """
     names = (
         name
         for key, name in case.files()
@@ -50,7 +51,7 @@ def read_names(case: Case) -> list[str]:
 
 
 def group_files(case: Case, group: str) -> Iterator[Path]:
-    """All files that one group of a case names, with possible companion files."""
+    """Yield all files named in a group of a case, with possible companion files."""
     for key, name in case.files():
         if key.group != group or name == FROM_ARRAY:
             continue
@@ -73,7 +74,7 @@ def _named_grounds(case: Case) -> set[str]:
 
 
 def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
-    """Files named by one value of a key."""
+    """Yield the files named by one value of a key."""
     path = case.path(name)
     if kind == "sets":
         if operator := find_operator(case, name)[0]:  # its reader reports missing files
@@ -90,7 +91,9 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
 
 
 def files_behind(result: Held) -> Iterator[Path]:
-    """Files that the case of a result reads, from the run's folder; none if unreadable."""
+    """Yield the files that the case of a result reads, relative to the run's folder; none if the
+    case is unreadable.
+    """
     if {"case", "case_file"} <= result.attrs.keys():
         try:
             case = case_of(result)
@@ -99,7 +102,7 @@ def files_behind(result: Held) -> Iterator[Path]:
         yield from input_files(case)
         for key in json.loads(result.attrs.get("input_checksums", "{}")):
             group, _, name = key.partition(" ")
-            if group in REPEATABLE:  # the case holds the coordinates of the layer
+            if group in REPEATABLE:  # the case contains the coordinates of the layer
                 yield from _layer_files(case.path(name))
 
 

@@ -13,8 +13,8 @@ REPEATABLE = tuple(_core.fields("repeatable_group").decode().split())  # groups 
 
 
 FOREST = "trees", "polygons", "stems", "uniform_stems"
-#: Keys of a group, each only valid with one of some others: removed with the last of these. None
-#: stands for all other keys of the group.
+#: Keys that are only valid with at least one of some other keys, and are removed with the last of
+#: them. None: all other keys of the group.
 ONLY_WITH: dict[str, list[tuple[tuple[str, ...], tuple[str, ...] | None]]] = {
     "surface": [(("zones",), ("zones_layer", "zone_field", "table", "default_zone"))],
     "release": [
@@ -34,7 +34,7 @@ OF_MAPS = {"thresholds": "exceeded", "object_width": "hits"}  # keys of &hazard,
 
 
 class Key(NamedTuple):
-    """A row of the table of keys; `default` is text as in a case file, "required" or "absent"."""
+    """Row of the table of keys; `default` is text as in a case file, "required" or "absent"."""
 
     group: str
     name: str
@@ -45,7 +45,7 @@ class Key(NamedTuple):
     unit: str
     meaning: str
     file: str = ""  # kind of file: raster, layer, raster layer (either), table, sets
-    low: float | None = None  # limits of numbers, if there are any
+    low: float | None = None  # limits of numbers, if any
     high: float | None = None
 
     @property
@@ -75,7 +75,7 @@ def keys_of(group: str) -> dict[str, Key]:
 
 
 def gone_with(group: str, before: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, None]:
-    """Keys of a group that only make sense with a removed key (None) and are not given."""
+    """Keys of a group that are only valid with a removed key (None), unless they are given."""
     after = {**before, **changes}
     gone: dict[str, None] = {}
     for owners, keys in ONLY_WITH.get(group, ()):
@@ -87,21 +87,21 @@ def gone_with(group: str, before: Mapping[str, Any], changes: Mapping[str, Any])
 
 
 def idle_of_hazard(scenarios: Sequence[Any], maps: Sequence[str]) -> dict[str, None]:
-    """Keys of &hazard that neither scenarios nor maps use."""
+    """Keys of &hazard used by neither scenarios nor maps."""
     used = [key for key, part in OF_MAPS.items() if any(part in name for name in maps)]
     return {} if scenarios else dict.fromkeys(keys_of("hazard").keys() - {*used})
 
 
 @cache
 def varied_key(name: str) -> tuple[str, str] | None:
-    """Group and key whose value a key of &variant replaces; None for its other keys."""
+    """Group and key that a key of &variant replaces; None for its other keys."""
     group, _, key = name.partition("_")
     keys = {(row.group, row.name) for row in key_table()}
     return (group, key) if (group, key) in keys else None
 
 
 def broken_rule(group: str, name: str, number: float) -> str:
-    """Rule of a key that a number breaks; empty if the number is allowed."""
+    """Rule of a key that a number violates; empty if the number is allowed."""
     return _core.check_numbers(group, name, [number])[1].decode().strip()
 
 
@@ -112,5 +112,5 @@ def file_keys() -> list[Key]:
 
 @cache
 def default_values() -> dict[str, dict[str, Any]]:
-    """Default values of each group, which must not be changed."""
+    """Default values by group; the caller must not change them."""
     return {group.name: group.usual for group in read_values(b"", "", "defaults").groups}

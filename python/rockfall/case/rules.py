@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rules between keys that only studies use: of &ensemble, &hazard, &scenario and &variant. The
-kernel checks the rest: the kind and range of each value, and rules that a run depends on."""
+"""Rules for keys that only studies use: &ensemble, &hazard, &scenario and &variant. The kernel
+checks the type and range of each value, and the rules for runs.
+"""
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
@@ -11,31 +12,31 @@ import numpy as np
 from rockfall.case.keys import keys_of
 from rockfall.limits import MAX_NAME
 
-#: Keys of &variant that select among groups of one name.
+#: Keys of &variant that select some groups of a repeatable kind.
 CHOSEN = {"barriers": "barrier", "dams": "dam"}
-BASE = "base"  # name of the case without its variants
-#: Factors of &ensemble for which draws may have a column.
+BASE = "base"  # name of the case without variants
+#: Factors of &ensemble that may be columns of `draws`.
 FACTORS = tuple(key for key in keys_of("ensemble") if key.endswith("_factor"))
 
 ROCKS = {  # keys of &surface that may give rock sizes
     "zones", "mean_radius", "rg70", "uniform_mean_radius", "uniform_rg",
 }  # fmt: skip
 
-Groups = Mapping[str, Any]  # a case: keys and values of each group, lists of repeatable ones
+Groups = Mapping[str, Any]  # case: groups of keys and values; repeatable groups are lists
 Broken = Iterator[tuple[str, str]]  # keys, and the rules that they violate
 
 
 class Fault(NamedTuple):
-    """A key that breaks a rule."""
+    """A key that violates a rule."""
 
     group: str
-    number: int  # index of the group among groups of its name, from 1
+    number: int  # number of the group among groups with its name, from 1
     key: str
     rule: str
 
 
 def first_fault(groups: Groups, at_points: bool) -> Fault | None:
-    """Return the first key that breaks a rule, of a case with sources at points or not."""
+    """Return the first key that violates a rule; None if there is none."""
     checks = [("ensemble", 1, _ensemble(groups)), ("hazard", 1, _hazard(groups))]
     for number in range(1, len(groups["scenario"]) + 1):
         checks.append(("scenario", number, _scenario(groups, number, at_points)))
@@ -48,8 +49,9 @@ def first_fault(groups: Groups, at_points: bool) -> Fault | None:
 
 
 def _ensemble(groups: Groups) -> Broken:
-    """A factor applies to boulders of the case and of the source layer; values of the layer are
-    only known once it has been read."""
+    """Check &ensemble. Factors apply to boulders of the case and of the source layer, whose values
+    are unknown before it is read.
+    """
     ensemble, boulder, release = (groups[name] for name in ("ensemble", "boulder", "release"))
     if ensemble["dem_error"] > 0 and "dem_correlation" not in ensemble:
         yield "dem_correlation is missing", "needed for dem_error"
@@ -72,8 +74,9 @@ def _ensemble(groups: Groups) -> Broken:
 
 
 def _hazard(groups: Groups) -> Broken:
-    """Classes must not decrease with intensity or frequency: then the classes at both ends of an
-    interval of frequencies bound all classes between."""
+    """Check &hazard. Classes must not decrease with intensity or frequency, so that the classes at
+    the limits of a frequency interval bound all classes within.
+    """
     hazard = groups["hazard"]
     periods, factor = hazard["return_periods"], hazard["frequency_factor"]
     if any(later <= earlier for earlier, later in pairwise(periods)):
@@ -84,7 +87,7 @@ def _hazard(groups: Groups) -> Broken:
         yield "frequency_factor", "must enclose 1"
     if not groups["scenario"]:
         return
-    classes = keys_of("hazard")["matrix"].allowed.split(", ")  # rising
+    classes = keys_of("hazard")["matrix"].allowed.split(", ")  # increasing
     numbers = np.array([classes.index(word) for word in hazard["matrix"]])
     intensities = len(hazard["thresholds"]) + 1
     if numbers.size != intensities * len(periods):
@@ -121,8 +124,9 @@ def _scenario(groups: Groups, number: int, at_points: bool) -> Broken:
 
 
 def _variant(variants: list[Groups], number: int) -> Broken:
-    """Check that a variant does not contradict itself, and that its name can be a file name. The
-    case of the variant is checked when it is built."""
+    """Check that a variant is consistent and its name a valid file name. The case of the variant is
+    checked when it is built.
+    """
     *earlier, given = variants[:number]
     name = given["name"]
     if len(name.encode()) > MAX_NAME:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text in namelist format: read by the kernel, and written here."""
+"""Text in namelist format, which the kernel reads and this module writes."""
 
 import json
 import weakref
@@ -22,7 +22,7 @@ class Values(NamedTuple):
 
     name: str
     given: dict[str, Any]
-    usual: dict[str, Any]  # values of keys that have their default
+    usual: dict[str, Any]  # values of keys with their default
 
     def all(self) -> dict[str, Any]:
         """All values."""
@@ -30,7 +30,7 @@ class Values(NamedTuple):
 
 
 class KernelValues:
-    """Groups of a text, or of a case, held by the kernel while this object lives."""
+    """Groups of a text or case in the kernel, freed with this object."""
 
     def __init__(
         self, handle: int, facts: np.ndarray, length: int, code: int, message: bytes
@@ -50,16 +50,17 @@ class KernelValues:
 
     @property
     def groups(self) -> list[Values]:
-        """Values of the groups in their order, which belong to the caller."""
+        """Values of the groups, in order; the caller may change them."""
         return [Values(*group) for group in json.loads(self._json)]
 
 
-_READ: dict[tuple[bytes, str, str], KernelValues] = {}  # the last texts, the oldest first
+_READ: dict[tuple[bytes, str, str], KernelValues] = {}  # latest texts, oldest first
 
 
 def read_values(text: bytes, name: str, form: str = "any") -> KernelValues:
-    """Read the groups of a text. `form` is "case", which is checked and complete; "defaults", the
-    defaults of every group of a case, for any text; or "any", with unknown keys."""
+    """Read the groups of a text. `form` is "case" (checked and completed), "any" (unknown keys are
+    allowed), or "defaults" (defaults of all groups of a case, whatever the text).
+    """
     if (kept := _READ.get((text, name, form))) is not None:
         return kept
     read = KernelValues(*_core.read_values(form, *kernel_text(text, name)))
@@ -68,7 +69,7 @@ def read_values(text: bytes, name: str, form: str = "any") -> KernelValues:
 
 
 def remember(text: bytes, name: str, form: str, values: KernelValues) -> None:
-    """Keep the values of a text, for the case of a result, which is needed often."""
+    """Cache the values of a text, such as the frequently used case of a result."""
     _READ[text, name, form] = values
     for oldest in [*_READ][:-KEPT]:
         _READ.pop(oldest, None)
@@ -77,25 +78,29 @@ def remember(text: bytes, name: str, form: str, values: KernelValues) -> None:
 def changed_values(
     values: KernelValues, removed: Iterable[str], text: bytes, name: str
 ) -> KernelValues:
-    """Values of a case without groups or keys (`group%key`), and those of a text instead."""
+    """Values of a case without `removed` groups or keys (`group%key`), and with the values of a
+    text.
+    """
     words = " ".join(removed) or " "
     return KernelValues(*_core.change_case(values, words, *kernel_text(text, name)))
 
 
 def read_groups(text: str, name: str) -> dict[str, dict[str, Any]]:
-    """Values of a text with each group once."""
+    """Values of a text in which each group occurs once."""
     return {group.name: group.given for group in read_values(text.encode(), name).groups}
 
 
 def kernel_text(text: bytes, name: str) -> tuple[bytes, bytes]:
-    """A text and its name for the kernel, which would stop reading at a zero byte."""
+    """Encode a text and its name for the kernel, which would stop at a zero byte."""
     if b"\0" in text:
         raise RockfallError(f"{name}: character code 0 is not text")
     return text or b"\n", name.encode()
 
 
 def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """NumPy numbers, arrays, paths and tuples in types for a namelist file, without empty ones."""
+    """Convert NumPy numbers, arrays, paths and tuples to types for a namelist file; drop empty
+    values.
+    """
 
     def plain(value: Any) -> Any:
         if isinstance(value, Path):
@@ -109,8 +114,9 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def namelist_text(groups: Mapping[str, Any], indent: int = 4) -> str:
-    """Text of a namelist file with groups that are not empty, then with repeated groups, which are
-    lists; it reads as equal values."""
+    """Text of a namelist file, which reads back as equal values: groups that are not empty, then
+    repeated groups (lists).
+    """
     single = {name: keys for name, keys in groups.items() if isinstance(keys, Mapping)}
     texts = [_group_text(name, keys, " " * indent) for name, keys in sorted(single.items()) if keys]
     for name, several in groups.items():
@@ -136,7 +142,7 @@ def _group_text(name: str, values: Mapping[str, Any], indent: str) -> str:
 
 
 def literal(value: Any) -> str:
-    """A value, or several, in namelist format."""
+    """One or several values in namelist format."""
     if isinstance(value, float):
         return float.__repr__(value)
     if isinstance(value, list | tuple):
@@ -147,7 +153,7 @@ def literal(value: Any) -> str:
 
 
 class Entry(NamedTuple):
-    """A key and its value, in a text with comments; a disabled one is written as a comment."""
+    """Key and value in a text with comments; a disabled entry is written as a comment."""
 
     key: str
     value: Any
@@ -164,7 +170,7 @@ class Group(NamedTuple):
 
 
 def case_text(head: Iterable[str], groups: Iterable[Group], foot: Iterable[str]) -> str:
-    """Text of a case with comments, as its author would write it."""
+    """Text of a case with comments."""
     lines = [_comment(line) for line in head]
     for group in groups:
         lines += ["", *_commented_lines(group)]
@@ -173,7 +179,7 @@ def case_text(head: Iterable[str], groups: Iterable[Group], foot: Iterable[str])
 
 
 def _comment(text: str) -> str:
-    """Comment on one line, whatever the names of files and layers contain."""
+    """Comment on one line, even if names of files and layers contain line breaks."""
     return f"! {' '.join(text.splitlines())}"
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Variants of a case: each &variant group lists its differences from the rest of the case, and
-defines a case of its own. All have the seed of the case, hence common random numbers."""
+"""Variants of a case: each &variant group defines a case by its differences from the rest of the
+case. All have the same seed, hence common random numbers.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +18,9 @@ from rockfall.errors import RockfallError
 
 
 def variants(case: Case) -> dict[str, Case]:
-    """Cases of the &variant groups of a case, by name, in their order; none without such groups.
+    """Return the cases of the &variant groups by name, in order; empty without such groups.
 
-    An invalid variant, or two equal variants, raise a RockfallError that names it.
+    A RockfallError reports an invalid variant, or equal variants.
 
     >>> import rockfall
     >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
@@ -45,8 +46,9 @@ def variants(case: Case) -> dict[str, Case]:
 
 
 def chosen_variant(case: Case, name: str | None) -> Case:
-    """The variant with a name, or the case itself if it has no variants. A case with several
-    variants needs a name, or BASE for the case without them."""
+    """Return the variant with this name, or the case itself if it has no variants. A case with
+    several variants requires a name; BASE is the case without variants.
+    """
     if name is None:
         check_single(case)
         return case
@@ -60,7 +62,7 @@ def chosen_variant(case: Case, name: str | None) -> Case:
 
 
 def check_single(case: Case) -> None:
-    """Refuse a case with variants: a run needs one of them."""
+    """Refuse a case with variants: a run needs a single variant."""
     if case.variant:
         names = ", ".join(variant["name"] for variant in case.variant)
         raise RockfallError(
@@ -71,7 +73,7 @@ def check_single(case: Case) -> None:
 
 
 def _variant(case: Case, given: Mapping[str, Any]) -> Case:
-    """The case that a group makes."""
+    """Case defined by a &variant group."""
     where = f"{case.name}: &variant name = {literal(given['name'])}"
     title = case.case["title"]
     changes: dict[str, Any] = {"variant": []}
@@ -101,7 +103,7 @@ def _contents(case: Case) -> str:
 
 @contextmanager
 def naming_variant(case: Case, name: str) -> Iterator[None]:
-    """Name the variant in errors about its case that are raised within the block."""
+    """Add the name of the variant to errors about its case raised within the block."""
     try:
         yield
     except RockfallError as error:
@@ -111,7 +113,7 @@ def naming_variant(case: Case, name: str) -> Iterator[None]:
 
 
 def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[str, Any]]:
-    """Groups that have one of the names; a name of no group is refused."""
+    """Groups with these names; an unknown name is refused."""
     own = [(_name(item), item) for item in getattr(case, group)]
     called = list(dict.fromkeys(name for name, _ in own if name))
     for name in names:
@@ -122,6 +124,6 @@ def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[st
 
 
 def _name(given: Mapping[str, Any]) -> str:
-    """Name of a group; by default that of its layer or file."""
+    """Name of a group; the default is the name of its layer or file."""
     stem = Path(given["file"]).stem if "file" in given else ""
     return str(given.get("name") or given.get("layer") or stem)

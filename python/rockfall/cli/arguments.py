@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from rockfall.errors import RockfallError
 
-_Commands = argparse._SubParsersAction  # no public name in argparse
+_Commands = argparse._SubParsersAction  # argparse has no public name
 FACTORS = "factors: columns standard, factor, condition, value, source (docs/design.md)"
 COSTS = "cost per metre: columns class, height, cost; default: class energy times height"
 LINES = "print line statistics with intervals and return levels, or annual frequencies of a hazard"
@@ -19,7 +19,7 @@ REPORT = "write a result or a hazard as one HTML page that works offline, or as 
 _RULES = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
 
 
-#: Options that were removed, and what to use instead.
+#: Removed options, and their replacements.
 _GONE = {
     "--energy-unit": "was removed: give energies as CSV with a column unit",
     "--geoid": "was removed with CZML: use --formats kml",
@@ -27,10 +27,10 @@ _GONE = {
 
 
 class _Parser(argparse.ArgumentParser):
-    package = ""  # package that adds the commands of this parser, if it is another one
+    package = ""  # other package that adds the commands
 
     def complete(self) -> None:
-        """Let the package of this parser, if it is installed, add its commands."""
+        """Add the commands of the parser's package, if it is installed."""
         if self.package and find_spec(self.package):
             package, self.package = self.package, ""
             import_module(f"{package}.arguments").add_commands(self)
@@ -51,7 +51,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Step(argparse.Action):
-    """An edit, stored with the others in the order of the command line."""
+    """Store an edit; the order of edits is that of the command line."""
 
     def __call__(self, parser: Any, namespace: Any, value: Any, option: str | None = None) -> None:
         steps = [*(getattr(namespace, self.dest) or []), (str(option).lstrip("-"), value)]
@@ -59,7 +59,7 @@ class _Step(argparse.Action):
 
 
 class _Version(argparse.Action):
-    """Option `--version`, whose value is looked up only when requested."""
+    """Option `--version`, which looks up the version only when requested."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         print(f"rockfall {import_module('rockfall.version').__version__}")
@@ -69,8 +69,9 @@ class _Version(argparse.Action):
 def _add(
     commands: _Commands, module: str, name: str, does: str, what: str = "", writes: bool = True
 ) -> _Parser:
-    """Add a command from a module in this folder that reads one file, `what`; most commands may
-    replace their earlier output, and take one variant of a case."""
+    """Add a command that reads one file, `what`, from a module in this folder. Most commands have
+    options to overwrite outputs and to select a variant of the case.
+    """
     parser = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
     if what:
         parser.add_argument(what.lower(), metavar=what, type=Path)
@@ -87,7 +88,7 @@ def _add(
 def _option(
     parser: argparse._ActionsContainer, names: str, kind: Any, does: str | None = None, **more: Any
 ) -> None:
-    """Add an option with a value; its names end with the value's: `-o --output DIR`."""
+    """Add an option with a value; `names` ends with the name of the value: `-o --output DIR`."""
     *flags, value = names.split()
     if kind is not str:
         more["type"] = kind
@@ -104,8 +105,9 @@ def _add_overwrite(command: argparse.ArgumentParser) -> None:
 
 
 def command_of(module: str, name: str) -> Callable[[argparse.Namespace], int]:
-    """Function of a command. Its module is imported when it is called: `rockfall --help` needs no
-    NumPy, and a check no figures. Files are replaced only with `--overwrite`."""
+    """Function of a command, which imports its module only when called: `rockfall --help` needs no
+    NumPy, `check` no plotting. Files are replaced only with `--overwrite`.
+    """
 
     def run(given: argparse.Namespace) -> int:
         function = getattr(import_module(module), f"{name}_command")
@@ -118,7 +120,9 @@ def command_of(module: str, name: str) -> Callable[[argparse.Namespace], int]:
 
 @functools.cache
 def make_parser() -> argparse.ArgumentParser:
-    """Parser of the complete command line, made once: its `command` takes the parsed arguments."""
+    """Make the parser of the complete command line. The parsed `command` is a function of the
+    arguments.
+    """
     parser = _Parser(
         prog="rockfall",
         description="Simulate rockfall: reach, speed, height, energy and frequency.",
@@ -585,7 +589,7 @@ def _add_ground(commands: _Commands) -> None:
 
 
 def _add_lab(commands: _Commands) -> None:
-    """Add the laboratory, a package of its own, which adds its commands on demand."""
+    """Add the laboratory, a separate package that adds its commands on demand."""
     text = "impacts of spheres on rocks or of blocks on a ground, and impact sets from them"
     lab = commands.add_parser("lab", help=text, description=text.capitalize() + ".")
     lab.package = "rockfall_lab"

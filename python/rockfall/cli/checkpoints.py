@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The folder of a study of several runs, and its checkpoints next to it."""
+"""Output folder of a study of several runs, and the checkpoints next to it."""
 
 import argparse
 import math
@@ -27,7 +27,7 @@ def is_done(
     checkpoints: Iterable[Checkpoint],
     are_finished: Callable[[], bool],
 ) -> bool:
-    """Return True if `--resume` finds a finished study; files of another one are refused."""
+    """Return True if `--resume` finds a finished study; files of another study are refused."""
     there = [path.exists() for path in made]
     if not (arguments.resume and any(there)):
         return False
@@ -42,7 +42,7 @@ def is_done(
 def study_checkpoints(
     arguments: argparse.Namespace, folder: Path, runs: Iterable[str], study: str
 ) -> list[Checkpoint]:
-    """Checkpoints FOLDER.RUN.checkpoint of runs; existing ones are overwritten only on request."""
+    """Checkpoints FOLDER.RUN.checkpoint of runs; existing files are overwritten only on request."""
     if not arguments.checkpoint >= 0:
         raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
     paths = []

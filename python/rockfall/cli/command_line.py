@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The command line: from arguments to exit status; the work is done elsewhere."""
+"""Entry point of the command line: from arguments to exit status."""
 
 import argparse
 import errno
@@ -17,20 +17,20 @@ from rockfall.cli.messages import DONE, FAULT, REFUSED, say
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, stoppable
 
-#: Objects between two garbage collections: the default takes a tenth of the time of a report.
+#: Objects between garbage collections; with the default, these take a tenth of the time of a
+#: report.
 RARELY = 50_000, 20, 20
 _NO_MEMORY = "not enough memory for this case: `rockfall check` estimates what it needs"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return the exit status. Errors are printed to stderr, each in one
-    line."""
+    """Run a command and return the exit status. Errors are printed to stderr, one line each."""
     if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # from libraries, for their developers
+        warnings.simplefilter("ignore")  # warnings of libraries, for their developers
     gc.set_threshold(*RARELY)
     _open_closed_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # for names with unsupported letters
+        sys.stdout.reconfigure(errors="replace")  # for names with letters that the terminal lacks
     if argv is None:
         _leave_out("geopandas", *(["dask"] if sys.argv[1:2] != ["run"] else []))
     try:
@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return say(_NO_MEMORY, REFUSED)
         if error.filename is not None:
             return _fault(error)
-        _close_stdout()  # accepts no more output
+        _close_stdout()  # the output is closed or full
         return say(f"output: {error.strerror or error}", REFUSED)
     except Exception as error:
         return _fault(error)
@@ -77,8 +77,9 @@ def _check_names(arguments: argparse.Namespace) -> None:
 
 
 def _leave_out(*packages: str) -> None:
-    """Make unused packages seem missing: pyogrio would import GeoPandas, and xarray Dask (used by
-    `run` only), in a quarter of a second, to check whether data are theirs."""
+    """Hide unused packages to save a quarter of a second: pyogrio would import GeoPandas, and
+    xarray would import Dask (used by `run` only), to check types of data.
+    """
     for package in packages:
         sys.modules.setdefault(package, None)  # type: ignore[arg-type]
 
@@ -99,5 +100,5 @@ def _open_closed_streams() -> None:
 
 
 def _close_stdout() -> None:
-    """Drop pending output of a closed stream, so that Python does not try again at exit."""
+    """Drop pending output of a closed stream, so that Python does not write it at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Case given to a command, and its scene."""
+"""Case and scene given to a command by its arguments."""
 
 import argparse
 from collections.abc import Collection, Iterable
@@ -20,7 +20,7 @@ from rockfall.simulation.memory import machine_memory, read_memory
 
 
 def given_options(arguments: argparse.Namespace, keys: Iterable[str]) -> dict[str, Any]:
-    """Options of these names that have a value."""
+    """Options with these names that have a value."""
     given = {key: getattr(arguments, key) for key in keys}
     return {key: value for key, value in given.items() if value is not None}
 
@@ -31,23 +31,23 @@ def at_risk(arguments: argparse.Namespace) -> AtRisk:
 
 
 def memory_of(arguments: argparse.Namespace) -> float:
-    """Memory that a run may take [bytes]: `--memory`, or that of the machine."""
+    """Memory available for a run [bytes]: `--memory`, or the machine's memory."""
     return machine_memory() if arguments.memory is None else read_memory(arguments.memory)
 
 
 def given_case(arguments: argparse.Namespace) -> Case:
-    """Case in a file, or its variant that `--variant` names."""
+    """Case in a file, or its variant selected by `--variant`."""
     return chosen_variant(read_case(arguments.case), arguments.variant)
 
 
 def stem_of(arguments: argparse.Namespace) -> str:
-    """Stem of the names of outputs: that of the case, and its variant."""
+    """Stem of output names: stem of the case file, and the variant."""
     stem, variant = arguments.case.stem, arguments.variant
     return f"{stem}_{variant}" if variant else str(stem)
 
 
 def overridden(arguments: argparse.Namespace) -> Case:
-    """Case, or its variant that `--variant` names, with values replaced by the command line."""
+    """Case, or its variant selected by `--variant`, with values replaced by the command line."""
     return with_overrides(given_case(arguments), arguments)
 
 
@@ -68,7 +68,7 @@ def scene_of(case: Case, arguments: argparse.Namespace) -> Scene:
 
 
 def warn_of_inputs(case: Case) -> None:
-    """Print warnings about doubtful inputs of a case, before the many runs of a study."""
+    """Print warnings about doubtful inputs of a case before a study."""
     _warn_of(read_scene(case, memory=machine_memory()))
 
 
@@ -78,7 +78,7 @@ def _warn_of(scene: Scene) -> None:
 
 
 def warn_of_models(*paths: Path, told: Collection[str] = ()) -> None:
-    """Print the warnings on the models of results, each once, without those already printed."""
+    """Print the warnings on the models of results, each once, except warnings in `told`."""
     with ExitStack() as opened:
         results = {path.stem: opened.enter_context(open_result(path)) for path in paths}
         for text in joint_warnings(results):

@@ -13,7 +13,7 @@ from rockfall.errors import BAD_INPUT, OUR_FAULT
 # for interrupts see `rockfall.interrupts.exit_status`
 DONE, FAULT, REFUSED = 0, OUR_FAULT, BAD_INPUT
 OF_PRODUCTS = r"rockfall\.(products|dossiers|files\.|result\.)"  # commands print their warnings
-MOST_FILES, FEW_OF_A_KIND = 8, 4  # files listed one by one; or of a kind
+MOST_FILES, FEW_OF_A_KIND = 8, 4  # files listed one by one, in all and of a kind
 
 
 def say(line: str, status: int) -> int:
@@ -28,15 +28,16 @@ def warn(text: str) -> None:
 
 
 def warn_each(texts: Iterable[str]) -> None:
-    """Print warnings, one a line."""
+    """Print warnings, one per line."""
     for text in texts:
         warn(text)
 
 
 @contextmanager
 def warnings_told() -> Iterator[list[str]]:
-    """Print the warnings of products within the block, each once, without those of libraries.
-    Yields a list that contains them afterwards."""
+    """Print the warnings of products (not of libraries) within the block, each once. Yields a list
+    that contains the warnings after the block.
+    """
     told: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")  # from libraries
@@ -47,7 +48,9 @@ def warnings_told() -> Iterator[list[str]]:
 
 
 def print_files(paths: Sequence[Path]) -> None:
-    """Print the files that a command wrote, a line each; many in one folder by their kinds."""
+    """Print the files that a command wrote, one per line; many files in a folder are grouped by
+    kind.
+    """
     if len(paths) <= MOST_FILES or len({path.parent for path in paths}) > 1:
         print(*paths, sep="\n")
         return

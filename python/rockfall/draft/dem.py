@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevation models: models from surveyed points, and edits of existing models."""
+"""Make elevation models from surveyed points, and edit existing models."""
 
 import math
 import shlex
@@ -42,8 +42,8 @@ from rockfall.terrain.regular_points import MAX_CELLS, Nodes, regular_nodes, res
 from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_pits
 from rockfall.version import __version__
 
-DEEP = 30.0  # [m] of a cut: ditches above dams are a few metres deep
-PIT = 3.0  # [m] survey errors are shallower; hollows, ditches and quarries are deeper
+DEEP = 30.0  # maximum depth of a cut [m]: ditches above dams are a few metres
+PIT = 3.0  # [m] survey errors are shallower; hollows and ditches are deeper
 BEYOND = 50.0  # [m] of --fill: across larger holes the ground is unknown
 BLURRED = 5.0  # [cells] of --smooth: noise of a survey needs two
 
@@ -52,11 +52,11 @@ FAR = 3.0  # point spacings beyond which elevations are unknown
 NICE = (1.0, 2.0, 5.0, 10.0)  # leading digits of cell sides
 STEEPEST = 10.0  # maximum ratio of rise to extent of points in metres
 NODATA = -9999.0
-SURFACE = {"uniform_mean_radius": 1.0}  # for cases that are read only for their dams
+SURFACE = {"uniform_mean_radius": 1.0}  # for cases read only for their dams
 
 
 class Dem(NamedTuple):
-    """Elevations (ny, nx) [m], their grid, and the nodata value of a file."""
+    """Elevations (ny, nx) [m] with their grid and nodata value."""
 
     z: np.ndarray
     grid: Grid
@@ -69,7 +69,7 @@ class Survey(NamedTuple):
     points: int
     spacing: float  # [m]
     errors: np.ndarray  # leave-one-out errors of evenly chosen points [m]; NaN: none near
-    nodes: Nodes | None = None  # if the points are the nodes of a regular grid; errors are empty
+    nodes: Nodes | None = None  # if points are nodes of a regular grid (errors are then empty)
     remarks: tuple[str, ...] = ()
 
     @property
@@ -159,7 +159,7 @@ def dem_of_points(
 
 
 def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarray:
-    """Points (n, 3) without those whose elevation marks a missing one."""
+    """Points (n, 3) without points whose elevation marks missing data."""
     missing = np.isin(points[:, 2], MISSING)
     if not missing.any():
         return points
@@ -171,7 +171,7 @@ def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarr
 
 
 def _may_be_degrees(low: np.ndarray, high: np.ndarray) -> bool:
-    """Return True for points on the full circle that differ more in height than in plan."""
+    """Return True if x and y may be degrees: they differ much less than the heights."""
     apart, rise = (high - low)[:2].max(), high[2] - low[2]
     is_round = (abs(low[:2]) <= (360, 90)).all() and (abs(high[:2]) <= (360, 90)).all()
     return bool(is_round and apart < rise / STEEPEST)
@@ -187,7 +187,7 @@ def _check_places(path: str | Path, points: np.ndarray) -> None:
 
 
 def _covering(low: np.ndarray, high: np.ndarray, cell: float) -> Grid:
-    """Grid of cells with edges at multiples of their side that contain all points between."""
+    """Grid that covers `low` to `high`, with cell edges at multiples of the cell size."""
     west, north = math.floor(low[0] / cell) * cell, (math.floor(high[1] / cell) + 1) * cell
     nx, ny = (high[0] - west) // cell + 1, (north - low[1]) // cell + 1
     if not nx * ny <= MAX_CELLS:
@@ -198,8 +198,9 @@ def _covering(low: np.ndarray, high: np.ndarray, cell: float) -> Grid:
 
 
 def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | None = None) -> Dem:
-    """Read the DEM in a raster file, with a CRS if the file has none; `remarks` gets a line if it
-    lies outside the area of use of that CRS."""
+    """Read the DEM in a raster file; `crs` is for a file without a CRS, with one of the `remarks`
+    if the DEM lies outside its area of use.
+    """
     z, grid = read_dem(path)
     if crs is not None:
         if grid.crs is not None:
@@ -213,7 +214,7 @@ def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | N
 
 
 def edited(dem: Dem, steps: Iterable[tuple[str, Any]], remarks: list[str]) -> Dem:
-    """DEM after some EDITS in turn, (name, argument); `remarks` on unusual values."""
+    """Apply EDITS (name, argument) to a DEM in turn; unusual values are added to `remarks`."""
     for name, given in steps:
         dem = dem._replace(z=EDITS[name](dem, given, remarks))
     return dem
@@ -302,7 +303,7 @@ def _smooth(dem: Dem, std: float, remarks: list[str]) -> np.ndarray:
 
 
 def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
-    """Elevations with the dams of a layer, as in &dam file: a temporary case checks their keys."""
+    """Elevations with the dams of a layer, as in &dam file; a temporary case checks their keys."""
     x, y = [float(dem.grid.x[0])], [float(dem.grid.y[0])]
     case = Case(
         name=str(path), case={"boulders": 1}, surface=SURFACE, boulder={"volume_mean": 1.0},
@@ -347,7 +348,7 @@ def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
 
 
 def _attribute(path: Path, columns: dict[str, np.ndarray], name: str, k: int) -> float:
-    """Number of a feature; NaN if missing."""
+    """Numeric attribute of a feature; NaN if missing."""
     if name not in columns:
         return math.nan
     if columns[name].dtype.kind not in "iuf":

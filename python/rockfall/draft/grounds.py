@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grounds of a first case: the material of its zones, by terms of the field."""
+"""Grounds of a first case, recognised from terms for the material of its zones."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -12,8 +12,8 @@ from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.grounds.impact_tables import tables_of_all_shapes
 from rockfall.io.zone_table import RADII
 
-#: Terms of the field: their meaning, and prefixes of words that name such zones in English, German,
-#: French and Italian. Each is a table of impacts.
+#: Shipped grounds: their meaning, and prefixes of terms for such zones in English, German, French
+#: and Italian. Each has an impact table.
 GROUNDS = {
     "rock": (
         "bedrock, rock face, ledge",
@@ -51,12 +51,12 @@ GROUNDS = {
 CHOICES = ", ".join(GROUNDS)
 ID = "zone"  # attribute with the id of a zone
 
-#: Takes a question, and returns the answer; "" for none.
+#: Function that takes a question and returns the answer; "" for none.
 Ask = Callable[[str], str]
 
 
 def recognised(name: str) -> str:
-    """Ground that a name gives by a term of the field; "" for none, or for several."""
+    """Ground recognised from a term in a name; "" for none, or for several grounds."""
     words = re.split(r"[\W\d_]+", name.lower())
     grounds = {ground for word in words if (ground := _of_word(word))}
     return grounds.pop() if len(grounds) == 1 else ""
@@ -70,7 +70,7 @@ def _of_word(word: str) -> str:
 
 
 def check_ground(name: str, where: str) -> None:
-    """Refuse a name that is no shipped ground."""
+    """Refuse a name that is not a shipped ground."""
     shipped = {*shipped_rows().rows, *table_names(), *shipped_sets()}
     if name not in shipped:
         raise RockfallError(
@@ -87,7 +87,7 @@ def needs_rocks(ground: str) -> bool:
 
 @dataclass
 class Grounds:
-    """Grounds given for a draft, and the zones that follow them."""
+    """Grounds given for a draft, and the zones that use them."""
 
     usual: str = ""  # for zones without a ground, or for the case
     by_zone: Mapping[str, str] = field(default_factory=dict)  # by name, or by id as text
@@ -107,7 +107,9 @@ class Grounds:
         return self.usual or self._asked("the slope", where, "GROUND")
 
     def of_zone(self, layer: Layer, k: int) -> str:
-        """Ground of a polygon: of its zone, attribute or name, the default, or by a question."""
+        """Ground of a polygon: given for its zone, from its attribute or name, the default, or
+        requested.
+        """
         labels = _labels(layer, k)
         self.used |= self.by_zone.keys() & {*labels}
         given = next((self.by_zone[label] for label in labels if label in self.by_zone), "")
@@ -128,7 +130,7 @@ class Grounds:
         return ground
 
     def notes(self) -> Iterator[str]:
-        """Zones by their ground, for zones whose attribute does not give it."""
+        """Yield a note on the zones of each ground that is not from an attribute."""
         for (ground, reason), zones in self.zones.items():
             yield f"{', '.join(zones)}: ground {ground} ({reason})"
 
@@ -143,7 +145,7 @@ class Grounds:
             raise RockfallError(f"{text}: not in {layer}, which has {has or 'no names and ids'}")
 
     def _asked(self, what: str, where: str, option: str) -> str:
-        """Answer to a question, shown once; refused without a terminal."""
+        """Answer to a question, requested only once; a RockfallError without a terminal."""
         if what not in self.answers:
             if self.ask is None or not (ground := self.ask(what)):
                 raise RockfallError(f"{where}: no ground: give --ground {option}, of {CHOICES}")
@@ -153,6 +155,6 @@ class Grounds:
 
 
 def _labels(layer: Layer, k: int) -> list[str]:
-    """Name and id of a polygon, where it has them."""
+    """Name and id of a polygon, if present."""
     columns = layer.name_column, layer.attribute(ID)
     return [*filter(None, (layer.text(column, k) for column in columns))]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text of a first case: each value with its reason and the allowed alternatives."""
+"""Text of a first case: each value with its reason and alternatives."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -35,9 +35,9 @@ class New:
     dem: Path
     out: Path
     grid: Grid
-    used: dict[str, list[Layer]] = field(default_factory=dict)  # by their use
+    used: dict[str, list[Layer]] = field(default_factory=dict)  # layers by use
     zones: Zones | None = None
-    ground: str = ""  # of a case without zones
+    ground: str = ""  # ground of a case without zones
     observed: Observed | None = None
     notes: list[str] = field(default_factory=list)  # use of each layer
     remarks: list[str] = field(default_factory=list)  # oddities
@@ -53,7 +53,7 @@ class New:
 
 
 def new_text(new: New, place: Path) -> str:
-    """Text of the case for a folder."""
+    """Text of the case, for the folder `place`."""
     groups = [
         _case(new), Group("terrain", [_entry("terrain", "dem", _name(new.dem, place))]),
         _surface(new, place), _boulder(new), _release(new, place),
@@ -76,7 +76,7 @@ def _name(file: Path, place: Path) -> str:
 
 
 def _layer(layer: Layer, group: str, key: str) -> Iterator[Entry]:
-    """Layer name, for a file with several."""
+    """Key with the layer name, for a file with several layers."""
     if not layer.alone:
         yield _entry(group, key, layer.name)
 
@@ -202,7 +202,7 @@ def _forest(new: New, place: Path) -> Iterator[Group]:
 
 
 def _drawn(new: New, place: Path) -> Iterator[Group]:
-    """Lines, barriers and dams: values that a group does not give come from attributes."""
+    """Groups of lines, barriers and dams, whose other values are attributes of the layer."""
     for kind, group in SEVERAL.items():
         for layer in new.used.get(kind, ()):
             entries = [_entry(group, "file", _name(layer.path, place))]
@@ -214,7 +214,7 @@ def _drawn(new: New, place: Path) -> Iterator[Group]:
 
 
 def _observed(new: New, place: Path) -> Iterator[Group]:
-    """Group of the observations at the site, if there are any."""
+    """Group of the observations at the site, if any."""
     seen = new.observed
     if seen is None or not (seen.files or seen.angle is not None):
         return

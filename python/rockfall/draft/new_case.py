@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""First case for a DEM and layers, which runs unchanged and mentions further options."""
+"""First case for a DEM and layers, which runs unchanged and lists further options."""
 
 from __future__ import annotations
 
@@ -52,14 +52,15 @@ def new_case(
     energy_line_angle: float | None = None,
     ask_angle: AskAngle | None = None,
 ) -> New:
-    """Write a commented case for a DEM and the layers of some files, with a table of zones next to
-    it if there are any, without overwriting files; returns its contents.
+    """Write a commented case for a DEM and layers in files, and a table of any zones next to it,
+    without overwriting files; returns its contents.
 
     `grounds` gives zones a ground by name or id; `ground` is for zones without a ground in their
-    attributes or names, or for a case without zones. `ask` returns the ground of a zone that is
-    still open; without it, or for "", such a case is refused. Blocks at rest and scars become
-    observations (`&observed`), with the lowest `energy_line_angle` [degree] seen at the site or in
-    the region; `ask_angle` returns it for layers of observations, None if it is not known.
+    attributes or names, or for a case without zones. `ask` returns the ground of a zone whose
+    ground is still unknown; without `ask`, or if it returns "", the case is refused. Blocks at rest
+    and scars become observations (`&observed`), with the lowest `energy_line_angle` [degree] seen
+    at the site or in the region; `ask_angle` returns it for layers of observations, None if it is
+    not known.
 
     >>> import rockfall
     >>> new = rockfall.new_case("dem.tif", ["cliff.gpkg"], "new.nml", ground="talus")
@@ -96,8 +97,9 @@ def new_case(
 
 
 def _take(new: New, layer: Layer) -> bool:
-    """Record the use of a layer; only one is allowed for zones, sources and trees. Returns False
-    for a layer without a use that may be meant for sources."""
+    """Record the use of a layer; zones, sources and trees allow a single layer each. Returns False
+    for a layer of unknown use that may be meant for sources.
+    """
     kind, why = kind_of(layer)
     doubtful = may_be_sources(layer, kind)
     if kind in new.used and kind not in SEVERAL:
@@ -113,8 +115,9 @@ def _take(new: New, layer: Layer) -> bool:
 
 
 def _check_steep(new: New, doubtful: list[Layer]) -> None:
-    """Refuse steep cells as sources if a layer was given that is meant for sources but not
-    recognised; a remark if the file has layers of other uses, too."""
+    """Refuse steep cells as sources if a layer may be meant for sources but is not recognised; only
+    add a remark if its file also has layers of other uses.
+    """
     for layer in doubtful:
         if layer.is_called(SOURCES):
             raise RockfallError(
@@ -134,7 +137,7 @@ def _check_steep(new: New, doubtful: list[Layer]) -> None:
 
 
 def _of_user(text: str, new: New, place: Path, files: Iterable[Path]) -> str:
-    """Text with the user's file names in place of those in the temporary folder."""
+    """Replace names of files in the temporary folder by the user's file names."""
     names = {place / relative_name(file.resolve(), place): file for file in (new.dem, *files)}
     if new.zones:
         names |= dict.fromkeys([new.zones.copy] if new.zones.copy else [], new.used[ZONES][0].path)
@@ -158,8 +161,9 @@ def _check_known(new: New, scene: Scene) -> None:
 
 
 def _write(new: New, place: Path, files: Iterable[Path]) -> None:
-    """Write the case to a folder, and read everything that it names. Its text depends on the
-    sources found, so it is written twice."""
+    """Write the case to a folder, and read all its inputs. The text depends on the sources found,
+    so it is written twice.
+    """
     path = place / new.out.name
     path.write_text(new_text(new, place), encoding="utf-8")
     try:

@@ -13,13 +13,14 @@ from rockfall.files.export import write_geopackage
 from rockfall.io.coordinates.crs import plan_wkt
 from rockfall.io.rasters.grid import Grid
 
-COPIES = {BLOCKS: "blocks", SCARS: "scars"}  # in their names
+COPIES = {BLOCKS: "blocks", SCARS: "scars"}  # words in file names
 AskAngle = Callable[[], "float | None"]
 
 
 class Observed(NamedTuple):
-    """Observations: files that a case names, with their layers; copies of layers that share a file
-    with others; and the lowest energy-line angle [degree], None if not known."""
+    """Observations: files named in a case, with their layers; copies of layers from files with
+    several layers; and the lowest energy-line angle [degree], None if unknown.
+    """
 
     files: dict[Path, Layer]
     copies: list[Path]
@@ -39,8 +40,9 @@ def observed_of(
     angle: float | None,
     ask: AskAngle | None,
 ) -> Observed:
-    """Observations among layers with their kinds; copies go to a folder. `ask` returns the angle if
-    there are observations, and it is not given."""
+    """Select the observations from layers with their kinds, and write copies to a folder. `ask`
+    returns the angle if there are observations but no angle is given.
+    """
     files, copies = {}, []
     for kind, layer in layers:
         path = layer.path
@@ -59,7 +61,7 @@ def observed_of(
 
 
 def check_angle(angle: float) -> None:
-    """Refuse an energy-line angle [degree] that a case would not take."""
+    """Refuse an energy-line angle [degree] that a case does not allow."""
     key = next(key for key in key_table() if key.name == "energy_line_angle")
     assert key.low is not None and key.high is not None
     if not (math.isfinite(angle) and key.low <= angle <= key.high):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recognition of the use of a layer in a case, by its shapes, its attributes and its name."""
+"""Recognise the use of a layer in a case by its shapes, attributes and name."""
 
 import re
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ BARRIERS, DAMS, TREES, OBJECTS = "barriers", "dams", "trees", "objects"
 STANDS = "stands"
 BLOCKS, SCARS = "blocks at rest", "scars"
 SEVERAL = {LINES: "line", BARRIERS: "barrier", DAMS: "dam"}  # groups that may occur several times
-SYMBOLS = {"mean_radius": "r_m"}  # common field symbols for them
+SYMBOLS = {"mean_radius": "r_m"}  # symbols commonly used for keys
 WORDS = {  # prefixes of names: English, German, French, Italian
     SOURCES: ("source", "cliff", "release", "scarp", "start", "quelle", "fels", "wand", "ausbruch",
               "abbruch", "anriss", "liefer", "falaise", "depart", "départ", "parete", "distacco",
@@ -39,7 +39,7 @@ WORDS = {  # prefixes of names: English, German, French, Italian
     OBJECTS: ("object", "house", "building", "objekt", "haus", "häus", "haeus", "geb",
               "maison", "batiment", "bâtiment", "edific", "casa", "case"),
 }  # fmt: skip
-AVAFRAME = re.compile(r"rel(?!ief)", re.IGNORECASE)  # beginning of the names of its release areas
+AVAFRAME = re.compile(r"rel(?!ief)", re.IGNORECASE)  # start of names of AvaFrame release areas
 #: Attributes of sources.
 OF_SOURCES = {"volume", "volume_class", "frequency", "block_shape", *VALUES} - {"density"}
 NAMES = ("name", "bezeichnun", "nom", "nome", "label")  # attributes with the name of a feature
@@ -91,8 +91,9 @@ class Layer:
         return "" if value is None else str(value).strip()
 
     def has(self, key: str) -> bool:
-        """Return True if features have numbers for a key. Features without a number are refused if
-        others have one: the layer would be taken for something else."""
+        """Return True if features have numbers for a key. A layer in which only some features have
+        numbers is refused, because its use would be mistaken.
+        """
         values = self.values(key)
         if all(value is None for value in values):
             return False
@@ -106,7 +107,7 @@ class Layer:
         return True
 
     def is_called(self, kind: str) -> bool:
-        """Return True if a word in its name, or in its file's, indicates this kind."""
+        """Return True if a word in the name of the layer or its file indicates this kind."""
         if kind == SOURCES and AVAFRAME.match(self.path.stem):
             return True
         words = re.split(r"[\W\d_]+", f"{self.name} {self.path.stem}".lower())
@@ -116,7 +117,7 @@ class Layer:
 
 
 def read_layers(path: Path, grid: Grid) -> Iterator[Layer]:
-    """All layers of a file, on the terrain."""
+    """Yield all layers of a file, on the terrain."""
     if path.suffix.lower() not in EXTENSIONS:
         raise RockfallError(
             f"{path}: is not a layer: its name must end in {', '.join(sorted(EXTENSIONS))}"
@@ -131,7 +132,7 @@ def read_layers(path: Path, grid: Grid) -> Iterator[Layer]:
 
 
 def kind_of(layer: Layer) -> tuple[str, str]:
-    """Use of a layer, "" if none; and a remark about it."""
+    """Use of a layer ("" if unknown), and a remark."""
     if layer.shape == "Polygon":
         return _polygons(layer)
     if layer.shape == "Line":
@@ -170,14 +171,14 @@ def _polygons(layer: Layer) -> tuple[str, str]:
 
 
 def may_be_sources(layer: Layer, kind: str) -> bool:
-    """Return True for a layer of no known use that may be meant for sources."""
+    """Return True for a layer of unknown use that may be meant for sources."""
     if layer.is_called(SOURCES):
         return kind in ("", LINES)
     return not kind and not any(map(layer.is_called, (TREES, SCARS)))
 
 
 def _why_sources(layer: Layer) -> str:
-    """Reason why points or polygons are sources; "" if they are not."""
+    """Reason why points or polygons are sources; "" otherwise."""
     given = [name for name in layer.columns if name in OF_SOURCES]
     return ", by their name" if layer.is_called(SOURCES) else f" with {given[0]}" if given else ""
 

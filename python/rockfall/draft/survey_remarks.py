@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Likely mistakes in surveyed points and in cells made from them: one line each."""
+"""Remarks on likely mistakes in surveyed points and in the cells made from them."""
 
 import math
 from collections.abc import Iterator
@@ -12,15 +12,17 @@ from rockfall.language import Text, say
 from rockfall.scene.ground import SPIKE
 from rockfall.scene.rules.terrain import GAP, USUAL, USUAL_GAP, is_too_steep
 
-HIGHER = 1.0  # [m] between points at one place: more than the error of a survey
-AROUND = 16  # number of neighbours that a spike differs from; eight may all lie across a cliff
+HIGHER = 1.0  # [m] between points at the same place: more than a survey error
+AROUND = 16  # neighbours below or above a spike; eight may all be across a cliff
 SAMPLES = 1000  # rows and columns sampled for slopes
-COARSE, FINE = 5.0, 10.0  # cells per spacing, and spacings per cell, that add no information
+COARSE, FINE = 5.0, 10.0  # cells per spacing, and spacings per cell, that are unreasonable
 FINEST = 100.0  # cells per spacing above which the cell size is a mistake
 
 
 def check_cell(cell: float, extent: np.ndarray, spacing: float) -> None:
-    """Refuse cells [m] beyond the extent (2) of the points, or far below their spacing."""
+    """Refuse cells [m] larger than the extent (2,) of the points, or far smaller than their
+    spacing.
+    """
     if cell > extent.max() / 2:
         raise RockfallError(
             f"--cell {cell:g}: the points cover {extent[0]:,.4g} x {extent[1]:,.4g} m: must be at "
@@ -42,7 +44,7 @@ def cell_remarks(cell: float, spacing: float) -> Iterator[Text]:
 
 
 def height_remarks(points: np.ndarray) -> Iterator[Text]:
-    """Remarks on elevations of points (n, 3) [m] outside of any land, or far from all others."""
+    """Remarks on points (n, 3) [m] whose elevation is impossible on land or far from all others."""
     z = points[:, 2]
     low, high = float(z.min()), float(z.max())
     if low < HEIGHTS[0] or high > HEIGHTS[1]:
@@ -56,7 +58,7 @@ def height_remarks(points: np.ndarray) -> Iterator[Text]:
 
 
 def place_remarks(points: np.ndarray) -> Iterator[Text]:
-    """Remark on points (n, 3) [m] at one place that differ in height."""
+    """Remark on points (n, 3) [m] with the same place but different heights."""
     x, y, z = points[np.lexsort(points.T[::-1])].T
     again = (np.diff(x) == 0) & (np.diff(y) == 0)
     apart = np.where(again, np.diff(z), 0.0)
@@ -66,8 +68,9 @@ def place_remarks(points: np.ndarray) -> Iterator[Text]:
 
 
 def spike_remarks(points: np.ndarray, errors: np.ndarray, spacing: float) -> Iterator[Text]:
-    """Remark on points (n, 3) [m] above or below all their neighbours by more than any rock;
-    `errors` are the leave-one-out errors of evenly chosen points."""
+    """Remark on points (n, 3) [m] higher or lower than all their neighbours by more than any rock;
+    `errors` are the leave-one-out errors of evenly selected points.
+    """
     from scipy.spatial import cKDTree
 
     limit = max(SPIKE[0], SPIKE[1] * spacing)
@@ -88,7 +91,7 @@ def spike_remarks(points: np.ndarray, errors: np.ndarray, spacing: float) -> Ite
 
 
 def slope_remarks(z: np.ndarray, cell: float) -> Iterator[Text]:
-    """Remark on elevations (ny, nx) [m] steeper than any terrain, as elevations in feet are."""
+    """Remark on elevations (ny, nx) [m] steeper than any terrain, for instance in feet."""
     if min(z.shape) < 3:
         return
     row, column = (np.arange(1, size - 1, math.ceil(size / SAMPLES)) for size in z.shape)

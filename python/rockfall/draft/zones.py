@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones from polygons with their own ground attributes: the table that a case needs."""
+"""Zone table of a case, from polygons with ground attributes."""
 
 import csv
 from pathlib import Path
@@ -21,18 +21,18 @@ from rockfall.io.zone_table import PAIR, RADII
 class Zones(NamedTuple):
     """Zones in the form used by a case."""
 
-    copy: Path | None  # polygons, with new ids if theirs are unsuitable
+    copy: Path | None  # copy of the polygons, with new ids if necessary
     field: str  # attribute with the id
     table: Path
     method: str
-    rest: int | None  # zone of cells outside polygons: the most frequent; None if there are none
+    rest: int | None  # most frequent zone, for cells outside polygons; None: no such cells
     outside: int  # number of those cells
 
 
 def zones_of(
     layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path, grounds: Grounds
 ) -> Zones:
-    """Write the zone table of a layer and, without distinct ids, its polygons with ids."""
+    """Write the zone table of a layer and, if its ids are not distinct, a copy with new ids."""
     radii, pair = ([key for key in keys if layer.attribute(key)] for keys in (RADII, PAIR))
     columns = [*radii, "ground", *pair]
     rows = [_row(layer, radii, pair, k, grounds) for k in range(len(layer.shapes))]
@@ -68,7 +68,7 @@ def zones_of(
 def _row(
     layer: Layer, radii: list[str], pair: list[str], k: int, grounds: Grounds
 ) -> tuple[str, ...]:
-    """Rock sizes, ground, and strength and relief of this, of a polygon as a table row."""
+    """Table row of a polygon: rock sizes, ground, strength and relief."""
     sizes, own = ([layer.text(layer.attribute(key), k) for key in keys] for keys in (radii, pair))
     if not any((*sizes, *own)) and not layer.text(layer.attribute("ground"), k):
         keys = [*radii, *(["ground"] if layer.attribute("ground") else [])]
@@ -88,7 +88,7 @@ def _names(layer: Layer, ids: list[int]) -> dict[int, str]:
 
 
 def _own_ids(layer: Layer, rows: list[tuple[str, ...]]) -> list[int] | None:
-    """Ids of the polygons, if no id stands for different rows."""
+    """Ids of the polygons; None if polygons with different rows share an id."""
     values = layer.columns.get(ID)
     if values is None or values.dtype.kind not in "iu":
         return None

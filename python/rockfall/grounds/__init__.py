@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rebound models: grounds and their table, impact sets, tables of impacts."""
+"""Rebound models: grounds and their table, impact sets, impact tables."""
 
 from rockfall.grounds.grounds import (
     ABSORBS,

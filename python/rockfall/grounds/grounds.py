@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grounds: rebound models used in place of the case's impact sets, and the tables that define them
-(docs/grounds.md). The kernel defines the parameters of each model and their ranges."""
+"""Grounds: rebound models that replace the impact sets of a case, and the tables that define
+grounds (docs/grounds.md). The kernel defines the parameters of each model and their ranges.
+"""
 
 import importlib.resources
 import math
@@ -34,25 +35,25 @@ from rockfall.kernel_rules import kernel_numbers
 from rockfall.limits import MAX_NAME
 
 IMPACT_SETS = "impact_sets"  # model of a ground outside the table of grounds
-BLOCK_TABLE = "impact_table"  # model of a table of impacts of blocks on their own ground
-RATIO_TABLE = "ratio_table"  # model of a table of impacts by R_b/R_m
-TABLES = BLOCK_TABLE, RATIO_TABLE  # models of tables of impacts
-YIELDING = "ploughed", "hard"  # models of rows that a plane of tables of impacts serves
+BLOCK_TABLE = "impact_table"  # model: impact table for blocks and their ground
+RATIO_TABLE = "ratio_table"  # model: impact table by R_b/R_m
+TABLES = BLOCK_TABLE, RATIO_TABLE  # models of impact tables
+YIELDING = "ploughed", "hard"  # models with a plane of impact tables
 ENSEMBLE = "-ensemble"  # suffix of the name of an ensemble
-ANY_RADIUS = 0.02, 20.0  # for boulders whose volumes the case does not give [m]
+ANY_RADIUS = 0.02, 20.0  # R_b [m] of boulders whose volumes are not in the case
 ABSORBS = "absorbs"  # model of a ground without rebound
 MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum number per scene
 WORDS = ("name", "id", "model", "meaning", "source")  # text columns
-#: Requirements that a case without a ground of its own lacks.
+#: Requirements that a case lacks if it names no ground.
 NO_GROUND: Mapping[str, None] = MappingProxyType(dict.fromkeys(("ground", *PAIR)))
 
 
 class Plane(NamedTuple):
-    """Ground and sizes of boulders, which choose the parts of a plane of tables."""
+    """Ground and boulder sizes, which select the parts of a plane of tables."""
 
     model: str  # one of YIELDING
     ground: YieldingGround
-    radii: tuple[float, float]  # least and largest usual R_b [m]
+    radii: tuple[float, float]  # range of usual R_b [m]
     weight: float  # of boulders, rho_b g [N/m3]
 
 
@@ -61,7 +62,7 @@ class GroundRule(NamedTuple):
 
     name: str
     model: str = IMPACT_SETS
-    text: bytes = b""  # impact set file, or a row of parameters
+    text: bytes = b""  # content: impact set file, or a row of parameters
     file: str = ""  # source of the content, for messages
     rest_angle: float | None = None  # [degree]; None: not given, as for rocky ground
     block_radius: float = math.nan  # R_b [m] of the largest blocks of its table; NaN: none
@@ -75,7 +76,7 @@ class GroundRule(NamedTuple):
 
     @property
     def rocks(self) -> int:
-        """Required knowledge of the rocks there: 0 nothing, 1 their size, 2 a size above zero."""
+        """Required data on rocks of the ground: 0 none, 1 their size, 2 a size above zero."""
         return models()[self.model]
 
 
@@ -97,7 +98,7 @@ class Parameter(NamedTuple):
 
 @cache
 def models() -> dict[str, int]:
-    """Models of grounds, with their required knowledge of rocks as in `GroundRule.rocks`."""
+    """Models of grounds, with the required data on rocks as in `GroundRule.rocks`."""
     rows: dict[str, int] = {}
     while text := _core.table_row("ground_models", len(rows) + 1).decode().strip():
         name, rocks = text.split("|")
@@ -134,13 +135,13 @@ def shipped_grounds() -> Path:
 
 
 def other_tables() -> dict[str, Path]:
-    """Other shipped tables of grounds, by their name in cases."""
+    """Other shipped tables of grounds, by the name used in cases."""
     folder = shipped_grounds().parent
     return {path.stem.partition("_")[2]: path for path in sorted(folder.glob("grounds_*.csv"))}
 
 
 def table_path(case: Case) -> Path:
-    """Path of the table of grounds of a case: its own, or a shipped one."""
+    """Path of the table of grounds of a case: the case's own, or a shipped table."""
     own = case.surface.get("ground_table")
     if not own:
         return shipped_grounds()
@@ -179,8 +180,9 @@ class GroundTable:
             self.names[int(number)] = name
 
     def ground(self, name: str, case: Case, pair: Mapping[str, float] | None = None) -> GroundRule:
-        """A row of the table, for the boulders of a case; `pair`: strength [Pa] and relief [degree]
-        in place of the row's. The kernel checks the numbers."""
+        """Ground of a row, for the boulders of a case; `pair` (strength [Pa], relief [degree])
+        replaces the values of the row. The kernel checks the numbers.
+        """
         row, pair = self.rows[name], pair or {}
         model = row.choice("model", _columns()[0].allowed.split(", "))
         numbers = _numbers(row)
@@ -193,12 +195,12 @@ class GroundTable:
 
     @property
     def yielding(self) -> list[str]:
-        """Names of the rows that use planes of tables of impacts."""
+        """Names of the rows that use planes of impact tables."""
         return [name for name, row in self.rows.items() if row.cells["model"] in YIELDING]
 
 
 def _numbers(row: Row) -> dict[str, float]:
-    """Given numbers of a row."""
+    """Numbers given in a row, by column."""
     names = (parameter.name for parameter in parameters())
     return {name: row.number(name) for name in names if row.cells.get(name)}
 
@@ -209,7 +211,7 @@ def yielding_ground(row: Row) -> tuple[str, YieldingGround]:
 
 
 def _yielding(numbers: Mapping[str, float]) -> YieldingGround:
-    """Ground with these numbers, and with the kernel's defaults for others."""
+    """Ground with these numbers; others have the kernel's defaults."""
     usual = {
         key.name: float(key.default)
         for key in parameters()
@@ -219,7 +221,7 @@ def _yielding(numbers: Mapping[str, float]) -> YieldingGround:
 
 
 def is_calibrated(plane: Plane) -> bool:
-    """Return True if a shipped ground has this strength and relief."""
+    """Return True for the strength and relief of a shipped ground."""
     apart = {"rest_angle": 0.0, "strength_sigma": 0.0}
     shipped = (yielding_ground(shipped_rows().rows[name]) for name in shipped_rows().yielding)
     own = plane.model, plane.ground._replace(**apart)
@@ -243,8 +245,9 @@ def _row_text(model: str, numbers: Mapping[str, float | str]) -> str:
 def _plane_rule(
     name: str, model: str, text: str, numbers: Mapping[str, float], where: str, case: Case
 ) -> GroundRule:
-    """Ground by a plane of tables, for the boulders of a case. The kernel checks the numbers first:
-    parts can be chosen for valid numbers only."""
+    """Ground with a plane of tables, for the boulders of a case. The kernel first checks the
+    numbers, because parts can only be selected for valid numbers.
+    """
     _check_text(text, where)
     ground = _yielding(numbers)
     sigma = case.boulder.get("ground_strength_sigma", ground.strength_sigma)
@@ -257,14 +260,15 @@ def _plane_rule(
 
 
 def _of_plane(rule: GroundRule, plane: Plane, shape: str) -> GroundRule:
-    """Return the same ground by the tables of a block shape."""
+    """Return the ground with the tables of a block shape."""
     table = plane_table(plane.model, shape, plane.ground, np.array(plane.radii), plane.weight)
     return rule._replace(plane=plane, table=table, block_radius=block_radius(table))
 
 
 def scaled_pair(rule: GroundRule, strength: float, relief: float, case: Case) -> GroundRule:
-    """Return a ground with factors on its strength and relief; numbers beyond their limits, far
-    outside all tables, become these limits."""
+    """Return a ground with strength and relief multiplied by factors, clipped to their limits,
+    which are far outside all tables.
+    """
     assert rule.plane is not None
     given = rule.plane.ground
     limits = {parameter.name: parameter.limits for parameter in parameters()}
@@ -277,7 +281,7 @@ def scaled_pair(rule: GroundRule, strength: float, relief: float, case: Case) ->
 
 
 def usual_radii(case: Case) -> tuple[float, float]:
-    """Least and largest R_b [m] of all but few boulders of a case."""
+    """Minimum and maximum R_b [m] of nearly all boulders of a case."""
     given = facts(case, "boulder", "release", "breakage")
     low, high = _core.usual_radii(in_kernel(case)).tolist()
     if given.by_raster or given.by_layer or not {"points", "polygons"}.isdisjoint(case.release):
@@ -292,14 +296,14 @@ def shipped_rows() -> GroundTable:
 
 
 def table_names() -> list[str]:
-    """Names of shipped grounds by tables of impacts, for each block shape or for all."""
+    """Names of shipped grounds with impact tables, for each block shape or for all."""
     return sorted([*shipped_rows().yielding, *tables_of_all_shapes()])
 
 
 @cache
 def band(name: str) -> tuple[str, ...]:
-    """Names of the next softer and the next firmer shipped ground by tables of impacts; only one
-    name at an end, none for a ground whose strength depends on the size of the boulder.
+    """Names of the next softer and the next firmer shipped ground with impact tables. At the ends
+    of the scale there is only one; for a ground whose strength depends on boulder size, none.
 
     >>> band("meadow")
     ('vegetated-soil', 'compact')
@@ -316,7 +320,7 @@ def band(name: str) -> tuple[str, ...]:
 
 @cache
 def draws_of(name: str) -> list[dict[str, float]]:
-    """Values of each draw of a shipped ground that remain uncertain; may be empty."""
+    """Values of the uncertain parameters of a shipped ground, by draw; may be empty."""
     _, columns, rows = read_table(_draws())
     return [
         {key: row.number(key) for key in columns if key != "ground"}
@@ -335,7 +339,9 @@ def ensemble_names() -> list[str]:
 
 
 def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
-    """File of a random operator, shipped or next to the case, and whether it is a table."""
+    """File of impact sets or an impact table, shipped or next to the case (None if not found); and
+    whether it is a table.
+    """
     if name in ensemble_names():
         return _draws(), True
     if name in shipped_rows().yielding:
@@ -346,8 +352,9 @@ def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
 
 
 def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
-    """Ground with a given name: a row of the table of grounds, a table of impacts, or impact sets.
-    `where` is the place of the name, for messages."""
+    """Ground with a given name: a row of the table of grounds, an impact table, or impact sets.
+    `where` is the position of the name, for messages.
+    """
     if name in table.rows:
         return table.ground(name, case)
     path, is_table = find_operator(case, name)
@@ -370,14 +377,14 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
 
 
 def zone_ground(case: Case, table: GroundTable, zone: Zone) -> GroundRule:
-    """Ground of a zone that names one, or gives its ground a strength or relief of its own."""
+    """Ground of a zone that gives a ground, or its own strength or relief."""
     named = zone.ground_in(named_ground(case))
     rule = find_ground(case, table, named.name, f"{zone.where}: ground")
     return _with_pair(rule, case, table, named, f"{zone.where}: ")
 
 
 def case_ground(case: Case, table: GroundTable) -> GroundRule:
-    """Ground where neither a zone nor a cell names a ground."""
+    """Ground of cells for which neither zone nor cell gives a ground."""
     where, named = f"{case.name}: &surface ", named_ground(case)
     if "ground" in case.surface:
         rule = find_ground(case, table, named.name, f"{where}ground")
@@ -389,7 +396,7 @@ def case_ground(case: Case, table: GroundTable) -> GroundRule:
 def _with_pair(
     rule: GroundRule, case: Case, table: GroundTable, named: NamedGround, where: str
 ) -> GroundRule:
-    """The ground with its strength and relief replaced; `where` is the beginning of messages."""
+    """Replace the strength and relief of a ground; `where` is the beginning of messages."""
     if not named.pair:
         return rule
     limits = {parameter.name: parameter.limits for parameter in parameters()}
@@ -408,24 +415,24 @@ def _with_pair(
 
 
 def usual_key(case: Case) -> str:
-    """Key of `impact` that names the random operator of a case."""
+    """Key of `impact` for the impact sets or table of a case."""
     return "sets" if case.impact["form"] == "matrix" else "table"
 
 
 def named_ground(case: Case) -> NamedGround:
-    """Ground, sets or table of rebounds for places without a zone or cell ground."""
+    """Default ground, impact sets or impact table: for places without a zone or cell ground."""
     surface = case.surface
     pair = {key.removeprefix("ground_"): surface[key] for key in PAIR if key in surface}
     return NamedGround(surface.get("ground", case.impact[usual_key(case)]), pair)
 
 
 def usual_name(case: Case) -> str:
-    """Name of that ground in results."""
+    """Name of the default ground in results."""
     return str(named_ground(case))
 
 
 def usual_ground(case: Case) -> GroundRule:
-    """Default ground of a case: its impact sets, or its table."""
+    """Default ground of a case: its impact sets or its impact table."""
     if case.impact["form"] == "matrix":
         return GroundRule(case.impact["sets"])
     name = case.impact["table"]
@@ -439,7 +446,7 @@ def usual_ground(case: Case) -> GroundRule:
 
 
 def table_ground(case: Case, name: str) -> GroundRule:
-    """Ground by tables of impacts with a name that find_operator knows."""
+    """Ground with the impact table of a name known to `find_operator`."""
     path = own_table(case, name)
     if path is None:
         return shipped_rows().ground(name, case)
@@ -452,7 +459,7 @@ def table_ground(case: Case, name: str) -> GroundRule:
 
 
 def ensemble_grounds(case: Case, name: str) -> list[GroundRule]:
-    """Grounds of all draws of an ensemble; of a single table, one."""
+    """Grounds of all draws of an ensemble; a single ground for a single table."""
     if name not in ensemble_names():
         return [table_ground(case, name)]
     ground = name.removesuffix(ENSEMBLE)
@@ -466,14 +473,14 @@ def ensemble_grounds(case: Case, name: str) -> list[GroundRule]:
 
 
 def block_radius(table: ImpactTable) -> float:
-    """R_b [m] of the largest blocks of a table; NaN if size does not matter, or is R_b/R_m."""
+    """R_b [m] of the largest blocks of a table; NaN if the table does not depend on R_b."""
     ground = table.ground
     largest = float(table.size.max())
     return float(_core.largest_block(largest, ground.strength, ground.strength_radius))
 
 
 def block_axes() -> dict[str, tuple[float, ...]]:
-    """Axes of the blocks of each shape, the longest 1."""
+    """Axes of the blocks of each shape, relative to the longest."""
     axes = kernel_numbers("block_axes").reshape(-1, 3).tolist()
     return dict(zip(BLOCK_SHAPES, map(tuple, axes), strict=True))
 
@@ -481,9 +488,10 @@ def block_axes() -> dict[str, tuple[float, ...]]:
 def grounds_by_shape(
     grounds: Sequence[GroundRule], shapes: Collection[str]
 ) -> tuple[tuple[GroundRule, ...], list[list[int]]]:
-    """Grounds for boulders of some block shapes: the given grounds with a table of one of these
-    shapes, then their substitutes by shape; and, for each of BLOCK_SHAPES, the number (from 1) of
-    the ground used on each given ground."""
+    """Grounds for boulders of some block shapes: the given grounds with the table of one shape,
+    then substitutes for the other shapes; and, for each of BLOCK_SHAPES, the number (from 1) of the
+    ground that replaces each given ground.
+    """
     rules = [*grounds]
     serving = [[*range(1, len(rules) + 1)] for _ in BLOCK_SHAPES]
     for k, ground in enumerate(grounds):

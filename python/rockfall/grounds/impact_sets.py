@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of impact sets that a case may name: shipped with the program, or next to the case."""
+"""Files of impact sets, shipped with the program or next to the case."""
 
 import importlib.resources
 import os
@@ -23,14 +23,14 @@ def shipped_sets() -> dict[str, Path]:
 
 
 def find_set(case: Case, name: str) -> Path | None:
-    """File of the impact sets with a name: shipped, or next to the case; None if not found."""
+    """File of impact sets by name, shipped or next to the case; None if not found."""
     if name in shipped_sets():
         return shipped_sets()[name]
     return case.path(name) if os.path.isfile(case.path(name)) else None
 
 
 def set_path(case: Case, name: str | None = None, group: str = "impact") -> Path:
-    """File of impact sets, of the case or a given group: shipped, or next to the case."""
+    """File of impact sets (default: the case's), shipped or next to the case; or RockfallError."""
     name = name or case.impact["sets"]
     if path := find_set(case, name):
         return path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of impacts: netCDF files, and arrays of a scene (docs/impact_tables.md)."""
+"""Impact tables: netCDF files, and arrays of a scene (docs/impact_tables.md)."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ SIZE = "R_b/R_m, or rho_b g R_b over the strength of ground that yields"
 BY_BIN = "map", "low", "high"  # arrays over bins
 KINDS = "flight", "roll"
 EDGES = tuple(f"{kind}_edge_{key}" for kind in KINDS for key in (1, 2, 3))
-MARGIN = 3.3  # standard deviations of the strength that a table covers
+MARGIN = 3.3  # covered standard deviations of the strength
 
-#: Parameters of the laboratory for all grounds of a model (docs/impact_tables.md), with little
-#: influence on contacts.
+#: Laboratory parameters of all grounds of a model (docs/impact_tables.md), with little influence on
+#: contacts.
 CONSTANTS: dict[str, dict[str, Any]] = {
     "ploughed": {
         "plough": True,
@@ -57,34 +57,35 @@ CONSTANTS: dict[str, dict[str, Any]] = {
 
 
 class YieldingGround(NamedTuple):
-    """Ground by a table of impacts, as a row of a table of grounds (docs/grounds.md)."""
+    """Ground with an impact table, as a row of a table of grounds (docs/grounds.md)."""
 
-    rest_angle: float = 90.0  # stopped boulders roll on where the ground is steeper [degree]
-    strength: float = 0.0  # median pressure at which it yields; 0: never [Pa]
-    strength_sigma: float = 0.0  # standard deviation of its logarithm between boulders [-]
-    strength_radius: float = 0.0  # R_b of that strength, if proportional to R_b; else 0 [m]
-    relief: float = 0.0  # slope of its relief, standard deviation [degree],
+    rest_angle: float = 90.0  # stopped boulders roll again on steeper ground [degree]
+    strength: float = 0.0  # median yield pressure [Pa]; 0: never yields
+    strength_sigma: float = 0.0  # standard deviation of ln(strength) between boulders [-]
+    strength_radius: float = 0.0  # R_b [m] of that strength if proportional to R_b; else 0
+    relief: float = 0.0  # standard deviation of the slope of the relief [degree],
     relief_radius: float = 1.0  # for this R_b [m]
     hurst: float = 1.0  # exponent: the slope is proportional to R_b**(hurst - 1)
 
     def sizes(self, radius: np.ndarray, weight: float = USUAL_WEIGHT) -> np.ndarray:
-        """rho_b g R_b over the ground's strength, from radii R_b [m] and weight rho_b g [N/m3]."""
+        """Size parameter rho_b g R_b/strength, from radii R_b [m] and weight rho_b g [N/m3]."""
         scale = radius / self.strength_radius if self.strength_radius else np.ones_like(radius)
         return weight * radius / (self.strength * scale)
 
     def reliefs(self, radius: np.ndarray) -> np.ndarray:
-        """Slopes of the relief that boulders of radii R_b [m] meet [degree]."""
+        """Slope of the relief [degree] for boulders of radii R_b [m]."""
         return self.relief * (radius / self.relief_radius) ** (self.hurst - 1)
 
 
 @dataclass(frozen=True, eq=False)
 class ImpactTable:
-    """Records of contacts in bins (theory, chapter 5), in parts by size of the boulders and relief
-    of the ground, a row of one relief after the other. Edges: (part, bins of the keys before,
+    """Records of contacts in bins (theory, chapter 5), in parts by boulder size (columns) and
+    ground relief (rows); the rows follow one another. Edges: (part, bins of the keys before,
     edges); `map` (bin, MAPPED, INPUTS), `low` and `high` (bin, INPUTS), `record` (record, FIELDS)
-    in the order of their bins, bin b from `first[b]`, counted from 0."""
+    in the order of their bins, bin b from `first[b]`, counted from 0.
+    """
 
-    size: np.ndarray  # (column): R_b/R_m, or rho_b g R_b over the strength of ground that yields
+    size: np.ndarray  # (column): R_b/R_m, or rho_b g R_b/strength of yielding ground
     relief: np.ndarray  # (row): slope of the relief [degree]
     edges: dict[str, np.ndarray]
     first: np.ndarray
@@ -98,21 +99,21 @@ class ImpactTable:
 
     @property
     def bins(self) -> dict[str, list[int]]:
-        """Number of bins of each key of a kind."""
+        """Numbers of bins by key, for each kind."""
         return {
             kind: [self.edges[f"{kind}_edge_{key}"].shape[-1] + 1 for key in (1, 2, 3)]
             for kind in KINDS
         }
 
     def equals(self, other: ImpactTable) -> bool:
-        """Return True if another table has the same bits for the kernel."""
+        """Return True if another table is identical for the kernel, bit for bit."""
         own, others = table_arrays([self]), table_arrays([other])
         return own.keys() == others.keys() and all(
             np.array_equal(array, others[name]) for name, array in own.items()
         )
 
     def columns(self, low: float, high: float) -> ImpactTable:
-        """The parts of the columns for sizes from `low` to `high`, of a single row."""
+        """Select the columns for sizes from `low` to `high` of a table with a single row."""
         kept = _around(self.size, low, high)
         per_part = (len(self.first) - 1) // len(self.size)
         bins = slice(kept.start * per_part, kept.stop * per_part)
@@ -128,7 +129,7 @@ class ImpactTable:
 
 
 def table_arrays(tables: Sequence[ImpactTable]) -> dict[str, np.ndarray]:
-    """Arrays of tables in a scene, one table after the other (docs/files.md); {} without."""
+    """Arrays of tables in a scene, one table after the other (docs/files.md); {} without tables."""
     arrays: dict[str, list[np.ndarray]] = {}
     for table in tables:
         sizes = len(table.size), len(table.relief)
@@ -152,14 +153,14 @@ def table_arrays(tables: Sequence[ImpactTable]) -> dict[str, np.ndarray]:
 
 
 def _around(values: np.ndarray, low: float, high: float) -> slice:
-    """Slice of increasing values that encloses a range, or is nearest to it."""
+    """Slice of increasing values that encloses a range, or of the values nearest to it."""
     last = len(values) - 1
     first = min(max(int(np.searchsorted(values, low, "right")) - 1, 0), last)
     return slice(first, max(first, min(int(np.searchsorted(values, high)), last)) + 1)
 
 
 def joined_rows(rows: Sequence[ImpactTable], ground: YieldingGround) -> ImpactTable:
-    """Join rows with equal columns and bins to the table of a ground."""
+    """Join rows with equal columns and bins into the table of a ground."""
     before = np.cumsum([0, *(len(row.record) for row in rows)])
     records = [row.record.copy() for row in rows]
     for record, start in zip(records, before, strict=False):
@@ -184,8 +185,9 @@ def plane_table(
     radii: np.ndarray,
     weight: float = USUAL_WEIGHT,
 ) -> ImpactTable:
-    """Parts of a plane of tables of impacts that boulders of R_b from radii[0] to radii[1] [m] and
-    of a weight [N/m3] can meet on a ground, whose `strength` varies by MARGIN."""
+    """Select the parts of a plane of impact tables for boulders with R_b from radii[0] to radii[1]
+    [m] and a weight [N/m3], on a ground whose `strength` varies by MARGIN.
+    """
     files = plane_files(model, shape)
     reliefs = np.array(list(files))
     sizes, slopes = np.sort(ground.sizes(radii, weight)), np.sort(ground.reliefs(radii))
@@ -196,19 +198,19 @@ def plane_table(
 
 
 def reliefs_thrown(model: str, shapes: Sequence[str]) -> tuple[float, float]:
-    """Least and largest relief [degree] for which a plane has tables, for each of the shapes."""
+    """Minimum and maximum relief [degree] for which a plane has tables of all these shapes."""
     rows = [list(plane_files(model, shape)) for shape in shapes]
     return max(reliefs[0] for reliefs in rows), min(reliefs[-1] for reliefs in rows)
 
 
 def softest_thrown(model: str) -> float:
-    """Largest size, rho_b g R_b over the strength, for which a plane has tables."""
+    """Largest size parameter, rho_b g R_b/strength, for which a plane has tables."""
     return float(open_table(next(iter(plane_files(model, BLOCK_SHAPES[0]).values()))).size[-1])
 
 
 @cache
 def plane_files(model: str, shape: str) -> dict[float, Path]:
-    """Files of the rows of a plane by relief [degree], in increasing order."""
+    """Files of the rows of a plane, by increasing relief [degree]."""
     files = {
         float(name.rpartition("-")[2]): path
         for name, path in shipped_tables().items()
@@ -252,13 +254,13 @@ def shipped_tables() -> dict[str, Path]:
 
 
 def possible_shapes(case: Case) -> list[str]:
-    """Block shapes that a case gives its boulders: with a share above zero, or by their axes."""
+    """Block shapes of the boulders of a case: with a fraction above zero, or by their axes."""
     given = facts(case, "boulder")
     return [shape for shape in BLOCK_SHAPES if getattr(given, f"is_{shape}")]
 
 
 def own_table(case: Case, name: str) -> Path | None:
-    """File of a table that a case names: shipped, or next to the case; None without."""
+    """File of a table named in a case, shipped or next to the case; None if not found."""
     if name in tables_of_all_shapes():
         return shipped_tables()[name]
     if name.endswith(".nc") and os.path.isfile(case.path(name)):
@@ -274,7 +276,7 @@ def tables_of_all_shapes() -> list[str]:
 
 @lru_cache(maxsize=64)
 def _read_table(place: str, path: str | Path, state: tuple[int, int]) -> ImpactTable:
-    """Read the table of a file; the first and last arguments are cache keys."""
+    """Read the table in a file; the first and last arguments are cache keys."""
     try:
         data = load_dataset(path)
     except RockfallError:
@@ -298,6 +300,6 @@ def _read_table(place: str, path: str | Path, state: tuple[int, int]) -> ImpactT
 
 
 def open_table(path: str | Path) -> ImpactTable:
-    """Read a file of `save_table`; again only when it has been replaced."""
+    """Read a file written by `save_table`; cached until the file is replaced."""
     state = os.stat(path)
     return _read_table(os.path.abspath(path), path, (state.st_ino, state.st_mtime_ns))

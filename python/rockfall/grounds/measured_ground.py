@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Strength and relief of a ground from evidence in the field: scars of impacts, and the elevations
-of a patch (theory, chapter 14)."""
+"""Strength and relief of a ground from field evidence: impact scars, and elevations of a patch
+(theory, chapter 14).
+"""
 
 from __future__ import annotations
 
@@ -29,9 +30,9 @@ GRAVITY = float(keys_of("flight")["gravity"].default)  # [m/s2]
 UPRIGHT = 0.4  # pressure on an upright ploughing facet, relative to a flat one, as in pressure.f90
 SPHERE = "sphere"
 BAND = Spectrum(0.0, longest=CONSTANTS["ploughed"]["longest"])  # waves of the planes of tables
-BLOCKS, ATTITUDES, STEPS = 12, 8, 200  # attitudes of each block; depth steps
-EDGE = 0.25  # of facets, over R_b
-DEGREES_OF_TWO = 4.5  # relief with the effect of a factor 2 in strength on speeds
+BLOCKS, ATTITUDES, STEPS = 12, 8, 200  # blocks, attitudes per block, depth steps
+EDGE = 0.25  # longest edge of facets, over R_b
+DEGREES_OF_TWO = 4.5  # relief that changes speeds like a factor 2 in strength
 COLUMNS = (
     "depth", "depth_error", "mass", "volume", "density", "fall", "fall_error", "speed",
     "speed_error",
@@ -41,29 +42,29 @@ ONE_SLOPE = (
     "heights differ."
 )
 
-Scars = str | Path | Sequence[Mapping[str, float]]  # a table, or its rows
+Scars = str | Path | Sequence[Mapping[str, float]]  # path of a table, or its rows
 
 
 class Scar(NamedTuple):
     """Scar of a vertical impact on flat ground, or of the normal speed on a slope."""
 
-    depth: float  # of its lowest point below the undisturbed ground [m]
+    depth: float  # depth of the lowest point below the undisturbed ground [m]
     depth_error: float  # standard error [m]
     radius: float  # R_b of the block [m]
     density: float  # [kg/m3]
-    speed: float  # normal to the ground [m/s]
+    speed: float  # impact speed normal to the ground [m/s]
     speed_error: float  # [m/s]
 
 
 @dataclass(frozen=True)
 class MeasuredGround:
-    """A ground derived from measurements; NaN where there are none.
+    """A ground derived from measurements; NaN where evidence is missing.
 
     `strength` [Pa] is the median of a lognormal distribution between boulders with `strength_sigma`
     in its logarithm; `relief` [degree] is the slope of the relief for blocks of `radius` (R_b, m).
     Errors are standard errors; those of the strength are of its logarithm. `strengths` has a value
-    for each scar, `scar_errors` its error from reading depth and fall, `attitude_sigma` the scatter
-    by the unknown attitude of the blocks. `nearest` is the shipped ground most like it.
+    for each scar, `scar_errors` its error from the readings of depth and fall, `attitude_sigma` the
+    scatter due to the unknown attitude of the blocks. `nearest` is the most similar shipped ground.
     """
 
     model: str
@@ -125,11 +126,11 @@ def measure_ground(
 
     `scars` are rows, or a CSV, with `depth` [m], `mass` [kg] or `volume` [m3], `fall` [m] or normal
     `speed` [m/s], and optionally `density` [kg/m3], `depth_error`, `fall_error`, `speed_error`.
-    `patch` is a raster of elevations [m]. The relief is that of waves from 2 to 32 R_b for blocks
-    of `radius` (R_b, m; default: the mean of the scars); if the patch has only waves from
-    `shortest` to `longest` R_b, its Hurst exponent gives the others. `shape` is sphere, compact,
-    elongated or platy. `proportional` makes the strength proportional to R_b. Raises RockfallError
-    for implausible evidence.
+    `patch` is a raster of elevations [m]. The relief includes waves from 2 to 32 R_b for blocks of
+    `radius` (R_b, m; default: mean of the scars); if the patch only has waves from `shortest` to
+    `longest` R_b, its Hurst exponent is used to extrapolate. `shape` is sphere, compact, elongated
+    or platy. `proportional` makes the strength proportional to R_b. Raises RockfallError for
+    implausible evidence.
 
     >>> import rockfall
     >>> scar = {"depth": 0.2, "depth_error": 0.02, "mass": 780.0, "fall": 10.0}
@@ -194,7 +195,7 @@ class _Strength(NamedTuple):
 
 
 def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -> _Strength:
-    """Lognormal distribution of the strength; at R_b = radius, if proportional to R_b."""
+    """Lognormal distribution of the strength [Pa]; at R_b = radius, if proportional to R_b."""
     if not scars:
         return _Strength()
     by_scar = [_of_scar(scar, model, shape) for scar in scars]
@@ -205,7 +206,7 @@ def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -
     read_error = float(np.mean(errors**2 + attitudes**2))
     spread = float(np.var(logs, ddof=1)) if n > 1 else math.nan
     sigma = math.sqrt(max(0.0, spread - read_error)) if n > 1 else math.nan
-    # upwards by the standard error of a variance
+    # increased by the standard error of the variance
     of_square = spread * math.sqrt(2 / (n - 1)) if n > 1 else math.nan
     sigma_error = math.sqrt(sigma**2 + of_square) - sigma
     error = math.sqrt(max(read_error, spread if n > 1 else 0.0) / n)
@@ -217,7 +218,7 @@ def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -
 
 
 def _of_scar(scar: Scar, model: str, shape: str) -> tuple[float, float, float]:
-    """Log strength by a scar, its error from depth and speed, and its scatter by attitude."""
+    """Log strength from a scar, its error from depth and speed, and its scatter due to attitude."""
 
     def log_strength(depth: float, speed: float) -> np.ndarray:
         depth, froude = depth / scar.radius, speed**2 / (2 * GRAVITY * scar.radius)
@@ -237,12 +238,12 @@ def _of_scar(scar: Scar, model: str, shape: str) -> tuple[float, float, float]:
 def scaled_strength(
     depth: float, head: float, density: float, model: str, shape: str
 ) -> np.ndarray:
-    """Strength of flat ground over rho_b g R_b at which a block comes to rest at a depth, for each
-    attitude (attitudes,), if it does not turn on its way.
+    """Strength of flat ground, over rho_b g R_b, at which a block that does not rotate comes to
+    rest at `depth`, for each attitude (attitudes,).
 
-    `depth` and `head`, V_n^2/(2 g), are over R_b, `density` is that of the block [kg/m3]. The
-    contact is the laboratory's: the yield pressure and the inertia of displaced soil on submerged
-    facets, and friction there (theory, eqs. 14.21 to 14.24).
+    `depth` and `head` = V_n^2/(2 g) are over R_b; `density` is the block's [kg/m3]. The contact
+    model is the laboratory's: yield pressure, inertia of displaced soil and friction on submerged
+    facets (theory, eqs. 14.21 to 14.24).
     """
     soil = CONSTANTS[model]["soil_density"] / density
     z, push, inertia = _resistance(model, shape)
@@ -263,8 +264,9 @@ def _integral(values: np.ndarray, step: float) -> np.ndarray:
 
 @cache
 def _resistance(model: str, shape: str) -> tuple[list[np.ndarray], ...]:
-    """For each attitude: heights of facets above the lowest point, in increasing order, and, below
-    each of them, vertical forces per pressure, and per rho V^2 of the soil, over R_b."""
+    """For each attitude: increasing heights of facets above the lowest point and, below each
+    height, vertical forces per pressure and per rho V^2 of the soil, over R_b.
+    """
     constants, draw = CONSTANTS[model], Uniform(1, 0)
     profiles: tuple[list[np.ndarray], ...] = ([], [], [])
     blocks = [_sphere()] if shape == SPHERE else [
@@ -314,7 +316,7 @@ def _scars(scars: Scars) -> list[Scar]:
 
 
 def _scar(row: Row) -> Scar:
-    """Scar of a row in SI units. Implausible values are refused."""
+    """Convert a row to a scar in SI units; implausible values are refused."""
 
     def either(first: str, second: str, low: float, high: float, low2: float, high2: float
                ) -> tuple[float, float]:  # fmt: skip
@@ -347,11 +349,13 @@ def _scar(row: Row) -> Scar:
     return Scar(depth, errors["depth"], radius, density, speed, errors["speed"])
 
 
-# ---- the shipped ground most like it
+# ---- most similar shipped ground
 
 
 def _nearest(model: str, radius: float, strength: float, relief: float) -> str:
-    """Shipped ground of a model most like a pair at R_b = radius [m]; NaN does not count."""
+    """Shipped ground of a model with the most similar strength and relief at R_b = radius [m]; NaN
+    is ignored.
+    """
     grounds = shipped_rows()
     distances: dict[str, float] = {}
     for name in grounds.yielding:

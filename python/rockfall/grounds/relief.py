@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Relief of a ground: random surfaces of a given spectrum, and the spectrum of a measured patch."""
+"""Relief of a ground: random surfaces of a given spectrum, and spectrum of a measured patch."""
 
 from dataclasses import dataclass
 
@@ -8,19 +8,20 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.grounds.uniform import Uniform
 
-CELLS = 512  # along a patch's side
-CELLS_OF_WAVE = 16  # along the shortest wave
+CELLS = 512  # cells along the side of a patch
+CELLS_OF_WAVE = 16  # cells per shortest wave
 WAVES_OF_PATCH, CELLS_OF_MEASURED_WAVE = 4, 4  # requirements for a measured patch
-WINDOWED = 35 / 18  # waves of a Hann window per independent one, in each direction
-RINGS = 12  # rings of wave numbers, for the Hurst exponent of the power
-QUANTUM = 2.0**-20  # rounding of heights, in R_b: the last bits of FFTs differ
+WINDOWED = 35 / 18  # waves per independent wave in a Hann window, along each axis
+RINGS = 12  # rings of wave numbers for fitting the Hurst exponent
+QUANTUM = 2.0**-20  # rounding of heights [R_b]: last bits of FFTs differ
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """An isotropic random surface whose power falls as wave number**(-2 - 2 hurst) between two wave
-    lengths (over R_b, the block's radius), with the standard deviation of its slope along a line
-    [degree]; slope 0 is flat ground."""
+    """Isotropic random surface whose power decreases as wave number**(-2 - 2 hurst) between two
+    wave lengths (over the block radius R_b). `slope` is the standard deviation of the slope along a
+    line [degree]; 0: flat ground.
+    """
 
     slope: float
     shortest: float = 2.0
@@ -29,7 +30,7 @@ class Spectrum:
 
 
 def patches(spectrum: Spectrum, count: int, seed: int) -> tuple[np.ndarray, float]:
-    """Heights (CELLS, CELLS, count) of periodic patches and their width, over R_b."""
+    """Heights (CELLS, CELLS, count) of periodic patches, and their width, over R_b."""
     if spectrum.slope == 0:
         return np.zeros((1, 1, 1)), 1.0
     width = spectrum.shortest * CELLS / CELLS_OF_WAVE
@@ -37,7 +38,7 @@ def patches(spectrum: Spectrum, count: int, seed: int) -> tuple[np.ndarray, floa
 
 
 def _patch(spectrum: Spectrum, width: float, seed: int, number: int) -> np.ndarray:
-    """White noise, filtered and scaled to the exact standard deviation of the slope."""
+    """Patch of white noise, filtered and scaled to the exact standard deviation of the slope."""
     wave = np.fft.fftfreq(CELLS, width / CELLS)  # cycles per R_b
     square = wave[:, None] ** 2 + wave[None, :] ** 2
     inside = (square >= spectrum.longest**-2) & (square <= spectrum.shortest**-2)
@@ -53,7 +54,9 @@ def _patch(spectrum: Spectrum, width: float, seed: int, number: int) -> np.ndarr
 
 
 def slope_between(spectrum: Spectrum, band: Spectrum) -> float:
-    """Slope of a surface [degree] in another band of wave lengths, by its Hurst exponent."""
+    """Slope [degree] of a surface extrapolated to another band of wave lengths by its Hurst
+    exponent.
+    """
 
     def variance(waves: Spectrum) -> float:
         """Integral of wave number**(1 - 2 hurst) over a band."""
@@ -69,13 +72,13 @@ def slope_between(spectrum: Spectrum, band: Spectrum) -> float:
 def measure(
     heights: np.ndarray, cell: float, radius: float, band: Spectrum, name: str
 ) -> tuple[Spectrum, float]:
-    """Spectrum of measured heights (rows, columns) [m] in square cells [m], for blocks of a radius
-    R_b [m], between the wave lengths of a band; and the standard error of its slope [degree], by
-    the number of independent waves in the patch.
+    """Spectrum of measured heights (rows, columns) [m] in square cells [m] within a band of wave
+    lengths, for blocks of radius R_b [m]; and the standard error of its slope [degree], from the
+    number of independent waves in the patch.
 
-    A patch smaller than four of the longest waves, or too coarse for the shortest, is refused;
-    `name` is the file's. The power is computed in a Hann window, after the best-fitting plane is
-    removed.
+    A patch smaller than four times the longest wave, or too coarse for the shortest wave, is
+    refused; `name` is the file name for messages. The power is computed with a Hann window, after
+    removing the best-fitting plane.
     """
     if not np.isfinite(heights).all():
         raise RockfallError(f"{name}: has cells without an elevation: cut out a complete patch")
@@ -102,8 +105,8 @@ def measure(
     inside = (wave >= 1 / longest) & (wave <= 1 / shortest)
     squares = (power * (2 * np.pi * wave) ** 2)[inside]
     slope = np.sqrt(squares.sum() / 2)
-    # exponential powers, whose measured squares are twice those of the means; each wave has both
-    # signs, and the window correlates neighbours
+    # Powers are exponentially distributed, so their mean square is twice the squared mean. Each
+    # wave occurs with both signs, and the window correlates neighbours.
     variance = WINDOWED**2 * (squares**2).sum() / max(squares.sum(), 1e-300) ** 2
     error = np.degrees(slope / (1 + slope**2)) * np.sqrt(variance) / 2
     edges = np.geomspace(1 / longest, 1 / shortest, RINGS + 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Shapes of blocks: random convex polyhedra of classes or axes, or a hull of points."""
+"""Block shapes: random convex polyhedra of a class or with given axes, or the hull of points."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,27 +10,28 @@ from rockfall.errors import RockfallError
 from rockfall.grounds import block_axes
 from rockfall.grounds.uniform import Uniform
 
-#: Lengths of the axes of each shape class, the longest 1.
+#: Lengths of the axes of each shape class, relative to the longest.
 SHAPES = block_axes()
-JITTER = 0.12  # of the six faces of the box: their tilt, and their distance over the half axis
-FACETS = 14  # random facets, which cut off corners and edges
-CUT = 0.72, 1.0  # their distance, relative to a tangent plane: see `random_block`
-QUANTUM = (
-    2.0**-20
-)  # vertices are rounded to this: the last bits of a hull may differ between libraries
+JITTER = 0.12  # scatter of the tilt and relative distance of the box faces
+FACETS = 14  # random facets that cut off corners and edges
+CUT = 0.72, 1.0  # their distance relative to a tangent plane, see `random_block`
+QUANTUM = 2.0**-20  # rounding of vertices: the last bits of a hull may differ between libraries
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A closed convex surface: vertices (n, 3) in any unit of length, and triangles (m, 3) of their
-    indices, counterclockwise from outside."""
+    """Closed convex surface: vertices (n, 3) in any unit of length, and triangles (m, 3) of vertex
+    indices, counterclockwise as seen from outside.
+    """
 
     vertices: np.ndarray
     triangles: np.ndarray
 
 
 def random_block(axes: Sequence[float], seed: int, number: int) -> Surface:
-    """Block `number` with axes (3,): a jittered box, edges and corners cut by random facets."""
+    """Block `number` with axes (3,): a jittered box with edges and corners cut off by random
+    facets.
+    """
     from scipy.spatial import HalfspaceIntersection
 
     draw = Uniform(seed, number)
@@ -48,7 +49,7 @@ def random_block(axes: Sequence[float], seed: int, number: int) -> Surface:
 
 
 def hull(points: np.ndarray, name: str = "block") -> Surface:
-    """The convex hull of points (n, 3), its vertices rounded to 1e-6 of its size."""
+    """Convex hull of points (n, 3), with vertices rounded to 1e-6 of its size."""
     from scipy.spatial import ConvexHull, QhullError
 
     points = points - points.mean(axis=0)
@@ -71,8 +72,9 @@ def hull(points: np.ndarray, name: str = "block") -> Surface:
 
 
 def refine(surface: Surface, edge: float) -> Surface:
-    """Halve triangles at their longest edge until none is longer than `edge` times R_b, the radius
-    of the sphere of the same volume, so that contact below the middle of a facet is detected."""
+    """Halve triangles at their longest edge until no edge is longer than `edge` times R_b (radius
+    of the sphere of equal volume), so that contact in the middle of a facet is detected.
+    """
     vertices = list(surface.vertices)
     longest = edge * np.cbrt(3 * volume(surface) / (4 * np.pi))
     middles: dict[tuple[int, int], int] = {}
@@ -94,6 +96,6 @@ def refine(surface: Surface, edge: float) -> Surface:
 
 
 def volume(surface: Surface) -> float:
-    """Volume within a surface."""
+    """Volume enclosed by a surface."""
     a, b, c = (surface.vertices[surface.triangles[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)

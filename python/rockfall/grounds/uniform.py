@@ -11,12 +11,12 @@ class Uniform:
         self._bits = np.random.Philox(key=seed, counter=[0, 0, 0, stream])
 
     def between(self, low: float, high: float, shape: int | tuple[int, ...]) -> np.ndarray:
-        """Uniform numbers of a given shape between two limits."""
+        """Array of uniform numbers between two limits."""
         n = int(np.prod(shape))
         return low + (high - low) * (self._bits.random_raw(n) / 2.0**64).reshape(shape)
 
     def directions(self, n: int) -> np.ndarray:
-        """Unit vectors (n, 3), uniform on the sphere: directions of points in a ball."""
+        """Unit vectors (n, 3), uniformly distributed on the sphere."""
         vectors = np.empty((0, 3))
         while len(vectors) < n:
             points = self.between(-1, 1, (4 * n, 3))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Earth dams and walls: an edit of the terrain before a run, and the rasterised shape."""
+"""Earth dams and walls: raise the terrain before a run, and measure the rasterised shape."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -12,8 +12,8 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.terrain.height import height
 from rockfall.terrain.polyline import beside, lengths
 
-COARSE = 2.0  # cells across a face; on fewer, boulders meet a bump (benchmarks/stability/dam_cells)
-FINE = 4.0  # number of cells from which the passing boulders change little with the cell size
+COARSE = 2.0  # minimum cells across a face; fewer make a bump (benchmarks/stability/dam_cells)
+FINE = 4.0  # cells across a face from which results hardly depend on cell size
 STATIONS = 400  # maximum number of profiles across a dam
 PROFILE = 241  # points of a profile across a dam
 WIDE = 2.0  # in dam heights: a wider crest explains a narrow face
@@ -143,7 +143,7 @@ def _shape(
 
 
 def _stations(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places along a polyline, evenly spaced and away from its ends, and unit normals there."""
+    """Evenly spaced places along a polyline, away from its ends, and unit normals there."""
     ends = lengths(vertices)
     line = (np.arange(STATIONS) + 0.5) * ends[-1] / STATIONS
     sides = np.diff(vertices)
@@ -162,7 +162,7 @@ def _within(points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
 def _face(
     before: np.ndarray, off: np.ndarray, crest: np.ndarray, wide: float, fall: float
 ) -> tuple[float, int]:
-    """Median plan width [m] of the narrower face, crest to terrain; its side, -1 or 1."""
+    """Median plan width [m] of the narrower face, from crest to terrain, and its side (-1 or 1)."""
     above = crest[:, None] - fall * np.maximum(0.0, abs(off) - wide / 2) - before
     toe = {}
     for side in (-1, 1):
@@ -182,7 +182,7 @@ def _face(
 def _slope(
     after: np.ndarray, own: np.ndarray, top: np.ndarray, off: np.ndarray, side: int
 ) -> float:
-    """Median angle of a face [degree], a chord over 10 to 90 % of its width."""
+    """Median angle [degree] of the chord over 10 to 90 % of the width of a face."""
     on_side = side * off >= 0
     z, of_dam, out = after[:, on_side], own[:, on_side], abs(off[on_side])
     if side < 0:
@@ -202,7 +202,7 @@ def _slope(
 def _crest(
     z: np.ndarray, grid: Grid, vertices: np.ndarray, name: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distances along the line of a crest, at most half a cell apart, and the terrain there."""
+    """Distances [m] along a crest line, at most half a cell apart, and terrain elevations there."""
     ends = lengths(vertices)
     line = np.union1d(ends, np.arange(0.0, ends[-1], grid.cell / 2))
     x, y = (np.interp(line, ends, part) for part in (vertices.real, vertices.imag))

@@ -17,8 +17,9 @@ class Weights(NamedTuple):
 
 
 def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray:
-    """Elevations (ny, nx) [m] at cell centres from points (n, 3) [m]; NaN if no point is near
-    enough. The interpolation is exact at points, and equal elevations are reproduced."""
+    """Interpolate elevations (ny, nx) [m] at cell centres from points (n, 3) [m]; NaN if no point
+    is near enough. Elevations of points, and equal elevations, are reproduced exactly.
+    """
     from scipy.spatial import cKDTree
 
     tree, z = cKDTree(points[:, :2]), np.empty(grid.shape)
@@ -33,8 +34,9 @@ def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray
 
 
 def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray:
-    """Leave-one-out error (n) [m]: interpolation from the other points minus the elevation, at
-    every point or at one of `every`; NaN if no other point is near enough."""
+    """Leave-one-out error (n) [m]: elevation interpolated from the other points minus measured
+    elevation, at one of `every` points; NaN if no other point is near enough.
+    """
     from scipy.spatial import cKDTree
 
     tree, asked = cKDTree(points[:, :2]), np.arange(0, len(points), every)
@@ -59,7 +61,7 @@ def _beyond(within: float) -> float:
 
 
 def _mean(z: np.ndarray, apart: np.ndarray, which: np.ndarray, power: float) -> np.ndarray:
-    """Mean weighted by inverse distances of points, nearest first; infinite ones ignored."""
+    """Inverse-distance weighted mean of points, nearest first; infinite distances are ignored."""
     if not apart.shape[-1]:
         return np.full(apart.shape[:-1], np.nan)
     nearest = apart[..., :1]

@@ -5,7 +5,7 @@ import numpy as np
 
 
 def beside(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances of points from a polyline, and of their nearest places along it [m], or NaN."""
+    """Distances [m] of points from a polyline, and along it to the nearest place, or NaN."""
     along, apart, before = np.full(points.shape, np.nan), np.full(points.shape, np.inf), 0.0
     for start, side in zip(vertices[:-1], np.diff(vertices), strict=True):
         if side == 0:
@@ -31,7 +31,7 @@ def spaced(vertices: np.ndarray, number: int) -> np.ndarray:
 
 
 def intersections(vertices: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances along two polylines of their intersections [m], in the first's order."""
+    """Distances [m] along two polylines to their intersections, in order along the first."""
     start, side = vertices[:-1, None], np.diff(vertices)[:, None]
     begin, across = other[:-1], np.diff(other)
     turn = (np.conj(side) * across).imag

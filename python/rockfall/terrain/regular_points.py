@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points that are the nodes of one regular grid, the usual form of national surveys: x, y and z of
-each node, with or without gaps."""
+"""Points on the nodes of a regular grid with or without gaps, as in national surveys."""
 
 from typing import NamedTuple
 
@@ -10,16 +9,17 @@ from rockfall.errors import RockfallError
 from rockfall.io.rasters.grid import Grid, row_blocks
 from rockfall.terrain.height import height
 
-ROUNDING = 0.02  # fraction of a spacing: rounded coordinates are this close to their node
-DENSE = 0.8  # fraction of points with at least two of four neighbours; fewer indicate a survey
+ROUNDING = 0.02  # maximum distance of rounded coordinates from their node, over the spacing
+DENSE = 0.8  # minimum fraction of points with at least two of four neighbours
 #: whose coordinates are rounded
 MAX_CELLS = 400_000_000
-SPARSE = 100  # nodes per point: with more it is not a grid with gaps
+SPARSE = 100  # maximum nodes per point of a grid with gaps
 
 
 class Nodes(NamedTuple):
     """Elevations (ny, nx) [m] of nodes, NaN without a point; the grid has a cell around each node.
-    `shared` nodes have several different points, and take their mean."""
+    `shared` counts nodes with several different points, whose mean is used.
+    """
 
     z: np.ndarray
     grid: Grid
@@ -32,7 +32,7 @@ class Nodes(NamedTuple):
 
 
 class _Axis(NamedTuple):
-    """Nodes along an axis: the first, their spacing [m], and the position of each point."""
+    """Nodes along an axis: first node, spacing [m], and node of each point."""
 
     first: float
     step: float
@@ -44,13 +44,13 @@ class _Axis(NamedTuple):
 
 
 def spacings(points: np.ndarray) -> tuple[float, float] | None:
-    """Spacing of the nodes in x and y [m]; None if points (n, 3) are not the nodes of a grid."""
+    """Spacing of the nodes in x and y [m]; None if points (n, 3) are not on the nodes of a grid."""
     axes = _axes(points)
     return None if axes is None else (axes[0].step, axes[1].step)
 
 
 def regular_nodes(points: np.ndarray) -> Nodes | None:
-    """Nodes of a regular grid of square cells, if points (n, 3) [m] are nodes of one; else None."""
+    """Nodes of a regular grid of square cells; None if points (n, 3) [m] are not on such nodes."""
     axes = _axes(points)
     if axes is None:
         return None
@@ -76,7 +76,7 @@ def regular_nodes(points: np.ndarray) -> Nodes | None:
 
 
 def resampled(nodes: Nodes, cell: float) -> tuple[np.ndarray, Grid]:
-    """Bilinear elevations of other cells, whose edges are multiples of their size."""
+    """Resample bilinearly to cells whose edges are multiples of their size."""
     own = nodes.grid
     west = np.ceil((own.x[0] - cell / 2) / cell - ROUNDING) * cell
     north = np.floor((own.y[0] + cell / 2) / cell + ROUNDING) * cell
@@ -122,7 +122,7 @@ def _axis(values: np.ndarray) -> _Axis | None:
 
 
 def _dense(has_point: np.ndarray) -> float:
-    """Fraction of nodes with a point for which at least two of the four neighbours have a point."""
+    """Fraction of the nodes with a point that have at least two of four neighbours with a point."""
     around = np.zeros(has_point.shape, np.int8)
     around[1:] += has_point[:-1]
     around[:-1] += has_point[1:]

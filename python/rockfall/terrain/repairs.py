@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Edits of elevations (ny, nx) [m], NaN where missing: holes, pits, noise, excavations."""
+"""Repair and edit elevations (ny, nx) [m], NaN where missing: holes, pits, noise, excavations."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.io.vectors.polygons import held_cells
 
 AROUND = np.ones((3, 3), bool)
-HALF = ((0, 1), (1, 0), (1, 1), (1, -1))  # half of the steps to the neighbouring cells
+HALF = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to half of the neighbouring cells
 
 
 def without_holes(z: np.ndarray, far: float) -> np.ndarray:
@@ -32,7 +32,7 @@ def without_holes(z: np.ndarray, far: float) -> np.ndarray:
 
 
 def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
-    """Fill pits up to `deepest` [m] deep; deeper ones, as ditches and quarries, remain."""
+    """Fill pits up to `deepest` [m] deep; deeper pits, such as ditches and quarries, remain."""
     from scipy.ndimage import label, maximum
 
     level = _spill(z)
@@ -44,8 +44,9 @@ def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
 
 
 def _spill(z: np.ndarray) -> np.ndarray:
-    """Lowest level at which water drains from each cell to the terrain's edge [m]: along a minimum
-    spanning tree of the cells, whose paths have the lowest passes."""
+    """Lowest level [m] at which water drains from each cell to the edge of the terrain, along a
+    minimum spanning tree of the cells.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
@@ -65,7 +66,7 @@ def _spill(z: np.ndarray) -> np.ndarray:
 
 
 def _pairs(number: np.ndarray) -> np.ndarray:
-    """Pairs of adjacent cells (2, n), each once; 0 is everything outside."""
+    """Pairs of adjacent cells (2, n), each pair once; 0 is the outside."""
     padded, pairs = np.pad(number, 1), []
     ny, nx = padded.shape
     for down, right in HALF:
@@ -80,7 +81,9 @@ def _pairs(number: np.ndarray) -> np.ndarray:
 
 
 def smoothed(z: np.ndarray, std: float) -> np.ndarray:
-    """Gaussian smoothing, standard deviation in cells, of known cells; others remain."""
+    """Smooth known cells by a Gaussian filter with a standard deviation in cells; missing cells
+    remain.
+    """
     from scipy.ndimage import gaussian_filter
 
     is_known, base = ~np.isnan(z), np.nanmin(z)
@@ -92,7 +95,7 @@ def smoothed(z: np.ndarray, std: float) -> np.ndarray:
 
 
 def lowered(z: np.ndarray, grid: Grid, shape: Any, depth: float, floor: float) -> np.ndarray:
-    """Lower cells in a polygon by a depth [m], then at least to a floor [m]; NaN: not."""
+    """Lower cells in a polygon by a depth [m], then at least to a floor [m]; NaN: omitted."""
     inside = held_cells([(shape, 1)], grid, np.zeros(z.shape, np.uint8)) > 0
     done = z.copy()
     done[inside] -= 0.0 if np.isnan(depth) else depth

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random relief for synthetic slopes, such as those of some cases."""
+"""Random relief for synthetic slopes."""
 
 import numpy as np
 
@@ -7,7 +7,9 @@ SMOOTHING = 1.5  # Gaussian filter of the relief [cells]
 
 
 def relief(seed: int, cells: tuple[int, int], std: float) -> np.ndarray:
-    """White noise through a Gaussian filter at rows and columns [m], by any NumPy."""
+    """White noise [m], filtered by a Gaussian, at rows and columns; identical in all NumPy
+    versions.
+    """
     margin = 8  # more than five standard deviations of the filter: no edge effects
     shape = cells[0] + 2 * margin, cells[1] + 2 * margin
     raw = np.random.Philox(key=seed).random_raw(shape[0] * shape[1])
