@@ -211,7 +211,7 @@ def _fit_above(ordered: np.ndarray, threshold: float) -> Fit:
 
 
 def _tried(survey: Survey) -> Iterator[Fit]:
-    """Fits above rising thresholds, from the smallest dated block: smaller ones have no dates."""
+    """Fits above rising thresholds, from the smallest dated block: smaller blocks have no dates."""
     ordered = survey.volumes
     most = min(int((ordered > survey.dated.min()).sum()), ordered.size - 1)
     numbers = np.geomspace(max(most, MIN_BLOCKS), MIN_BLOCKS, THRESHOLDS).round().astype(int)

@@ -61,8 +61,8 @@ def distribution_figure(
     result: xr.Dataset, quantity: str, observed: Any = None, which: Iterable[int] | None = None
 ) -> Figure:
     """Distribution of a quantity among the boulders that pass, with a panel for each line, or for
-    the lines `which`, counted from 0. Mean and standard deviation are below, also those of
-    `observed` (see `rockfall.plots.figures`)."""
+    the lines `which`, counted from 0. Mean and standard deviation are below, also from `observed`
+    (see `rockfall.plots.figures`)."""
     which = list(range(result.sizes["line"]) if which is None else which)
     display, names = QUANTITIES[quantity], [line_names(result)[k] for k in which]
     ours = [display.factor * values_at(result, quantity, k) for k in which]

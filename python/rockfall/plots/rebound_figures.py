@@ -92,7 +92,7 @@ def draw_restitution(sets: Sequence[Sets]) -> Figure:
             for row, axes in enumerate(panels[:, k]):
                 shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
                 values = [draw[row] for draw in draws[: shown.size]]
-                # with at least one admissible draw
+                # ratios with an admissible draw
                 is_known = np.array([v.size > 0 for v in values])
                 shown, values = shown[is_known], [v for v in values if v.size]
                 if not values:

@@ -101,7 +101,7 @@ def design(
     windows of `width` [m]; windows with fewer than `min_boulders` boulders are blank. `residual` is
     the fraction of the boulders that may pass, and `volume` [m3] the design block. `factors` is a
     table with the numbers of the standard, without which its requirements are left open; `costs` is
-    a table of prices. `conditions` are those of `rockfall.protection.factors.Conditions`.
+    a table of prices. `conditions` are fields of `rockfall.protection.factors.Conditions`.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))

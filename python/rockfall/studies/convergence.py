@@ -163,7 +163,7 @@ def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.nd
     piece = max(1, PIECE // sources)
     try:
         values = np.empty((len(scene.case.lines), len(QUANTITIES), boulders * sources))
-    except (MemoryError, ValueError) as error:  # NumPy raises ValueError for excessive sizes
+    except (MemoryError, ValueError) as error:  # NumPy: ValueError for excessive sizes
         raise RockfallError(
             f"reference: {boulders * sources} boulders do not fit in memory"
         ) from error

@@ -174,7 +174,7 @@ def _kept_models(own: Scene) -> set[str]:
 
 def _varied(own: Scene) -> set[str]:
     """Names of the grounds that models replace: the default ground, or, if every place has a named
-    ground, all grounds except absorbing ones."""
+    ground, all except absorbing grounds."""
     if _own_share(own):
         return {usual_name(own.case)}
     return {ground.name for ground in own.grounds if ground.model != ABSORBS}
@@ -189,7 +189,7 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     method = case.surface["method"]
     named = {str(zone.ground_in(NamedGround(""))) for zone in case_zones(case).values()}
     tables = {ground.name for ground in own.grounds if ground.model in TABLES}
-    unused = {} if named & tables else dict.fromkeys(OF_TABLES)  # an error if no ground uses one
+    unused = {} if named & tables else dict.fromkeys(OF_TABLES)  # an error without a table
     for way in (method, "AB".replace(method, "")):
         surface = {**NO_GROUND, "method": way}
         try:

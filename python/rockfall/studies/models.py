@@ -74,7 +74,7 @@ def run_models(
     where its own impact sets or table, or its `&surface ground`, apply. There classical models use
     the shipped grounds in `ROCKS` for rocks of that size. If no rocks have a size there, both
     grounds are run; models that need a size are omitted, or refused among `grounds`. If every place
-    has a named ground, all except absorbing ones are varied.
+    has a named ground, all except absorbing grounds vary.
     """
     case = case.replace(output=ROWS_ONLY)
     notes: list[str] = []

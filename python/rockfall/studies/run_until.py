@@ -96,7 +96,7 @@ def run_until(
     """Run a case with the number of boulders per source that `rules` require, at most `cap`.
 
     `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
-    result is that of `run` with the final number of boulders, which replaces the case's own; its
+    result equals `run` with the final number of boulders, which replaces the case's own; its
     attribute `until` has the rules, and `until_met` is 1 if all are met, else 0. Without a `cap`
     the limit is a million boulders over all sources.
 
@@ -233,7 +233,7 @@ def _expected_width(sample: Sample, row: Mapping[str, float], statistic: str) ->
 def read_rules(text: str, lines: list[str]) -> list[Rule]:
     """Rules from text such as 'speed.mean@EL1<2%, fraction@EL1<3%'; `lines` are known names.
 
-    Quantities and statistics are those of `rockfall.line_statistics`, except the maximum.
+    Quantities and statistics are as in `rockfall.line_statistics`, except the maximum.
     """
     parts = re.split(r",(?=\s*[\w.]+\s*@)", text)  # line names may contain commas
     return [_rule(part.strip(), lines) for part in parts]

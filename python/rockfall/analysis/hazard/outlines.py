@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Generalised outlines of hazard zones: smooth, with no part narrower than a given width.
 
-Every step errs on the safe side: an outline encloses all cells of its class and of higher ones, and
+Every step errs on the safe side: an outline encloses all cells of its class and higher classes, and
 narrow parts are widened, or get the next higher class if it is adjacent.
 """
 

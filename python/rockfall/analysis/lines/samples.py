@@ -49,7 +49,7 @@ class LineSamples:
 
     @property
     def sources(self) -> int:
-        """Number of sources; for counted boulders with unequal releases at most that of groups."""
+        """Number of sources; at most the number of groups for counts with unequal releases."""
         if self._source is not None:
             return self._source.count
         case = case_of(self.result)

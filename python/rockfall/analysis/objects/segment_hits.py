@@ -22,7 +22,7 @@ QUANTITIES = "energy", "passing_height", "upper_edge", "diameter"  # fields of `
 
 
 class Hits(NamedTuple):
-    """Boulders that hit a segment, values where they first touch it, and how many count as one."""
+    """Boulders that hit a segment, values at first contact, and how many count as one boulder."""
 
     energy: np.ndarray  # kinetic energy [J]
     passing_height: np.ndarray  # height of the centre above the ground, vertical [m]

@@ -398,7 +398,7 @@ def _passing(
 
 
 def _at_rest(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """Geometric mean of the simulated density at blocks at rest, and at as many boulders."""
+    """Geometric mean of the simulated density at blocks at rest, and at equally many boulders."""
     import pandas as pd
 
     rows = [

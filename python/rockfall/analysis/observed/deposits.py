@@ -109,7 +109,7 @@ class Sums(NamedTuple):
 
 def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
     """Blocks at rest without a known release, by source; blocks with unknown source come last. None
-    if the release of every block is known, from columns or because there is only one.
+    if every release is known, from columns or because only one exists.
 
     Raises a RockfallError for a source that the result does not have.
     """
@@ -262,7 +262,7 @@ def log_densities_again(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
     """Sums of log-densities (times,) over random boulders of a run, each given the others. Their
-    number and volumes are like those of the blocks."""
+    number and volumes resemble the blocks'."""
     if not len(rest.place):
         return np.full(times, np.log(kernel.floor) * len(blocks.place))
     chosen = _like(kernel, blocks, rest, times, random)

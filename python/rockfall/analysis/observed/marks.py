@@ -6,7 +6,7 @@ A boulder hits a trunk with its side, and the scar's middle is at the height of 
 above the ground. A run records the passing heights at the first crossing of a short line through
 the mark, perpendicular to the mean direction of the arriving boulders. The line is as long as the
 trunk and the mean boulder are wide. If fewer than `ENOUGH` boulders of the case touch the trunk,
-the line is that of the narrowest object in `WIDTHS` that enough boulders touch, or of the widest
+it is the line of the narrowest object in `WIDTHS` that enough boulders touch, or of the widest
 object.
 
 When n of N boulders cross the line (those that could strike its side, if the side is known) at

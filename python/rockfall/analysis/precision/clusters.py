@@ -43,7 +43,7 @@ class Clusters:
 
     def _effect(self, boulders: np.ndarray, counts: np.ndarray) -> float:
         """Largest design effect of the fraction of the first boulders, for any number of them;
-        `counts` are boulders by source. The rule is that of `independent_boulders`."""
+        `counts` are boulders by source. The rule is `independent_boulders`."""
         number, n, m = self.source.number[boulders], counts.sum(), counts.size
         by_source = np.argsort(number, kind="stable")
         grouped = number[by_source]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Number of independent boulders whose fraction is as certain as that of clusters. A cluster
+"""Number of independent boulders whose fraction is as certain as in clusters. A cluster
 contains the boulders of a sampled source, or the boulders with the same number in several runs."""
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def sizes(source: Sources) -> list[int]:
 
 def mixed(source: Sources) -> np.ndarray:
     """Order of boulders in which each initial part is a sample of all. The sources take turns, in
-    the same random order each time, as often as they release boulders. The order within a source is
+    the same random order, as often as they release boulders. The order within a source is
     unchanged."""
     by_source = np.argsort(source.number, kind="stable")
     boulders = np.bincount(source.number)

@@ -27,7 +27,7 @@ from rockfall.limits import MIN_FOR_STD
 
 OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
 FITTED, FITTED_POINTS = 3.0, 41  # fit window relative to the interval, and number of fit points
-#: Lower edges and widths of bins, in units. Bins of width 1 hold a single number.
+#: Lower edges and widths of bins, in units. A bin of width 1 is a single number.
 LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)
 
 

@@ -82,7 +82,7 @@ def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolat
 
 def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, Any]]:
     """Message and values for rebounds outside the size ratios of their impact sets or tables, where
-    the ratios are those of a shipped table."""
+    the ratios come from a shipped table."""
     followed = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
     tables = [ground.name for ground in followed if ground.model == RATIO_TABLE]
     if not tables:

@@ -152,6 +152,6 @@ def _largest_thrown(tables: Iterable[GroundRebounds], case: Case) -> Iterator[fl
 
 
 def has_own_grounds(case: Case) -> bool:
-    """Return True if the grounds come from the user's table instead of the shipped one."""
+    """Return True if the grounds come from the user's table, not the shipped table."""
     own = case.surface.get("ground_table")
     return bool(own) and own not in other_tables()

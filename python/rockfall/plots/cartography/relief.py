@@ -82,8 +82,8 @@ def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
 
 
 def draw_contours(axes: Axes, contours: Contours) -> None:
-    """Draw contours, labelled ones thicker. All contours of a kind form one curve with gaps, which
-    Matplotlib simplifies and PDF readers draw in one step."""
+    """Draw contours; labelled contours are thicker. All contours of a kind form one curve with
+    gaps, which Matplotlib simplifies and PDF readers draw in one step."""
     from matplotlib.lines import Line2D
 
     gap = np.full((1, 2), np.nan)

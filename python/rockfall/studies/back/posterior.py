@@ -83,7 +83,7 @@ def posterior_table(analysis: Back) -> pd.DataFrame:
     95 % quantiles of prior and posterior, ratio (5-95 % range of posterior over prior, in
     logarithms for factors), moved (Kolmogorov-Smirnov distance of the two), verdict, and for
     strength and relief of a ground their correlation (of logarithms, in the posterior). For impact
-    sets, ratio is the effective number (exp of the entropy) over that of the prior, and set_best is
+    sets, ratio is the effective number (exp of the entropy) over the prior's, and set_best is
     the most likely set, from 0."""
     rows = [_row(analysis, parameter) for parameter in parameters(analysis)]
     for ridge in ridges(analysis):

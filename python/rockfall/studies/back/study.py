@@ -149,7 +149,7 @@ class _Read:
     case: Case
     scene: Scene
     inputs: Uncertain
-    sought: np.ndarray  # as in `Back`
+    sought: np.ndarray  # columns of parameters, as in `Back`
     data: list[Evidence]
     counts: np.ndarray  # weight of each set of data in the likelihood
     notes: list[str]
