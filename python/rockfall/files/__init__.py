@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results and hazards as files for a GIS, CAD, spreadsheets and viewers of the Earth."""
+"""Results and hazards as files for GIS, CAD, spreadsheets and virtual globes."""

@@ -13,18 +13,18 @@ from rockfall.errors import need
 from rockfall.files.vector_style import Style, paint
 from rockfall.io.atomic import atomic_write
 
-NAMING = ("name", "object")  # attributes of lines and objects that are written as texts
+NAMING = ("name", "object")  # attributes written as texts
 TEXT_HEIGHT = 5.0  # [m]
 DARK = 64  # grey value, 0 to 255
 METRES = 6  # $INSUNITS
 
 
 def write_drawing(path: Path, layers: Mapping[str, tuple], styles: Mapping[str, Style]) -> Path:
-    """Write layers to one drawing, atomically: trajectories as polylines in 3-D, other lines and
-    polygons as polylines in plan, points with their height; names of lines and objects as text.
+    """Write layers to one drawing, atomically: trajectories as 3-D polylines, other lines and
+    polygons as plan polylines, points with heights, and names of lines and objects as text.
 
-    A layer that a style divides by the values of a field becomes one layer of the drawing for each
-    value, such as `zones_high`: DXF has no attributes.
+    A layer styled by the values of a field becomes a layer for each value, such as `zones_high`,
+    because DXF has no attributes.
     """
     need("DXF needs", "cad", "ezdxf")
     import ezdxf
@@ -64,7 +64,7 @@ def _colour(layer: Any, colour: tuple[int, int, int]) -> None:
 
 
 def _colours(style: Style | None) -> dict[str, tuple[int, int, int]]:
-    """Colour of each value of a style's field, the only one under ""."""
+    """Colour by value of a style's field; "" for a single colour."""
     if style is None or style.kind == "graduatedSymbol":
         return {}
     return {str(value): paint(symbol) for value, _, symbol in style.symbols}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Export of a result: GeoTIFF, GeoPackage and CSV for a GIS and a spreadsheet; KML, DXF."""
+"""Export of a result as GeoTIFF, GeoPackage, CSV, KML and DXF."""
 
 from __future__ import annotations
 
@@ -57,19 +57,19 @@ if TYPE_CHECKING:
 
 #: Shapes, and the columns of their attributes.
 Features = tuple[np.ndarray, dict[str, np.ndarray]]
-#: Name of a layer -> its type of geometry, and its features in parts.
+#: Name of a layer -> geometry type, and features in parts.
 Layers = dict[str, tuple[str, Iterable[Features]]]
 
 USUAL = ("tif", "gpkg", "csv")
 FORMATS = (*USUAL, "kml", "dxf")
 GONE = {"czml": "is no longer written: use kml, which Cesium reads"}
-DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF: each feature once
-MEASURED = {"LineString ZM": "Measured 3D LineString"}  # by its name in pyogrio
+DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF: no feature twice
+MEASURED = {"LineString ZM": "Measured 3D LineString"}  # by name in pyogrio
 _ROWS = 100_000  # boulders in memory at a time
-_TOGETHER = 500_000  # crossings of lines that are written together: a third of a gigabyte
-PLACES = 4  # decimals of places of crossings [m], which are accurate to a tenth of a millimetre
+_TOGETHER = 500_000  # crossings written together: a third of a gigabyte
+PLACES = 4  # decimals of crossing places [m], accurate to 0.1 mm
 METRES = {"units": "m"}
-#: Attributes of the columns of crossings.
+#: Attributes of columns of crossings.
 ABOUT = {**dict.fromkeys(HEIGHTS, METRES), **LINE, **CROSSING, **FRAGMENT}
 
 
@@ -133,7 +133,7 @@ def put_export(
 
 
 def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
-    """The given formats in the order of `allowed`; a RockfallError refuses others and none."""
+    """Return the formats in the order of `allowed`; a RockfallError for no or other formats."""
     for name in formats:
         if name in GONE:
             raise RockfallError(f"--formats {name}: {GONE[name]}")
@@ -168,7 +168,7 @@ def _export(
 
 
 def _drawn(data: xr.Dataset, moving: Sampled | None, what: str, *drawn: str) -> Layers:
-    """Layers of a drawing among those `drawn`."""
+    """Layers of the result for a drawing."""
     layers = _layers(data, moving, what)
     if not (chosen := {name: layers[name] for name in drawn if name in layers}):
         raise RockfallError(f"{what}: the result contains nothing to draw")
@@ -176,7 +176,7 @@ def _drawn(data: xr.Dataset, moving: Sampled | None, what: str, *drawn: str) -> 
 
 
 def put_kml(path: Path, layers: Layers, data: xr.Dataset, styles: Mapping[str, Style]) -> Path:
-    """Write layers of a result or hazard as KML, with a warning where places are not exact."""
+    """Write layers of a result or hazard as KML, with a warning if places are not exact."""
     way = geographic(data, crs_wkt(data), "KML")
     for remark in way.remarks:
         warnings.warn(remark, stacklevel=2)
@@ -184,7 +184,7 @@ def put_kml(path: Path, layers: Layers, data: xr.Dataset, styles: Mapping[str, S
 
 
 def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
-    """Write a map in the unit in which it is shown (fractions unchanged), and its style."""
+    """Write a map in its display unit (fractions unchanged), and its style."""
     variable, (unit, factor) = data[name], shown_as(data[name])
     stem, scale = _exported(name.removesuffix("_map"), variable.attrs.get("units", "1"))
     values, _ = _stored(variable)
@@ -202,13 +202,13 @@ def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
 
 
 def _passed(data: xr.Dataset, values: np.ndarray) -> np.ndarray:
-    """Mask of cells that boulders passed, by the passages or positive values of any map."""
+    """Mask of cells passed by boulders, from the passages or positive values of any map."""
     present = [name for name in ("passages", "reach_probability") if name in data]
     return (_stored(data[present[0]])[0] if present else values) > 0
 
 
 def _exported(name: str, units: str) -> tuple[str, float]:
-    """Name of a map or a field with its unit, and the factor to that unit: energies in kJ."""
+    """Name of a map or field with its unit, and the factor to this unit; energies in kJ."""
     unit, factor = SHOWN["J"] if units == "J" else (units, 1.0)
     return name + (f"_{UNIT_NAMES.get(unit, unit)}" if unit != "1" else ""), factor
 
@@ -229,10 +229,9 @@ def write_map(path: Path, data: xr.DataArray) -> Path:
 
 
 def _stored(data: xr.DataArray) -> tuple[np.ndarray, float | int | None]:
-    """Values and the marker of missing ones: NaN for reals, the fill value for integers.
+    """Values and their missing-data marker: NaN for reals, the fill value for integers.
 
-    Decoding by xarray, from integers to reals and from seconds to durations, is undone.
-    """
+    xarray's decoding (integers to reals, seconds to durations) is undone."""
     values = seconds(data.values)
     fill = data.attrs.get("_FillValue", data.encoding.get("_FillValue"))
     if values.dtype.kind == "f" and np.dtype(data.encoding.get("dtype", "f8")).kind in "iu":
@@ -245,12 +244,12 @@ def _stored(data: xr.DataArray) -> tuple[np.ndarray, float | int | None]:
 
 
 def _numbers(data: xr.Dataset, dim: str) -> np.ndarray:
-    """Names of the lines, or numbers of the boulders: from 1 if the result has none."""
+    """Names of lines, or numbers of boulders (from 1 if the result has no numbers)."""
     return data[dim].values if dim in data.coords else np.arange(1, data.sizes[dim] + 1)
 
 
 def _flag_words(data: xr.DataArray) -> tuple[list[str], np.ndarray]:
-    """Words of a CF flag variable, and the index of that of each value."""
+    """Words of a CF flag variable, and the index of the word for each value."""
     stored, flags = _stored(data)[0], flags_of(data)
     which = np.full(stored.shape, len(flags))
     for k, flag in enumerate(flags.values()):
@@ -259,7 +258,7 @@ def _flag_words(data: xr.DataArray) -> tuple[list[str], np.ndarray]:
 
 
 def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
-    """Variables for each boulder, in chunks."""
+    """Yield the variables by boulder, in chunks."""
     number = _numbers(data, "boulder")
     data = data[[name for name in data.data_vars if data[name].dims == ("boulder",)]]
     for first in range(0, number.size, _ROWS):
@@ -268,27 +267,27 @@ def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
 
 
 def _columns(data: xr.Dataset) -> dict[str, xr.DataArray]:
-    """Every variable that has one value for each boulder."""
+    """All variables with one value per boulder."""
     names = (str(name) for name in data.data_vars if data[name].dims == ("boulder",))
     return {"boulder": data["boulder"], **{name: data[name] for name in names}}
 
 
 def _write_lines(folder: Path, data: xr.Dataset) -> Iterator[Path]:
-    """One table for each evaluation line: the boulders that crossed it."""
+    """Write a table of the crossing boulders for each evaluation line."""
     if "line" in data.dims:
         for k, name in enumerate(distinct_words(line_names(data))):
             yield _write_table(folder / f"line_{name}.csv", _parts(_crossings(data, k)))
 
 
 def _parts(columns: dict[str, xr.DataArray]) -> Iterator[dict[str, xr.DataArray]]:
-    """Columns in chunks of rows, at least one."""
+    """Yield columns in chunks of rows (at least one chunk)."""
     for first in range(0, max(1, next(iter(columns.values())).size), _ROWS):
         rows = slice(first, first + _ROWS)
         yield {name: column[rows] for name, column in columns.items()}
 
 
 def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
-    """Columns of the boulders that cross a line, in the precision that a result keeps."""
+    """Columns of the boulders that cross a line, in the precision of the result."""
     import xarray as xr
 
     columns = {}
@@ -341,13 +340,13 @@ def export_layers(data: xr.Dataset, tolerance: float = TOLERANCE) -> Layers:
 
 
 def _moving(data: xr.Dataset, tolerance: float) -> Sampled | None:
-    """Recorded trajectories, if there are any."""
+    """Sampled recorded trajectories, if any."""
     has_any = data.sizes.get("trajectory_vertex")
     return sampled(motion_of(data), tolerance) if has_any else None
 
 
 def _layers(data: xr.Dataset, moving: Sampled | None, what: str = "GeoPackages") -> Layers:
-    """Layers of the result; `what` is the product that needs them, for a message."""
+    """Layers of the result; `what` is the product, for messages."""
     layers: Layers = {}
     has_rows = data.sizes.get("boulder", 1) > 0
     has_crossings = has_rows and "row_size" in data
@@ -386,7 +385,7 @@ def _stops(data: xr.Dataset) -> Features:
 
 
 def _source_table(data: xr.Dataset) -> SourceTable:
-    """Start points of boulders, each once, and the numbers of boulders from there."""
+    """Distinct start points, with the number of boulders from each."""
     places = np.column_stack([_stored(data[f"start_{axis}"])[0] for axis in "xy"])
     places, first, source, boulders = np.unique(
         places, axis=0, return_index=True, return_inverse=True, return_counts=True
@@ -416,8 +415,9 @@ def _sources(sources: SourceTable) -> Features:
 
 
 def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
-    """First crossings of each line, with all their variables, in parts that fit in memory. Lines
-    that few boulders cross are written together: GDAL indexes appended rows one by one."""
+    """Yield the first crossings of lines, with all variables, in parts that fit in memory. Lines
+    with few crossings are combined, because GDAL indexes appended rows one by one.
+    """
     import shapely
 
     pending: list[Features] = []
@@ -444,7 +444,7 @@ def _joined(parts: Sequence[Features]) -> Features:
 
 
 def _field(name: str, column: xr.DataArray) -> tuple[str, np.ndarray]:
-    """A column in a type supported by GeoPackage, energies in kJ, and its name with the unit."""
+    """Name with unit, and values of a column in a type of GeoPackage; energies in kJ."""
     if "flag_meanings" in column.attrs:
         words, which = _flag_words(column)
         return name, np.array(words, dtype=object)[which]
@@ -542,7 +542,9 @@ def _lockable(path: Path) -> Iterator[Path]:
 
 
 def _check_arrived(path: Path, features: Mapping[str, int]) -> None:
-    """Check the features of each layer: GDAL reports no full disk when it closes."""
+    """Check the number of features of each layer, since GDAL does not report a full disk on
+    closing.
+    """
     index = "SELECT count(*) FROM sqlite_master WHERE name = ?"
     with closing(sqlite3.connect(path)) as database:
         (state,) = database.execute("PRAGMA quick_check(1)").fetchone()

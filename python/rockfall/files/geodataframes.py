@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of a result or a hazard as GeoDataFrames: those of the files of an export."""
+"""Layers of a result or hazard as GeoDataFrames, as in exported files."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 def layers(result: xr.Dataset | str | Path) -> dict[str, GeoDataFrame]:
     """Layers of a result or a hazard (a Dataset, or its netCDF file) as GeoDataFrames, by name.
 
-    They are those of rockfall.gpkg, or hazard.gpkg, of an export, with the same columns. In
-    addition `stops` have the `ground_strength` of each boulder (`rockfall.ground_strength`), and a
-    hazard has `lines`, with the boulders a year that cross them. Needs geopandas.
+    Layers and columns are those of rockfall.gpkg or hazard.gpkg. In addition, `stops` have the
+    `ground_strength` of each boulder (`rockfall.ground_strength`), and a hazard has `lines` with
+    the boulders per year that cross them. Needs geopandas.
 
     >>> import rockfall
     >>> stops = rockfall.layers(rockfall.run(rockfall.read_case("case.nml")))["stops"]
@@ -47,7 +47,7 @@ def layers(result: xr.Dataset | str | Path) -> dict[str, GeoDataFrame]:
 
 
 def _hazard_lines(hazard: xr.Dataset) -> dict[str, tuple[str, list[Any]]]:
-    """Evaluation lines of a hazard that has them, with their frequencies [1/year]."""
+    """Evaluation lines of a hazard, if any, with their frequencies [1/year]."""
     import shapely
 
     if "line_frequency" not in hazard:
@@ -61,7 +61,7 @@ def _hazard_lines(hazard: xr.Dataset) -> dict[str, tuple[str, list[Any]]]:
 
 
 def _frame(features: Any, crs: str | None) -> GeoDataFrame:
-    """Features of a layer, which may come in parts, some of them as WKB."""
+    """GeoDataFrame of a layer, from parts that may be WKB."""
     import shapely
     from geopandas import GeoDataFrame
 

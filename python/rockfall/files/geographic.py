@@ -31,7 +31,7 @@ class Geographic(NamedTuple):
     remarks: list[str]
 
     def degrees(self, xyz: np.ndarray) -> np.ndarray:
-        """Coordinates (n, 2 or 3) in plan as longitude, latitude and the same height."""
+        """Convert plan coordinates (n, 2 or 3) to longitude, latitude and unchanged height."""
         if not len(xyz):
             return xyz
         places = np.column_stack([*self.way.transform(xyz[:, 0], xyz[:, 1]), *xyz.T[2:]])
@@ -41,7 +41,7 @@ class Geographic(NamedTuple):
 
 
 def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
-    """Transformation to degrees, needed by the product `what`, which a refusal names."""
+    """Transformation to degrees; `what` is the product that needs it, for messages."""
     from rasterio.crs import CRS
 
     if wkt is None:
@@ -63,7 +63,7 @@ def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
 
 
 def _bounds(data: xr.Dataset) -> Bounds:
-    """Extent of all that has places."""
+    """Extent of all places in a result or hazard."""
     limits = []
     for axis in "xy":
         names = [axis if name == "x" else f"{name[:-1]}{axis}" for name in EASTINGS]

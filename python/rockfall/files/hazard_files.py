@@ -60,14 +60,14 @@ GEOMETRY = {
     **dict.fromkeys(("POLYGON", "MULTIPOLYGON"), "polygon"),
 }
 DRAWINGS = ("kml", "dxf")  # formats of `export_hazard`
-MOST_PLACES = 20  # places of each kind, with sources in a GeoPackage
-HAZARD = "hazard.nc"  # in its folder
+MOST_PLACES = 20  # maximum places of each kind with sources in a GeoPackage
+HAZARD = "hazard.nc"  # name in the folder of a hazard
 NO_CELL = 255  # value without data in a yes-no raster
 
 
 def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
     """Write a hazard to a folder: hazard.nc, a GeoTIFF and a QGIS style (.qml) for each map,
-    hazard.gpkg with zones, objects and segments, a table of each, risk.csv. Writes all of them or,
+    hazard.gpkg with zones, objects and segments, their tables, and risk.csv. Writes all files or,
     with a RockfallError, none.
 
     >>> import rockfall
@@ -101,13 +101,14 @@ def is_hazard(path: str | Path) -> bool:
 
 
 def in_folder(path: Path) -> Path:
-    """Path of the hazard in the folder of a hazard; any other path is unchanged."""
+    """Path of hazard.nc in the folder of a hazard; any other path is unchanged."""
     return path / HAZARD if path.is_dir() and (path / HAZARD).is_file() else path
 
 
 def export_hazard(path: str | Path, folder: str | Path, formats: Sequence[str]) -> list[Path]:
     """Write zones and objects of a hazard (a file hazard.nc) to a folder as KML and DXF. Writes all
-    of them or, with a RockfallError, none."""
+    files or, with a RockfallError, none.
+    """
     folder, chosen, hazard = Path(folder), check_formats(formats, DRAWINGS), read_hazard(path)
     need("zones need", "vector", "pyogrio", "shapely")
     with atomic_folder(folder, [path, *files_behind(hazard)]) as part:
@@ -165,7 +166,7 @@ def _put_zones(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 
 def colours_of(data: xr.DataArray) -> dict[int, str]:
-    """Colour of each class of a class map, without those left blank."""
+    """Colour of each class of a class map, except classes left blank."""
     words = flags_of(data)
     if str(data.name).endswith("certain"):
         return {0: DOUBTFUL}
@@ -193,7 +194,7 @@ def _put_maps(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 
 def hazard_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
-    """Zones of both kinds, uncertain areas, and objects; a layer without features is left out."""
+    """Yield layers with features: zones of both kinds, uncertain areas, and objects."""
     import shapely
 
     words, doubtful = np.array(CLASSES, dtype=object), uncertain_of(hazard)
@@ -234,8 +235,9 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
 
 
 def _source_layer(hazard: xr.Dataset) -> tuple:
-    """Cells with sources: boulders a year that start there, and that come to each line and to the
-    objects hit most often, with their energies there."""
+    """Layer of cells with sources: boulders per year that start there, and that reach each line and
+    the objects hit most often, with their energies at those places.
+    """
     import shapely
 
     x, y = (hazard[f"source_{axis}"].values for axis in "xy")
@@ -249,8 +251,9 @@ def _source_layer(hazard: xr.Dataset) -> tuple:
 
 
 def origin_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """Tables of `rockfall.origins` of all lines and the objects hit most often, with `place` (line
-    or object), `name`, and energies [kJ]; without rows if no sources are known."""
+    """Table of `rockfall.origins` for all lines and the objects hit most often, with `place` (line
+    or object), `name`, and energies [kJ]; no rows if the sources are unknown.
+    """
     import pandas as pd
 
     tables = [pd.DataFrame()]
@@ -265,7 +268,7 @@ def origin_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def _with_sources(hazard: xr.Dataset) -> Iterator[tuple[str, int]]:
-    """Kind and index of the lines and objects with known sources, those hit most often."""
+    """Yield kind and index of the lines, and of the objects hit most often, with known sources."""
     for kind in SOURCES:
         if f"{kind}_source_frequency" in hazard:
             unknown = np.isnan(hazard[f"{kind}_source_frequency"].values).any(axis=1)
@@ -274,7 +277,7 @@ def _with_sources(hazard: xr.Dataset) -> Iterator[tuple[str, int]]:
 
 
 def _energies(hazard: xr.Dataset, kind: str) -> Iterator[str]:
-    """Energies of origins that a hazard has: older files have none."""
+    """Names of energies of origins in a hazard; older files have none."""
     return (name for name in ENERGIES if f"{kind}_source_{name}" in hazard)
 
 
@@ -288,7 +291,7 @@ def _object_layer(hazard: xr.Dataset) -> tuple:
 
 
 def object_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """One row for each object: frequencies with their limits, class, and risks where known."""
+    """Table with a row per object: frequencies with their limits, class, and known risks."""
     words = np.array(CLASSES, dtype=object)
     geometry = [GEOMETRY[text.split(" ")[0]] for text in hazard["object_geometry"].values]
     columns: dict[str, np.ndarray] = {"object": hazard["object"].values.astype(object)}

@@ -15,7 +15,7 @@ from rockfall.files.geographic import Geographic
 from rockfall.files.vector_style import Style, Symbol, paint
 from rockfall.io.atomic import atomic_write
 
-#: Kinds of geometry whose heights are drawn; others lie on the viewer's own ground.
+#: Geometry types whose heights are drawn; others lie on the viewer's ground.
 IN_THE_AIR = ("LineString ZM",)
 NAMING = ("name", "object", "hazard")  # attributes that name a feature, in order of preference
 DOT = "http://maps.google.com/mapfiles/kml/shapes/shaded_dot.png"
@@ -72,14 +72,16 @@ def _write_folder(
 
 
 def _title(row: Mapping[str, Any]) -> str:
-    """Name of a feature: its own, its class, or the number in its first column."""
+    """Title of a feature: its name, its class, or the number in its first column."""
     first = next(iter(row), "")
     own = (row.get(key) for key in NAMING)
     return str(next((name for name in own if name), f"{first} {row.get(first, '')}"))
 
 
 def _span(row: dict[str, Any]) -> str:
-    """Time span of a feature with times: hidden until played, as it lies on a trajectory."""
+    """Time span of a feature with times, which is hidden until played, since it covers a
+    trajectory.
+    """
     if not isinstance(row.get("begin"), datetime):
         return ""
     begin, end = (f"{row.pop(key).isoformat(timespec='microseconds')}Z" for key in ("begin", "end"))
@@ -97,7 +99,7 @@ def _attributes(row: Mapping[str, Any]) -> str:
 
 
 def _geometry(shape: Any, way: Geographic, mode: str) -> str:
-    """A shape in degrees."""
+    """KML geometry of a shape, in degrees."""
     parts = list(getattr(shape, "geoms", [shape]))
     drawn = [_SHAPES[part.geom_type](part, way, mode) for part in parts]
     if len(drawn) == 1:
@@ -130,7 +132,7 @@ _SHAPES: dict[str, Callable[[Any, Geographic, str], str]] = {
 
 
 def _places(shape: Any, way: Geographic) -> str:
-    """Longitude, latitude (to 0.1 mm) and height (to the millimetre)."""
+    """Coordinates as text: longitude and latitude (to 0.1 mm), height (to 1 mm)."""
     import shapely
 
     xyz = way.degrees(shapely.get_coordinates(shape, include_z=True))
@@ -157,5 +159,5 @@ def _drawn(symbol: Symbol) -> str:
 
 
 def _text(value: object) -> str:
-    """A value as text of XML, without characters that XML cannot hold."""
+    """Escape a value for XML, without characters that are invalid in XML."""
     return escape("".join(sign for sign in str(value) if sign in "\t\n" or sign >= " "))

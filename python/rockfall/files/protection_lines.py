@@ -18,7 +18,7 @@ FIELDS = {"height": "height_m", "crest_width": "crest_width_m", "slope": "slope_
 
 
 def dams_in(data: xr.Dataset) -> Dams:
-    """Keys of the dams of the case of a result; none if its case is not known."""
+    """Keys of the dams in the case of a result; none if the case is unknown."""
     try:
         return case_of(data).dam
     except (RockfallError, KeyError):
@@ -26,7 +26,7 @@ def dams_in(data: xr.Dataset) -> Dams:
 
 
 def dam_lines(dams: Dams) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Lines of the crests of dams, and their attributes, with units in their names."""
+    """Crest lines of dams, and attributes with units in their names."""
     import shapely
 
     shapes = [shapely.LineString(np.column_stack([dam["x"], dam["y"]])) for dam in dams]

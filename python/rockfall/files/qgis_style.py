@@ -46,7 +46,7 @@ def write_relief(raster: Path) -> Path:
 
 
 def contour_style(interval: float, index: int, colour: str) -> ElementTree.Element:
-    """Style of elevations as contour lines, each at a multiple of `index` intervals [m] thicker."""
+    """Style of elevations as contour lines at an interval [m]; every `index`-th line is thicker."""
     attrs = {"contour-interval": f"{interval:g}", "contour-index-interval": f"{interval * index:g}"}
     attrs |= {"type": "contour", "downscale": "4"}
     renderer = ElementTree.Element("rasterrenderer", attrs)
@@ -69,7 +69,7 @@ def _written(
 def _style(
     renderer: ElementTree.Element, opacity: str, smooth: bool = False
 ) -> ElementTree.Element:
-    """Style with a renderer; `smooth` interpolates cells, which would be cliffs in a relief."""
+    """Style with a renderer; `smooth` interpolates cells, to avoid steps in a relief."""
     for name, value in {"band": "1", "alphaBand": "-1", "opacity": opacity}.items():
         renderer.set(name, value)
     renderer.insert(0, ElementTree.Element("rasterTransparency"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Risk of a hazard as columns of the objects, as a table of sums, and as layers with styles."""
+"""Risk of a hazard: columns of objects, table of sums, and layers with styles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rockfall.analysis.objects.risk import CLASSES, SUMMED
 from rockfall.files.vector_style import Style, fill, marker, plain_type, thick
 from rockfall.result.variables import ENDS
 
-#: Colours of the classes of individual risk, from none.
+#: Colours of the classes of individual risk, starting with none.
 COLOURS = ("#bdbdbd", "#4daf4a", "#ffe14d", "#ff8c00", "#e03131")
 LAYERS = {"Point": "risk_points", "LineString": "risk_lines", "Polygon": "risk_polygons"}
 SYMBOLS = {"Point": marker, "LineString": thick, "Polygon": fill}
@@ -43,8 +43,9 @@ def risk_columns(hazard: xr.Dataset) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def total_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """Sums over all objects, with limits from the boulders that they share; and the sums of the
-    objects' limits, which enclose them."""
+    """Table of sums over all objects, with limits that account for shared boulders, and the wider
+    sums of the objects' limits.
+    """
     rows = []
     for name in SUMMED:
         three = [float(hazard[f"total_{name}{end}"]) for end in ENDS]
@@ -57,7 +58,7 @@ def total_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def risk_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
-    """A layer of objects with their risks for each kind of shape, as QGIS styles need."""
+    """Yield a layer of objects with their risks for each geometry type, as QGIS styles require."""
     import shapely
 
     shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
@@ -77,7 +78,7 @@ def risk_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
 
 
 def _multiple(shapes: np.ndarray) -> np.ndarray:
-    """Shapes as multipart shapes, since a layer has one type."""
+    """Convert shapes to multipart shapes, since a layer has a single type."""
     import shapely
 
     collect = {

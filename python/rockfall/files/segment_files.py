@@ -22,8 +22,9 @@ def has_segments(hazard: xr.Dataset) -> bool:
 
 
 def segment_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """One row for each segment: place [m], frequencies and return periods with their limits, class,
-    energies [kJ], heights and diameters [m] of the boulders that touch it."""
+    """Table with a row per segment: position [m], frequencies and return periods with limits,
+    class, and energies [kJ], heights and diameters [m] of the boulders that touch it.
+    """
     words = np.array(CLASSES, dtype=object)
     columns: dict[str, np.ndarray] = {
         name: hazard[f"segment_{name}"].values.astype(object) for name in ("road", "name")
@@ -51,7 +52,7 @@ def segment_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def _numbers(hazard: xr.Dataset, name: str) -> list[tuple[str, np.ndarray]]:
-    """Mean and 95 % quantile of a quantity, in the displayed unit."""
+    """Columns with mean and 95 % quantile of a quantity, in its display unit."""
     mean = hazard[f"segment_{name}_mean"]
     unit, factor = SHOWN.get(mean.attrs["units"], (mean.attrs["units"], 1.0))
     unit = "" if unit == "m" else f"_{unit}"
@@ -63,7 +64,7 @@ def _numbers(hazard: xr.Dataset, name: str) -> list[tuple[str, np.ndarray]]:
 
 
 def segment_layer(hazard: xr.Dataset) -> tuple:
-    """Axes of the segments with their table, in the form of `write_geopackage`."""
+    """Axes of the segments with their table, for `write_geopackage`."""
     import shapely
 
     shapes = shapely.from_wkt(hazard["segment_geometry"].values.astype(str))

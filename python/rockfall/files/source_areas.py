@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Source cells of a result, dissolved to one area for each part of the sources: a map shows areas
-of release, not thousands of squares."""
+"""Source cells of a result, dissolved to one area for each feature: a map shows release areas, not
+thousands of squares.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +18,10 @@ if TYPE_CHECKING:
 
 
 class SourceTable(NamedTuple):
-    """Sources of a result: places (n, 2) [m]; for each the number of its feature of the source
-    layer, from 1, its number of boulders, and their maximum plan distance [m], or None if the
-    result has none; and the names of the features: "" for a result without a layer."""
+    """Sources of a result: places (n, 2) [m]; for each source, the number of its feature in the
+    source layer (from 1), the number of boulders, and their maximum plan distance [m] (None if
+    unknown); and names of features ("" for a result without a layer).
+    """
 
     places: np.ndarray
     feature: np.ndarray
@@ -29,8 +31,9 @@ class SourceTable(NamedTuple):
 
 
 def are_cells(data: xr.Dataset) -> bool:
-    """Return True if the sources of a result are cells of its terrain; False for points, and for a
-    result whose case or cells are not known."""
+    """Return True if the sources of a result are terrain cells; False for points, and if case or
+    cells are unknown.
+    """
     try:
         has_points = facts(case_of(data), "release").has_points
     except (RockfallError, KeyError):
@@ -42,11 +45,10 @@ def are_cells(data: xr.Dataset) -> bool:
 def source_areas(
     data: xr.Dataset, sources: SourceTable
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Areas of the cells of the sources, a multipolygon for each feature, with attributes:
-    `sources` and `boulders` are counts, `area_m2` is in plan.
+    """Areas of source cells, a multipolygon for each feature, with attributes: `sources` and
+    `boulders` are counts, `area_m2` is the plan area.
 
-    Sides between cells of one feature vanish, holes remain.
-    """
+    Edges between cells of the same feature are dissolved; holes remain."""
     import shapely
 
     numbers, part = np.unique(sources.feature, return_inverse=True)

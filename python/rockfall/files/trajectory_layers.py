@@ -13,7 +13,7 @@ from rockfall.result.motion import Sampled
 if TYPE_CHECKING:
     import xarray as xr
 
-EPOCH = np.datetime64("2000-01-01", "us")  # release of all boulders, in time stamps
+EPOCH = np.datetime64("2000-01-01", "us")  # time stamp of the release of all boulders
 _LINE_ZM = 3002  # ISO/IEC 13249-3, well-known binary
 
 
@@ -30,7 +30,7 @@ def lines_zm(paths: list[np.ndarray]) -> np.ndarray:
 def trajectory_features(
     data: xr.Dataset, sampled: Sampled
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Trajectories as LineString ZM, with the number of contacts and the travel time [s]."""
+    """Trajectories as LineString ZM, with number of contacts and travel time [s]."""
     boulder, recorded = np.unique(data["trajectory_boulder"].values, return_counts=True)
     paths = sampled.strings(sampled.motion.boulder)
     _, first = np.unique(sampled.motion.vertex, return_index=True)
@@ -43,10 +43,10 @@ def trajectory_features(
 
 
 def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Motion from contact to contact, where it takes time, as LineString ZM: the contact of the
-    boulder that starts it, counted from 1, time stamps from `EPOCH`, the time since release and the
-    duration [s], and the speeds [m/s] after that contact and before the next. A slide includes the
-    time that a boulder waits."""
+    """Motion between contacts as LineString ZM, if its duration is not zero: number of the first
+    contact (from 1), time stamps from `EPOCH`, time since release and duration [s], and speeds
+    [m/s] after this contact and before the next. A slide includes waiting times.
+    """
     strings = sampled.strings(sampled.motion.vertex)
     begin, end = np.array([(string[0, 3], string[-1, 3]) for string in strings]).T
     _, first = np.unique(sampled.motion.vertex, return_index=True)
@@ -67,13 +67,14 @@ def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]
 
 
 def time_stamps(seconds: np.ndarray) -> np.ndarray:
-    """Times since release as time stamps, to the microsecond."""
+    """Convert times since release [s] to time stamps, to the microsecond."""
     return EPOCH + np.rint(1e6 * seconds).astype("m8[us]")
 
 
 def in_milliseconds(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns with time stamps in milliseconds, the resolution of a GeoPackage. An `end` is rounded
-    up, others down: a motion lasts at least one."""
+    """Round time stamps to milliseconds, the resolution of a GeoPackage: `end` up, others down, so
+    that a motion lasts at least one millisecond.
+    """
     return {
         name: values
         if values.dtype.kind != "M"

@@ -19,11 +19,11 @@ COLUMNS = (
     "styleName TEXT, styleQML TEXT, styleSLD TEXT, useAsDefault BOOLEAN, description TEXT, "
     "owner TEXT, ui TEXT, update_time DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now'))"
 )
-FROM_FIELDS = "2"  # of QGIS: a feature is shown between the times in two fields
-#: Types of symbols, and of their single layer.
+FROM_FIELDS = "2"  # QGIS mode: show a feature between times in two fields
+#: Types of symbols and of their single layer.
 KINDS = {"Point": ("marker", "SimpleMarker"), "LineString": ("line", "SimpleLine"),
          "Polygon": ("fill", "SimpleFill")}  # fmt: skip
-#: Marker shapes and rotations for those of figures.
+#: Marker shapes and rotations that match the figures.
 SHAPES = {
     ".": ("circle", 0), "x": ("cross2", 0), "^": ("triangle", 0), "s": ("square", 0),
     "+": ("cross", 0), "v": ("triangle", 180), "D": ("diamond", 0),
@@ -31,7 +31,7 @@ SHAPES = {
 
 
 class Symbol(NamedTuple):
-    """A symbol: properties of its only layer by QGIS names, opacity."""
+    """A symbol: properties of its single layer by QGIS name, and opacity."""
 
     options: Mapping[str, object]
     opacity: float = 1.0
@@ -40,7 +40,8 @@ class Symbol(NamedTuple):
 class Style(NamedTuple):
     """Style of a layer's features: uniform, by the values of a field, or by intervals of an
     expression; each with a label and a symbol. Names from the field `named` are written next to
-    them; `times` are the fields between which a feature is shown by the temporal controller."""
+    features; the temporal controller shows a feature between the `times` in two fields.
+    """
 
     field: str
     symbols: Iterable[tuple[object, str, Symbol]]
@@ -50,12 +51,12 @@ class Style(NamedTuple):
 
 
 def alike(symbol: Symbol, named: str = "") -> Style:
-    """Uniform style of all features, with names from a field if given."""
+    """Uniform style of all features, with names from a field, if given."""
     return Style("", [("", "", symbol)], "singleSymbol", named=named)
 
 
 def marker(colour: str, shape: str = ".", size: float = 1.2) -> Symbol:
-    """A point of a size [mm]."""
+    """A point symbol with a size [mm]."""
     name, angle = SHAPES[shape]
     return Symbol({"name": name, "angle": angle, "color": rgba(colour), "size": size,
                    "outline_color": rgba(colour),
@@ -64,13 +65,13 @@ def marker(colour: str, shape: str = ".", size: float = 1.2) -> Symbol:
 
 
 def fill(colour: str, pattern: str = "solid") -> Symbol:
-    """An area with a thin outline."""
+    """An area symbol with a thin outline."""
     return Symbol({"color": rgba(colour), "style": pattern, "outline_color": rgba(INK),
                    "outline_width": 0.1}, 0.7)  # fmt: skip
 
 
 def thick(colour: str) -> Symbol:
-    """A broad line."""
+    """A thick line symbol."""
     return Symbol({"line_color": rgba(colour), "line_width": 0.8})
 
 
@@ -92,7 +93,7 @@ def paint(symbol: Symbol) -> tuple[int, int, int]:
 
 
 def _graduated(expression: str, unit: str, symbol: Callable[[str], Symbol]) -> Style:
-    """Style by classes of an expression in a unit."""
+    """Style with a symbol for each class of an expression in a unit."""
     classes = classes_of(unit)
     ends = [0.0, *classes.limits, 1e12]
     symbols = [
@@ -122,7 +123,7 @@ STYLES = {
 
 
 def put_styles(path: Path, layers: Mapping[str, str], styles: Mapping[str, Style]) -> None:
-    """Write styles of layers with the given geometry types into their GeoPackage."""
+    """Write styles of layers, with their geometry types, into their GeoPackage."""
     kinds = {name: KINDS.get(plain_type(kind)) for name, kind in layers.items()}
     texts = {name: qml(styles[name], *kind) for name, kind in kinds.items()
              if kind and name in styles}  # fmt: skip
@@ -170,7 +171,7 @@ def qml(style: Style, kind: str, layer: str) -> str:
 
 
 def symbol_element(name: str, kind: str, layer: str, symbol: Symbol) -> ElementTree.Element:
-    """A symbol of a type and layer type in QGIS format."""
+    """Symbol in QGIS format, of a type and layer type."""
     drawn = {"name": name, "type": kind, "alpha": str(symbol.opacity)}
     element = ElementTree.Element("symbol", drawn)
     node = ElementTree.SubElement(element, "layer", {"class": layer, "enabled": "1"})
@@ -181,7 +182,7 @@ def symbol_element(name: str, kind: str, layer: str, symbol: Symbol) -> ElementT
 
 
 def _labelling(field: str) -> ElementTree.Element:
-    """Names of features from a field, on a white edge."""
+    """Labels of features from a field, with a white outline."""
     element = ElementTree.Element("labeling", type="simple")
     settings = ElementTree.SubElement(element, "settings", calloutType="simple")
     text = ElementTree.SubElement(settings, "text-style", {
