@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The window of a case or a result: its parts, and what passes between them.
+// Window of a case or a result: its parts, and the events between them.
 import type { Connection } from './connection';
 import { DocumentStore, type Difference } from './document';
 import { Drawer, TOOLS, type Tool } from './draw';
@@ -78,7 +78,7 @@ export class CaseWindow {
   readonly results: Results;
   private readonly ended = new AbortController();
 
-  private chooser: boolean; // may choose the map; in a case also edit
+  private chooser: boolean; // the user may choose the map; in a case also edit
   private state: State = { type: 'state', revision: 0, errors: [], warnings: [] };
   mode: Mode = 'map';
   wanted: Wanted;
@@ -189,7 +189,7 @@ export class CaseWindow {
     this.load(welcome);
   }
 
-  /** State that tests and benchmarks read, as `window.rockfall`. */
+  /** State for tests and benchmarks, as `window.rockfall`. */
   get handles(): object {
     const { sender, preliminary, results, store, view, scene } = this;
     return {
@@ -206,7 +206,7 @@ export class CaseWindow {
       pixelOf: (place: Position) => this.pixelOf(place),
     };
   }
-  /** Variants kept, if a window of the same file takes the place of this one. */
+  /** Stored variants, in case another window of the same file replaces this one. */
   variantsFor({ file, folder, mode }: Welcome): Snapshot[] | null {
     const same = file === this.welcome.file && folder === this.welcome.folder && mode === this.welcome.mode;
     return same ? this.variants.kept : null;
@@ -270,7 +270,7 @@ export class CaseWindow {
       case 'fault':
         this.shell.notice('fault', 'red', message.text);
         return;
-      case 'welcome': // makes a window of its own
+      case 'welcome': // opens a new window
         return;
     }
   }
@@ -289,7 +289,7 @@ export class CaseWindow {
 
   // Display
 
-  /** True while the results shown do not belong to the present document. */
+  /** True if the results shown belong to an older document. */
   get preliminary(): boolean {
     const batch = this.results.header;
     const otherMap = this.chooser && batch?.overlay ? batch.overlay.name !== this.wanted.map : false;
@@ -308,7 +308,7 @@ export class CaseWindow {
     this.shell.hint(this.drawer.tool !== 'select' ? say(`app.hint.${this.drawer.tool}`) : empty ? say('app.hint.begin') : '');
     this.view.dim(preliminary || failed);
     this.shell.fitDock(header?.lines.length || this.store.layer('lines').length, this.section.message !== null);
-    // Without sources the hint shows what to do; with errors the warnings are those of an older state.
+    // Without sources the hint shows the next step; with errors the warnings belong to an older state.
     this.messages.update(empty ? [] : errors, failed ? [] : (header?.warnings ?? []), this.state.warnings);
     this.features.update(errors, this.writer);
     this.settings.update(errors, this.writer);
@@ -392,7 +392,7 @@ export class CaseWindow {
     if (mode === 'map') this.view.map.updateSize();
   }
 
-  // The frame around
+  // Frame
 
   private assemble(): void {
     if (this.tools.length) this.shell.tools.append(this.toolbar.root);

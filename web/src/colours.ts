@@ -17,7 +17,7 @@ export const LAYER_COLOURS: Readonly<Record<Layer | 'trees' | 'stands' | 'object
   trajectories: '#1f2937',
 };
 
-/** A colour of six hexadecimal digits after a `#`. */
+/** Colour with six hexadecimal digits after `#`. */
 export function rgbOf(colour: string): Rgb {
   const number = parseInt(colour.slice(1), 16);
   return [number >> 16, (number >> 8) & 255, number & 255];
@@ -27,7 +27,7 @@ function paletteOf(colours: string): Rgb[] {
   return colours.split(' ').map((colour) => rgbOf(`#${colour}`));
 }
 
-/** Colours of zones: pale, for a translucent layer on grey. */
+/** Zone colours: pale, for a translucent layer on grey. */
 export const ZONE_COLOURS = paletteOf('e69f00 56b4e9 009e73 f0e442 cc79a7 0072b2 d55e00 888888');
 
 // Every sixteenth colour of viridis.
@@ -35,10 +35,10 @@ const VIRIDIS = paletteOf(
   '440154 481a6c 472f7d 414487 39568c 31688e 2a788e 23888e 1f988b 22a884 35b779 54c568 7ad151 a5db36 d2e21b fde725',
 );
 
-// Every eighth of the brighter part of plasma, for speeds of trajectories that lie on a map in viridis.
+// Every eighth colour in the brighter part of plasma, for trajectory speeds on a map in viridis.
 const PLASMA = paletteOf('7e03a8 9c179e b52f8c cc4778 de5f65 ed7953 f89540 fdb42f fbd524 f0f921');
 
-/** A colour for each place from 0 to 1. */
+/** Colour for each position from 0 to 1. */
 export type Palette = (place: number) => Rgb;
 export const viridis: Palette = (place) => between(VIRIDIS, place);
 export const plasma: Palette = (place) => between(PLASMA, place);
@@ -55,20 +55,20 @@ export function css([r, g, b]: Rgb, opacity = 1): string {
   return `rgb(${r} ${g} ${b} / ${opacity})`;
 }
 
-/** A palette from left to right, as a background. */
+/** Palette from left to right, as a background. */
 export function gradient(palette: Palette): string {
   return `linear-gradient(to right, ${Array.from({ length: 16 }, (_, k) => css(palette(k / 15))).join(', ')})`;
 }
 
-/** Classes of speed by which trajectories are drawn. */
+/** Speed classes for drawing trajectories. */
 export const SPEED_CLASSES = 8;
 
-/** A scale from values to places between 0 and 1. */
+/** Scale from values to positions between 0 and 1. */
 export interface ColourScale {
   low: number;
   high: number;
   scale: 'linear' | 'log';
-  whole?: boolean; // has whole numbers only
+  whole?: boolean; // only has integers
 }
 
 export function placeOf(value: number, { low, high, scale }: ColourScale): number {
@@ -76,7 +76,7 @@ export function placeOf(value: number, { low, high, scale }: ColourScale): numbe
   return high > low ? (value - low) / (high - low) : 1;
 }
 
-/** Round numbers for a legend: 1, 2, 5 times powers of ten, at most about six. */
+/** Round numbers for a legend: 1, 2, 5 times powers of ten, about six at most. */
 export function ticks({ low, high, scale, whole }: ColourScale): number[] {
   if (!(high > low)) return [high];
   if (scale === 'log') {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Two states side by side: maps that move together, and a table of both and their difference.
+// Two states side by side: synchronised maps, and a table of both states and their difference.
 import type { ColourScale } from './colours';
 import { button, element, select } from './dom';
 import { Legend } from './legend';
@@ -65,7 +65,7 @@ export class CompareView {
     this.legend.root.classList.add('small');
   }
 
-  /** Compare a state with another; the first of all is the present one. */
+  /** Compare a state with another; the first option is the present state. */
   open(terrain: Terrain, shade: Shade | null, states: readonly Snapshot[], a: number, b: number): void {
     if (!this.sides) {
       this.sides = [new Side('A', terrain, shade), new Side('B', terrain, shade)];
@@ -104,7 +104,7 @@ export class CompareView {
   }
 }
 
-/** One scale for two results of the same map; null if they show different ones. */
+/** Common scale for two results of the same map; null if the maps differ. */
 function common(a: OverlayHeader | null, b: OverlayHeader | null): OverlayHeader | null {
   if (!a || !b || a.name !== b.name) return a && b ? null : (a ?? b);
   return {
@@ -166,7 +166,7 @@ function rowsOf(lines: readonly LineStatistics[]): Row[] {
   return [fraction, ...others];
 }
 
-/** A difference with its sign; grey where its interval holds zero. */
+/** Difference with its sign; grey if its interval contains zero. */
 function change(value: Estimate, decimals: number): HTMLElement {
   const [middle, low, high] = value;
   if (middle === null) return element('span', { class: 'estimate none' }, '–');

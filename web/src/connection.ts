@@ -1,21 +1,21 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The socket to the server, or the messages that a stand-alone page brings with it.
+// Socket to the server, or the messages contained in a stand-alone page.
 import { decode, isOf, variantOf, type Binary, type Request, type Text } from './protocol';
 
 export interface Receiver {
   text(message: Text): void;
   binary(message: Binary): void;
-  /** The server is gone; nothing is tried again until `connect`. */
+  /** The server is gone; no further attempt until `connect`. */
   lost(reason: 'refused' | 'closed'): void;
 }
 
 const STORED_KEY = 'rockfall-key';
 const STORED_LANGUAGE = 'rockfall-language';
 const TRIES = 3;
-const REFUSED = 4401; // close code: the key was not right
+const REFUSED = 4401; // close code: wrong key
 
 export class Connection {
-  /** A page with its messages in it: there is no server, and nothing can be edited. */
+  /** Page that contains its messages: it has no server and cannot be edited. */
   readonly standalone = document.getElementById('messages') !== null;
   private socket: WebSocket | null = null;
   private tries = 0;
@@ -48,7 +48,7 @@ export class Connection {
     this.socket = socket;
   }
 
-  /** Connect once more after `lost`. */
+  /** Reconnect after `lost`. */
   retry(): void {
     this.tries = 0;
     this.connect();
@@ -58,7 +58,7 @@ export class Connection {
     if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 
-  /** Speak another language from now on: the server sends everything again in it. */
+  /** Change the language: the server sends all messages again. */
   speak(language: string): void {
     localStorage.setItem(STORED_LANGUAGE, language);
     location.reload();
@@ -73,7 +73,7 @@ export class Connection {
   }
 }
 
-/** Hands on binary messages once a frame, and of results only the newest. */
+/** Forwards binary messages once per frame, and only the newest results. */
 class Frame {
   private waiting: Binary[] = [];
 
@@ -97,11 +97,11 @@ class Frame {
 
 function replaces(message: Binary, earlier: Binary): boolean {
   if (isOf(message, 'lines') || (isOf(message, 'trajectories') && message.header.append)) return false;
-  const kind = isOf(earlier, 'lines') ? 'batch' : earlier.header.type; // further lines go with their batch
+  const kind = isOf(earlier, 'lines') ? 'batch' : earlier.header.type; // further lines follow their batch
   return message.header.type === kind && variantOf(message) === variantOf(earlier);
 }
 
-/** The key, from the address at first, then from the store of this tab. */
+/** Key, initially from the address, then from the store of this tab. */
 function takeKey(): string {
   const given = new URLSearchParams(location.hash.slice(1)).get('key');
   if (given) {
@@ -111,7 +111,7 @@ function takeKey(): string {
   return sessionStorage.getItem(STORED_KEY) ?? '';
 }
 
-/** The language chosen before; '' leaves it to the server. */
+/** Language chosen before; '' leaves the choice to the server. */
 function chosenLanguage(): string {
   return localStorage.getItem(STORED_LANGUAGE) ?? '';
 }

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The document that is edited: snapshots that share what did not change, with undo and redo.
+// Edited document, as snapshots that share unchanged parts, with undo and redo.
 import { LAYERS, type CaseDocument, type Feature, type Group, type Layer, type SettingValue, type Value } from './protocol';
 
-const KEPT = 200; // steps back
+const KEPT = 200; // undo steps
 const EMPTY: CaseDocument = {
   settings: {},
   layers: { sources: [], lines: [], barriers: [], dams: [], zones: [] },
   variant: '',
 };
 
-/** Layers and groups in which two documents differ. */
+/** Layers and groups that differ between two documents. */
 export interface Difference {
   layers: Layer[];
   groups: string[];
@@ -20,7 +20,7 @@ export class DocumentStore {
   private past: CaseDocument[] = [];
   private future: CaseDocument[] = [];
   private gesture = '';
-  private last = 0; // number of the last new id
+  private last = 0; // number of the newest id
   private readonly listeners: ((changed: Difference) => void)[] = [];
 
   get document(): CaseDocument {
@@ -37,7 +37,7 @@ export class DocumentStore {
     this.listeners.push(listener);
   }
 
-  /** Begin with a document of the server: there is nothing to undo, and no listener to notify. */
+  /** Start with a document from the server, without undo steps and without a notification. */
   load(document: CaseDocument): void {
     const layers = { ...EMPTY.layers, ...document.layers };
     this.now = { ...document, layers };
@@ -46,7 +46,7 @@ export class DocumentStore {
     this.gesture = '';
   }
 
-  /** Take over a changed document. Changes of the same gesture, such as a drag, are one step back. */
+  /** Adopt a changed document. All changes of a gesture, such as a drag, are a single undo step. */
   change(next: CaseDocument, gesture = ''): void {
     const before = this.now;
     if (next === before) return;
@@ -80,7 +80,7 @@ export class DocumentStore {
     this.change({ ...this.now, layers: { ...this.now.layers, [layer]: features } }, gesture);
   }
   add(layer: Layer, feature: Feature): void {
-    // Sources are all points or all polygons: those of the other kind make room.
+    // Sources are all points or all polygons: new sources replace those of the other kind.
     const kept = this.layer(layer).filter((one) => one.type === feature.type);
     this.setLayer(layer, [...kept, feature]);
   }
@@ -92,24 +92,24 @@ export class DocumentStore {
     if (found) this.setLayer(found.layer, this.layer(found.layer).filter((one) => one.id !== id));
   }
 
-  /** Set a property; undefined leaves it to its default. */
+  /** Set a property; undefined restores its default. */
   setProperty(id: string, name: string, value: Value | undefined): void {
     const found = this.feature(id);
     if (found) this.replace(found.layer, { ...found.feature, properties: withValue(found.feature.properties, name, value) });
   }
-  /** Set a key of the case; undefined leaves it to its default. */
+  /** Set a key of the case; undefined restores its default. */
   setSetting(group: string, key: string, value: SettingValue | undefined): void {
     const changed: Group = withValue(this.now.settings[group] ?? {}, key, value);
     this.change({ ...this.now, settings: { ...this.now.settings, [group]: changed } });
   }
 
-  /** Set the ground of a document that has none, with the radius of its rocks if it needs one. */
+  /** Set the ground of a document without one, and the rock radius if the ground needs it. */
   setGround(ground: string, radius: number | null): void {
     const surface: Group = radius === null ? { ground } : { ground, uniform_mean_radius: radius };
     this.change({ ...this.now, settings: { ...this.now.settings, surface } });
   }
 
-  /** An id that no feature has, nor had: an undone feature may come back. */
+  /** Id that no feature has or had, because an undone feature may come back. */
   newId(layer: Layer): string {
     const letter = layer.slice(0, 1);
     for (const { id } of LAYERS.flatMap((name) => this.layer(name)))

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Elements made by calls. Texts never pass through innerHTML, so names need no escaping.
+// Creation of elements by calls. Texts never pass through innerHTML, so names need no escaping.
 
 type Child = Node | string | null | undefined | false;
 export interface Options {
@@ -8,10 +8,10 @@ export interface Options {
   title?: string;
   hidden?: boolean;
   style?: string;
-  /** Name of what a control does, and its label without a text to see. */
+  /** Name of a control's action, used as the label if the control has no visible text. */
   action?: string;
   label?: string;
-  /** Attributes as they are: aria-..., data-..., role, for. */
+  /** Attributes passed on unchanged: aria-..., data-..., role, for. */
   attributes?: Record<string, string | number>;
 }
 
@@ -58,7 +58,7 @@ export function options(choices: readonly (readonly [string, string])[]): HTMLOp
   return choices.map(([value, text]) => element('option', { attributes: { value } }, text));
 }
 
-/** A select box. */
+/** Select box. */
 export function select(
   choices: readonly (readonly [string, string])[],
   chosen: string,
@@ -71,7 +71,7 @@ export function select(
   return made;
 }
 
-/** A check box with its label. */
+/** Check box with a label. */
 export function checkbox(text: Child, checked: boolean, action: (checked: boolean) => void, given: Options = {}): HTMLLabelElement {
   const box = element('input', { ...given, class: '', attributes: { type: 'checkbox', ...given.attributes } });
   box.checked = checked;
@@ -79,19 +79,19 @@ export function checkbox(text: Child, checked: boolean, action: (checked: boolea
   return element('label', { class: `check ${given.class ?? ''}` }, box, typeof text === 'string' ? element('span', {}, text) : text);
 }
 
-/** A control with its label before it; `wide`: below the label. */
+/** Control after its label; `wide`: below the label. */
 export function labelled(text: string, control: HTMLElement, wide = false): HTMLElement {
   control.id ||= uniqueId('control');
   return element('div', { class: wide ? 'field wide' : 'field' }, element('label', { attributes: { for: control.id } }, text), control);
 }
 
-/** A list of colours and what they mean. */
+/** List of colours and their meanings. */
 export function patches(entries: readonly (readonly [text: string, colour: string])[], style = ''): HTMLUListElement {
   const items = entries.map(([text, colour]) => element('li', {}, element('span', { class: 'patch', style: `background: ${colour}` }), text));
   return element('ul', { class: style }, ...items);
 }
 
-/** A number of the page that only one element has. */
+/** Unique number for an element of the page. */
 let count = 0;
 export function uniqueId(prefix: string): string {
   return `${prefix}-${++count}`;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Tools of the map: select and move, draw, snap; vertices are pulled, pulled out, and deleted by Alt-click.
+// Map tools: select and move, draw, snap; vertices are dragged, inserted, and deleted by Alt-click.
 import Collection from 'ol/Collection';
 import type OlFeature from 'ol/Feature';
 import { LineString, Polygon, type Geometry } from 'ol/geom';
@@ -25,7 +25,7 @@ interface Drawing {
   type: Feature['type'];
   letter: string;
 }
-/** Layer and shape that each tool draws, and its key. */
+/** Layer and shape drawn by each tool, and its key. */
 export const TOOLS: Readonly<Record<Tool, Drawing | { layer: null; letter: string }>> = {
   select: { layer: null, letter: 'V' },
   source: { layer: 'sources', type: 'Point', letter: 'S' },
@@ -42,18 +42,18 @@ const NEAR = 11; // pixels
 export interface DrawListener {
   onTool(tool: Tool): void;
   onSelect(id: string): void;
-  /** Properties of a new feature of a layer. */
+  /** Properties of a new feature in a layer. */
   propertiesOf(layer: Layer): Record<string, Value>;
   onReplaced(count: number): void;
   onSection(vertices: Position[]): void;
-  /** A click where no feature of the document is. */
+  /** Click where the document has no feature. */
   onBeside(pixel: number[]): void;
 }
 
 export class Drawer {
   tool: Tool = 'select';
   private enabled = false;
-  private asks = false; // may ask for a section
+  private asks = false; // the user may request a section
   private draw: Draw | null = null;
   private gesture = 0;
   private readonly chosen = new Collection<OlFeature>();
@@ -95,7 +95,7 @@ export class Drawer {
     this.activate();
   }
 
-  /** Allow to edit, or only to ask for a section; without, features can only be looked at. */
+  /** Allow editing, or only sections; otherwise features can only be viewed. */
   enable(on: boolean, asks: boolean): void {
     this.enabled = on;
     this.asks = asks;
@@ -128,7 +128,7 @@ export class Drawer {
     this.listener.onTool(tool);
   }
 
-  /** True for a tool that may be used. */
+  /** True if a tool may be used. */
   may(tool: Tool): boolean {
     return tool === 'select' || (tool === 'section' ? this.asks : this.enabled);
   }
@@ -145,7 +145,7 @@ export class Drawer {
     return this.view.features.selected;
   }
 
-  /** After a change of the document: what is no longer there is not selected. */
+  /** Remove features that no longer exist from the selection after a change of the document. */
   refresh(): void {
     const { selected } = this;
     if (!selected) return;
@@ -154,14 +154,14 @@ export class Drawer {
     else if (this.chosen.item(0) !== found.feature) this.select(selected);
   }
 
-  /** Escape: give up a drawing, then the tool, then the selection. */
+  /** Escape: cancel first the drawing, then the tool, then the selection. */
   escape(): void {
     if (this.draw && this.drawing) this.draw.abortDrawing();
     else if (this.tool !== 'select') this.use('select');
     else this.select('');
   }
 
-  /** Take back the last vertex of a drawing; false if none is being drawn. */
+  /** Remove the last vertex of a drawing; false without a drawing. */
   undoVertex(): boolean {
     if (!this.draw || !this.drawing) return false;
     this.draw.removeLastPoint();
@@ -176,7 +176,7 @@ export class Drawer {
     if (this.enabled && this.selected) this.store.remove(this.selected);
   }
 
-  /** Move the selected feature by metres; false if there is none. */
+  /** Move the selected feature [m]; false if none is selected. */
   nudge(dx: number, dy: number): boolean {
     const found = this.selected && this.enabled ? this.view.features.find(this.selected) : null;
     const geometry = found?.feature.getGeometry();
@@ -197,7 +197,7 @@ export class Drawer {
     this.modify.setActive(editing);
   }
 
-  /** Write the document while a feature is moved or modified; one drag is one step back. */
+  /** Update the document while a feature is moved or modified; one drag is a single undo step. */
   private follow(listen: (begin: () => void, end: () => void) => void): void {
     let stop = (): void => undefined;
     const begin = (): void => {
@@ -232,7 +232,7 @@ export class Drawer {
     const feature = featureOf(this.store.newId(layer), this.listener.propertiesOf(layer), geometry);
     const replaced = this.store.layer(layer).filter((one) => one.type !== type).length;
     this.store.add(layer, feature);
-    // The interaction still handles its last click.
+    // The interaction still has to handle its last click.
     setTimeout(() => {
       this.use('select');
       this.select(feature.id);
@@ -272,7 +272,7 @@ export class Drawer {
     return this.distanceToHandle(event.coordinate) <= NEAR;
   }
 
-  /** Distance in pixels to the nearest vertex, or middle between two, of the selected feature. */
+  /** Distance [px] to the nearest vertex, or edge midpoint, of the selected feature. */
   private distanceToHandle([x = 0, y = 0]: readonly number[]): number {
     const geometry = this.chosen.item(0)?.getGeometry();
     const resolution = this.view.map.getView().getResolution() ?? 1;

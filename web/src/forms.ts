@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Forms made from the server's table of keys: a row for each field, with unit, default, range, meaning, and its error.
+// Forms made from the server's table of keys: each field has a row with unit, default, range, meaning, and error.
 import { element, options, uniqueId } from './dom';
 import type { Field, SettingValue, Value } from './protocol';
 import { decimal, say, sayOr, unitText } from './texts';
@@ -11,7 +11,7 @@ function numeric({ kind }: Field): boolean {
   return kind === 'real' || kind === 'integer' || kind === 'count';
 }
 
-/** Label of a key: a common one has words of its own, others their name. */
+/** Label of a key: a translated text for common keys, the name for others. */
 export function labelOf(field: Field): string {
   return sayOr(`app.key.${field.name}`, field.name);
 }
@@ -31,13 +31,13 @@ function shown(value: SettingValue | null | undefined): string {
   return typeof value === 'number' ? decimal(value).replace(/[\u202f,](?=\d{3}\b)/g, '') : String(value);
 }
 
-/** A number as typed, with a point or a comma; NaN if it is none. */
+/** Number from typed text, with a point or a comma; NaN if invalid. */
 function parsed(text: string, integer: boolean): number {
   const value = Number(text.replace(/[\s\u202f']/g, '').replace(',', '.'));
   return integer && !Number.isInteger(value) ? NaN : value;
 }
 
-/** Value of a text as typed: undefined if empty, null if it cannot be read. */
+/** Value of typed text: undefined if empty, null if invalid. */
 export function read(field: Field, text: string): SettingValue | undefined | null {
   const trimmed = text.trim();
   if (!trimmed) return undefined;
@@ -54,11 +54,11 @@ export function read(field: Field, text: string): SettingValue | undefined | nul
   return parts.some((part) => part === null) ? null : (parts as Value[]);
 }
 
-/** One field: label, control, unit, and a line for its error. */
+/** Field: label, control, unit, and a line for its error. */
 class Row {
   readonly root: HTMLElement;
   private readonly control: Control;
-  private unreadable = ''; // error of a text that is not a value
+  private unreadable = ''; // error of an invalid text
   private readonly message = element('p', { class: 'field-error', id: uniqueId('error'), attributes: { role: 'alert' } });
 
   constructor(
@@ -76,7 +76,7 @@ class Row {
     this.message.hidden = true;
     if (!field.choices || this.control.tagName !== 'INPUT') return;
     const words = options(field.choices.map((one) => [one, '']));
-    const list = element('datalist', { id: uniqueId('words') }, ...words); // suggested where a list is typed
+    const list = element('datalist', { id: uniqueId('words') }, ...words); // suggestions for a typed list
     this.control.setAttribute('list', list.id);
     this.root.append(list);
   }
@@ -160,7 +160,7 @@ class Row {
   }
 }
 
-/** A form of some fields. Its rows stay while values change, so that the focus does. */
+/** Form of several fields. Its rows are kept when values change, so that the focus is not lost. */
 export class Form {
   readonly root = element('div', { class: 'form' });
   private readonly rows = new Map<string, Row>();
@@ -180,7 +180,7 @@ export class Form {
     for (const [name, row] of this.rows) row.update(values[name], errors.get(name), editable);
   }
 
-  /** Show only the fields that a test passes; the number shown. */
+  /** Show only the fields that pass a test; returns their number. */
   filter(keep: (field: Field) => boolean): number {
     let number = 0;
     for (const field of this.fields) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Dialog in which a document that begins from a DEM gets its ground.
+// Dialog for choosing the ground of a document that starts from a DEM.
 import { button, element, uniqueId } from './dom';
 import type { GroundChoice } from './protocol';
 import { say } from './texts';

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Numbers of other commands in the window: the hazard of the scenarios, its sources, and the design check of a net.
+// Results of other commands in the window: hazard of the scenarios, its sources, and the design check of a net.
 import { element } from './dom';
 import type { MapView } from './map/map_view';
 import { HazardPanel } from './panels/hazard';
@@ -10,7 +10,7 @@ import { say } from './texts';
 interface Listener {
   want(change: Partial<Wanted>): void;
   wanted(): Wanted;
-  /** These classes are shown in place of a map of results; null: no longer. */
+  /** Classes to show instead of a map of results; null: none. */
   onClasses(classes: HazardMessage['classes'] | null): void;
 }
 
@@ -37,12 +37,12 @@ export class Hazard {
     });
   }
 
-  /** Show where what comes to a place comes from, once the hazard knows it. */
+  /** Show the sources of boulders that reach a place, once the hazard has them. */
   choose(origin: string): void {
     if (this.listener.wanted().hazard && origin !== this.listener.wanted().origin) this.listener.want({ origin });
   }
 
-  /** Check the design of the selected net or line; '': of none. */
+  /** Check the design of the selected net or line; '': none. */
   select(net: string): void {
     if (net !== this.listener.wanted().net) this.listener.want({ net });
     if (!net) this.showNet(null);
@@ -71,7 +71,7 @@ export class Hazard {
     return true;
   }
 
-  /** After an edit the numbers are those of the state before. */
+  /** After an edit, the results belong to the previous state. */
   forget(): void {
     if (!this.message) return;
     this.message = null;
@@ -81,7 +81,7 @@ export class Hazard {
     this.refresh();
   }
 
-  /** Classes that the map shows; null: none. */
+  /** Classes shown on the map; null: none. */
   get shownClasses(): HazardMessage['classes'] | null {
     return this.classes ? (this.message?.header.classes ?? null) : null;
   }

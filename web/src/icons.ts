@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Icons of the page, drawn on a square of 20: strokes, and what is filled.
+// Icons of the page, drawn on a square of 20 units: strokes and fills.
 import { button, svg, type Options } from './dom';
 
 const STROKES = {
@@ -37,7 +37,7 @@ export function icon(name: Icon): SVGSVGElement {
   return svg('svg', { viewBox: '0 0 20 20', class: 'icon', 'aria-hidden': 'true' }, svg('path', { d: STROKES[name] }));
 }
 
-/** A button of an icon only; `title` where its label is not enough. */
+/** Button with only an icon; `title` if its label is not sufficient. */
 export function iconButton(sign: Icon | SVGElement, label: string, action: () => void, options: Options = {}): HTMLButtonElement {
   return button(typeof sign === 'string' ? icon(sign) : sign, action, { class: 'icon-button', title: label, label, ...options });
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Legend on the map: which result is shown, its colours with round numbers, and what else has a colour.
+// Legend on the map: the result shown, its colours with round numbers, and the other colours.
 import { css, gradient, placeOf, plasma, ticks, viridis, type ColourScale, type Palette } from './colours';
 import { element, options, patches } from './dom';
 import { zoneColour } from './map/rasters';
@@ -13,9 +13,9 @@ export class Legend {
   private readonly classes = element('div', { class: 'class-box', hidden: true });
   private readonly speeds = element('div', { class: 'ramp-box' });
   private readonly zones = element('details', { class: 'zone-legend' });
-  private unfolded = false; // the list of maps
+  private unfolded = false; // the list has all maps
 
-  /** If there is no choice of maps, the legend names the map that is shown. */
+  /** The legend names the map shown if there is no choice of maps. */
   constructor(
     private readonly maps: readonly MapName[],
     private shown: string,
@@ -32,7 +32,7 @@ export class Legend {
     this.zones.hidden = true;
   }
 
-  /** Let another map be chosen, or only name the one shown. */
+  /** Allow the choice of another map, or only name the map shown. */
   enable(on: boolean): void {
     this.choice.disabled = !on;
   }
@@ -46,18 +46,18 @@ export class Legend {
     this.ramp.replaceChildren(...(header ? [...name, ramp(header, header.unit, viridis)] : []));
   }
 
-  /** List all maps or the most used ones, and open the list again where the browser can. */
+  /** List all maps or only the most used, and reopen the list if the browser can. */
   private fold(unfolded: boolean): void {
     this.unfolded = unfolded;
     this.list();
     try {
       this.choice.showPicker();
     } catch {
-      this.choice.focus(); // the next key or click opens it
+      this.choice.focus(); // the next key or click opens the list
     }
   }
 
-  /** At most LISTED maps, the one shown among them; the others below, and last the limits of intervals. */
+  /** At most LISTED maps, including the map shown; then the others, and finally the limits of intervals. */
   private list(): void {
     const { maps, shown, unfolded } = this;
     const plain = maps.filter(({ name }) => !LIMIT.test(name));
@@ -80,7 +80,7 @@ export class Legend {
     this.choice.value = shown;
   }
 
-  /** Classes of hazard are shown in place of the result; null: no longer. */
+  /** Hazard classes replace the result; null: they no longer do. */
   setClasses(classes: readonly (readonly [name: string, colour: string])[] | null): void {
     this.ramp.hidden = this.choice.hidden = classes !== null;
     this.classes.hidden = classes === null;
@@ -104,20 +104,20 @@ export class Legend {
   }
 }
 
-const FOLD = '+'; // value of the option that lists all maps, or the most used ones
-const LISTED = 12; // maps, before the list is unfolded
-// Maps most used; they have names in every language.
+const FOLD = '+'; // value of the option that switches between all maps and the most used
+const LISTED = 12; // maximum number of maps in the short list
+// Most used maps, which have names in every language.
 const COMMON = [
   'passages', 'reach_probability', 'deposits', 'energy_q95', 'energy_mean', 'energy_max',
   'speed_q95', 'speed_max_map', 'passing_height_q95', 'passing_height_max', 'energy_line_angle_max', 'travel_time_min',
 ];
-const LIMIT = /_(low|high)$/; // of an interval
+const LIMIT = /_(low|high)$/; // limit of an interval
 
 function mapOptions(maps: readonly MapName[]): HTMLOptionElement[] {
   return options(maps.map((map) => [map.name, withUnit(nameOfMap(map), map.unit)] as const));
 }
 
-/** Name of a map of results. */
+/** Name of a result map. */
 export function nameOfMap({ name, label }: { name: string; label: string }): string {
   return sayOr(`app.result.${name}`, label);
 }
@@ -126,7 +126,7 @@ export function withUnit(label: string, unit: string): string {
   return unit ? `${label} [${unitText(unit)}]` : label;
 }
 
-/** Bar of colours with its round numbers. */
+/** Colour bar with round numbers. */
 function ramp(scale: ColourScale, unit: string, palette: Palette): HTMLElement {
   const bar = element('div', { class: 'ramp', style: `background: ${gradient(palette)}` });
   const numbers = spread(scale).map(({ text, place }) => element('span', { style: `left: ${100 * place}%` }, text));
@@ -140,9 +140,9 @@ interface Tick {
   place: number;
 }
 
-const LETTER = 0.033; // width of a digit, on a bar of 200 pixels
+const LETTER = 0.033; // width of a digit relative to a bar of 200 pixels
 
-/** Round numbers and their places on the bar, without those that would touch the one before. */
+/** Round numbers and their positions on the bar, except those that would touch their predecessor. */
 export function spread(scale: ColourScale): Tick[] {
   const found: Tick[] = [];
   for (const value of ticks(scale)) {

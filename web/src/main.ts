@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Entry of the page: opens the connection, and hands what comes to the window of the case.
+// Entry of the page: opens the connection, and forwards messages to the window of the case.
 import 'ol/ol.css';
 import './style.css';
 import { CaseWindow } from './case_window';
@@ -39,9 +39,9 @@ function welcome(message: Welcome): void {
   else current = new CaseWindow(root, message, connection, variants);
 }
 
-/** Report plainly, above the content, that the server is gone. */
+/** Report above the content that the server is gone. */
 function lost(reason: 'refused' | 'closed'): void {
-  // Before the first message the page has no texts: then it speaks English.
+  // Before the first message the page has no texts, so this one is in English.
   const known = say('app.lost') !== 'app.lost';
   const text = known
     ? say(reason === 'refused' ? 'app.refused' : 'app.lost')

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Properties with which drawn features begin.
+// Initial properties of drawn features.
 import type { DocumentStore } from './document';
 import { LAYERS, type Layer, type Value, type Welcome } from './protocol';
 
-/** Properties with which a drawn feature begins, where its layer has them. */
+/** Initial properties of a drawn feature, if its layer has them. */
 const INITIAL: Readonly<Record<Layer, Readonly<Record<string, Value>>>> = {
   sources: {},
   lines: {},
@@ -19,12 +19,12 @@ const LETTERS: Readonly<Partial<Record<Layer, string>>> = {
   sources: 'S',
 };
 
-/** Height of a new dam [m] whose faces are as wide as cells need, up to a slope of the terrain of about 30 degrees. */
+/** Height of a new dam [m] with faces as wide as the cells require, on terrain up to about 30 degrees. */
 function damHeight(cell: number): number {
   return Math.min(10, Math.max(5, Math.ceil(3 * cell)));
 }
 
-/** Properties of a new feature, on cells of the terrain [m]: a name that no other has, and usual values. */
+/** Properties of a new feature, given the terrain's cell size [m]: a unique name, and usual values. */
 export function propertiesOf(
   layer: Layer,
   forms: Welcome['forms'],

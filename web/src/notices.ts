@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Notices across the window that need an answer: another tab writes, and runs that were stopped.
+// Notices across the window that need an answer: another tab has write access, or runs were stopped.
 import type { Connection } from './connection';
 import { button } from './dom';
 import type { Output } from './output';
@@ -15,7 +15,7 @@ export class Notices {
     private readonly output: Output,
   ) {}
 
-  /** Offer to take over a case that this window only reads. */
+  /** Offer to take over a case that is read-only in this window. */
   show(reads: boolean, writer: boolean): void {
     const take = button(say('app.take_over'), () => this.connection.send({ type: 'take_over' }), { action: 'take-over' });
     if (reads && !this.connection.standalone) this.shell.notice('role', 'amber', say('app.reader'), take);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Dialogs of what is written: the case, its report, its layers; with progress, and a question before a file is replaced.
+// Dialogs for writing the case, its report and its layers, with progress, and a question before a file is replaced.
 import type { Connection } from './connection';
 import { button, element, labelled, uniqueId } from './dom';
 import type { LongTask, Progress, Task } from './protocol';
@@ -8,8 +8,8 @@ import { duration, say } from './texts';
 export class Output {
   readonly dialog = element('dialog', { class: 'output' });
   private task: Task = 'save';
-  private saved: readonly string[] = []; // by a running task
-  private remark = ''; // on what was saved
+  private saved: readonly string[] = []; // files saved by a running task
+  private remark = ''; // remark on the saved files
   private cancelled = false;
   private readonly title = element('h2', { id: uniqueId('dialog') });
   private readonly name = element('input', {
@@ -73,7 +73,7 @@ export class Output {
     this.buttons.replaceChildren(this.stop());
   }
 
-  /** The case has been written; a report or an export continues with it. */
+  /** The case has been written; continue with the report or the export. */
   written(files: readonly string[], remark: string): void {
     this.remark = remark;
     if (isLong(this.task)) this.saved = files;
@@ -117,7 +117,7 @@ export class Output {
     this.buttons.replaceChildren(this.task === 'save' ? '' : this.stop());
   }
 
-  /** A button that cancels the task, which continues until its present step is done. */
+  /** Button that cancels the task, which runs until its present step is complete. */
   private stop(): HTMLButtonElement {
     const cancel = (): void => {
       this.cancelled = true;
@@ -142,7 +142,7 @@ export class Output {
   }
 }
 
-/** True for tasks that report progress. */
+/** True for tasks with progress reports. */
 export function isLong(task: string): task is LongTask {
   return task === 'report' || task === 'export' || task === 'simulate';
 }

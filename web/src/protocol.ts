@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Messages between the page and the server, and how binary ones are read.
+// Messages between the page and the server, and parsing of binary messages.
 
 export type Layer = 'sources' | 'lines' | 'barriers' | 'dams' | 'zones';
 export const LAYERS: readonly Layer[] = ['sources', 'lines', 'barriers', 'dams', 'zones'];
@@ -20,11 +20,11 @@ export type Feature = Shaped<'Point', Position> | LineFeature | Shaped<'Polygon'
 export type Group = Readonly<Record<string, SettingValue>>;
 export type Settings = Readonly<Record<string, Group>>;
 export type Layers = Readonly<Record<Layer, readonly Feature[]>>;
-/** Edited document: settings as given in the case, and drawn features. */
+/** Edited document: settings as written in the case, and drawn features. */
 export interface CaseDocument {
   readonly settings: Settings;
   readonly layers: Layers;
-  readonly variant: string; // name of the variant of the case from which it comes; '': the case without them
+  readonly variant: string; // name of the case's variant from which it comes; '': the case without variants
 }
 
 /** A key of the case, or a property of a feature. */
@@ -43,7 +43,7 @@ export interface Field {
 }
 export interface Forms {
   settings: Record<string, Field[]>;
-  layers: Partial<Record<Layer, Field[]>>; // a layer without is not drawn
+  layers: Partial<Record<Layer, Field[]>>; // a layer without fields is not drawn
 }
 export interface MapName {
   name: string;
@@ -54,10 +54,10 @@ export interface MapName {
 export type LongTask = 'report' | 'export' | 'simulate';
 export type Task = 'save' | LongTask;
 
-/** A layer, or what of it differs from the last one sent. */
+/** Complete layer, or its changes since the last message. */
 export type LayerChange = readonly Feature[] | { set: readonly Feature[]; remove: readonly string[] };
 
-/** From the page to the server. */
+/** Messages from the page to the server. */
 export type Request =
   | { type: 'hello'; key: string; language: string }
   | {
@@ -66,7 +66,7 @@ export type Request =
       layers: Partial<Record<Layer, LayerChange>>;
       settings: Record<string, Group>;
       variant: string;
-      whole: boolean; // all layers and groups, which an edit after one that was refused must have
+      whole: boolean; // contains all layers and groups, as required in an edit after a refused one
     }
   | { type: 'compare'; variant: string }
   | ({ type: 'view' } & Wanted)
@@ -75,25 +75,25 @@ export type Request =
   | { type: 'resume'; name: string }
   | { type: 'open_recent'; index: number };
 
-/** Requested results: a map, a number of trajectories and, if there are many, the lines in view. */
+/** Requested results: a map, a number of trajectories and, if there are many lines, the visible ones. */
 export interface Wanted {
   map: string;
   trajectories: number;
   lines: readonly string[];
-  section: readonly Position[]; // its vertices
-  objects: string; // one of `Welcome.offers`; '': none
+  section: readonly Position[]; // vertices of the section
+  objects: string; // a layer in `Welcome.offers`; '': none
   basemap: string;
-  net: string; // line or barrier whose design is checked
-  hazard: boolean; // of the scenarios
-  origin: string; // place whose sources are shown
+  net: string; // line or barrier for the design check
+  hazard: boolean; // compute the hazard of the scenarios
+  origin: string; // place for which the sources are shown
 }
-/** A web map service that the user added. */
+/** Web map service added by the user. */
 export interface WebMap {
   url: string;
   layers: string;
-  crs: string; // of the terrain
+  crs: string; // CRS of the terrain
 }
-/** A ground for a document that has none; `radius` of its rocks [m], where it needs one. */
+/** Ground for a document without one; `radius` of its rocks [m], if the ground needs it. */
 export interface GroundChoice {
   name: string;
   radius: number | null;
@@ -111,13 +111,13 @@ export interface Welcome {
   texts: Record<string, string>;
   recent: { name: string; folder: string }[];
   document: CaseDocument;
-  base: CaseDocument | null; // the case without its variants, if it has some
+  base: CaseDocument | null; // the case without its variants, if it has any
   variants: CaseDocument[];
   revision: number;
   forms: Forms;
   grounds: GroundChoice[];
   maps: MapName[];
-  scenarios: number; // that can be run for a hazard
+  scenarios: number; // number available for a hazard
   offers: { objects: string[]; basemaps: string[] };
   wms: WebMap | null;
   view: Wanted;
@@ -135,7 +135,7 @@ export interface State {
   revision: number;
   errors: CaseError[];
   warnings: string[];
-  refused?: boolean; // the edit was, and the server's document is older
+  refused?: boolean; // the edit was refused, and the server has an older document
 }
 export interface Progress {
   type: 'progress';
@@ -150,13 +150,13 @@ export type Text =
   | State
   | Progress
   | { type: 'role'; writer: boolean }
-  | { type: 'document'; document: CaseDocument; revision: number } // as another window left it
+  | { type: 'document'; document: CaseDocument; revision: number } // document changed in another window
   | { type: 'done'; task: LongTask; files: string[] }
   | { type: 'net'; net: string; revision: number; tables: TableEntry[] }
   | { type: 'hazard_begun'; revision: number }
   | { type: 'hazard_refused'; revision: number; text: string }
   | { type: 'objects'; chosen: string; objects: Shape[] }
-  | { type: 'unfinished'; runs: { name: string; boulders: number }[] } // that can be resumed
+  | { type: 'unfinished'; runs: { name: string; boulders: number }[] } // runs that can be resumed
   | { type: 'refused'; task: string; text: string; exists: boolean }
   | { type: 'saved'; files: string[]; remark: string; document_revision: number }
   | { type: 'fault'; text: string };
@@ -169,7 +169,7 @@ export interface TerrainMessage {
   nx: number;
   ny: number;
   crs: string;
-  full_cell: number; // of the simulated terrain [m]
+  full_cell: number; // cell size of the simulated terrain [m]
   shade_cell: number;
 }
 export interface BackgroundMessage {
@@ -180,12 +180,12 @@ export interface BackgroundMessage {
   trees: number;
   stands: Shape[];
 }
-/** A shape with a name that is not edited; its geometry is that of GeoJSON. */
+/** Named shape that cannot be edited, with GeoJSON geometry. */
 export interface Shape {
   name: string;
   geometry: { type: string; coordinates: unknown };
 }
-/** A value with its 95 % interval; null where withheld. */
+/** Value with its 95 % interval; null if withheld. */
 export type Estimate = [number | null, number | null, number | null];
 export interface QuantityStatistics {
   label: string;
@@ -196,7 +196,7 @@ export interface QuantityStatistics {
   q95: Estimate;
   max: number | null;
   counts: number[];
-  range: [number, number]; // of the bins
+  range: [number, number]; // range of the bins
 }
 export interface Line {
   name: string;
@@ -220,12 +220,12 @@ export interface OverlayHeader {
   low: number;
   high: number;
   scale: 'linear' | 'log';
-  whole: boolean; // counts
+  whole: boolean; // values are counts
 }
 export interface BatchMessage {
   type: 'batch';
   revision: number;
-  variant?: string; // of the case, run besides the document
+  variant?: string; // variant of the case, run in addition to the document
   boulders: number;
   total: number;
   complete: boolean;
@@ -234,10 +234,10 @@ export interface BatchMessage {
   seconds_left: number | null;
   warnings: string[];
   ended: Record<string, number>;
-  lines: (Line | LineStatistics)[]; // if there are many, only lines in view have statistics at first
+  lines: (Line | LineStatistics)[]; // if there are many, initially only visible lines have statistics
   overlay: OverlayHeader | null;
 }
-/** Statistics of further lines, of the boulders of a batch. */
+/** Statistics of further lines, for the boulders of a batch. */
 export interface LinesMessage {
   type: 'lines';
   revision: number;
@@ -252,7 +252,7 @@ export interface TrajectoriesMessage {
   append: boolean;
   count: number;
 }
-/** A section in SI units; its columns, of the names of `rockfall section`, are arrays. */
+/** Section in SI units; its columns are arrays, named as in `rockfall section`. */
 export interface SectionMessage {
   type: 'section';
   revision: number;
@@ -262,7 +262,7 @@ export interface SectionMessage {
   quantities: Record<string, { unit: string; factor: number; decimals: number }>;
   lines: { name: string; kind: 'line' | 'barrier' | 'dam'; distance: number; height: number | null; q95: Record<string, (number | null)[]> }[];
 }
-/** A table of the program; lines of a cell end with a line feed. */
+/** Table of the program; lines in a cell end with a line feed. */
 export interface TableEntry {
   caption: string;
   head: string[];
@@ -275,7 +275,7 @@ export interface HazardMessage {
   north: number;
   cell: number;
   classes: [name: string, colour: string][];
-  tables: TableEntry[]; // of the scenarios, then of places
+  tables: TableEntry[]; // tables of the scenarios, then of places
   sentences: string[];
   nets: Record<string, TableEntry[]>;
   places: string[];
@@ -291,7 +291,7 @@ export interface OriginsMessage {
   place: string;
   error: string;
   cell: number;
-  total: number; // boulders a year that come
+  total: number; // annual number of boulders that reach the place
   tables: TableEntry[]; // energies and heights by return period
   parts: [text: string, colour: string, cells: number][];
 }
@@ -311,7 +311,7 @@ export interface Grid<A extends TypedArray = TypedArray> {
   shape: number[];
 }
 
-/** A header with its arrays, which are views of the message. */
+/** Header with its arrays, which are views of the message. */
 export class Binary<Header extends BinaryHeader = BinaryHeader> {
   constructor(
     readonly header: Header,
@@ -341,7 +341,7 @@ export class Binary<Header extends BinaryHeader = BinaryHeader> {
 
 const decoder = new TextDecoder();
 
-/** Read a binary message: length of its header, header, arrays; nothing is copied. */
+/** Parse a binary message: length of its header, header, arrays; nothing is copied. */
 export function decode(message: ArrayBuffer): Binary {
   const length = new DataView(message).getUint32(0, true);
   const header = JSON.parse(decoder.decode(new Uint8Array(message, 4, length))) as BinaryHeader & {
@@ -356,12 +356,12 @@ export function decode(message: ArrayBuffer): Binary {
   return new Binary(header, arrays);
 }
 
-/** Name of the variant of the case that results are of; '' for those of the document. */
+/** Name of the case's variant to which results belong; '' for the document. */
 export function variantOf({ header }: Binary): string {
   return ('variant' in header ? header.variant : undefined) ?? '';
 }
 
-/** Narrow a binary message to those of a type. */
+/** Narrow a binary message to a type. */
 export function isOf<Type extends BinaryHeader['type']>(
   message: Binary,
   type: Type,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Pass terrain, background, results and trajectories from the server to the views that show them.
+// Distribution of terrain, background, results and trajectories from the server to the views.
 import type { Legend } from './legend';
 import { MapBar } from './map/furniture';
 import type { MapView } from './map/map_view';
@@ -25,7 +25,7 @@ export interface Parts {
 
 export interface ResultListener {
   onBatch(): void;
-  /** Statistics of further lines have come; all of them, or not yet. */
+  /** Statistics of further lines have arrived; `all`: none are missing. */
   onLines(all: boolean): void;
   onSection(message: Binary<SectionMessage>): void;
 }
@@ -33,7 +33,7 @@ export interface ResultListener {
 export class Results {
   terrain: Terrain | null = null;
   shade: Shade | null = null;
-  cell = 1; // of the simulated terrain [m]
+  cell = 1; // cell size of the simulated terrain [m]
   background: Binary<BackgroundMessage> | null = null;
   batch: Binary<BatchMessage> | null = null;
   trajectories: Trajectories | null = null;
@@ -119,7 +119,7 @@ export class Results {
     this.listener.onBatch();
   }
 
-  /** Take over statistics of further lines of what is shown. */
+  /** Adopt statistics of further lines for the results shown. */
   private addLines({ revision, boulders, lines }: LinesMessage): void {
     const shown = this.batch?.header;
     if (!shown || shown.revision !== revision || shown.boulders !== boulders) return;
@@ -129,7 +129,7 @@ export class Results {
     this.listener.onLines(shown.lines.every(hasStatistics));
   }
 
-  /** Mark in the browser's timeline, for benchmarks, when what has just been handed to the map is on the screen. */
+  /** Mark in the browser's timeline, for benchmarks, when the last data passed to the map is visible. */
   private markDrawn(what: string, revision = 0): void {
     performance.clearMarks(what);
     this.parts.view.map.once('postrender', () =>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// State of the run: how many boulders, how long; pause, resume, ten times as many.
+// State of the run: number of boulders, duration; pause, resume, ten times as many boulders.
 import { button, element } from './dom';
 import { icon, iconButton } from './icons';
 import type { BatchMessage } from './protocol';
@@ -24,7 +24,7 @@ export class RunBar {
     if (live) this.root.append(this.toggle, this.tenfold);
   }
 
-  /** Show a batch; without one, or with one of an older state, results are awaited, unless a reason is given why none will come. */
+  /** Show a batch; if it is missing or out of date, show that results are awaited, or the reason why none will come. */
   update(batch: BatchMessage | null, preliminary: boolean, reason: string, writer: boolean, paused: boolean): void {
     const failed = reason !== '';
     const current = batch !== null && !preliminary;

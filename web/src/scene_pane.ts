@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The view in three dimensions: made when it is first shown, and fed only while it is.
+// 3-D view, created when first shown and updated only while visible.
 import { makeView, type Frame, type SceneContent, type View3d } from './view3d/view3d';
 
 export class ScenePane {
-  private view: View3d | null | undefined; // null: the browser cannot draw it
+  private view: View3d | null | undefined; // null: not supported by the browser
   private shown = false;
 
   constructor(
@@ -32,7 +32,7 @@ export class ScenePane {
     this.view?.dispose();
   }
 
-  /** Take over what has changed; nothing while the map is shown. */
+  /** Adopt changes; no effect while the map is shown. */
   update(...changed: (keyof SceneContent)[]): void {
     if (this.shown) this.view?.update(this.content(), changed);
   }

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Sends changes of the document: at most every 60 ms, and while a shape is dragged not before the results of the last ones are here.
+// Sender of changes: at most every 60 ms and, while a shape is dragged, not before the results of the last ones.
 import type { Connection } from './connection';
 import type { Difference, DocumentStore } from './document';
 import { LAYERS, type Feature, type Group, type Layer, type LayerChange, type Layers } from './protocol';
 
-const SHORTEST = 60; // ms between two edits
-const LONGEST = 400; // ms that an edit waits for results of the one before
+const SHORTEST = 60; // [ms] minimum interval between two edits
+const LONGEST = 400; // [ms] maximum wait of an edit for results of the previous edit
 
 export class Sender {
   /** Revision of the last edit sent. */
   revision = 0;
-  private known: Layers | null = null; // to the server; null after an edit that it refused
+  private known: Layers | null = null; // layers known to the server; null after a refused edit
   private layers = new Set<Layer>();
   private groups = new Set<string>();
   private sent = -Infinity;
@@ -23,7 +23,7 @@ export class Sender {
     private readonly onSent: () => void,
   ) {}
 
-  /** True while the document has changes that the server does not know. */
+  /** True while the server does not know all changes of the document. */
   get pending(): boolean {
     return this.layers.size + this.groups.size > 0;
   }
@@ -42,13 +42,13 @@ export class Sender {
     this.schedule();
   }
 
-  /** Results, or errors, of the last edit have come. */
+  /** Results, or errors, of the last edit have arrived. */
   answer(): void {
     this.answered = true;
     if (this.pending) this.schedule();
   }
 
-  /** An edit was refused: the next one has all, and follows at once if edits were sent that the server did not take either. */
+  /** An edit was refused: the next edit is complete, and follows at once if later edits were sent. */
   refused(revision: number): void {
     if (!this.known) return;
     this.known = null;
@@ -84,7 +84,7 @@ export class Sender {
   }
 }
 
-/** Change from one layer to another; the complete layer if the order differs by more than features appended. */
+/** Change from one layer to another; the complete layer if the order differs by more than appended features. */
 function change(before: readonly Feature[], after: readonly Feature[]): LayerChange {
   const old = new Map(before.map((feature) => [feature.id, feature]));
   const now = new Set(after.map(({ id }) => id));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Frame of the window: bar on top, tools, map, statistics below it, panel next to it.
+// Frame of the window: top bar, tools, map, statistics below the map, side panel.
 import { element } from './dom';
 import { icon, iconButton } from './icons';
 import { say } from './texts';
@@ -40,7 +40,7 @@ export class Shell {
     parent.replaceChildren(this.root);
   }
 
-  /** Content that a printed sheet has in place of the map. */
+  /** Printed content that replaces the map. */
   printed(picture: HTMLCanvasElement): void {
     this.sheet.replaceChildren(picture);
   }
@@ -49,13 +49,13 @@ export class Shell {
     this.dockBody.replaceChildren(...content);
   }
 
-  /** A line on the title of the dock. */
+  /** Line in the title of the dock. */
   noteDock(text: string): void {
     this.dockNote.textContent = text;
     this.dockNote.title = text;
   }
 
-  /** Give the table of statistics the height that its lines need, and a section its own; without both the map has the room. */
+  /** Set the heights of the table of statistics and of a section; without both the map fills the space. */
   fitDock(lines: number, section: boolean): void {
     this.root.style.setProperty('--dock-most', section ? '54vh' : '42vh');
     this.root.style.setProperty('--dock', section ? '440px' : `${lines ? 134 + 43 * lines : 104}px`);
@@ -68,7 +68,7 @@ export class Shell {
     this.root.dataset['mode'] = mode;
   }
 
-  /** Dim and label what belongs to an older state. */
+  /** Dim and label content that belongs to an older state. */
   mark(text: string): void {
     for (const tag of [this.tag, this.dockTag]) {
       tag.hidden = !text;
@@ -89,7 +89,7 @@ export class Shell {
     this.timer = window.setTimeout(() => this.toast.classList.remove('shown'), 5000);
   }
 
-  /** A line across the window, such as one on the second tab; replaces the one of the same name. */
+  /** Notice across the window, such as that of a second tab; replaces the notice with the same name. */
   notice(name: string, kind: 'red' | 'amber', text: string, action: HTMLButtonElement | null = null): void {
     this.clearNotice(name);
     this.notices.append(
@@ -114,7 +114,7 @@ export class Shell {
   }
 }
 
-/** A button that opens a list of actions. */
+/** Button that opens a list of actions. */
 export function menu(label: string, ...items: HTMLElement[]): HTMLDetailsElement {
   const list = element('div', { class: 'menu-list card' }, ...items);
   const box = element(

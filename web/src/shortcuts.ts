@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Keys: letters for tools, Ctrl for undo, redo and save, arrows for what is selected.
+// Keyboard shortcuts: letters for tools, Ctrl for undo, redo and save, arrows for the selected feature.
 import { TOOLS, type Drawer, type Tool } from './draw';
 
 interface Actions {
@@ -7,9 +7,9 @@ interface Actions {
   redo(): void;
   save(): void;
   fit(): void;
-  /** True while the map is shown: only then do letters choose tools. */
+  /** True while the map is shown, when letters choose tools. */
   onMap(): boolean;
-  /** Metres that an arrow key moves the selected feature. */
+  /** Distance [m] by which an arrow key moves the selected feature. */
   step(): number;
 }
 
@@ -20,7 +20,7 @@ const ARROWS: Readonly<Record<string, readonly [number, number]>> = {
   ArrowDown: [0, -1],
 };
 
-/** Listen to keys until the signal is aborted. */
+/** Handle keys until the signal is aborted. */
 export function listenToKeys(drawer: Drawer, map: HTMLElement, tools: readonly Tool[], actions: Actions, signal: AbortSignal): void {
   const letters = new Map(tools.map((tool) => [TOOLS[tool].letter.toLowerCase(), tool]));
   document.addEventListener(
@@ -52,7 +52,7 @@ export function listenToKeys(drawer: Drawer, map: HTMLElement, tools: readonly T
     },
     { signal },
   );
-  // Before the map, which pans by the same keys.
+  // Runs before the map, which pans with the same keys.
   map.addEventListener(
     'keydown',
     (event) => {

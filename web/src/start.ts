@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// First page without a case: recent files.
+// Start page without a case: recent files.
 import { button, element } from './dom';
 import type { Welcome } from './protocol';
 import { say } from './texts';

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Tables of the program, whose cells are texts: the same as on its pages and in the terminal.
+// Tables of the program, with texts as cells: identical to the tables on its pages and in the terminal.
 import { button, element } from './dom';
 import type { TableEntry } from './protocol';
 
@@ -8,7 +8,7 @@ function cell(text: string): (Node | string)[] {
   return [first, ...others.map((line) => element('small', {}, line))];
 }
 
-/** A table of one row, with a line for each of its columns that has something. */
+/** Table of a single row, shown with a line for each non-empty column. */
 function pairsOf(caption: string, head: readonly string[], row: readonly string[], firstOf: typeof cell): HTMLElement {
   const lines = head.map((title, k) => [title, row[k] ?? ''] as const).filter(([title, text]) => title && text && text !== '-');
   return element(
@@ -19,14 +19,14 @@ function pairsOf(caption: string, head: readonly string[], row: readonly string[
   );
 }
 
-/** A table that is folded below its caption. */
+/** Table folded below its caption. */
 export function foldedTable(entry: TableEntry, open: boolean): HTMLElement {
   const box = element('details', {}, element('summary', {}, entry.caption || (entry.head[0] ?? '')), tableOf({ ...entry, caption: '' }));
   box.open = open;
   return box;
 }
 
-/** A table; `choose` makes a button of each name in its first column that is `chosen`. */
+/** Table; `choose` turns each name in its first column that is `chosen` into a button. */
 export function tableOf({ caption, head, rows }: TableEntry, choices: readonly string[] = [], choose = (_: string): void => undefined): HTMLElement {
   const firstOf = (name: string): (Node | string)[] =>
     choices.includes(name) ? [button(name, () => choose(name), { class: 'line-name', attributes: { 'data-place': name } })] : cell(name);

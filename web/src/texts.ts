@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Words and numbers in the language of the server. The page has no words of its own.
+// Words and numbers in the server's language. The page has no texts of its own.
 import type { Estimate } from './protocol';
 
 
@@ -12,12 +12,12 @@ export function setTexts(catalogue: Readonly<Record<string, string>>, chosen: st
   formats.clear();
 }
 
-/** Text of a key with its placeholders filled; numbers in the format of the language. */
+/** Text of a key with filled placeholders; numbers in the format of the language. */
 export function say(key: string, values: object = {}): string {
   return sayOr(key, key, values);
 }
 
-/** Text of a key, or another one where the catalogue has none. */
+/** Text of a key, or a default if the catalogue lacks it. */
 export function sayOr(key: string, otherwise: string, values: object = {}): string {
   const given = values as Readonly<Record<string, unknown>>;
   return (texts[key] ?? otherwise).replace(/\{(\w+)\}/g, (whole, name: string) => {
@@ -28,7 +28,7 @@ export function sayOr(key: string, otherwise: string, values: object = {}): stri
 
 const formats = new Map<number, Intl.NumberFormat>();
 
-/** A number with this many decimals; without any, as many as it needs (at most 6). */
+/** Number with this many decimals; by default as many as needed (at most 6). */
 export function decimal(value: number, decimals = -1): string {
   let format = formats.get(decimals);
   if (!format) {
@@ -40,12 +40,12 @@ export function decimal(value: number, decimals = -1): string {
     formats.set(decimals, format);
   }
   if (language === 'en') return format.format(value);
-  // Thousands as in the report (ISO 80000-1): a narrow space in every language but English.
+  // Thousands separator as in the report (ISO 80000-1): a narrow space in every language except English.
   const parts = format.formatToParts(value).map((part) => (part.type === 'group' ? '\u202f' : part.value));
   return parts.join('').replace(/^-/, '−');
 }
 
-/** Decimals that an interval supports: to the first digit of its half width, or the second if that is 1; negative: tens, hundreds. */
+/** Decimals that an interval supports: to the first digit of its half width, or the second after a 1; negative: tens. */
 export function supportedDecimals([value, low, high]: Estimate, otherwise: number): number {
   if (value === null || low === null || high === null || !(high > low)) return otherwise;
   const half = (high - low) / 2;
@@ -53,14 +53,14 @@ export function supportedDecimals([value, low, high]: Estimate, otherwise: numbe
   return Math.min(otherwise + 1, half < 2 * 10 ** power ? 1 - power : -power);
 }
 
-/** A number rounded to these decimals, negative ones to tens or hundreds. */
+/** Number rounded to these decimals; negative: to tens or hundreds. */
 export function rounded(value: number, decimals: number): string {
   if (decimals >= 0) return decimal(value, Math.min(6, decimals));
   const step = 10 ** -decimals;
   return decimal(Math.round(value / step) * step, 0);
 }
 
-/** Seconds in words. */
+/** Duration in words, from seconds. */
 export function duration(seconds: number): string {
   if (seconds < 10) return `${decimal(seconds, 1)} s`;
   if (seconds < 90) return `${decimal(seconds, 0)} s`;
@@ -68,7 +68,7 @@ export function duration(seconds: number): string {
   return `${decimal(seconds / 3600, 1)} h`;
 }
 
-/** A unit in print. */
+/** Unit as printed. */
 export function unitText(unit: string): string {
   const word = texts[`app.unit.${unit}`];
   if (word !== undefined) return word;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Tools of the map as buttons, with their letters.
+// Map tools as buttons, with their shortcut letters.
 import { button, element } from './dom';
 import { TOOLS, type Tool } from './draw';
 import { icon } from './icons';

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Bar on top: which case, state of its run, map or 3-D, undo and redo, what is written, language.
+// Top bar: case, state of its run, map or 3-D, undo and redo, output, language.
 import { button, element, select } from './dom';
 import { icon, iconButton } from './icons';
 import type { Task, Welcome } from './protocol';
@@ -20,7 +20,7 @@ export class TopBar {
   private readonly redo: HTMLButtonElement;
   private readonly views = new Map<Mode, HTMLButtonElement>();
 
-  /** Fill a bar; without a server nothing can be written. */
+  /** Fill a bar; without a server, it has no output. */
   constructor(
     bar: HTMLElement,
     welcome: Welcome,
@@ -69,7 +69,7 @@ export class TopBar {
     return made;
   }
 
-  /** Actions that are needed less often. */
+  /** Less frequent actions. */
   private more({ mode, language, languages }: Welcome, live: boolean): HTMLElement[] {
     const { write, picture, speak } = this.actions;
     const shot = button(say('app.picture'), picture, { action: 'picture' });

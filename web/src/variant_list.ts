@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Variants of the window: those of the case and those kept, their list, and two of them side by side.
+// Variants in the window: variants of the case and stored variants, their list, and the comparison of two.
 import { CompareView } from './compare';
 import type { Connection } from './connection';
 import type { DocumentStore } from './document';
@@ -10,7 +10,7 @@ import type { Mode } from './shell';
 import { say } from './texts';
 import { unrun, withResults, type Snapshot } from './variants';
 
-/** The window, as its variants see it. */
+/** Window, as seen by its variants. */
 interface Host {
   readonly store: DocumentStore;
   readonly results: Results;
@@ -49,7 +49,7 @@ export class VariantList {
     this.panel.update(this.kept, results.batch !== null && !preliminary, writer, based);
   }
 
-  /** Take over results of a variant of the case. */
+  /** Adopt results of a variant of the case. */
   receive(message: Binary): void {
     this.set(withResults(this.kept, message));
     this.updateCompare();
@@ -82,7 +82,7 @@ export class VariantList {
     return true;
   }
 
-  /** Run a variant of the case, unless it has results of the map that is shown. */
+  /** Run a variant of the case, unless it already has results of the map shown. */
   private run({ name, document, batch }: Snapshot): void {
     if (name === document.variant && !(batch && (batch.overlay?.name ?? '') === this.host.wanted.map))
       this.host.connection.send({ type: 'compare', variant: name });

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Variants: states that were kept, with their document, statistics and picture; and how two differ.
+// Variants: stored states with document, statistics and picture, and the difference of two states.
 import {
   isOf,
   variantOf,
@@ -11,22 +11,22 @@ import {
 } from './protocol';
 import { extended, type Trajectories } from './trajectories';
 
-/** A state of the page that can be looked at. */
+/** State of the page that can be viewed. */
 export interface Snapshot {
   name: string;
   document: CaseDocument;
-  batch: BatchMessage | null; // null for a variant of the case that has not been run
+  batch: BatchMessage | null; // null for a variant of the case that was not run
   overlay: { values: Float32Array; shape: number[] } | null;
   trajectories: Trajectories | null;
   background: Binary<BackgroundMessage> | null;
 }
 
-/** A variant of the case, until it is run. */
+/** Variant of the case that was not yet run. */
 export function unrun(document: CaseDocument): Snapshot {
   return { name: document.variant, document, batch: null, overlay: null, trajectories: null, background: null };
 }
 
-/** Snapshots in which results of a variant of the case are those of a message. */
+/** Snapshots after replacing the results of a case's variant with those of a message. */
 export function withResults(snapshots: readonly Snapshot[], message: Binary): Snapshot[] {
   const variant = variantOf(message);
   return snapshots.map((one) => {
@@ -38,8 +38,8 @@ export function withResults(snapshots: readonly Snapshot[], message: Binary): Sn
 }
 
 /**
- * Difference b - a of two estimates with a 95 % interval from theirs (square-and-add, Zou and Donner 2008).
- * It takes the two for independent; boulders of the same numbers make the true one narrower.
+ * Difference b - a of two estimates with a 95 % interval from their intervals (square-and-add, Zou and Donner 2008).
+ * It assumes independent estimates; boulders with the same numbers make the true interval narrower.
  */
 export function difference([a, aLow, aHigh]: Estimate, [b, bLow, bHigh]: Estimate): Estimate {
   if (a === null || b === null) return [null, null, null];

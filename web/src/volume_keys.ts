@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Keys of each distribution of volumes: other keys are only shown if they are given.
+// Keys of each volume distribution; other keys are only shown if given.
 import type { Values } from './forms';
 
 const OF_DISTRIBUTION: Readonly<Record<string, readonly string[]>> = {
@@ -13,7 +13,7 @@ const OF_DISTRIBUTION: Readonly<Record<string, readonly string[]>> = {
 };
 const ALL = new Set(Object.values(OF_DISTRIBUTION).flat());
 
-/** True if a key is of use with the distribution of these values, or given among them. */
+/** True if the distribution in these values uses a key, or if the key is given among them. */
 export function applies(name: string, values: Values, distribution: string): boolean {
   return !ALL.has(name) || values[name] !== undefined || (OF_DISTRIBUTION[distribution] ?? []).includes(name);
 }

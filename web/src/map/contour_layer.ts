@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Contours of the terrain, every fifth of them thicker and with its elevation.
+// Contours of the terrain; every fifth is thicker and shows its elevation.
 import { contours } from 'd3-contour';
 import { ticks } from '../colours';
 import { decimal } from '../texts';
@@ -7,15 +7,15 @@ import { rangeOf, type Terrain } from '../terrain';
 import { PlotLayer, type Plan } from './plot_layer';
 
 const [COLOUR, HALO] = ['#7a5a36', 'rgb(255 255 255 / 0.85)'];
-const LINES = 40; // about as many are drawn at most
-const INDEX = 5; // every fifth is thicker
+const LINES = 40; // approximate maximum number
+const INDEX = 5; // every fifth contour is thicker
 const TOUCH = 1e-6; // cells
-const ROOM = 160; // pixels of a contour that has its elevation on it
+const ROOM = 160; // length of a contour [px] that has room for its elevation
 
 interface Contour {
   elevation: number;
   index: boolean;
-  /** Metres east and north of the south-western corner. */
+  /** Coordinates [m] east and north of the south-western corner. */
   parts: Float32Array[];
 }
 
@@ -25,7 +25,7 @@ export function intervalOf(low: number, high: number): number {
   return Math.max(second - first, 1);
 }
 
-/** Contours between the centres of cells; none along the edges of what is known. */
+/** Contours between cell centres; none along the edges of the known terrain. */
 export function contoursOf({ heights, nx, ny, cell }: Terrain): Contour[] {
   const { low, high } = rangeOf(heights) ?? { low: 0, high: 0 };
   if (!(high > low)) return [];
@@ -36,7 +36,7 @@ export function contoursOf({ heights, nx, ny, cell }: Terrain): Contour[] {
     if (i < 0 || j < 0 || i > nx - 2 || j > ny - 2) return true;
     return [0, 1, nx, nx + 1].some((step) => Number.isNaN(heights[j * nx + i + step] as number));
   };
-  // Along missing elevations a contour runs through the centres of the last cells that are known.
+  // Along missing elevations, a contour runs through the centres of the last known cells.
   const atEdge = (x: number, y: number): boolean => isUnknown(x - TOUCH, y - TOUCH) || isUnknown(x + TOUCH, y + TOUCH);
   const trace = contours().size([nx, ny]);
   return levels.map((elevation) => {
@@ -83,7 +83,7 @@ export class ContourLayer extends PlotLayer {
 
   protected override paint(context: CanvasRenderingContext2D, plan: Plan): void {
     if (!this.terrain) return;
-    this.lines ??= contoursOf(this.terrain); // once they are first shown
+    this.lines ??= contoursOf(this.terrain); // computed when first shown
     const { scale, x0, y0, pixelRatio } = plan;
     context.lineJoin = 'round';
     context.strokeStyle = COLOUR;
@@ -104,7 +104,7 @@ export class ContourLayer extends PlotLayer {
   }
 }
 
-/** Write an elevation in the middle of the part of a contour that is in view, upright. */
+/** Write an elevation upright in the middle of the visible part of a contour. */
 function label(context: CanvasRenderingContext2D, { scale, x0, y0, width, height, pixelRatio }: Plan, part: Float32Array, text: string): void {
   const places: [number, number][] = [];
   let length = 0;

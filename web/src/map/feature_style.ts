@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Styles of features: a colour for each layer, a white halo, handles of a selected feature.
+// Feature styles: a colour for each layer, a white halo, and handles of a selected feature.
 import type OlFeature from 'ol/Feature';
 import { LineString, MultiPoint, Point, Polygon } from 'ol/geom';
 import { Circle, Fill, RegularShape, Stroke, Style, Text } from 'ol/style';
@@ -21,7 +21,7 @@ const LABEL_COLOURS: Readonly<Record<Layer, string>> = {
   zones: '#00664a',
 };
 
-/** A name in a white halo. */
+/** Name with a white halo. */
 export function nameText(text: string, colour: string, offsetY: number, font = '600 12px system-ui, sans-serif'): Text {
   const halo = stroke('rgb(255 255 255 / 0.9)', 3.5);
   return new Text({ text, font, offsetY, overflow: true, fill: new Fill({ color: colour }), stroke: halo });
@@ -36,7 +36,7 @@ function translucent(colour: string, percent: number): string {
   return css(rgbOf(colour), percent / 100);
 }
 
-/** Width of a dam at its foot [m]. */
+/** Width of a dam at its base [m]. */
 function footWidth(properties: Readonly<Record<string, Value>>): number {
   const number = (name: string, otherwise: number): number =>
     typeof properties[name] === 'number' ? (properties[name] as number) : otherwise;
@@ -71,14 +71,14 @@ function makeStyles(layer: Exclude<Layer, 'dams'>, wide: number): Style[] {
       return [
         new Style({ stroke: stroke(HALO, 7 + wide) }),
         new Style({ stroke: stroke(colour, 4 + wide), zIndex: 2 }),
-        new Style({ stroke: stroke('#7a2f5c', 4 + wide, { lineDash: [1.5, 7], lineCap: 'butt' }), zIndex: 3 }), // its posts
+        new Style({ stroke: stroke('#7a2f5c', 4 + wide, { lineDash: [1.5, 7], lineCap: 'butt' }), zIndex: 3 }), // posts
       ];
   }
 }
 
 const made = new Map<string, Style[]>();
 
-/** Styles of a shape; shapes of a layer share them, because each style has its own picture. */
+/** Styles of a shape, shared within a layer because each style has its own picture. */
 function shapeStyles(
   layer: Layer,
   properties: Readonly<Record<string, Value>>,
@@ -99,7 +99,7 @@ function shapeStyles(
   return styles;
 }
 
-/** Vertices, and between them places where a vertex can be pulled out. */
+/** Vertices, and edge midpoints from which a new vertex can be dragged. */
 export function handles(geometry: LineString | Polygon): { vertices: number[][]; middles: number[][] } {
   const ring = geometry instanceof Polygon ? (geometry.getCoordinates()[0] ?? []) : geometry.getCoordinates();
   const middles = ring
@@ -129,7 +129,7 @@ function handleStyles(geometry: unknown): Style[] {
   ];
 }
 
-/** Styles of a feature, with its name if wanted. */
+/** Styles of a feature, with its name on request. */
 export function featureStyles(
   feature: OlFeature,
   layer: Layer,
@@ -141,7 +141,7 @@ export function featureStyles(
   return named ? [...shape, ...label(properties['name'], layer, offsetOf(feature))] : shape;
 }
 
-/** Styles of the selected feature; handles only where it can be edited. */
+/** Styles of the selected feature; handles only if it can be edited. */
 export function selectedStyles(
   feature: OlFeature,
   layer: Layer,
@@ -157,12 +157,12 @@ export function selectedStyles(
   return [new Style({ stroke: stroke(translucent(ACCENT, 70), 13), image: RING }), ...styles];
 }
 
-/** Pixels from a shape to its name. */
+/** Distance from a shape to its name [px]. */
 function offsetOf(feature: OlFeature): number {
   return feature.getGeometry() instanceof Point ? -16 : -12;
 }
 
-/** The shape that is being drawn. */
+/** Style of the shape being drawn. */
 export function sketchStyle(layer: Layer): Style[] {
   const colour = LAYER_COLOURS[layer];
   const dot = new Circle({ radius: 5, fill: new Fill({ color: colour }), stroke: stroke('#fff', 2) });

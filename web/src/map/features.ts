@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Features of the document as layers of the map.
+// Document features as map layers.
 import OlFeature from 'ol/Feature';
 import GeoJSON from 'ol/format/GeoJSON';
 import type { Geometry } from 'ol/geom';
@@ -10,13 +10,13 @@ import { LAYERS, type Feature, type Layer, type Layers } from '../protocol';
 import { featureStyles, selectedStyles } from './feature_style';
 
 const format = new GeoJSON();
-const DATA = 'rockfall'; // property of a map's feature that holds the document's
+const DATA = 'rockfall'; // property of a map feature that holds the document feature
 
-const LABELLED = 300; // features of a layer in view, above which their names would hide the map
+const LABELLED = 300; // number of visible features of a layer above which their names would hide the map
 
 export class FeatureLayers {
   readonly layers: Readonly<Record<Layer, VectorLayer<VectorSource>>>;
-  /** The selected feature, alone: while it is dragged, none of the others is drawn again. */
+  /** Layer of the selected feature alone, so that dragging it does not redraw the others. */
   readonly selection: VectorLayer<VectorSource>;
   selected = '';
   private selectedLayer: Layer = 'sources';
@@ -52,7 +52,7 @@ export class FeatureLayers {
     return this.layers[layer].getSource() as VectorSource;
   }
 
-  /** Show the features of a document. One that is under the hand keeps its geometry. */
+  /** Show the features of a document. A feature being dragged keeps its geometry. */
   show(document: Layers): void {
     for (const layer of LAYERS) this.showLayer(layer, this.shown?.[layer] ?? [], document[layer]);
     this.shown = document;
@@ -82,7 +82,7 @@ export class FeatureLayers {
     selectionSource.addFeature(found.feature);
   }
 
-  /** Names only where there is room for them, in an extent of the map. */
+  /** Show names only if they fit in the visible extent. */
   nameWithin(extent: number[]): void {
     for (const layer of LAYERS) {
       const fits = (this.shown?.[layer].length ?? 0) <= LABELLED || this.source(layer).getFeaturesInExtent(extent).length <= LABELLED;
@@ -131,7 +131,7 @@ function makeLayer(
   return new VectorLayer({
     source: new VectorSource({ wrapX: false }),
     zIndex,
-    declutter: true, // names, where they would cover one another
+    declutter: true, // hides names that would overlap
     style: (feature, resolution) => {
       const data = feature instanceof OlFeature && dataOf(feature);
       return data ? style(feature, data, resolution) : [];
@@ -150,7 +150,7 @@ export function dataOf(feature: OlFeature): Feature | null {
   return (feature.get(DATA) as Feature | undefined) ?? null;
 }
 
-/** Note that a map's feature shows this one already, so that `show` leaves its geometry alone. */
+/** Mark a map feature as up to date, so that `show` keeps its geometry. */
 export function setData(feature: OlFeature, data: Feature): void {
   feature.set(DATA, data, true);
 }
@@ -159,7 +159,7 @@ export function geometryOf(shape: { type: string; coordinates: unknown }): Geome
   return format.readGeometry(shape) as Geometry;
 }
 
-/** A feature of the document with a geometry of the map, to the millimetre. */
+/** Document feature with the geometry of a map feature, rounded to millimetres. */
 export function featureOf(id: string, properties: Feature['properties'], geometry: Geometry): Feature {
   return { id, ...format.writeGeometryObject(geometry, { decimals: 3 }), properties } as Feature;
 }

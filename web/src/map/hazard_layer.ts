@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Hazard classes, and the cells from which boulders come to a place.
+// Hazard classes, and the cells from which boulders reach a place.
 import { LAYER_COLOURS } from '../colours';
 import type { Binary, HazardMessage, OriginsMessage } from '../protocol';
 import { extentOf } from '../terrain';
@@ -22,7 +22,7 @@ export class HazardLayer extends RasterLayer {
   }
 }
 
-/** Cells of sources, coloured by their part of what comes to a place. */
+/** Source cells, coloured by their contribution to a place. */
 export class OriginLayer extends PlotLayer {
   private message: Binary<OriginsMessage> | null = null;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// A map of the terrain in its own metres: hillshade, zones, results, trajectories, features.
+// Map of the terrain in its own CRS [m]: hillshade, zones, results, trajectories, features.
 import OlMap from 'ol/Map';
 import View from 'ol/View';
 import { defaults as defaultInteractions } from 'ol/interaction/defaults';
@@ -26,10 +26,10 @@ import { DotLayer, TrajectoryLayer } from './trajectory_layer';
 /** Layers that can be switched on and off. */
 export type Shown = keyof MapView['switched'];
 
-const CODE = 'rockfall:terrain'; // of the CRS of the map
-const FIRST = 40; // cells that are in view at least, at first
-const PADDING = 28; // pixels around what the view is fitted to
-const TAG = 44; // margin above the map for the word preliminary
+const CODE = 'rockfall:terrain'; // code of the map's CRS
+const FIRST = 40; // minimum number of cells in the initial view
+const PADDING = 28; // margin around the fitted extent [px]
+const TAG = 44; // margin above the map for the label "preliminary"
 const LEGEND = 156; // margin on a phone, for the legend
 
 export class MapView {
@@ -71,7 +71,7 @@ export class MapView {
   private overlayOpacity = 0.85;
   private preliminary = false;
   private terrain: Terrain | null = null;
-  private moved = false; // the view, by the user
+  private moved = false; // the user has moved the view
   private result: { header: OverlayHeader; values: Float32Array; shape: number[] } | null = null;
 
   constructor(readonly target: HTMLElement) {
@@ -81,7 +81,7 @@ export class MapView {
       interactions: defaultInteractions({ altShiftDragRotate: false, pinchRotate: false, doubleClickZoom: false }),
       layers: [this.shade, ...Object.values(this.switched), this.hazard, this.origins, this.features.selection, this.section],
     });
-    this.map.on('change:size', () => this.fitAtFirst()); // after a fold of a panel, or a turn of a phone
+    this.map.on('change:size', () => this.fitAtFirst()); // after folding a panel, or turning a phone
     this.map.on('moveend', ({ frameState }) => {
       if (frameState?.extent) this.features.nameWithin(frameState.extent);
     });
@@ -92,7 +92,7 @@ export class MapView {
     this.overlay.setOpacity(this.overlayOpacity);
   }
 
-  /** Show a terrain; a map may take its view from another one to move with it. */
+  /** Show a terrain; a map may share the view of another map to move with it. */
   setTerrain(terrain: Terrain, shade: Shade | null, shared?: View): void {
     this.terrain = terrain;
     this.contours.display(terrain);
@@ -117,7 +117,7 @@ export class MapView {
     );
   }
 
-  /** Show what of a case is not drawn: zones, whose cells are those of the hillshade, sources, trees. */
+  /** Show parts of a case that are not drawn: zones, on the cells of the hillshade; sources; trees. */
   setBackground(message: Binary<BackgroundMessage> | null, cell: number): void {
     const [, , , north] = this.terrainExtent();
     const { west } = this.terrainOrThrow();
@@ -132,12 +132,12 @@ export class MapView {
     this.trees.display(message?.f8('trees')?.values ?? new Float64Array(), 3);
   }
 
-  /** Add the web map service that the user gave. */
+  /** Add the user's web map service. */
   addWebMap(given: WebMap): void {
     this.switched.wms.setSource(webMapSource(given, CODE));
   }
 
-  /** Show a picture in place of the hillshade; without one, none. */
+  /** Show a picture instead of the hillshade; without a picture, remove the present one. */
   showBasemap(message: Binary<BasemapMessage>): void {
     const rgba = message.u1('rgba');
     if (!rgba) return this.basemap.display(null);
@@ -155,7 +155,7 @@ export class MapView {
     this.paintResult(header);
   }
 
-  /** Paint the result by another scale than its own. */
+  /** Draw the result with a different scale. */
   paintResult(scale: ColourScale | null): void {
     if (!this.result || !scale) {
       this.overlay.display(null);
@@ -166,7 +166,7 @@ export class MapView {
     this.overlay.display(this.overlayCanvas, extentOf(west, north, cell, shape));
   }
 
-  /** The result as an image, and its extent. */
+  /** Image and extent of the result. */
   get drape(): { image: HTMLCanvasElement; extent: Extent } | null {
     const extent = this.overlay.area;
     return extent && this.overlay.getVisible() ? { image: this.overlayCanvas, extent } : null;
@@ -187,7 +187,7 @@ export class MapView {
     this.dim(this.preliminary);
   }
 
-  /** Pictures of an older state are dimmed. */
+  /** Dim pictures of an older state. */
   dim(preliminary: boolean): void {
     this.preliminary = preliminary;
     const factor = preliminary ? 0.45 : 1;
@@ -200,11 +200,11 @@ export class MapView {
     this.switched[name].setVisible(visible);
   }
 
-  /** Until someone moves the view, it fits where something is: sources, lines, nets, dams, results; without any, the terrain. */
+  /** Until the user moves it, the view fits sources, lines, nets, dams and results; without any, the terrain. */
   fitAtFirst(): void {
     if (this.terrain && !this.moved) this.fit(this.contentExtent() ?? this.terrainExtent());
   }
-  /** Name of the house or other object at a pixel; '': none. */
+  /** Name of the object, such as a house, at a pixel; '': none. */
   objectAt(pixel: number[]): string {
     const found = this.map.getFeaturesAtPixel(pixel, { hitTolerance: 4, layerFilter: (layer) => layer === this.objects });
     return String(found[0]?.get('name') ?? '');
@@ -225,7 +225,7 @@ export class MapView {
     if (geometry)
       this.map.getView().fit(geometry.getExtent(), { padding: [90, 90, 90, 90], minResolution: (this.terrain?.cell ?? 1) / 6, duration: 250 });
   }
-  /** Fit a section that is not all in view, once the panels have their room. */
+  /** Fit the view to a section that is not fully visible, once the panels have their final size. */
   async fitSection(): Promise<void> {
     await new Promise(requestAnimationFrame);
     this.map.updateSize();
@@ -240,7 +240,7 @@ export class MapView {
     view.animate({ resolution: view.getConstrainedResolution((view.getResolution() ?? 1) / 1.6 ** steps) ?? 1, duration: 150 });
   }
 
-  /** Elevation at a place, between the centres of cells; null where unknown. */
+  /** Elevation at a point, interpolated between cell centres; null if unknown. */
   elevation(x: number, y: number): number | null {
     if (!this.terrain) return null;
     const value = elevationAt(this.terrain, x - this.terrain.west, y - this.terrain.south);

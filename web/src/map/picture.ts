@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Picture of the map: its canvases one over the other, with title, legend, scale and north.
+// Picture of the map: its canvases stacked, with title, legend, scale and north arrow.
 import { css, viridis } from '../colours';
 import { nameOfMap, spread, withUnit } from '../legend';
 import type { BatchMessage, HazardMessage, OverlayHeader, Welcome } from '../protocol';
@@ -11,7 +11,7 @@ interface Caption {
   title: string;
   note: string;
   result: OverlayHeader | null;
-  /** Classes of hazard that are shown in place of the result. */
+  /** Hazard classes shown instead of the result. */
   classes: HazardMessage['classes'] | null;
 }
 
@@ -120,7 +120,7 @@ function drawRamp(context: CanvasRenderingContext2D, result: OverlayHeader, left
   }
 }
 
-/** Offer a picture as a file. */
+/** Offer a picture for download. */
 export function download(picture: HTMLCanvasElement, name: string): void {
   picture.toBlob((blob) => {
     if (!blob) return;

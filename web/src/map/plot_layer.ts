@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Layers of the map that paint themselves: rasters placed by a transform, and plots redrawn when they or the view change.
+// Map layers that paint themselves: rasters placed by a transform, and plots redrawn with each change of data or view.
 import Layer from 'ol/layer/Layer';
 import type { FrameState } from 'ol/Map';
 import type Source from 'ol/source/Source';
 import { element } from '../dom';
 import type { Extent } from '../terrain';
 
-/** A canvas in a container of its own, as the map's renderer and its picture expect it. */
+/** Canvas in its own container, as required by the map's renderer and picture. */
 abstract class CanvasLayer extends Layer<Source> {
   protected canvas = element('canvas');
   private readonly box = element('div', { class: 'ol-layer plot-layer' }, this.canvas);
@@ -34,7 +34,7 @@ abstract class CanvasLayer extends Layer<Source> {
   }
 }
 
-/** A raster of one pixel a cell. Panning and zooming only move it: nothing is redrawn. */
+/** Raster with one pixel per cell. Panning and zooming only move it, without redrawing. */
 export class RasterLayer extends CanvasLayer {
   private extent: Extent | null = null;
 
@@ -72,7 +72,7 @@ export class RasterLayer extends CanvasLayer {
   }
 }
 
-/** From metres east and north of an origin to pixels of the canvas. */
+/** Transform from [m] east and north of an origin to canvas pixels. */
 export interface Plan {
   scale: number;
   x0: number;
@@ -91,9 +91,9 @@ interface View {
   pixelRatio: number;
 }
 
-const FRAME = 10; // ms: a plot that takes longer is moved, not redrawn, while the view moves
+const FRAME = 10; // [ms] a plot that takes longer is moved, not redrawn, while the view moves
 
-/** A plot of points or lines in metres from an origin. */
+/** Plot of points or lines in [m] from an origin. */
 export abstract class PlotLayer extends CanvasLayer {
   protected originX = 0;
   protected originY = 0;
@@ -103,7 +103,7 @@ export abstract class PlotLayer extends CanvasLayer {
 
   protected abstract paint(context: CanvasRenderingContext2D, plan: Plan): void;
 
-  /** Paint again with the next frame. */
+  /** Repaint in the next frame. */
   redraw(): void {
     this.outdated = true;
     this.changed();

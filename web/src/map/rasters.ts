@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Rasters as canvases of one pixel a cell: hillshade, zones, results.
+// Rasters as canvases with one pixel per cell: hillshade, zones, results.
 import { placeOf, rgbOf, viridis, ZONE_COLOURS, type ColourScale, type Rgb } from '../colours';
 import { element } from '../dom';
 
@@ -18,7 +18,7 @@ function paint(width: number, height: number, colourOf: (k: number) => number, c
   return canvas;
 }
 
-/** A light hillshade, on which colours stay readable; transparent without data. */
+/** Light hillshade that keeps colours readable; transparent without data. */
 export function hillshade(values: Uint8Array, nx: number, ny: number): HTMLCanvasElement {
   const greys = Uint32Array.from({ length: 256 }, (_, shade) => {
     const grey = Math.round(124 + 131 * (shade / 255) ** 0.85);
@@ -31,14 +31,14 @@ export function zoneColour(index: number): Rgb {
   return ZONE_COLOURS[index % ZONE_COLOURS.length] as Rgb;
 }
 
-/** Zones by colour; cells of no zone stay transparent. */
+/** Coloured zones; cells without a zone are transparent. */
 export function zoneRaster(values: Uint8Array, nx: number, ny: number, zones: readonly { value: number }[]): HTMLCanvasElement {
   const colours = new Uint32Array(256);
   zones.forEach(({ value }, k) => (colours[value] = pixel(zoneColour(k))));
   return paint(nx, ny, (k) => colours[values[k] as number] as number);
 }
 
-/** A picture of red, green, blue and opacity. */
+/** Picture from red, green, blue and opacity. */
 export function picture(rgba: Uint8Array, nx: number, ny: number): HTMLCanvasElement {
   const canvas = element('canvas');
   [canvas.width, canvas.height] = [nx, ny];
@@ -46,7 +46,7 @@ export function picture(rgba: Uint8Array, nx: number, ny: number): HTMLCanvasEle
   return canvas;
 }
 
-/** Classes by their colours, as texts; the first is transparent. */
+/** Classes in their colours, given as CSS; the first is transparent. */
 export function classRaster(values: Uint8Array, nx: number, ny: number, colours: readonly string[]): HTMLCanvasElement {
   const pixels = colours.map((colour) => pixel(rgbOf(colour)));
   return paint(nx, ny, (k) => (values[k] ? (pixels[values[k] as number] ?? 0) : 0));
@@ -55,7 +55,7 @@ export function classRaster(values: Uint8Array, nx: number, ny: number, colours:
 const STEPS = 256;
 const RAMP = Uint32Array.from({ length: STEPS }, (_, k) => pixel(viridis(k / (STEPS - 1))));
 
-/** Paint a result on a canvas by the colours of its scale; transparent where there is none. */
+/** Paint a result on a canvas in the colours of its scale; transparent without data. */
 export function paintResult(values: Float32Array, nx: number, ny: number, scale: ColourScale, canvas: HTMLCanvasElement): void {
   const colourOf = (k: number): number => {
     const value = values[k] as number;

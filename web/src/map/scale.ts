@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Scale bar: its length in metres, a round number, and in pixels.
+// Length of the scale bar: a round number of metres, and its pixels.
 
 export interface ScaleBar {
   metres: number;
   pixels: number;
 }
 
-/** The longest round bar of at most this many pixels. */
+/** Longest round bar of at most this many pixels. */
 export function scaleBar(resolution: number, most: number): ScaleBar {
   const longest = most * resolution;
   const power = 10 ** Math.floor(Math.log10(longest));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The section on the map: its line from A to B, and the place that is read.
+// Section on the map: its line from A to B, and the position being read.
 import OlFeature from 'ol/Feature';
 import { LineString, Point } from 'ol/geom';
 import VectorLayer from 'ol/layer/Vector';
@@ -10,7 +10,7 @@ import { nameText } from './feature_style';
 
 const [INK, WHITE] = ['#111827', 'rgb(255 255 255 / 0.9)'];
 
-/** Line of a section, shown and being drawn. */
+/** Line of a section, shown or being drawn. */
 export const SECTION_STYLE = [
   new Style({ stroke: new Stroke({ color: WHITE, width: 5 }) }),
   new Style({
@@ -43,7 +43,7 @@ export class SectionLayer extends VectorLayer<VectorSource> {
     this.mark(null);
   }
 
-  /** Show the place that is read in the drawings. */
+  /** Show the position being read in the charts. */
   mark(place: Position | null): void {
     this.read.setGeometry(place ? new Point(place) : undefined);
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Surroundings on the map: houses and other objects, forest stands, each with its name.
+// Surroundings on the map: houses and other objects, and forest stands, each with its name.
 import OlFeature from 'ol/Feature';
 import VectorLayer from 'ol/layer/Vector';
 import VectorSource from 'ol/source/Vector';
@@ -9,9 +9,9 @@ import type { Shape } from '../protocol';
 import { nameText } from './feature_style';
 import { geometryOf } from './features';
 
-const NAMED = 300; // shapes, above which their names would hide the map
+const NAMED = 300; // number of shapes above which their names would hide the map
 
-/** Shapes with names that nobody edits here. */
+/** Shapes with names that cannot be edited. */
 export class ShapeLayer extends VectorLayer<VectorSource> {
   constructor(kind: 'objects' | 'stands', zIndex: number) {
     super({ source: new VectorSource({ wrapX: false }), zIndex, declutter: true });

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Trajectories in plan, and points of one kind.
+// Trajectories in plan, and points of a single kind.
 import { createEmpty, extendCoordinate } from 'ol/extent';
 import { css, LAYER_COLOURS, plasma, SPEED_CLASSES } from '../colours';
 import { COLUMNS, type Trajectories } from '../trajectories';
 import { PlotLayer, type Plan } from './plot_layer';
 
 const SPEED = 4; // column of a point
-const TOGETHER = 10; // trajectories whose pieces are drawn by one stroke
-const SHORTEST = 1; // pixel: vertices nearer to the last one drawn are left out
+const TOGETHER = 10; // number of trajectories drawn by one stroke
+const SHORTEST = 1; // [px] vertices nearer to the last one drawn are skipped
 
 export class TrajectoryLayer extends PlotLayer {
   private shown: Trajectories | null = null;
@@ -29,7 +29,7 @@ export class TrajectoryLayer extends PlotLayer {
     this.redraw();
   }
 
-  /** Greatest speed of all trajectories [m/s]. */
+  /** Maximum speed of all trajectories [m/s]. */
   get maxSpeed(): number {
     return this.fastest;
   }
@@ -40,7 +40,7 @@ export class TrajectoryLayer extends PlotLayer {
     context.lineWidth = Math.max(1, Math.floor(plan.pixelRatio));
     context.lineJoin = 'round';
     const number = this.shown.first.length - 1;
-    // By one colour, each has a stroke of its own: where many pass it gets darker. A stroke of very many pieces is slow.
+    // In a single colour each trajectory has its own stroke, so that crossings get darker. Very long strokes are slow.
     const [together, classes] = this.bySpeed ? [TOGETHER, SPEED_CLASSES] : [1, 1];
     context.globalAlpha = this.bySpeed ? 0.85 : Math.max(0.12, Math.min(0.6, 3.5 / Math.sqrt(number + 1)));
     for (let t = 0; t < number; t += together)
@@ -50,7 +50,7 @@ export class TrajectoryLayer extends PlotLayer {
       });
   }
 
-  /** Pieces of some trajectories, as one path for each class of speed. */
+  /** Segments of several trajectories, as one path per speed class. */
   private pathsOf({ points, first }: Trajectories, begin: number, behind: number, classes: number, { scale, x0, y0 }: Plan): Path2D[] {
     const paths = Array.from({ length: classes }, () => new Path2D());
     const perClass = this.fastest / classes || 1;
@@ -74,7 +74,7 @@ export class TrajectoryLayer extends PlotLayer {
   }
 }
 
-/** Points in rows of numbers; the first two are metres east and north of an origin. */
+/** Points in rows of numbers, which start with [m] east and north of an origin. */
 export class DotLayer extends PlotLayer {
   private rows: Float32Array | Float64Array = new Float32Array();
   private columns = 2;

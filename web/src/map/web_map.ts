@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// A web map service that the user added: without one, no request leaves the machine.
+// Web map service added by the user; without it, no request leaves the machine.
 import ImageWMS from 'ol/source/ImageWMS';
 import type { WebMap } from '../protocol';
 
-/** A service in the CRS of the terrain, which the map knows by a code of its own. */
+/** Service in the CRS of the terrain, for which the map has its own code. */
 export function webMapSource({ url, layers, crs }: WebMap, code: string): ImageWMS {
   return new ImageWMS({
     url,

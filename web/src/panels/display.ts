@@ -65,10 +65,10 @@ export class DisplayPanel {
       labelled(say('app.display.objects'), this.objects, true),
       element('p', { class: 'hint' }, say('app.display.objects_hint')),
     );
-    for (const name of ['zones', 'background_sources', 'trees', 'stands'] as const) this.offer(name, false); // until they come
+    for (const name of ['zones', 'background_sources', 'trees', 'stands'] as const) this.offer(name, false); // until available
   }
 
-  /** Let the number of trajectories and the layer of objects be chosen. */
+  /** Allow the choice of the number of trajectories and of the layer of objects. */
   enable(on: boolean): void {
     this.number.disabled = this.objects.disabled = this.basemap.disabled = !on;
   }
@@ -78,19 +78,19 @@ export class DisplayPanel {
     return this.rows.get(name)?.querySelector('input')?.checked ?? true;
   }
 
-  /** Name the layer of objects that is shown. */
+  /** Name the layer of objects shown. */
   setObjects(label: string): void {
     this.objects.value = label;
     this.offer('objects', label !== '');
   }
 
-  /** Name the picture that is shown. */
+  /** Name the picture shown. */
   setBasemap(label: string): void {
     this.basemap.value = label;
     this.offer('basemap', label !== '');
   }
 
-  /** Leave out what the case does not have. */
+  /** Hide layers that the case does not have. */
   offer(name: Shown, offered: boolean): void {
     const row = this.rows.get(name);
     if (row) row.hidden = !offered;

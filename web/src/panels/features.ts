@@ -10,7 +10,7 @@ import { LAYERS, type CaseError, type Feature, type Forms, type Layer, type Laye
 import { decimal, say } from '../texts';
 import { applies } from '../volume_keys';
 
-const LONG = 30; // features, from which the list scrolls by itself
+const LONG = 30; // number of features from which the list has its own scroll bar
 
 interface Actions {
   select(id: string): void;
@@ -35,7 +35,7 @@ export class FeaturePanel {
     private readonly store: DocumentStore,
     private readonly forms: Forms,
     private readonly actions: Actions,
-    below: HTMLElement, // the properties of what is selected
+    below: HTMLElement, // properties of the selected feature
   ) {
     this.root.append(this.properties, below, element('h2', {}, say('app.features.title')), this.hint, this.list);
   }
@@ -54,13 +54,13 @@ export class FeaturePanel {
     this.showProperties();
     const row = this.buttons.get(id);
     if (!row) return;
-    // The list scrolls, not the panel, whose top has the properties.
+    // The list scrolls instead of the panel, because the properties are at the top of the panel.
     const above = row.offsetTop - this.list.scrollTop;
     if (above < 0 || above > this.list.clientHeight - row.offsetHeight) this.list.scrollTop = row.offsetTop - this.list.clientHeight / 2;
     this.properties.scrollIntoView({ block: 'nearest' });
   }
 
-  /** List what is drawn: of thousands only what reads otherwise than before, so that no click is lost while a shape is dragged. */
+  /** List the features. Only changed rows are updated, so that no click is lost while a shape is dragged. */
   private showList(): void {
     const shown = LAYERS.filter((layer) => this.store.layer(layer).length > 0);
     const wrong = new Set(this.errors.map(({ id, layer }) => `${layer ?? ''} ${id ?? ''}`));
@@ -155,7 +155,7 @@ export function nameOf(layer: Layer, feature: Feature, index: number): string {
   return name === undefined || name === '' ? `${say(`app.layer.one.${layer}`)} ${index + 1}` : String(name);
 }
 
-/** Place, length or area of a shape. */
+/** Position, length or area of a shape. */
 function sizeOf(feature: Feature): string {
   if (feature.type === 'Point') return feature.coordinates.map((value) => decimal(value, 1)).join(' / ');
   if (feature.type === 'Polygon') return `${decimal(new Polygon(feature.coordinates).getArea(), 0)} m²`;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Hazard of the scenarios: frequencies a year at lines, nets and houses, classes on the map, and where boulders come from.
+// Hazard of the scenarios: annual frequencies at lines, nets and houses, classes on the map, and origin of boulders.
 import { checkbox, element } from '../dom';
 import type { Binary, HazardMessage, OriginsMessage } from '../protocol';
 import { Chart } from '../section/chart';
@@ -7,7 +7,7 @@ import { tableOf } from '../tables';
 import { decimal, say } from '../texts';
 
 const [WIDTH, HEIGHT] = [320, 190]; // of the curve [px]
-const RAREST = 1e-5; // of the highest frequency
+const RAREST = 1e-5; // lowest frequency shown, relative to the highest
 
 interface Actions {
   run(on: boolean): void;
@@ -82,7 +82,7 @@ export class HazardPanel {
   }
 }
 
-/** Frequency of boulders above each energy with its limits; none without boulders. */
+/** Annual frequency of boulders above each energy, with its limits; empty without boulders. */
 function exceedance(message: Binary<OriginsMessage>): Node[] {
   const [energy, ...curves] = ['energy', 'frequency', 'low', 'high'].map((name) => message.f8(`curve_${name}`)?.values);
   const [frequency, low, high] = curves;

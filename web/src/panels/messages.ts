@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Messages on the case and the model: errors and the model's warnings in red, likely mistakes in amber.
+// Messages on the case and the model: errors and model warnings in red, probable mistakes in amber.
 import { button, element } from '../dom';
 import { icon } from '../icons';
 import type { CaseError } from '../protocol';
@@ -19,7 +19,7 @@ export class MessagePanel {
 
   update(errors: readonly CaseError[], model: readonly string[], checks: readonly string[]): void {
     const next = JSON.stringify([errors, model, checks]);
-    if (next === this.shown) return; // a screen reader would repeat it
+    if (next === this.shown) return; // a screen reader would repeat the message
     this.shown = next;
     const open = this.root.querySelector('details[open].red') !== null;
     const red: Message[] = [
@@ -33,7 +33,7 @@ export class MessagePanel {
     this.root.hidden = !this.root.firstChild;
   }
 
-  /** One line with the first message, which opens to all of them: the map keeps its size while messages come and go. */
+  /** Line with the first message, which opens to show all: the map keeps its size while messages change. */
   private strip(colour: 'red' | 'amber', messages: readonly Message[], open: boolean): HTMLElement | null {
     const [first, ...others] = messages;
     if (!first) return null;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Settings of the case: the keys most used, and all others by their groups.
+// Settings of the case: the most used keys, and all others in their groups.
 import { element } from '../dom';
 import type { DocumentStore } from '../document';
 import { Form, labelOf } from '../forms';
@@ -7,7 +7,7 @@ import type { CaseError, Field, Forms } from '../protocol';
 import { decimal, say, sayOr } from '../texts';
 import { applies } from '../volume_keys';
 
-// Keys most used, in the order in which an engineer fills them in.
+// Most used keys, in the order in which an engineer fills them in.
 const COMMON: readonly (readonly [group: string, keys: readonly string[]])[] = [
   ['boulder', ['volume', 'volume_mean', 'volume_std', 'volume_min', 'volume_max', 'volume_exponent', 'volumes', 'density']],
   ['release', ['drop_height']],
@@ -67,7 +67,7 @@ export class SettingsPanel {
     this.hideUnused();
   }
 
-  /** Hide keys that the case has no use for. */
+  /** Hide keys that have no effect in the case. */
   private hideUnused(): void {
     const { boulder = {}, case: run = {} } = this.store.document.settings;
     const inTotal = run['boulders_total'] !== undefined;

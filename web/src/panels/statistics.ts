@@ -4,13 +4,13 @@ import { button, element, svg } from '../dom';
 import { hasStatistics, type Estimate, type Line, type LineStatistics, type QuantityStatistics } from '../protocol';
 import { decimal, rounded, say, sayOr, supportedDecimals } from '../texts';
 
-const FEW = 30; // lines whose numbers are all written
-const MOST = 200; // lines in view, reported to the server
-const PAUSE = 80; // ms in which the table stands still before it is
+const FEW = 30; // up to this number of lines, all are written
+const MOST = 200; // maximum number of visible lines reported to the server
+const PAUSE = 80; // [ms] without movement of the table, before visible lines are reported
 
 export const QUANTITIES = ['speed', 'energy_total', 'passing_height'] as const;
 
-/** A value to the digits that its interval supports, and the interval below it. */
+/** Value rounded to the digits that its interval supports, with the interval below. */
 export function estimate(value: Estimate, decimals: number): HTMLElement {
   const [middle, low, high] = value;
   if (middle === null) return element('span', { class: 'estimate none' }, '–');
@@ -66,8 +66,8 @@ export function percent([value, low, high]: Estimate): Estimate {
   return [of(value), of(low), of(high)];
 }
 
-/** Row of a line: its head stays while numbers change, so that a click or the focus is not lost. Its numbers are made and written only
- * while it is in view: there may be thousands. */
+/** Row of a line. Its head stays while numbers change, so that neither click nor focus is lost. Its numbers are written
+ * only while it is visible, because there may be thousands of rows. */
 interface Row {
   root: HTMLTableRowElement;
   update(line: LineStatistics): void;
@@ -89,7 +89,7 @@ export class StatisticsPanel {
         this.write(name);
       } else {
         this.visible.delete(name);
-        target.classList.add('unwritten'); // its numbers may be older when it comes into view again
+        target.classList.add('unwritten'); // its numbers may be out of date when it becomes visible again
       }
     }
     window.clearTimeout(this.timer);
@@ -112,7 +112,7 @@ export class StatisticsPanel {
     for (const name of lines.length > FEW ? this.visible : this.lines.keys()) this.write(name);
   }
 
-  /** Write the numbers of all lines, to be printed. */
+  /** Write the numbers of all lines for printing. */
   writeAll(): void {
     for (const name of this.lines.keys()) this.write(name);
   }
@@ -121,10 +121,10 @@ export class StatisticsPanel {
     const line = this.lines.get(name);
     const row = this.rows.get(name);
     if (line && hasStatistics(line)) row?.update(line);
-    else row?.root.classList.add('unwritten'); // its numbers come once the server knows that it is in view
+    else row?.root.classList.add('unwritten'); // its numbers come once the server knows that it is visible
   }
 
-  /** Mark the line of this name. */
+  /** Highlight the line with this name. */
   select(name: string): void {
     this.rows.get(this.selected)?.root.classList.remove('selected');
     this.selected = name;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Tabs of the side panel, which arrow keys change.
+// Tabs of the side panel; arrow keys switch between them.
 import { button, element } from '../dom';
 
 export interface Tab {
@@ -39,7 +39,7 @@ export class Tabs {
     for (const [one, page] of this.pages) page.hidden = one !== name;
   }
 
-  /** Mark a tab whose page holds an error. */
+  /** Mark a tab that contains an error. */
   mark(name: string, marked: boolean): void {
     this.buttons.get(name)?.classList.toggle('has-error', marked);
   }

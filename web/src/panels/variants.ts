@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// List of the variants kept: keep, compare, go back, forget.
+// List of stored variants: store, compare, restore, delete.
 import { button, element } from '../dom';
 import { icon, iconButton } from '../icons';
 import { say } from '../texts';
@@ -10,7 +10,7 @@ interface Actions {
   compare(index: number): void;
   restore(index: number): void;
   forget(index: number): void;
-  /** Take the case without its variants as the document. */
+  /** Use the case without its variants as the document. */
   base(): void;
 }
 
@@ -38,11 +38,11 @@ export class VariantPanel {
     this.suggest();
   }
 
-  /** `based`: name of the variant of the case from which the present state comes, '' without; null if the case has none. */
+  /** `based`: case variant from which the present state comes, '' for none; null if the case has no variants. */
   update(variants: readonly Snapshot[], canKeep: boolean, canRestore: boolean, based: string | null): void {
     this.keepButton.disabled = !canKeep;
     const listed = JSON.stringify([variants.map(({ name }) => name), canRestore, based]);
-    if (listed === this.listed) return; // a click must not lose its button
+    if (listed === this.listed) return; // rebuilding the list would lose a click
     this.listed = listed;
     const base = element(
       'li',

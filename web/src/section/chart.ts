@@ -6,9 +6,9 @@ import type { Range } from '../terrain';
 import { decimal } from '../texts';
 
 type Numbers = ArrayLike<number>;
-const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 16, 18]; // of the axes [px]
+const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 16, 18]; // margins of the axes [px]
 
-/** A drawing with axes; the curves are added to it. */
+/** Chart with axes, to which curves are added. */
 export class Chart {
   readonly root: SVGSVGElement;
   private readonly cursor = svg('path', { class: 'cursor' });
@@ -19,7 +19,7 @@ export class Chart {
     private readonly height: number,
     private readonly along: Range,
     private readonly up: Range,
-    private readonly scale: 'linear' | 'log' = 'linear', // of both axes
+    private readonly scale: 'linear' | 'log' = 'linear', // scale of both axes
   ) {
     this.root = svg('svg', { viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': title });
     const [right, foot] = [width - RIGHT, height - BOTTOM];
@@ -36,7 +36,7 @@ export class Chart {
     this.text(LEFT, TOP - 5, title, 'start', 'title');
   }
 
-  /** Room of a drawing of this size for its curves. */
+  /** Size of the plot area in a chart of this size. */
   static room(width: number, height: number): [across: number, up: number] {
     return [width - LEFT - RIGHT, height - TOP - BOTTOM];
   }
@@ -53,12 +53,12 @@ export class Chart {
     return (value - low) / (high - low || 1);
   }
 
-  /** A curve, broken where a number is missing. */
+  /** Curve with gaps at missing numbers. */
   curve(x: Numbers, y: Numbers, style: string): void {
     this.add(this.points(x, y, 0, x.length), style);
   }
 
-  /** The area between two curves, where both are known. */
+  /** Area between two curves, where both are known. */
   band(x: Numbers, low: Numbers, high: Numbers, style: string): void {
     const known = (k: number): boolean => !Number.isNaN((low[k] as number) + (high[k] as number));
     let d = '';
@@ -72,7 +72,7 @@ export class Chart {
     this.add(d, style);
   }
 
-  /** A value with its interval at a place. */
+  /** Value with its interval at a position. */
   mark(x: number, [value, low, high]: readonly (number | null)[], style: string): void {
     if (value == null) return;
     const [at, y] = [this.x(x), this.y(value)];
@@ -80,23 +80,23 @@ export class Chart {
     if (low != null && high != null) this.add(`M${at} ${this.y(low)}V${this.y(high)}`, `${style} bar`);
   }
 
-  /** A line across the drawing at a distance, with a name. */
+  /** Vertical line across the chart at a distance, with a name. */
   line(x: number, name: string, level = 0): void {
     this.add(`M${this.x(x)} ${TOP}V${this.height - BOTTOM}`, 'place');
     if (name) this.text(this.x(x) + 3, TOP + 9 + 11 * level, name, 'start', 'name');
   }
 
-  /** An upright stroke from one height to another, such as a net. */
+  /** Vertical line from one height to another, for example a net. */
   upright(x: number, low: number, high: number, style: string): void {
     this.add(`M${this.x(x)} ${this.y(low)}V${this.y(high)}`, style);
   }
 
-  /** Mark the distance that is read; null: none. */
+  /** Mark the distance being read; null: none. */
   read(distance: number | null): void {
     this.cursor.setAttribute('d', distance === null ? '' : `M${this.x(distance)} ${TOP}V${this.height - BOTTOM}`);
   }
 
-  /** Distance along the section at a place on the screen. */
+  /** Distance along the section at a point on the screen. */
   distanceAt(clientX: number): number {
     const { left, width } = this.root.getBoundingClientRect();
     const at = ((clientX - left) / width) * this.width;

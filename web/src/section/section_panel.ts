@@ -9,9 +9,9 @@ import { rangeOf } from '../terrain';
 import { decimal, rounded, say } from '../texts';
 import { Chart } from './chart';
 
-const [WIDTH, PROFILE, SMALL] = [520, 300, 104]; // of the drawings [px]
-const ENLARGED = [1, 2, 5, 10]; // by how much a flat profile may be enlarged
-const LEAST = 0.25; // of the room that a profile fills in height
+const [WIDTH, PROFILE, SMALL] = [520, 300, 104]; // sizes of the charts [px]
+const ENLARGED = [1, 2, 5, 10]; // vertical exaggerations of a flat profile
+const LEAST = 0.25; // minimum fraction of the chart's height that a profile fills
 
 export class SectionPanel {
   readonly root = element('section', { class: 'section-panel', hidden: true, label: say('app.section.title') });
@@ -38,7 +38,7 @@ export class SectionPanel {
     return this.shown?.header ?? null;
   }
 
-  /** Show a section; one without vertices ends it. */
+  /** Show a section, or remove it if it has no vertices. */
   show(message: Binary<SectionMessage> | null): void {
     const vertices = message?.header.vertices ?? [];
     this.root.hidden = vertices.length === 0;
@@ -61,7 +61,7 @@ export class SectionPanel {
     return this.shown?.f8(name)?.values ?? new Float64Array();
   }
 
-  /** The ground with trajectories and nets, at true scale where it is steep enough to be read. */
+  /** Ground with trajectories and nets, at true scale if it is steep enough to be read. */
   private profile(message: Binary<SectionMessage>, length: number): Chart {
     const distance = this.numbers('distance');
     const ground = this.numbers('elevation');
@@ -125,7 +125,7 @@ export class SectionPanel {
     return element('ul', { class: 'key' }, ...items);
   }
 
-  /** Write the numbers at the station nearest to a distance, and show its place on the map. */
+  /** Write the numbers at the station nearest to a distance, and show its position on the map. */
   private read(distance: number | null): void {
     const at = this.numbers('distance');
     const known = distance !== null && at.length > 0 && distance >= 0 && distance <= (at[at.length - 1] ?? 0);
@@ -149,7 +149,7 @@ export class SectionPanel {
   }
 }
 
-/** Value between stations; null outside of them. */
+/** Value interpolated between stations; null outside. */
 function interpolated(at: number, x: ArrayLike<number>, y: ArrayLike<number>): number | null {
   for (let k = 1; k < x.length; k++) {
     const [left, right] = [x[k - 1] as number, x[k] as number];

@@ -1,23 +1,23 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The camera: turns about, zooms to and moves with what is under the pointer, and stays above the ground.
+// Camera: rotates about, zooms to and moves with the point under the pointer, and stays above the ground.
 import { MathUtils, PerspectiveCamera, Raycaster, Vector2, Vector3 } from 'three';
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
 import type { Ground } from './ground';
 
-const PLAYER = 70; // [CSS pixel] at the bottom, which the player covers
-const LEGEND = 150; // [CSS pixel] at the top, which the legend covers of a narrow picture
-const NARROW = 600; // [CSS pixel]
-const FLIGHT = 350; // [ms] of a change of view
-const MARGIN = 1.08; // around what is shown whole
-const STEEP = MathUtils.degToRad(62); // from the vertical, of the first view
-const ASIDE = MathUtils.degToRad(38); // from straight below the slope, so that it shows its relief
+const PLAYER = 70; // [CSS pixel] at the bottom, covered by the player
+const LEGEND = 150; // [CSS pixel] at the top, covered by the legend of a narrow picture
+const NARROW = 600; // [CSS pixel] maximum width of a narrow picture
+const FLIGHT = 350; // [ms] duration of a change of view
+const MARGIN = 1.08; // margin factor around the complete view
+const STEEP = MathUtils.degToRad(62); // angle from the vertical of the first view
+const ASIDE = MathUtils.degToRad(38); // angle from straight below the slope, so that the view shows its relief
 
 interface Pose { target: Vector3; theta: number; phi: number; radius: number }
 
-/** Camera over a terrain whose z points up. */
+/** Camera over a terrain whose z axis points up. */
 export class Camera {
   readonly eye = new PerspectiveCamera(40, 1, 1, 1e5);
-  /** True once the reader has chosen a view, which new trajectories do not change. */
+  /** True once the reader has chosen a view, which new trajectories then keep. */
   chosen = false;
   private readonly controls: OrbitControls;
   private readonly pointer = new Raycaster();
@@ -26,7 +26,7 @@ export class Camera {
 
   constructor(private readonly canvas: HTMLCanvasElement, private readonly moved: () => void) {
     this.eye.up.set(0, 0, 1);
-    // Before the controls see an event, so that they work at the distance of the ground under the pointer.
+    // Listens before the controls, so that they work at the distance of the ground under the pointer.
     canvas.addEventListener('wheel', (event) => this.anchor(event, true), { passive: true });
     canvas.addEventListener('pointerdown', (event) => this.anchor(event, false));
     this.controls = new OrbitControls(this.eye, canvas);
@@ -54,7 +54,7 @@ export class Camera {
     return Math.atan2(this.controls.target.x - this.eye.position.x, this.controls.target.y - this.eye.position.y);
   }
 
-  /** Take over a terrain; one of another size is shown whole, from below its slope. */
+  /** Adopt a terrain; a terrain with a different size is shown completely, from below its slope. */
   setGround(ground: Ground): void {
     const before = this.ground;
     this.ground = ground;
@@ -65,7 +65,7 @@ export class Camera {
     this.place(this.poseOf(ground.sample(), besideOf(slopeOf(ground)), STEEP));
   }
 
-  /** Show points that fall in a direction as large as they fit, unless the reader has chosen a view. */
+  /** Show points that fall in a direction as large as possible, unless the reader has chosen a view. */
   propose(points: Vector3[], fall: Vector3): void {
     if (!this.chosen) this.place(this.poseOf(points, besideOf(fall), STEEP));
   }
@@ -80,7 +80,7 @@ export class Camera {
     this.fly({ ...this.pose(), theta: 0 });
   }
 
-  /** Change the distance by a factor. */
+  /** Multiply the distance by a factor. */
   zoom(factor: number): void {
     const from = this.flight?.to ?? this.pose();
     this.fly({ ...from, radius: MathUtils.clamp(from.radius * factor, this.controls.minDistance, this.controls.maxDistance) });
@@ -91,7 +91,7 @@ export class Camera {
     this.eye.updateProjectionMatrix();
   }
 
-  /** Move to where the camera is now; returns whether it still moves. */
+  /** Move to the present pose; returns whether the camera is still moving. */
   update(now: number): boolean {
     if (this.flight) {
       const { from, to, begun } = this.flight;
@@ -116,7 +116,7 @@ export class Camera {
     this.controls.dispose();
   }
 
-  /** The reader moves the camera: end a flight. */
+  /** The reader moves the camera, which ends a change of view. */
   private take(): void {
     this.flight = null;
     this.chosen = true;
@@ -157,7 +157,7 @@ export class Camera {
   }
 
   private place({ target, theta, phi, radius }: Pose): void {
-    this.controls.enableDamping = false; // lets the rest of an earlier movement, which would add to this one, run out
+    this.controls.enableDamping = false; // discards the rest of an earlier movement, which would add to this one
     this.controls.update();
     this.controls.enableDamping = true;
     this.controls.target.copy(target);
@@ -168,7 +168,7 @@ export class Camera {
     this.moved();
   }
 
-  /** Pose that shows all points from a direction, in the middle of the picture. */
+  /** Pose that shows all points from a direction, centred in the picture. */
   private poseOf(points: Vector3[], theta: number, phi: number): Pose {
     const back = outward(theta, phi);
     const right = new Vector3(Math.cos(theta), Math.sin(theta), 0);
@@ -181,7 +181,7 @@ export class Camera {
     const slopeRight = (slope * this.eye.aspect) / MARGIN;
     const target = points.reduce((sum, point) => sum.add(point), new Vector3()).divideScalar(Math.max(points.length, 1));
     let radius = 10 * this.controls.minDistance;
-    for (let round = 0; round < 4; round++) { // the middle depends on the distance
+    for (let round = 0; round < 4; round++) { // the centre depends on the distance
       const [left, rightmost, bottom, top] = [Infinity, -Infinity, Infinity, -Infinity].map((worst, side) => points.reduce((so, point) => {
         const offset = point.clone().sub(target);
         const seen = (offset.dot(side < 2 ? right : up) * radius) / Math.max(radius - offset.dot(back), 0.1 * radius);
@@ -221,12 +221,12 @@ function outward(theta: number, phi: number): Vector3 {
   return new Vector3(Math.sin(phi) * Math.sin(theta), -Math.sin(phi) * Math.cos(theta), Math.cos(phi));
 }
 
-/** Direction (theta) of the first view: from where a slope falls to, and somewhat aside. */
+/** Direction (theta) of the first view: from the foot of the slope, somewhat to the side. */
 function besideOf(fall: Vector3): number {
   return (fall.x === 0 && fall.y === 0 ? 0 : Math.atan2(fall.x, -fall.y)) + ASIDE;
 }
 
-/** Downhill on the average. */
+/** Mean downhill direction. */
 function slopeOf({ terrain }: Ground): Vector3 {
   const { nx, ny, heights } = terrain;
   const step = Math.max(Math.floor(Math.min(nx, ny) / 60), 1);

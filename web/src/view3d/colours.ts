@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Palette of the trajectories, which is that of the map, and the legend.
+// Palette of the trajectories, as on the map, and legend.
 import { gradient, LAYER_COLOURS, plasma } from '../colours';
 import { element, select } from '../dom';
 import { decimal, say } from '../texts';
@@ -8,25 +8,25 @@ const UNITS = { speed: 'm/s', energy: 'kJ', height: 'm' };
 /** Quantities by which trajectories can be coloured. */
 export type Quantity = keyof typeof UNITS;
 
-/** Layers whose lines are drawn. */
+/** Layers with lines that are drawn. */
 export const KINDS = ['lines', 'barriers', 'dams'] as const;
 export type Kind = (typeof KINDS)[number];
 
-/** The palette as RGBA bytes of a texture one pixel high. */
+/** Palette as RGBA bytes of a texture one pixel high. */
 export function paletteBytes(size: number): Uint8Array<ArrayBuffer> {
   const bytes = new Uint8Array(4 * size).fill(255);
   for (let k = 0; k < size; k++) bytes.set(plasma(k / (size - 1)), 4 * k);
   return bytes;
 }
 
-/** Upper end of a scale: the first of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten that is not below a value. */
+/** Upper end of a scale: the smallest of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten that is not below a value. */
 export function scaleEnd(value: number): number {
   if (!(value > 0)) return 1;
   const power = 10 ** Math.floor(Math.log10(value));
   return power * [1, 1.5, 2, 3, 4, 5, 6, 8, 10].find((step) => step * power >= value * (1 - 1e-6))!;
 }
 
-/** Legend in a corner: quantity to choose, colour bar with values, and kinds of lines that are shown. */
+/** Legend in a corner: choice of quantity, colour bar with values, and kinds of lines shown. */
 export class Legend {
   private readonly choice: HTMLSelectElement;
   private readonly ticks = element('div', { class: 'view3d-ticks' });
@@ -45,7 +45,7 @@ export class Legend {
     this.showKinds([]);
   }
 
-  /** Show the scale of the quantity up to `end`, which the largest values may exceed; none without values. */
+  /** Show the scale of the quantity up to `end`, which the largest values may exceed; no scale without values. */
   showScale(end: number, exceeded: boolean): void {
     const texts = [0, 0.5, 1].map((part) => decimal(Number((part * end).toPrecision(3))));
     if (exceeded) texts[2] = `≥ ${texts[2]}`;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Terrain as a mesh in metres from its south-west corner, under its hillshade and a picture draped over it.
+// Terrain as a mesh in metres from its south-western corner, with its hillshade and a draped picture.
 import {
   BufferAttribute, BufferGeometry, CanvasTexture, DataTexture, DoubleSide, LinearFilter, LinearMipmapLinearFilter, Mesh, NoColorSpace,
   RedFormat, ShaderMaterial, Vector3, Vector4, type Ray, type Texture,
@@ -7,9 +7,9 @@ import {
 import { scaleEnd } from './colours';
 import { elevationAt, rangeOf, type Extent, type Shade, type Terrain } from '../terrain';
 
-const MAX_SIDE = 500; // vertices of the mesh along its longer side
+const MAX_SIDE = 500; // maximum number of vertices along the longer side of the mesh
 const FLAT_SHADE = 180;
-const CONTOURS = 30; // about, between the lowest and the highest point
+const CONTOURS = 30; // approximate number between the lowest and the highest point
 
 const VERTEX = /* glsl */ `
   attribute float wall;
@@ -50,7 +50,7 @@ export class Ground {
   readonly depth: number;
   readonly low: number;
   readonly high: number;
-  /** Distance [m] of the vertices of the mesh. */
+  /** Distance [m] between vertices of the mesh. */
   readonly spacing: number;
 
   constructor(readonly terrain: Terrain, shade: Shade) {
@@ -82,7 +82,7 @@ export class Ground {
     this.root.frustumCulled = false;
   }
 
-  /** Drape a picture over an extent of the terrain, or take it away. */
+  /** Drape a picture over an extent of the terrain, or remove it. */
   setDrape(image: HTMLCanvasElement | null, [west, south, east, north]: Extent): void {
     const { drape, drapeBox, draped } = this.root.material.uniforms;
     (drape!.value as Texture | null)?.dispose();
@@ -94,7 +94,7 @@ export class Ground {
     (drapeBox!.value as Vector4).set(west - x, south - y, east - x, north - y);
   }
 
-  /** Elevation [m] at metres from the south-west corner, NaN where it is unknown. */
+  /** Elevation [m] at metres from the south-western corner, NaN if unknown. */
   elevation(x: number, y: number): number {
     return elevationAt(this.terrain, x, y);
   }
@@ -134,7 +134,7 @@ export class Ground {
     this.root.material.dispose();
   }
 
-  /** Every `step`th height, without the quadrangles that have an unknown corner, on walls down to a common base. */
+  /** Every `step`th height, without cells that have an unknown corner, on walls down to a common base. */
   private surface(step: number): BufferGeometry {
     const { cell, nx, ny, heights } = this.terrain;
     const columns = Math.max(Math.ceil((nx - 1) / step) + 1, 1);
@@ -153,7 +153,7 @@ export class Ground {
       if (row < 0 || column < 0 || row >= rows - 1 || column >= columns - 1) return false;
       const at = 3 * (row * columns + column) + 2;
       const below = at + 3 * columns;
-      return positions[at]! + positions[at + 3]! + positions[below]! + positions[below + 3]! > -Infinity; // false with a NaN
+      return positions[at]! + positions[at + 3]! + positions[below]! + positions[below + 3]! > -Infinity; // false for NaN
     };
     const index = new Uint32Array(6 * Math.max(columns - 1, 0) * Math.max(rows - 1, 0));
     const edges: number[] = []; // pairs of vertices

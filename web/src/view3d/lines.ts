@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Lines on the ground, nets as fences of their height, dams as walls under their crest, and the names of all.
+// Lines on the ground, nets as fences of their height, dams as walls below their crest, and the names of all.
 import {
   BufferAttribute, BufferGeometry, CanvasTexture, DoubleSide, Group, Mesh, ShaderMaterial, Sprite, SpriteMaterial, SRGBColorSpace,
 } from 'three';
@@ -9,11 +9,11 @@ import { KINDS, type Kind } from './colours';
 import type { Ground } from './ground';
 import { Ribbons } from './ribbons';
 
-const POST_SPACING = 10; // [m] about
+const POST_SPACING = 10; // approximate spacing [m]
 const LABEL = 13; // [CSS pixel], size of the letters
 
 const FENCE_VERTEX = /* glsl */ `
-  attribute vec2 place; // along the line and above the ground [m]
+  attribute vec2 place; // along the line, and above the ground [m]
   varying vec2 at;
   void main() {
     at = place;
@@ -21,12 +21,12 @@ const FENCE_VERTEX = /* glsl */ `
   }`;
 const FENCE_FRAGMENT = /* glsl */ `
   uniform vec3 colour;
-  uniform float mesh; // [m] of the net, 0: a wall
+  uniform float mesh; // mesh size of the net [m], 0: a wall
   varying vec2 at;
   void main() {
     float alpha = 0.75;
     if (mesh > 0.0) {
-      vec2 cell = vec2(at.x + at.y, at.x - at.y) / mesh; // diamonds
+      vec2 cell = vec2(at.x + at.y, at.x - at.y) / mesh; // diamond-shaped meshes
       vec2 blur = fwidth(cell);
       vec2 rope = smoothstep(0.06 + blur, vec2(0.06), abs(fract(cell) - 0.5));
       alpha = mix(0.28 + 0.6 * max(rope.x, rope.y), 0.4, clamp(2.0 * max(blur.x, blur.y) - 0.4, 0.0, 1.0));
@@ -69,7 +69,7 @@ export class Lines {
     }
   }
 
-  /** Take over the size [pixel] of the picture, the number of its pixels in a CSS pixel, and the field of view [degree]. */
+  /** Adopt the size [pixel] of the picture, its pixels per CSS pixel, and the field of view [degree]. */
   setViewport(width: number, height: number, ratio: number, fov: number): void {
     for (const ribbons of this.ribbons) ribbons.setViewport(width, height, ratio);
     const pixel = (2 * Math.tan((fov * Math.PI) / 360) * ratio) / height;
@@ -114,7 +114,7 @@ export class Lines {
       depthWrite: false,
       side: DoubleSide,
     }));
-    fence.renderOrder = 4; // after the trajectories, which would hide it
+    fence.renderOrder = 4; // drawn after the trajectories, which would hide the fence
     this.fences.push(fence);
     this.root.add(fence);
   }
@@ -137,7 +137,7 @@ function isLine(feature: Feature): feature is LineFeature {
   return feature.type === 'LineString';
 }
 
-/** Pieces of a line on known ground, with a point at least each vertex of the ground. */
+/** Pieces of a line on known ground, with points at least as dense as its mesh. */
 function draped(line: LineFeature, ground: Ground): Stretch[][] {
   const parts: Stretch[][] = [];
   let part: Stretch[] = [];
@@ -164,7 +164,7 @@ function draped(line: LineFeature, ground: Ground): Stretch[][] {
   return parts.filter((each) => each.length > 1);
 }
 
-/** Posts of a net: upright strokes at both ends and about every ten metres. */
+/** Posts of a net: vertical lines at both ends and about every ten metres. */
 function addPosts(part: Stretch[], height: number, posts: number[]): void {
   const begin = part[0]!.along;
   const length = part.at(-1)!.along - begin;
@@ -176,7 +176,7 @@ function addPosts(part: Stretch[], height: number, posts: number[]): void {
   }
 }
 
-/** A name as a picture, twice as fine as the screen needs, and its size in CSS pixels. */
+/** Name as a picture, with twice the resolution of the screen, and its size in CSS pixels. */
 function drawName(name: string, colour: string): { image: HTMLCanvasElement; w: number; h: number } {
   const text = name.length > 40 ? `${name.slice(0, 39)}…` : name;
   const image = document.createElement('canvas');

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Trajectories as lines, and the boulders that move along them.
+// Trajectories as lines, and boulders that move along them.
 import {
   BufferAttribute, Color, DodecahedronGeometry, Group, InstancedBufferAttribute, InstancedMesh, MeshLambertMaterial, Vector3,
   type PerspectiveCamera,
@@ -10,32 +10,32 @@ import { scaleEnd, type Quantity } from './colours';
 import type { Ground } from './ground';
 import { Ribbons, STRIDE } from './ribbons';
 
-const DENSITY = 2700; // [kg/m3], for the size in which a boulder is drawn
-const SAG = 0.06; // [m] between a parabola and the chords that are drawn for it
-const SHORTEST = 0.1; // [s] of a hop, at most 12 mm high, that is drawn
-const OFF = 0.02; // [m] from the motion between its neighbours at which a point is left out
+const DENSITY = 2700; // [kg/m3], for the drawn size of a boulder
+const SAG = 0.06; // [m] maximum sag of a parabola from the chords drawn
+const SHORTEST = 0.1; // [s] minimum duration of a drawn hop, which is then at most 12 mm high
+const OFF = 0.02; // [m] distance from its neighbours' motion within which a point is omitted
 const COARSE = 0.45; // [s] between points drawn far away, 0.25 m above the chord
-const DETAIL = 0.2; // [m] of a pixel below which all points are drawn
-const MIN_RADIUS = 3.5; // [pixel] of a boulder far away
-const SAMPLE = 50; // points per one by which the camera sees where trajectories are
-const MOST = 0.995; // quantile of the values that the palette spans
+const DETAIL = 0.2; // [m] pixel size below which all points are drawn
+const MIN_RADIUS = 3.5; // [pixel] radius of a distant boulder
+const SAMPLE = 50; // one in this many points guides the camera
+const MOST = 0.995; // quantile of the values at the end of the palette
 
-/** Trajectories with points where their motion needs them, and where boulders are at a time. */
+/** Trajectories with as many points as their motion needs, and positions of boulders at a time. */
 export class Paths {
   readonly root = new Group();
   readonly duration: number;
-  readonly highest: number = -Infinity; // z [m] of a point drawn
+  readonly highest: number = -Infinity; // maximum z of the drawn points [m]
   /** Some points [m] of the trajectories, and the sum of the vectors from their starts to their ends. */
   readonly sample: Vector3[] = [];
   readonly fall = new Vector3();
   readonly ribbons: Ribbons;
-  private readonly points: Float32Array<ArrayBuffer>; // STRIDE numbers each
+  private readonly points: Float32Array<ArrayBuffer>; // STRIDE numbers per point
   private readonly speed: Float32Array;
-  private readonly length: Float32Array; // [m] along the path
+  private readonly length: Float32Array; // path length [m]
   private readonly first: Uint32Array;
   private readonly radius: Float32Array; // [m]
   private readonly boulders: InstancedMesh<DodecahedronGeometry, MeshLambertMaterial>;
-  private readonly placed: Float32Array; // matrices of the boulders
+  private readonly placed: Float32Array; // transformation matrices of the boulders
   private readonly coloured: Float32Array;
   private end = 1;
 
@@ -82,7 +82,7 @@ export class Paths {
         const at = k * STRIDE;
         if (quantity === 'speed') values[k] = speed[k]!;
         else if (quantity === 'energy') values[k] = (0.5 * mass[path]! * speed[k]! ** 2) / 1000;
-        else values[k] = Math.max(points[at + 2]! - this.ground.elevation(points[at]!, points[at + 1]!), 0) || 0; // 0 where the ground is unknown
+        else values[k] = Math.max(points[at + 2]! - this.ground.elevation(points[at]!, points[at + 1]!), 0) || 0; // 0 on unknown ground
         points[at + 4] = values[k]!;
       }
     }
@@ -92,7 +92,7 @@ export class Paths {
     return { end: this.end, exceeded: (sorted.at(-1) ?? 0) > this.end };
   }
 
-  /** Place the boulders as they are at a time [s], at least a few pixels large; null: at their ends. */
+  /** Place the boulders at a time [s], at least a few pixels large; null: at the ends of their paths. */
   setTime(time: number | null, camera: PerspectiveCamera, pictureHeight: number): void {
     this.ribbons.setTime(time);
     const { points, first, placed, coloured, length } = this;
@@ -101,7 +101,7 @@ export class Paths {
     let nearest = Infinity;
     for (const point of this.sample) nearest = Math.min(nearest, camera.position.distanceToSquared(point));
     this.ribbons.setDetail(pixel * Math.sqrt(nearest) < DETAIL);
-    // Numbers only, written where the picture is made of them: nothing is left behind for each boulder of each frame.
+    // Writes numbers directly to the buffers of the picture, so that no objects are created per boulder and frame.
     for (let path = 0; path + 1 < first.length; path++) {
       const last = first[path + 1]! - 1;
       const k = time === null ? last : this.pointBefore(path, time);
@@ -125,7 +125,7 @@ export class Paths {
       const angle = path + (length[k]! + part * (length[next]! - length[k]!)) / (2 * radius);
       const [sine, cosine] = [radius * Math.sin(angle), radius * Math.cos(angle)];
       const rest = radius - cosine;
-      const at = 16 * path; // columns of the turn about the axis (u, v, w), times the radius, and the place
+      const at = 16 * path; // columns of the rotation about the axis (u, v, w), times the radius, and the position
       placed[at] = rest * u * u + cosine;
       placed[at + 1] = rest * u * v + sine * w;
       placed[at + 2] = rest * u * w - sine * v;
@@ -168,28 +168,28 @@ export class Paths {
 }
 
 const SHADES = 255;
-/** The palette, a little lighter, in linear light. */
+/** Palette in linear light, slightly lightened. */
 const PALETTE = Float32Array.from({ length: SHADES + 1 }, (_, k) => k).reduce((palette, k) => {
   const [red, green, blue] = plasma(k / SHADES);
   new Color().setRGB(red / 255, green / 255, blue / 255, 'srgb').lerp(new Color('white'), 0.12).toArray(palette, 3 * k);
   return palette;
 }, new Float32Array(3 * (SHADES + 1)));
 
-/** A block with facets, of radius 1. */
+/** Faceted block of radius 1. */
 function rock(): DodecahedronGeometry {
   const geometry = new DodecahedronGeometry(1, 0);
   const position = geometry.getAttribute('position') as BufferAttribute;
   for (let k = 0; k < position.count; k++) {
     const [x, y, z] = [position.getX(k), position.getY(k), position.getZ(k)];
-    const dent = 0.92 + 0.16 * Math.sin(5 * x + 3 * y) * Math.cos(4 * z - 2 * x); // the same for all copies of a vertex
+    const dent = 0.92 + 0.16 * Math.sin(5 * x + 3 * y) * Math.cos(4 * z - 2 * x); // equal for all copies of a vertex
     position.setXYZ(k, x * dent, y * dent * 0.95, z * dent * 0.85);
   }
   geometry.computeVertexNormals();
   return geometry;
 }
 
-/** Points so that straight chords follow the motion: without points that lie on the motion of their neighbours, with points where these are
- * too far apart. Contacts stay. A path of one point gets a second. */
+/** Points such that straight chords follow the motion: points on their neighbours' motion are omitted, and points are
+ * inserted where gaps are too long. Contacts stay. A path with a single point gets a second. */
 function resampled({ points, first }: Trajectories): { points: Float32Array<ArrayBuffer>; speed: Float32Array; first: Uint32Array } {
   let data = new Float32Array(1024);
   let used = 0;
@@ -212,7 +212,7 @@ function resampled({ points, first }: Trajectories): { points: Float32Array<Arra
     const last = (first[path + 1]! - 1) * COLUMNS;
     add(points, begin);
     let kept = begin;
-    let mixed = false; // legs of several kinds are left out since the last point kept
+    let mixed = false; // several kinds of legs were omitted since the last point kept
     for (let at = begin + COLUMNS; at <= last; at += COLUMNS) {
       if (at !== last && isSpare(points, kept, at)) {
         mixed ||= points[at + 5] !== points[kept + 5];
@@ -229,21 +229,21 @@ function resampled({ points, first }: Trajectories): { points: Float32Array<Arra
       kept = at;
       mixed = false;
     }
-    // A second point, later, or the next path would seem to continue from the first.
+    // Without a second, later point, the next path would seem to continue from the first.
     if (begin === last) add(points, begin, 1e-3);
     firsts[path + 1] = used / STRIDE;
   }
   return { points: data.slice(0, used), speed: Float32Array.from(speeds), first: firsts };
 }
 
-/** Time [s] of a chord that is drawn for a part of a parabola; any time for straight motion. */
+/** Time [s] of a chord drawn for part of a parabola; unlimited for straight motion. */
 function chord(gravity: number): number {
   return gravity > 0 ? Math.sqrt((8 * SAG) / gravity) : Infinity;
 }
 
 const there = new Float32Array(COLUMNS);
 
-/** True if the motion from a kept point to the point after this one is short, and passes through this one or is too short to be seen. */
+/** True if the motion from a kept point to the point after this one is short, and passes through this or is invisible. */
 function isSpare(points: Float32Array, kept: number, at: number): boolean {
   const next = at + COLUMNS;
   const span = points[next + 3]! - points[kept + 3]!;

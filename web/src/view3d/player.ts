@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Buttons and slider of the time in which boulders move.
+// Buttons and time slider of the moving boulders.
 import { element, select } from '../dom';
 import { icon, iconButton } from '../icons';
 import { decimal, say } from '../texts';
 
 const PACES = [0.25, 0.5, 1, 2, 4];
 
-/** Time of the view: runs, rests, or is at the end, where whole trajectories show. */
+/** Time of the view: running, paused, or at the end, where complete trajectories are shown. */
 export class Player {
   playing = false;
   private time = 0; // [s]
@@ -31,12 +31,12 @@ export class Player {
     this.setDuration(0);
   }
 
-  /** Time [s] at which boulders are to be shown; null at the end. */
+  /** Time [s] at which to show boulders; null at the end. */
   get shown(): number | null {
     return this.time < this.duration ? this.time : null;
   }
 
-  /** Take over the longest time [s] of new trajectories. A time that is shown stays, the end becomes the new end. */
+  /** Adopt the longest time [s] of new trajectories. The time shown is kept, but the end becomes the new end. */
   setDuration(duration: number): void {
     const atEnd = this.shown === null;
     this.duration = duration;
@@ -47,7 +47,7 @@ export class Player {
     this.refresh();
   }
 
-  /** Play, from the beginning if at the end, or pause. */
+  /** Play, restarting at the end, or pause. */
   toggle(): void {
     if (this.duration === 0) return;
     if (!this.playing && this.shown === null) this.time = 0;
@@ -55,7 +55,7 @@ export class Player {
     this.refresh();
   }
 
-  /** Let seconds of the wall clock pass. */
+  /** Advance by seconds of real time. */
   advance(seconds: number): void {
     if (!this.playing) return;
     this.time = Math.min(this.time + seconds * Number(this.pace.value), this.duration);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Lines of a width in pixels, all of a kind in one draw call. Each point is two vertices, which the shader moves to both sides of the line.
-// (An instance for each segment takes software renderers, which draw instances one by one, many times as long.)
+// Lines with a width in pixels, in one draw call per kind. Each point is two vertices, which the shader moves sideways.
+// (Instances per segment would take many times as long in software renderers, which draw instances one by one.)
 import {
   BufferAttribute, BufferGeometry, DataTexture, DoubleSide, InterleavedBuffer, InterleavedBufferAttribute, LinearFilter, Mesh, ShaderMaterial,
   Sphere, Vector2,
@@ -8,7 +8,7 @@ import {
 import { rgbOf } from '../colours';
 import { paletteBytes } from './colours';
 
-/** Numbers of each point: x, y, z [m], time [s], value. Where time falls, a new line begins. */
+/** Components of each point: x, y, z [m], time [s], value. A new line begins where time decreases. */
 export const STRIDE = 5;
 
 const VERTEX = /* glsl */ `
@@ -19,7 +19,7 @@ const VERTEX = /* glsl */ `
   uniform float closer;  // fraction of the distance by which lines come before the ground they lie on
   varying float time, value, edge;
 
-  /** Direction on the screen from a point to another, which may lie behind the camera. */
+  /** Direction on the screen from one point to another, which may be behind the camera. */
   vec2 direction(vec4 from, vec4 to) {
     float nearest = 1e-3 * from.w;
     if (to.w < nearest) to = mix(from, to, (from.w - nearest) / (from.w - to.w));
@@ -62,7 +62,7 @@ const FRAGMENT = /* glsl */ `
  * later, `coarse` the time [s] between points that are drawn far away. */
 export interface RibbonStyle { width: number; closer: number; colour?: string; opacity?: number; ahead?: number; coarse?: number }
 
-/** Lines through points of STRIDE numbers. */
+/** Lines through points with STRIDE numbers each. */
 export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
   private readonly buffer: InterleavedBuffer;
   private readonly fine: BufferAttribute;
@@ -94,7 +94,7 @@ export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
       Object.assign(palette, { magFilter: LinearFilter, minFilter: LinearFilter, needsUpdate: true });
       this.material.uniforms.palette!.value = palette;
     }
-    // Between two vertices at each end, so that those before and after each are at fixed distances.
+    // Two extra vertices at each end keep the offsets to the previous and next vertices constant.
     const count = points.length / STRIDE;
     const vertices = new Float32Array((2 * count + 4) * STRIDE);
     for (let k = 0; k < count; k++) {
@@ -110,11 +110,11 @@ export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
     this.fine = segments(points, 0);
     this.coarse = style.coarse ? segments(points, style.coarse) : this.fine;
     this.geometry.setIndex(this.fine);
-    this.geometry.boundingSphere = new Sphere(); // not to be computed: nothing is culled, renderOrder sorts
+    this.geometry.boundingSphere = new Sphere(); // avoids its computation: nothing is culled, renderOrder sorts
     this.frustumCulled = false;
   }
 
-  /** Take over the values of all points; `end` is the value of the last colour. */
+  /** Adopt the values of all points; `end` is the value at the last colour. */
   setValues(values: Float32Array, end: number): void {
     const { array } = this.buffer;
     values.forEach((value, k) => {
@@ -124,18 +124,18 @@ export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
     this.buffer.needsUpdate = true;
   }
 
-  /** Draw all points, or only those that are a time apart, which is enough far away. */
+  /** Draw all points, or only points separated by a time, which suffices far away. */
   setDetail(fine: boolean): void {
     this.geometry.setIndex(fine ? this.fine : this.coarse);
   }
 
-  /** Show the lines at a time [s]: faint ahead of it, fading behind; whole lines if null. */
+  /** Show the lines at a time [s]: faint ahead, fading behind; complete lines if null. */
   setTime(now: number | null): void {
     this.material.uniforms.now!.value = now ?? 0;
     this.material.uniforms.fading!.value = now === null ? 0 : 1;
   }
 
-  /** Take over the size [pixel] of the picture, and the number of its pixels in a CSS pixel. */
+  /** Adopt the size [pixel] of the picture, and its pixels per CSS pixel. */
   setViewport(width: number, height: number, ratio: number): void {
     (this.material.uniforms.viewport!.value as Vector2).set(width, height);
     this.material.uniforms.width!.value = this.style.width * ratio;
@@ -149,7 +149,7 @@ export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
   }
 }
 
-/** Triangles between points of a line that are a time [s] apart, and its ends. */
+/** Triangles between points of a line that are separated by a time [s], and the ends of the line. */
 function segments(points: Float32Array, apart: number): BufferAttribute {
   const count = points.length / STRIDE;
   const index = new Uint32Array(6 * count);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// View of the terrain in three dimensions: trajectories, moving boulders, lines, nets and dams.
+// 3-D view of the terrain: trajectories, moving boulders, lines, nets and dams.
 import './view3d.css';
 import { DirectionalLight, HemisphereLight, Scene, WebGLRenderer } from 'three';
 import { element, svg } from '../dom';
@@ -25,9 +25,9 @@ export interface SceneContent {
 }
 
 const FRAMES = 120; // number of frame times kept
-const MAX_RATIO = 2; // pixels of the picture in a CSS pixel
+const MAX_RATIO = 2; // maximum pixels of the picture per CSS pixel
 
-/** Make a view that fills its parent, or explain there that the browser cannot draw it (null). */
+/** Create a view that fills its parent; if the browser cannot draw it, show an explanation there (null). */
 export function makeView(parent: HTMLElement): View3d | null {
   const canvas = element('canvas', { attributes: { tabindex: '0', role: 'img', 'aria-label': say('app.view3d_keys') } });
   const context = canvas.getContext('webgl2', { alpha: true, antialias: true, powerPreference: 'high-performance' });
@@ -36,7 +36,7 @@ export function makeView(parent: HTMLElement): View3d | null {
   return context && new View3d(root, canvas, context);
 }
 
-/** Milliseconds of the script for a frame, the time at which the frame began, and the highest point [m] of the trajectories drawn. */
+/** Script time per frame [ms], start time of the frame, and highest drawn trajectory point [m]. */
 export interface Frame {
   cost: number;
   now: number;
@@ -45,7 +45,7 @@ export interface Frame {
 
 type Part = keyof SceneContent | 'colours';
 
-/** View of a terrain; it draws only while shown, and only when something moved. */
+/** View of a terrain; it draws only while visible, and only after a change. */
 export class View3d {
   private readonly renderer: WebGLRenderer;
   private readonly scene = new Scene();
@@ -61,9 +61,9 @@ export class View3d {
   private colouring: Quantity = 'speed';
   private readonly due = new Set<Part>();
   private shown = false;
-  private frame = 0; // requested, 0: none
+  private frame = 0; // id of the requested frame, 0: none
   readonly frames: Frame[] = [];
-  private before: number | null = null; // [ms] of the last frame of a movement
+  private before: number | null = null; // [ms] time of the last frame of a movement
 
   constructor(private readonly root: HTMLElement, private readonly canvas: HTMLCanvasElement, context: WebGL2RenderingContext) {
     this.renderer = new WebGLRenderer({ canvas, context, antialias: true, alpha: true });
@@ -96,7 +96,7 @@ export class View3d {
     });
   }
 
-  /** Take over what has changed; a new terrain changes all. */
+  /** Adopt changes; a new terrain changes everything. */
   update(content: SceneContent, changed: readonly Part[]): void {
     const before = this.content?.terrain;
     this.content = content;
@@ -136,10 +136,10 @@ export class View3d {
     this.camera.resize(width, height);
     if (this.paths) this.camera.propose(this.paths.sample, this.paths.fall);
     this.setViewports();
-    this.draw(performance.now()); // at once: a new size clears the picture
+    this.draw(performance.now()); // at once, because a new size clears the picture
   }
 
-  /** Have parts of the scene made again before the next frame: a hidden view costs nothing. */
+  /** Schedule parts of the scene for rebuilding before the next frame, so that a hidden view costs nothing. */
   private make(...parts: Part[]): void {
     for (const part of parts) this.due.add(part);
     this.request();
@@ -173,7 +173,7 @@ export class View3d {
     this.setViewports();
   }
 
-  /** Put a part into the scene in the place of an older one. */
+  /** Replace a part of the scene. */
   private swap<P extends Ground | Lines | Paths | null>(old: P | null, made: P): P {
     if (old) {
       this.scene.remove(old.root);
@@ -190,7 +190,7 @@ export class View3d {
     this.lines?.setViewport(width, height, ratio, this.camera.eye.fov);
   }
 
-  /** Request a frame, once until it is drawn. */
+  /** Request a frame, at most one at a time. */
   private request(): void {
     if (this.shown && this.frame === 0) this.frame = requestAnimationFrame((now) => {
       this.frame = 0;
@@ -212,7 +212,7 @@ export class View3d {
     if (moving || this.player.playing) this.request();
   }
 
-  /** Keep how long the script took to prepare a frame [ms], without the drawing, and when, for benchmarks. */
+  /** Store the script time [ms] and the start of a frame, without drawing, for benchmarks. */
   private noteCost(cost: number, now: number): void {
     this.frames.push({ cost, now, highest: this.paths?.highest ?? -Infinity });
     if (this.frames.length > FRAMES) this.frames.shift();
