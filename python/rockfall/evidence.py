@@ -40,7 +40,7 @@ class Evidence:
 
     @property
     def key(self) -> tuple[str, str, str, str]:
-        """Columns that no two rows share."""
+        """Columns that identify a row."""
         return self.site, self.place, self.quantity, self.model
 
     @property
@@ -64,7 +64,7 @@ def evidence(
 
 
 def only(site: str, place: str, quantity: str, model: str) -> Evidence:
-    """The one row with these columns; a LookupError without it."""
+    """The only row with these columns; a LookupError if missing."""
     rows = evidence(site, place, quantity, model)
     if len(rows) != 1:
         raise LookupError(f"{len(rows)} rows of {site}, {place}, {quantity}, {model}")

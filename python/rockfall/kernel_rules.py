@@ -31,7 +31,7 @@ SAMPLE_BITS = int(_core.constant("base_bits"))  # per digit of sums
 SAMPLE_QUANTITIES = int(_core.constant("sample_quantities"))
 SAMPLE_TAILS = int(_core.constant("sample_tails"))
 SAMPLE_EDGES = kernel_numbers("sample_edges")  # of bins, in units
-#: Units in one of the quantity: (at lines, at ends; quantities).
+#: Units per unit of the quantity: (at lines, at ends; quantities).
 SAMPLE_UNITS = kernel_numbers("sample_units").reshape(2, SAMPLE_QUANTITIES)
 
 

@@ -7,7 +7,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.system import physical_memory
 
 MACHINE_MEMORY = physical_memory()  # bytes
-#: Processors available to this process; macOS only reports those of the machine.
+#: Processors available to this process; on macOS, processors of the machine.
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 MAX_TEXT = int(_core.constant("max_text"))  # maximum bytes of a text file
 MAX_ELEVATION = _core.constant("max_elevation")  # [m]; more is an undeclared nodata value

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from rockfall.language import Number, Text, say, say_count
 from rockfall.result.variables import HISTOGRAM, LINE
 
-#: Units in which results are shown if different, and the factors to them.
+#: Display units that differ from units of results, with conversion factors.
 SHOWN = {"1": ("%", 100.0), "J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "rad s-1": ("rad/s", 1.0)}
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Answers of other programs in the window: the design check of a net, the hazard of the scenarios,
-and the sources of what comes to a place, as messages with the numbers of the commands."""
+"""Messages with results of other commands: design check of a net, hazard of the scenarios, and
+sources of the boulders that reach a place.
+"""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -45,7 +46,7 @@ def table_entry(table: Table) -> dict[str, Any]:
 
 
 def net_message(result: xr.Dataset, net: str, language: str, **fields: Any) -> Message:
-    """Message `net`: the design sheet of a line or barrier, of the boulders so far."""
+    """Message `net`: design sheet of a line or barrier, from the boulders so far."""
     tables: list[Table] = []
     if net in line_names(result) and result.sizes["boulder"]:
         with speaking(language):
@@ -64,7 +65,7 @@ def hazard_of(case: Case, frames: Mapping[str, Any], offer: Offer | None) -> xr.
 
 
 def hazard_message(hazard: xr.Dataset, language: str, **fields: Any) -> bytes:
-    """Message `hazard`: map of classes, thinned by maxima, tables, and sentences on the nets."""
+    """Message `hazard`: class map (thinned by maxima), tables, and sentences on the nets."""
     values, grid = north_up(hazard["hazard_class"])
     step = int(max(values.shape) / MAX_CELLS) + 1
     with speaking(language):

@@ -48,14 +48,14 @@ class Offer(NamedTuple):
 
 
 class Offers(NamedTuple):
-    """Choices of the page, by their labels."""
+    """Choices on the page, by label."""
 
     objects: dict[str, Offer]
     basemaps: dict[str, Path]
 
     @classmethod
     def of(cls, folder: Path, given: Given) -> Offers:
-        """Layers and pictures that were given, then all of a folder."""
+        """Given layers and pictures, then all in a folder."""
         pictures = [] if given.basemap is None else [given.basemap]
         pictures += sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
         basemaps = {path.name: path for path in reversed(pictures[:MAX_OFFERED])}

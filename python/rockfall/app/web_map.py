@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A web map service that the user adds: the only host that a page requests anything from."""
+"""Web map service added by the user: the only external host that a page accesses."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def origin_of(url: str) -> str:
 
 
 def _of(url: str) -> str:
-    """Layers that an address names."""
+    """Layers named in an address."""
     given = {key.lower(): value for key, value in parse_qsl(urlsplit(url).query)}
     return given.get("layers", "")
 

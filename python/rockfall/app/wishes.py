@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Wishes of a page for what is shown, checked."""
+"""Check the view requested by a page."""
 
 from collections.abc import Collection
 from typing import Any

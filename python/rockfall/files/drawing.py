@@ -58,7 +58,7 @@ def write_drawing(path: Path, layers: Mapping[str, tuple], styles: Mapping[str, 
 
 
 def _colour(layer: Any, colour: tuple[int, int, int]) -> None:
-    """Give a layer a colour; near black stays DXF's own 7, which is white on a dark ground."""
+    """Give a layer a colour; near black remains DXF's 7, which is white on a dark background."""
     if max(colour) > DARK:
         layer.rgb = colour
 

@@ -32,7 +32,7 @@ def class_words() -> np.ndarray:
 
 
 def risk_columns(hazard: xr.Dataset) -> Iterator[tuple[str, np.ndarray]]:
-    """Columns of the objects: kind, damage, individual risk with its class, collective risk."""
+    """Yield columns of objects: kind, damage, individual risk with its class, collective risk."""
     if not has_risk(hazard):
         return
     yield "kind", hazard["object_kind"].values.astype(object)

@@ -93,7 +93,7 @@ def _fitted(page: str, content: dict[str, Any], hazard: xr.Dataset, terrain: Ter
 
 
 def _cut(section: Section, most: int) -> Section:
-    """Section whose tables of places have at most this number of rows, with a note on omissions."""
+    """Section with tables of places cut to this number of rows, with a note on omissions."""
     is_of_places = section.name in ("variants", "places")
     if not is_of_places or all(len(table.rows) <= most for table in section.tables):
         return section
@@ -116,7 +116,7 @@ def _closing(
 
 
 def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -> dict[str, Any]:
-    """Content of the template, without the figure that closes it."""
+    """Content of the template, without the final figure."""
     hazard, parties = dossier.first, given.parties
     warnings = dossier_warnings(dossier)
     pages = {section.name: section for section in sections(dossier, designs)}
@@ -222,7 +222,7 @@ def dossier_warnings(dossier: Dossier) -> list[Text]:
 
 
 def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:
-    """Figures by their section, after its second table."""
+    """Yield figures by section; they follow its second table."""
     curves = curves_figure(dossier.hazards)
     shown = [picture(curves, say("dossier.curves"), say("dossier.curves_caption"), on_paper=True)]
     if has_segments(dossier.first):

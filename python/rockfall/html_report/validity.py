@@ -82,7 +82,7 @@ def sets_of(result: xr.Dataset) -> list[str]:
 
 
 def missing(result: xr.Dataset) -> Iterator[str]:
-    """Warnings on boulders that a result lacks."""
+    """Warnings on boulders missing in a result."""
     boulders, requested = simulated(result), int(result.attrs["boulders_requested"])
     if not result.attrs["complete"]:
         attrs = {"requested": requested, "fraction": percent(1 - boulders / requested)}

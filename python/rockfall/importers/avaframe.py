@@ -98,7 +98,7 @@ def _check_forest(inputs: Path, no_forest: bool) -> None:
 
 
 def _note_left(made: Import, inputs: Path) -> None:
-    """Note every input that a case has no use for."""
+    """Note every input that a case does not use."""
     for path in _files(inputs / "RES", RASTERS):
         made.left.append(f"{made.name(path)}: no stems; &forest takes stems and diameters")
     for path in _files(inputs / "RES", LAYERS):

@@ -23,7 +23,7 @@ from rockfall.scene.read import read_scene
 from rockfall.simulation.memory import machine_memory
 
 CASE, DEM = "case.nml", "dem.tif"
-#: Heads of the three lists that an import ends with.
+#: Headings of the three lists reported by an import.
 TAKEN, CHANGED, LEFT = "taken over", "imported with changes", "not imported"
 
 
@@ -91,7 +91,7 @@ class Import:
 
 
 def only(paths: Iterable[Path], folder: Path, what: str) -> Path:
-    """The single path; none, or several, are refused."""
+    """Return the only path; none, or several, are refused."""
     several = sorted(paths)
     if len(several) != 1:
         names = ", ".join(path.name for path in several) or "none"

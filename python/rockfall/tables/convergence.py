@@ -21,7 +21,7 @@ TERRAINS = {
 
 
 def convergence_text(convergence: Convergence) -> str:
-    """The study, the Monte Carlo and numerical errors: a table and its meaning each."""
+    """Study, Monte Carlo errors and numerical errors: a table and explanation of each."""
     place = f" from each of {convergence.sources:,} sources" if convergence.sources > 1 else ""
     parts = [
         f"{convergence.name}\n\nBy number of boulders{place}:\n",

@@ -26,7 +26,7 @@ docs/design.md for what it leaves out."""
 
 
 def design_text(design: Design) -> str:
-    """The tables of a design, line after line."""
+    """Text of the tables of a design, line by line."""
     warnings = [*([design.kept] if design.kept else []), *design.warnings]
     parts = [ABOUT, *design.population, *(f"Warning: {note}" for note in warnings), *_lines(design)]
     for table in check_tables(design):

@@ -33,8 +33,9 @@ PLACES = {"stopping_distance": "run-out in plan", AT_REST: "density at blocks at
 
 
 def models_text(models: Models) -> str:
-    """A row per model for each line and for the run-out, with intervals in brackets; below, the
-    paired differences from the first model."""
+    """Tables with a row per model for each line and for the run-out, with intervals in brackets,
+    followed by paired differences from the first model.
+    """
     parts = [f"{models.title}: {models.boulders:,} boulders by each model, 95 % intervals"]
     for table in (*model_tables(models, detailed=True), run_out_table(models)):
         parts += [f"  {table.caption}", as_text(table, "    ")]
@@ -84,7 +85,7 @@ def spread_words(models: Models | None) -> Iterator[str]:
 
 
 def model_tables(models: Models | None, *, detailed: bool = False) -> Iterator[Table]:
-    """Tables of lines with a row a model; in detail with means and differences."""
+    """Tables of lines with a row per model; if `detailed`, with means and differences."""
     for line in [] if models is None else _lines(models):
         assert models is not None
         columns = {Column(say(key)): number for key, number in HEADLINE.items()}

@@ -69,7 +69,7 @@ def siting_table(siting: Siting) -> Table:
 
 
 def _choice(siting: Siting) -> Iterator[str]:
-    """Sentence on the best alignment and those that may be equally good."""
+    """Sentence on the best alignment and on alignments that may be equally good."""
     chosen = {name: rows for name, rows in siting.table.groupby("choice")}
     if BEST not in chosen:
         yield "Best: none"

@@ -32,7 +32,7 @@ MEAN, Q95 = "variants.mean", "variants.q95"
 def variants_text(
     frame: pd.DataFrame, note: str = "", frequencies: pd.DataFrame | None = None
 ) -> str:
-    """A table for each line, with a column a variant; `note` is on the boulders."""
+    """Text with a table for each line and a column for each variant; `note` is on the boulders."""
     parts = []
     for _, of_line in frame.groupby("line", sort=False):
         table = variant_table(of_line, frequencies)
