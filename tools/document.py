@@ -180,6 +180,7 @@ KINDS = {
         "",
         variables.SHAPE,
     ),
+    "Shadow angle, where observed (observed.md): dimension `boulder`": ("", variables.SHADOW),
     "Trees, where the case has some: dimension `boulder`": ("", variables.TREE),
     "Breakage, where boulders may break (breakage.md): dimension `boulder`": (
         "",

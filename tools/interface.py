@@ -111,8 +111,8 @@ def _units() -> dict[str, str]:
     """Units of the variables of a result, if the tables have them."""
     tables = {
         "": (variables.BOULDER, variables.COUNT, variables.GROUND, variables.ENERGY,
-             variables.TREE, variables.FEATURE, variables.SHAPE, variables.MASS, variables.BREAKAGE,
-             variables.MAP),
+             variables.TREE, variables.FEATURE, variables.SHAPE, variables.MASS, variables.SHADOW,
+             variables.BREAKAGE, variables.MAP),
         "crossing_": (variables.CROSSING, variables.FRAGMENT, variables.HIT),
         "line_vertex_": (variables.LINE_VERTEX,), "barrier_": (variables.BARRIER,),
         "trajectory_": (variables.VERTEX,), "sample_": (variables.SAMPLE,),

@@ -150,7 +150,7 @@ def test_a_run_that_keeps_nothing_to_compare_gives_the_reason(place, capsys):
     Path("seen.csv").write_text("line,quantity,unit,method,mean\nL,speed,m/s,A,3\n")
     Path("seen.nml").write_text(Path("case.nml").read_text() + CASE)
     assert main(["run", "seen.nml", "-o", "out.nc"]) == 0
-    assert "not shown: the comparison with &observed (" in capsys.readouterr().out
+    assert ": nothing to compare: row of method A" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("broken", ["seen.csv", "zones.csv"])

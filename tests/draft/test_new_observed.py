@@ -63,7 +63,11 @@ def test_layers_are_known_as_observations(name, columns, kind, capsys):
     if "volume" in columns:
         assert seen.volumes.tolist() == columns["volume"]
     text = Path("case.nml").read_text()
-    assert "! energy_line_angle = 31.0" in text and "No observations" not in text
+    assert (
+        "! energy_line_angle = 31.0" in text
+        and "! shadow_angle = 27.5" in text
+        and "No observations" not in text
+    )
     assert read_case("case.nml").release["steep_cells"]
 
 
@@ -71,10 +75,10 @@ def test_layers_of_one_file_are_copied(capsys):
     make_layer("site.gpkg", [ROAD], layer="road", name=["road"])
     make_layer("site.gpkg", POINTS, layer="deposits", Volume=[0.5, 2.0], note=["big", None])
     make_layer("site.gpkg", POINTS, layer="scars", impact=["1", "2"], height=[0.5, 1.5])
-    assert new("site.gpkg", "--energy-line-angle", "33") == 0
+    assert new("site.gpkg", "--energy-line-angle", "33", "--shadow-angle", "26") == 0
     group, seen = observed()
     assert group["files"] == ["case_blocks.gpkg", "case_scars.gpkg"]
-    assert group["energy_line_angle"] == 33.0
+    assert (group["energy_line_angle"], group["shadow_angle"]) == (33.0, 26.0)
     assert seen.stops.tolist() == [[point.x, point.y] for point in POINTS]
     assert seen.volumes.tolist() == [0.5, 2.0] and seen.contacts["height"].tolist() == [0.5, 1.5]
     said = capsys.readouterr().out
@@ -87,13 +91,17 @@ def test_layers_of_one_file_are_copied(capsys):
 
 def test_at_a_terminal_the_angle_is_asked_for_if_there_are_observations(monkeypatch, capsys):
     make_layer("deposits.gpkg", POINTS)
-    monkeypatch.setattr("sys.stdin", Terminal("flat\n2\n31.5\n"))
+    monkeypatch.setattr("sys.stdin", Terminal("flat\n2\n31.5\n\n"))
     assert new("deposits.gpkg") == 0
-    assert observed()[0]["energy_line_angle"] == 31.5
+    group = observed()[0]
+    assert group["energy_line_angle"] == 31.5 and "shadow_angle" not in group
     said = capsys.readouterr().err
-    assert said.count(ANSWER) == 1 and "must be 5 to 85 degrees" in said
+    assert (
+        said.count(ANSWER) == said.count("Lowest shadow angle observed at the site") == 1
+        and "must be 5 to 85 degrees" in said
+    )
     Path("case.nml").unlink()
-    for answers in ("\n", ""):
+    for answers in ("\n\n", ""):
         monkeypatch.setattr("sys.stdin", Terminal(answers))
         assert new("deposits.gpkg") == 0
         assert "energy_line_angle" not in observed()[0]
@@ -110,6 +118,7 @@ def test_at_a_terminal_the_angle_is_asked_for_if_there_are_observations(monkeypa
 @pytest.mark.parametrize(("name", "columns", "options", "fault"), [
     ("deposits", {"volume": [0.5, -1.0]}, [], "deposits.gpkg: feature 2: volume"),
     ("deposits", {}, ["--energy-line-angle", "120"], "must be 5 to 85 degrees"),
+    ("deposits", {}, ["--shadow-angle", "4"], "must be 5 to 85 degrees"),
     ("deposits", {}, ["--energy-line-angle", "nan"], "must be 5 to 85 degrees"),
 ])  # fmt: skip
 def test_what_cannot_be_compared_is_refused(name, columns, options, fault, capsys):

@@ -78,6 +78,7 @@ module rockfall_case
       logical :: full_maps = .false.             !! maps also cover cells that no boulder can reach
       integer :: min_passages = 1              !! minimum number of passages for a mean or a quantile in a cell
       logical :: rebounds = .false.
+      logical :: shadow_angle = .false.        !! of each boulder, because one was observed
       logical :: energy_balance = .false.
       integer :: trajectories = 0
       integer(i8) :: kept = keeps_all            !! number of boulders whose rows are kept
@@ -129,6 +130,7 @@ contains
       call gather(fault, error)
       call read_hazard(group_of(list, "hazard"), this, fault)
       call gather(fault, error)
+      this%shadow_angle = has_key(group_of(list, "observed"), "shadow_angle")
       if (.not. allocated(error)) call check_effects(list, error)
       this%variants = variant_names(list)
    end subroutine case_of_keys

@@ -319,6 +319,8 @@ module rockfall_case_keys
             file="any layer"), &
       key_t("observed", "energy_line_angle", "real", 1, "absent", "5 to 85", "degree", &
             "lowest angle from release to rest of any boulder at the site or in the region"), &
+      key_t("observed", "shadow_angle", "real", 1, "absent", "5 to 85", "degree", &
+            "lowest angle from the apex of the talus to any boulder at rest at the site or in the region"), &
       key_t("scenario", "name", "text", 1, "required", "", "", "name of a class of boulders with its frequency"), &
       key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "boulders released a year"), &
       key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: its inverse"), &

@@ -1,7 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Results as rows of numbers in map coordinates, for both programs.
 module rockfall_rows
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i8
+   use rockfall_math, only: arcsine, degree
    use rockfall_terrain, only: terrain_t
    use rockfall_line, only: line_t
    use rockfall_line_samples, only: place_along
@@ -47,9 +49,25 @@ contains
 
       associate (e => outcome%energy)
          row = [boulder_row(dem, outcome), e%released, e%ground, e%trees, e%barriers, e%left, outcome%boulder%mass, &
-                outcome%fines, e%breakage]
+                shadow_angle(outcome), outcome%fines, e%breakage]
       end associate
    end function real_row
+
+   !> Angle below the horizontal [degree] of the line from the apex of the talus to the end of a boulder; NaN without an
+   !> apex. The plan distance is radial, from the source, so that a boulder at the side of the apex does not count as
+   !> far away; 90 if it is not beyond the apex, or not below it.
+   pure real(wp) function shadow_angle(outcome)
+      type(boulder_result_t), intent(in) :: outcome
+      real(wp) :: fall, distance
+
+      shadow_angle = ieee_value(shadow_angle, ieee_quiet_nan)
+      if (.not. outcome%has_apex) return
+      fall = outcome%apex(3) - outcome%stop(3)
+      distance = sqrt(sum((outcome%stop(:2) - outcome%start(:2))**2)) &
+                 - sqrt(sum((outcome%apex(:2) - outcome%start(:2))**2))
+      shadow_angle = 90
+      if (min(fall, distance) > 0) shadow_angle = arcsine(fall/sqrt(fall**2 + distance**2))/degree
+   end function shadow_angle
 
    !> Values of `row_integers`.
    pure function integer_row(release, outcome) result(row)

@@ -289,6 +289,7 @@ contains
       run%real_columns = pack([(k, k=1, size(row_reals))], real_groups == "boulder" &
                               .or. (real_groups == "energy" .and. case%energy_balance) &
                               .or. (real_groups == "mass" .and. (features .or. case%source_density)) &
+                              .or. (real_groups == "shadow" .and. case%shadow_angle) &
                               .or. (real_groups == "breakage" .and. allocated(case%breakage)))
       run%integer_columns = pack([(k, k=1, size(row_integers))], integer_groups == "boulder" &
                                  .or. (integer_groups == "feature" .and. features) &

@@ -61,6 +61,7 @@ contains
       scene%ground_drawn = case%method == method_a .or. case%between_ratios
       scene%max_impacts = case%impact_limit
       scene%histograms_requested = case%rebounds
+      scene%apexes_requested = case%shadow_angle
       scene%energies_requested = case%energy_balance
       scene%object_width = case%object_width
       scene%volumes = case%volumes

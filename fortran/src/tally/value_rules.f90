@@ -32,6 +32,7 @@ contains
 
       range = range_of(name, grid)
       do k = 1, size(values)
+         if (name == "shadow_angle" .and. ieee_is_nan(values(k))) cycle  ! no apex
          if (ieee_is_nan(values(k))) exit  ! first, because comparisons with NaN trap
          if (values(k) < range%lowest .or. values(k) > range%highest) exit
          if (range%excludes_lowest .and. values(k) <= range%lowest) exit
@@ -64,6 +65,7 @@ contains
          range%lowest = 1
          range%highest = n_block_shapes
       case ("crossing_outcome"); range%highest = passed_over
+      case ("shadow_angle"); range%highest = 90
       case ("start_x", "stop_x", "start_y", "stop_y")
          range%lowest = -huge(1.0_wp)
          if (.not. present(grid)) return

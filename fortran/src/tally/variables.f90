@@ -20,11 +20,12 @@ module rockfall_variables
    type :: variable_t
       !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), feature (per
       !> boulder, if sources come from a layer), shape (per boulder, if they have several), mass (if sources come from a
-      !> layer or give densities), tree (per boulder, if there are trees), breakage (per boulder, if they may break),
-      !> crossing (first crossing of a line), fragment (then, if boulders may break), hit (then, if there are barriers),
-      !> line (derived from a crossing, in no file), line_vertex, barrier, map, histogram, vertex (of a trajectory),
-      !> tally (per cell, in part files), kept and sample (if not all rows are kept); or status, outcome and leg: values
-      !> of the status of a boulder, of the outcome at a barrier, and of the motion from a vertex to the next.
+      !> layer or give densities), shadow (per boulder, if an angle was observed), tree (per boulder, if there are
+      !> trees), breakage (per boulder, if they may break), crossing (first crossing of a line), fragment (then, if
+      !> boulders may break), hit (then, if there are barriers), line (derived from a crossing, in no file), line_vertex,
+      !> barrier, map, histogram, vertex (of a trajectory), tally (per cell, in part files), kept and sample (if not all
+      !> rows are kept); or status, outcome and leg: values of the status of a boulder, of the outcome at a barrier, and
+      !> of the motion from a vertex to the next.
       character(len=11) :: group
       character(len=27) :: name       !! in files prefixed by crossing_, trajectory_, tally_, followed by _histogram
       character(len=7) :: kind        !! real, integer, word
@@ -99,6 +100,8 @@ module rockfall_variables
                  "counts from 1", "i4"), &
       variable_t("shape", "block_shape", "integer", "1", "shape of the block", stored="i4"), &
       variable_t("mass", "mass", "real", "kg", "mass of the boulder"), &
+      variable_t("shadow", "shadow_angle", "real", "degree", "angle of the line from the talus apex to the end", &
+                 "below the horizontal; 90: the end is not beyond the apex; missing: no apex found"), &
       variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each hit counts", "i4"), &
       variable_t("breakage", "fines_volume", "real", "m3", "volume of pieces below min_volume"), &
       variable_t("breakage", "energy_breakage", "real", "J", "energy lost in breaking, including fines"), &
@@ -297,7 +300,8 @@ module rockfall_variables
    !> Columns of rows, each with its group; every run has the group of the first.
    logical, parameter :: is_row_real(*) = variable_table%kind == "real" &
       .and. (variable_table%group == "boulder" .or. variable_table%group == "energy" &
-             .or. variable_table%group == "mass" .or. variable_table%group == "breakage")
+             .or. variable_table%group == "mass" .or. variable_table%group == "shadow" &
+             .or. variable_table%group == "breakage")
    character(len=27), parameter :: row_reals(*) = pack(variable_table%name, is_row_real)
    character(len=11), parameter :: real_groups(*) = pack(variable_table%group, is_row_real)
    logical, parameter :: is_row_integer(*) = variable_table%kind == "integer" .and. variable_table%name /= "status" &

@@ -42,6 +42,8 @@ module rockfall_outcome
       integer :: block_shape = 0           !! as in shape_mix_t; 0: the scene has only one
       type(soil_draw_t) :: soil = soil_draw_t()  !! if a ground has a table
       real(wp) :: start(3) = 0.0_wp, stop(3) = 0.0_wp  !! local coordinates [m]
+      real(wp) :: apex(3) = 0.0_wp         !! of the talus, on request; local coordinates [m]
+      logical :: has_apex = .false.        !! it was found
       integer :: stop_cell(2) = 0          !! column, row; only valid with a contact
       integer :: trees_hit = 0             !! repeated hits of a tree count
       integer :: fragments = 1             !! into which it broke; 1: it did not

@@ -56,6 +56,7 @@ module rockfall_scene_type
       integer :: max_impacts = 100000      !! number of contacts after which a boulder ends
       logical :: histograms_requested = .false.
       logical :: energies_requested = .false.
+      logical :: apexes_requested = .false.  !! of the talus below each source
       integer :: lanes = masked_lanes      !! maximum mode; limited by the processor and by requested outputs
    end type scene_t
 

@@ -9,6 +9,7 @@ module rockfall_start
    use rockfall_maps, only: visit_cell
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, at_rest, left_window
+   use rockfall_apex, only: find_apex
    use rockfall_record, only: vertex_t, record_vertex, store_path
    use rockfall_scratch, only: scratch_t, with_maps, with_all, clear_scratch
    use rockfall_draws, only: block_shape_of, drawn_soil
@@ -25,6 +26,7 @@ contains
       integer, value :: level  !! basic, ..., with_all
       type(boulder_result_t), intent(out) :: result
       type(flight_t), intent(out) :: flight
+      integer :: status  !! status of the descent to the apex
 
       result%source = int(source_of(scene%release, number))
       if (level >= with_all .and. allocated(scene%features)) then
@@ -43,9 +45,16 @@ contains
       call set_first_flight(scene, result%source, flight)
       result%start = [flight%x, flight%y, flight%z]
       result%speed_max = squared_length(flight%v)  ! the square root is taken at the end
-      if (flight%patch%known) return
-      result%status = left_window
-      result%stop = result%start
+      if (.not. flight%patch%known) then
+         result%status = left_window
+         result%stop = result%start
+      else if (scene%apexes_requested) then
+         call find_apex(scene%dem, result%start(:2), result%apex, status)
+         result%has_apex = status == 0
+         if (status /= left_window) return
+         result%status = left_window
+         result%stop = result%apex
+      end if
    end subroutine start_boulder
 
    !> Start the first flight of the piece in the work space, and clear the work space except for the path so far.

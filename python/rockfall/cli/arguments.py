@@ -152,6 +152,8 @@ def _add_draft(commands: _Commands) -> None:
     _option(new, "--ground [ZONE=]GROUND", str, text, action="append")
     text = "lowest angle observed at the site or in the region; runs are compared with it"
     _option(new, "--energy-line-angle DEGREE", float, text)
+    text = "lowest shadow angle, from the apex of the talus; runs are compared with it"
+    _option(new, "--shadow-angle DEGREE", float, text)
     text = "make a DEM from surveyed points, or edit a DEM; edits are applied in the given order"
     dem = _add(commands, "draft", "dem", text)
     text = "points.csv with x, y, z, one or more point clouds (.las, .laz, .xyz), or a DEM"

@@ -9,7 +9,7 @@ from typing import Any
 from rockfall.case import keys_of
 from rockfall.case.text import Entry, Group, case_text
 from rockfall.draft.grounds import CHOICES, needs_rocks
-from rockfall.draft.observed import Observed
+from rockfall.draft.observed import ANGLES, Observed
 from rockfall.draft.recognise import LINES, SEVERAL, SOURCES, STANDS, TREES, ZONES, Layer
 from rockfall.draft.zones import Zones
 from rockfall.io.files import relative_name
@@ -17,7 +17,6 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.scene.forest.attributes import matching
 
 VOLUME = 1.0  # [m3]
-ANGLE = 31.0  # [degree], an example
 RADIUS = 0.25  # [m]: with VOLUME, R_b/R_m is 2.5, within the range of impact sets
 MAPS = ("passages", "deposits", "reach_probability", "energy_mean", "energy_q95", "jump_height_q95")
 TRAJECTORIES = 200
@@ -89,9 +88,9 @@ def _head(new: New) -> Iterator[str]:
 
 
 def _foot(new: New) -> Iterator[str]:
-    if new.observed is None or not (new.observed.files or new.observed.angle):
+    if new.observed is None or not (new.observed.files or new.observed.angles):
         yield "No observations were given. To compare runs with the site, add for example:"
-        yield f"&observed files = 'blocks.csv', energy_line_angle = {ANGLE} /"
+        yield f"&observed files = 'blocks.csv', energy_line_angle = {ANGLES['energy_line_angle']} /"
     yield "Hazard and dossier require frequencies (docs/howto/hazard.md), for example:"
     yield "&scenario name = 'blocks', return_period = 10.0 /"
     if LINES in new.used:
@@ -216,16 +215,15 @@ def _drawn(new: New, place: Path) -> Iterator[Group]:
 def _observed(new: New, place: Path) -> Iterator[Group]:
     """Group of the observations at the site, if any."""
     seen = new.observed
-    if seen is None or not (seen.files or seen.angle is not None):
+    if seen is None or not (seen.files or seen.angles):
         return
     copies = {path: path.name for path in seen.copies}
     files = [copies.get(path) or _name(path, place) for path in seen.files]
     entries = [_entry("observed", "files", files)] if files else []
-    angle, why = seen.angle, "CHOOSE: lowest angle of blocks at the site or in the region"
-    is_given = angle is not None
-    entries.append(
-        _entry("observed", "energy_line_angle", angle if is_given else ANGLE, why, on=is_given)
-    )
+    why = "CHOOSE: lowest angle of blocks at the site or in the region"
+    for key, usual in ANGLES.items():
+        angle = seen.angles.get(key, usual)
+        entries.append(_entry("observed", key, angle, why, on=key in seen.angles))
     yield Group("observed", entries)
 
 

@@ -13,7 +13,7 @@ from rockfall.analysis.observed.compare import site_observations
 from rockfall.case import read_case
 from rockfall.draft.grounds import Ask, Grounds
 from rockfall.draft.groups import New, new_text
-from rockfall.draft.observed import AskAngle, copy_names, observed_of
+from rockfall.draft.observed import ANGLES, AskAngle, copy_names, observed_of
 from rockfall.draft.recognise import (
     BLOCKS,
     OBJECTS,
@@ -50,6 +50,7 @@ def new_case(
     grounds: Mapping[str, str] | None = None,
     ask: Ask | None = None,
     energy_line_angle: float | None = None,
+    shadow_angle: float | None = None,
     ask_angle: AskAngle | None = None,
 ) -> New:
     """Write a commented case for a DEM and layers in files, and a table of any zones next to it,
@@ -58,9 +59,9 @@ def new_case(
     `grounds` gives zones a ground by name or id; `ground` is for zones without a ground in their
     attributes or names, or for a case without zones. `ask` returns the ground of a zone whose
     ground is still unknown; without `ask`, or if it returns "", the case is refused. Blocks at rest
-    and scars become observations (`&observed`), with the lowest `energy_line_angle` [degree] seen
-    at the site or in the region; `ask_angle` returns it for layers of observations, None if it is
-    not known.
+    and scars become observations (`&observed`), with the lowest `energy_line_angle` and
+    `shadow_angle` [degree] seen at the site or in the region; `ask_angle` returns the angle of a
+    key for layers of observations, None if it is not known.
 
     >>> import rockfall
     >>> new = rockfall.new_case("dem.tif", ["cliff.gpkg"], "new.nml", ground="talus")
@@ -91,7 +92,8 @@ def new_case(
             new.notes += chosen.notes()
             new.remarks += new.used[ZONES][0].remarks if new.zones.copy else []
         seen = [(kind, layer) for kind in (BLOCKS, SCARS) for layer in new.used.get(kind, ())]
-        new.observed = observed_of(seen, grid, out, place, energy_line_angle, ask_angle)
+        angles = dict(zip(ANGLES, (energy_line_angle, shadow_angle), strict=True))
+        new.observed = observed_of(seen, grid, out, place, angles, ask_angle)
         _write(new, place, files)
     return new
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observations of a first case: blocks at rest and scars, and the lowest energy line."""
+"""Observations of a first case: blocks at rest and scars, and the lowest angles of their lines."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,17 +14,17 @@ from rockfall.io.coordinates.crs import plan_wkt
 from rockfall.io.rasters.grid import Grid
 
 COPIES = {BLOCKS: "blocks", SCARS: "scars"}  # words in file names
-AskAngle = Callable[[], "float | None"]
+ANGLES = {"energy_line_angle": 31.0, "shadow_angle": 27.5}  # keys, with examples [degree]
+AskAngle = Callable[[str], "float | None"]  # of a key
 
 
 class Observed(NamedTuple):
-    """Observations: files named in a case, with their layers; copies of layers from files with
-    several layers; and the lowest energy-line angle [degree], None if unknown.
-    """
+    """Observations: files that a case names, with their layers; copies of layers that share a file
+    with others; and the lowest angles [degree] that are known, by key."""
 
     files: dict[Path, Layer]
     copies: list[Path]
-    angle: float | None
+    angles: dict[str, float]
 
 
 def copy_names(out: Path) -> Iterator[Path]:
@@ -37,12 +37,11 @@ def observed_of(
     grid: Grid,
     out: Path,
     place: Path,
-    angle: float | None,
+    angles: Mapping[str, float | None],
     ask: AskAngle | None,
 ) -> Observed:
-    """Select the observations from layers with their kinds, and write copies to a folder. `ask`
-    returns the angle if there are observations but no angle is given.
-    """
+    """Observations among layers with their kinds; copies go to a folder. `ask` returns an
+    angle if there are observations, and it is not given."""
     files, copies = {}, []
     for kind, layer in layers:
         path = layer.path
@@ -53,16 +52,17 @@ def observed_of(
             write_geopackage(path, {COPIES[kind]: ("Point", [(layer.shapes, fields)])}, crs)
             copies.append(path)
         files[path] = layer
-    if angle is None and files and ask is not None:
-        angle = ask()
-    if angle is not None:
-        check_angle(angle)
-    return Observed(files, copies, angle)
+    if files and ask is not None:
+        angles = {key: ask(key) if angle is None else angle for key, angle in angles.items()}
+    given = {key: angle for key, angle in angles.items() if angle is not None}
+    for key, angle in given.items():
+        check_angle(key, angle)
+    return Observed(files, copies, given)
 
 
-def check_angle(angle: float) -> None:
-    """Refuse an energy-line angle [degree] that a case does not allow."""
-    key = next(key for key in key_table() if key.name == "energy_line_angle")
+def check_angle(name: str, angle: float) -> None:
+    """Refuse an angle [degree] that a case would not take."""
+    key = next(key for key in key_table() if key.name == name)
     assert key.low is not None and key.high is not None
     if not (math.isfinite(angle) and key.low <= angle <= key.high):
-        raise RockfallError(f"energy-line angle = {angle:g}: must be {key.allowed} degrees")
+        raise RockfallError(f"{name} = {angle:g}: must be {key.allowed} degrees")

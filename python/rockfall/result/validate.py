@@ -103,6 +103,7 @@ def _groups() -> Iterator[_Group]:
     yield {name: ("boulder",) for name in variables.ENERGY}
     yield {name: ("boulder",) for name in variables.SHAPE}
     yield {name: ("boulder",) for name in variables.MASS}
+    yield {name: ("boulder",) for name in variables.SHADOW}
     yield {name: ("boulder",) for name in variables.TREE}
     yield {name: ("boulder",) for name in variables.BREAKAGE}
     yield {f"crossing_{name}": ("crossing",) for name in variables.FRAGMENT}
@@ -146,7 +147,8 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
             continue
         values = data.variables[name].values
         along = dims[0] if len(dims) == 1 else ""
-        if (along in FINITE or along.endswith("_bin")) and not np.isfinite(values).all():
+        is_complete = along in FINITE or along.endswith("_bin")
+        if is_complete and name not in variables.SHADOW and not np.isfinite(values).all():
             raise RockfallError(f"{path}: {name}: must be a number for every {along}")
         if {"boulder", "crossing"} & {*dims}:
             if fault := variables.fault_of(name, values):

@@ -23,6 +23,7 @@ ENERGY = _TABLE["energy"]  # by boulder, on request
 FEATURE = _TABLE["feature"]  # by boulder, if its source comes from a layer
 SHAPE = _TABLE["shape"]  # by boulder, if there are several block shapes
 MASS = _TABLE["mass"]  # by boulder, if its source comes from a layer or gives densities
+SHADOW = _TABLE["shadow"]  # by boulder, if an angle was observed; NaN without an apex
 TREE = _TABLE["tree"]  # by boulder, if there are trees
 BREAKAGE = _TABLE["breakage"]  # by boulder, if boulders may break
 CROSSING = _TABLE["crossing"]  # by crossing of a line: crossing_time, ...

@@ -52,7 +52,7 @@ class Pilot:
                 "ground_block_radius": [ground.block_radius for ground in scene.grounds],
                 "rebounds_by_ground": tally.array("rebounds_by_ground"),
             }
-        values |= {a.file_name: a.values for a in tally.arrays("shape", "breakage")}
+        values |= {a.file_name: a.values for a in tally.arrays("shape", "shadow", "breakage")}
         if scene.case.lines:
             at_lines = {name: data for name, (_, data, _) in line_variables(tally).items()}
             del at_lines["line_name"]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on whether a run agrees with the site's `&observed`."""
+"""Remarks on whether the angles of a run agree with the site's `&observed`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,30 +19,50 @@ if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
     from rockfall.case import Case
 
-FARTHEST = 0.01  # fraction of boulders with the lowest energy-line angles
+#: Angles (boulders,) [degree] by their keys of `&observed`; NaN: unknown.
+ANGLES: dict[str, Callable[[Variables], np.ndarray]] = {
+    "energy_line_angle": mean_slopes,
+    "shadow_angle": lambda values: np.asarray(values["shadow_angle"]),
+}
+FARTHEST = 0.01  # fraction of boulders with the lowest angles
 MIN_BOULDERS = 1000  # minimum number, so that the fraction has ten boulders
-LOWEST = -90.0  # [degree] lower bound of any energy line
+NEEDED = "source", "start_x", "start_y", "status"
+LOWEST = -90.0  # [degree] lower bound of any angle
 
 
 def angle_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on the energy-line angle of the 1 % farthest boulders, compared with the lowest
-    observed angle: a warning if its interval, by sources, does not contain the observed angle.
-    Boulders that left the terrain count with the angle of their exit for the upper limit, and with
-    the lowest possible angle for the lower limit."""
-    observed = case.observed.get("energy_line_angle")
-    if observed is None or "start_x" not in values or np.size(values["start_x"]) < MIN_BOULDERS:
+    """Remarks on the energy-line and shadow angles of the 1 % farthest boulders, compared with the
+    lowest observed angle: a warning if its interval, by sources, does not contain the observed
+    angle. Boulders that left the terrain count with the angle of their exit for the upper limit,
+    and with the lowest possible angle for the lower limit. Those without an angle do not count."""
+    for key, angles_of in ANGLES.items():
+        observed = case.observed.get(key)
+        if observed is not None and "start_x" in values:
+            yield from _remarks(key, observed, angles_of(values), values, case)
+
+
+def _remarks(
+    key: str, observed: float, angles: np.ndarray, values: Variables, case: Case
+) -> Iterator[Remark]:
+    given = ~np.isnan(angles)
+    if not given.all():
+        part = part_of_boulders(int((~given).sum()), given.size)
+        yield Remark(say("model.angle_unknown", part=part), True)
+    if given.sum() < MIN_BOULDERS:
         return
-    angles, source = mean_slopes(values), sources_of(values, case.release["sources"] == "sample")
-    moving = ended_moving(values)
+    own = {name: np.asarray(values[name])[given] for name in NEEDED}
+    angles, source = angles[given], sources_of(own, case.release["sources"] == "sample")
+    moving = ended_moving(own)
     angle, low, high = quantile(angles, FARTHEST, source)
     _, open_low, _ = quantile(np.where(moving, LOWEST, angles), FARTHEST, source)
-    left, shown = part_of_boulders(int(moving.sum()), moving.size), {"observed": observed}
+    left = part_of_boulders(int(moving.sum()), moving.size)
+    shown: dict[str, Any] = {"observed": observed, "angle_of": say(f"model.{key}")}
     if open_low <= observed < low:
         yield Remark(say("model.angle_open", part=left, **shown), True)
         return
-    key = "flatter" if high < observed else "steeper" if low > observed else "as_observed"
-    is_warning = key != "as_observed"
+    verdict = "flatter" if high < observed else "steeper" if low > observed else "as_observed"
+    is_warning = verdict != "as_observed"
     shown |= {"part": percent(FARTHEST), "angle": angle}
-    yield Remark(say(f"model.angle_{key}", **shown), is_warning)
+    yield Remark(say(f"model.angle_{verdict}", **shown), is_warning)
     if moving.any():
         yield Remark(say("model.angle_left", part=left), is_warning)

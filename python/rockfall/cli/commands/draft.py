@@ -37,7 +37,7 @@ def new_command(arguments: argparse.Namespace) -> int:
     ask = _ask if sys.stdin.isatty() else None
     new = new_case(
         arguments.dem, arguments.layers, arguments.output, usual, by_zone, ask,
-        arguments.energy_line_angle, _ask_angle if ask else None,
+        arguments.energy_line_angle, arguments.shadow_angle, _ask_angle if ask else None,
     )  # fmt: skip
     for line in new.remarks:
         warn(line)
@@ -61,11 +61,11 @@ def _grounds(options: Iterable[str]) -> tuple[str, dict[str, str]]:
     return usual, by_zone
 
 
-def _ask_angle() -> float | None:
-    """Read an energy-line angle [degree] from the terminal; None if it is not known."""
-    print(
-        "Lowest energy-line angle observed at the site or in the region [degree]?", file=sys.stderr
-    )
+def _ask_angle(key: str) -> float | None:
+    """Read an observed angle [degree], by its key, from the terminal; None if it is not known."""
+    name = key.removesuffix("_angle").replace("_", "-")
+    text = f"Lowest {name} angle observed at the site or in the region [degree]?"
+    print(text, file=sys.stderr)
     while True:
         try:
             answer = input("number, or Enter if unknown: ").strip()
@@ -75,7 +75,7 @@ def _ask_angle() -> float | None:
             return None
         try:
             angle = float(answer)
-            check_angle(angle)
+            check_angle(key, angle)
             return angle
         except ValueError as error:
             print(error, file=sys.stderr)

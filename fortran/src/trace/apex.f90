@@ -1,0 +1,90 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Apex of the talus below a source, from which shadow angles are measured (Evans and Hungr 1993, Can. Geotech. J. 30,
+!> 620): where the descent from the source is no longer cliff.
+module rockfall_apex
+   use rockfall_kinds, only: wp
+   use rockfall_math, only: tangent
+   use rockfall_terrain, only: terrain_t, patch_t, locate, height, on_terrain
+   use rockfall_steep_cells, only: usual_threshold
+   use rockfall_outcome, only: departure_status, stopped, left_domain
+   implicit none
+   private
+   public :: find_apex
+
+   real(wp), parameter :: beyond = 20.0_wp  !! distance below the apex that is no cliff either [m]
+   integer, parameter :: sides(2, 4) = reshape([-1, 0, 1, 0, 0, -1, 0, 1], [2, 4])
+
+contains
+
+   !> Follow the steepest descent, in steps of a cell, to the first place from which neither the next step nor the next
+   !> `beyond` metres are as steep as a cliff, by the usual threshold of sources. The status is 0; `stopped` if the
+   !> descent turns back or ends higher, in a pit; or that of a boulder that leaves the terrain at the same place.
+   pure subroutine find_apex(dem, start, apex, status)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(in) :: start(2)  !! source, local coordinates [m]
+      real(wp), intent(out) :: apex(3)  !! or where the descent leaves the terrain [m]
+      integer, intent(out) :: status
+      real(wp) :: way(3, 0:ceiling(beyond/dem%cell)), at(3), heading(2), fall
+      integer :: k, n
+
+      n = ubound(way, 2)
+      fall = dem%cell*tangent(usual_threshold(dem%cell))
+      heading = 0
+      at = [start, 0.0_wp]
+      call find_height(dem, at, status)
+      way(:, 0) = at
+      do k = 1, 4*(dem%nx + dem%ny)
+         if (status == 0) call step_down(dem, heading, at, status)
+         apex = at
+         if (status /= 0) return
+         way(:, mod(k, n + 1)) = at
+         if (k < n) cycle
+         apex = way(:, mod(k + 1, n + 1))
+         if (apex(3) - way(3, mod(k + 2, n + 1)) >= fall .or. apex(3) - at(3) >= n*fall) cycle
+         if (at(3) > apex(3)) exit
+         return
+      end do
+      status = stopped
+   end subroutine find_apex
+
+   !> Go down by a cell, along the gradient over `beyond`, which does not stop in hollows of the surface; straight on
+   !> where it is level.
+   pure subroutine step_down(dem, heading, at, status)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(inout) :: heading(2)  !! unit vector; 0 at the source
+      real(wp), intent(inout) :: at(3)       !! [m]
+      integer, intent(out) :: status         !! as of find_apex
+      real(wp) :: probe(3), descent(2)
+      integer :: k
+
+      descent = 0
+      do k = 1, 4
+         probe(:2) = at(:2) + 0.5_wp*beyond*sides(:, k)
+         call find_height(dem, probe, status)
+         if (status /= 0) then
+            at = probe
+            return
+         end if
+         descent = descent - sides(:, k)*probe(3)
+      end do
+      if (dot_product(descent, heading) < 0) status = stopped
+      if (any(abs(descent) > 0)) heading = descent/sqrt(sum(descent**2))
+      at(:2) = at(:2) + dem%cell*heading
+      if (status == 0) call find_height(dem, at, status)
+   end subroutine step_down
+
+   !> Elevation at a place.
+   pure subroutine find_height(dem, at, status)
+      type(terrain_t), intent(in) :: dem
+      real(wp), intent(inout) :: at(3)  !! [m]
+      integer, intent(out) :: status    !! 0 if known
+      type(patch_t) :: patch
+      real(wp) :: u, w
+
+      status = left_domain
+      if (.not. on_terrain(dem, at(1), at(2))) return
+      call locate(dem, at(1), at(2), patch, u, w)
+      status = merge(0, departure_status(dem, patch), patch%known)
+      at(3) = height(patch, u, w)
+   end subroutine find_height
+end module rockfall_apex
