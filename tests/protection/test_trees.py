@@ -217,7 +217,7 @@ def test_another_forest_needs_another_scene_file(tmp_path, key):
     file = tmp_path / "ready/case.nml"
     file.write_text(case.replace(forest=key).text())
     done = run_program("ready/case.nml", "-o", "out.nc", "--quiet", cwd=tmp_path)
-    assert done.returncode == 2 and f"&forest {next(iter(key))}: is not as" in done.stderr
+    assert done.returncode == 2 and f"&forest {next(iter(key))}: differs from" in done.stderr
 
 
 @pytest.mark.parametrize(
