@@ -19,13 +19,13 @@ module rockfall_variables
    !> Variable of a result.
    type :: variable_t
       !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), feature (per
-      !> boulder, if sources come from a layer), shape (per boulder, if they have several), mass (if sources come from a
-      !> layer or give densities), shadow (per boulder, if an angle was observed), tree (per boulder, if there are
+      !> boulder, if sources come from a layer), shape (per boulder, if they have several), mass (if sources come from
+      !> a layer or give densities), shadow (per boulder, if an angle was observed), tree (per boulder, if there are
       !> trees), breakage (per boulder, if they may break), crossing (first crossing of a line), fragment (then, if
-      !> boulders may break), hit (then, if there are barriers), line (derived from a crossing, in no file), line_vertex,
-      !> barrier, map, histogram, vertex (of a trajectory), tally (per cell, in part files), kept and sample (if not all
-      !> rows are kept); or status, outcome and leg: values of the status of a boulder, of the outcome at a barrier, and
-      !> of the motion from a vertex to the next.
+      !> boulders may break), hit (then, if there are barriers), line (derived from a crossing, in no file),
+      !> line_vertex, barrier, map, histogram, vertex (of a trajectory), tally (per cell, in part files), kept and
+      !> sample (if not all rows are kept); or status, outcome and leg: values of the status of a boulder, of the
+      !> outcome at a barrier, and of the motion from a vertex to the next.
       character(len=11) :: group
       character(len=27) :: name       !! in files prefixed by crossing_, trajectory_, tally_, followed by _histogram
       character(len=7) :: kind        !! real, integer, word

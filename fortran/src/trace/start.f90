@@ -9,7 +9,7 @@ module rockfall_start
    use rockfall_maps, only: visit_cell
    use rockfall_scene_type, only: scene_t
    use rockfall_outcome, only: boulder_result_t, at_rest, left_window
-   use rockfall_apex, only: find_apex
+   use rockfall_apex, only: find_apex, found, not_loaded
    use rockfall_record, only: vertex_t, record_vertex, store_path
    use rockfall_scratch, only: scratch_t, with_maps, with_all, clear_scratch
    use rockfall_draws, only: block_shape_of, drawn_soil
@@ -50,8 +50,8 @@ contains
          result%stop = result%start
       else if (scene%apexes_requested) then
          call find_apex(scene%dem, result%start(:2), result%apex, status)
-         result%has_apex = status == 0
-         if (status /= left_window) return
+         result%has_apex = status == found
+         if (status /= not_loaded) return
          result%status = left_window
          result%stop = result%apex
       end if

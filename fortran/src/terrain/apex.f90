@@ -4,12 +4,14 @@
 module rockfall_apex
    use rockfall_kinds, only: wp
    use rockfall_math, only: tangent
-   use rockfall_terrain, only: terrain_t, patch_t, locate, height, on_terrain
+   use rockfall_terrain, only: terrain_t, patch_t, locate, height, on_terrain, in_window
    use rockfall_steep_cells, only: usual_threshold
-   use rockfall_outcome, only: departure_status, stopped, left_domain
    implicit none
    private
-   public :: find_apex
+   public :: find_apex, found, not_loaded
+
+   !> How the descent ends: at the apex, in a pit, at unknown terrain, or at the edge of the loaded window.
+   integer, parameter :: found = 0, pit = 1, unknown = 2, not_loaded = 3
 
    real(wp), parameter :: beyond = 20.0_wp  !! distance below the apex that is no cliff either [m]
    integer, parameter :: sides(2, 4) = reshape([-1, 0, 1, 0, 0, -1, 0, 1], [2, 4])
@@ -17,13 +19,13 @@ module rockfall_apex
 contains
 
    !> Follow the steepest descent, in steps of a cell, to the first place from which neither the next step nor the next
-   !> `beyond` metres are as steep as a cliff, by the usual threshold of sources. The status is 0; `stopped` if the
-   !> descent turns back or ends higher, in a pit; or that of a boulder that leaves the terrain at the same place.
+   !> `beyond` metres are as steep as a cliff, by the usual threshold of sources. It ends in a pit where it turns back
+   !> or does not get lower.
    pure subroutine find_apex(dem, start, apex, status)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: start(2)  !! source, local coordinates [m]
       real(wp), intent(out) :: apex(3)  !! or where the descent leaves the terrain [m]
-      integer, intent(out) :: status
+      integer, intent(out) :: status    !! found, ...
       real(wp) :: way(3, 0:ceiling(beyond/dem%cell)), at(3), heading(2), fall
       integer :: k, n
 
@@ -34,9 +36,9 @@ contains
       call find_height(dem, at, status)
       way(:, 0) = at
       do k = 1, 4*(dem%nx + dem%ny)
-         if (status == 0) call step_down(dem, heading, at, status)
+         if (status == found) call step_down(dem, heading, at, status)
          apex = at
-         if (status /= 0) return
+         if (status /= found) return
          way(:, mod(k, n + 1)) = at
          if (k < n) cycle
          apex = way(:, mod(k + 1, n + 1))
@@ -44,7 +46,7 @@ contains
          if (at(3) > apex(3)) exit
          return
       end do
-      status = stopped
+      status = pit
    end subroutine find_apex
 
    !> Go down by a cell, along the gradient over `beyond`, which does not stop in hollows of the surface; straight on
@@ -53,7 +55,7 @@ contains
       type(terrain_t), intent(in) :: dem
       real(wp), intent(inout) :: heading(2)  !! unit vector; 0 at the source
       real(wp), intent(inout) :: at(3)       !! [m]
-      integer, intent(out) :: status         !! as of find_apex
+      integer, intent(out) :: status         !! found, ...
       real(wp) :: probe(3), descent(2)
       integer :: k
 
@@ -61,30 +63,31 @@ contains
       do k = 1, 4
          probe(:2) = at(:2) + 0.5_wp*beyond*sides(:, k)
          call find_height(dem, probe, status)
-         if (status /= 0) then
+         if (status /= found) then
             at = probe
             return
          end if
          descent = descent - sides(:, k)*probe(3)
       end do
-      if (dot_product(descent, heading) < 0) status = stopped
+      if (dot_product(descent, heading) < 0) status = pit
       if (any(abs(descent) > 0)) heading = descent/sqrt(sum(descent**2))
       at(:2) = at(:2) + dem%cell*heading
-      if (status == 0) call find_height(dem, at, status)
+      if (status == found) call find_height(dem, at, status)
    end subroutine step_down
 
    !> Elevation at a place.
    pure subroutine find_height(dem, at, status)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(inout) :: at(3)  !! [m]
-      integer, intent(out) :: status    !! 0 if known
+      integer, intent(out) :: status    !! found, unknown, or not_loaded
       type(patch_t) :: patch
       real(wp) :: u, w
 
-      status = left_domain
+      status = unknown
       if (.not. on_terrain(dem, at(1), at(2))) return
       call locate(dem, at(1), at(2), patch, u, w)
-      status = merge(0, departure_status(dem, patch), patch%known)
+      if (patch%known) status = found
+      if (.not. in_window(dem, patch%i, patch%j)) status = not_loaded
       at(3) = height(patch, u, w)
    end subroutine find_height
 end module rockfall_apex
