@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Callable, Sequence
 from math import isnan
 
-from rockfall.evidence import Evidence, evidence, largest_error, only
+from rockfall.evidence import Evidence, error_range, evidence, only
 
 BLOCK = re.compile(r"(<!-- evidence: (\S+) -->\n).*?(<!-- end of evidence -->)", re.DOTALL)
 LINES = "EL1", "EL2"
@@ -43,8 +43,10 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows))
 
 
-def paragraph(text: str) -> str:
-    return textwrap.fill(text, 100, break_on_hyphens=False, break_long_words=False)
+def bullets(items: Sequence[str]) -> str:
+    indents = {"initial_indent": "- ", "subsequent_indent": "  "}
+    whole = {"break_on_hyphens": False, "break_long_words": False}
+    return "\n".join(textwrap.fill(item, 100, **indents, **whole) for item in items)
 
 
 def signed(*rows: Evidence) -> str:
@@ -59,8 +61,18 @@ def with_error(row: Evidence, decimals: int) -> str:
 
 
 def vaujany(model: str, statistic: str) -> str:
-    """Largest error over quantities and lines."""
-    return f"{largest_error(evidence('vaujany', quantity=f'*_{statistic}', model=model))} %"
+    """Errors over quantities and lines, with their signs."""
+    low, high = error_range(evidence("vaujany", quantity=f"*_{statistic}", model=model))
+    return f"{low:+d} to {high:+d} %".replace("+0", "0")
+
+
+def high_height(line: str, model: str) -> float:
+    """Error of the mean passing height plus one deviation at a line [%]."""
+    mean, deviation = (
+        only("vaujany", line, f"passing_height_{statistic}", model) for statistic in ("mean", "std")
+    )
+    observed = mean.observed + deviation.observed
+    return 100 * ((mean.simulated + deviation.simulated) / observed - 1)
 
 
 def largest(quantity: str, model: str) -> str:
@@ -89,14 +101,25 @@ def fallen(model: str) -> float:
     return only("fall", "20 m onto 20 degrees, R_b 0.6 m", "passing_60_m", model).error
 
 
-def default_runaway() -> str:
-    steep = 38, 42
-    fast = (runaway(slope, "1", "vaujany-observed, R_m 0.2 m") for slope in steep)
-    return paragraph(
-        f"On slopes of 400 m at {steep[0]} and {steep[1]} degrees, "
-        f"{' and '.join(f'{100 * part:.0f}' for part in fast)} % of the boulders with R_b/R_m = 5 "
-        "are faster than any observed ([planes](validation/planes.md))."
+def default_directions() -> str:
+    """Errors of the default set that a design depends on, with their direction."""
+    steep, default = (38, 42), "vaujany-observed"
+    fast = (100 * runaway(slope, "1", f"{default}, R_m 0.2 m") for slope in steep)
+    narrow = signed(only("vaujany", "EL2", "passing_height_std", default))
+    items = (
+        f"**Too fast on long steep slopes: safe.** On 400 m of {steep[0]} and {steep[1]} degrees "
+        f"{' and '.join(f'{part:.0f}' for part in fast)} % of the boulders with R_b/R_m = 5 are "
+        "faster than any observed ([planes](validation/planes.md)). If that costs too much, "
+        "[calibrate on your site](howto/back-analysis.md).",
+        f"**Heights vary too little: unsafe.** At EL2 their deviation is {narrow}, and mean plus "
+        f"one deviation {high_height('EL2', default):+.0f} %. The largest of 100 are too high, by "
+        f"{largest('passing_height', default)} at EL1 and EL2. So design the height of a barrier "
+        "by the 99 % quantile, not by 95 %.",
+        "**Largest speeds and energies** of 100 boulders are low: unsafe, by "
+        f"{largest('speed', default)}, {largest('energy_translational', default)}. Design for "
+        "the upper limit of an [ensemble](howto/uncertainty.md).",
     )
+    return bullets(items)
 
 
 def summary() -> str:
@@ -110,8 +133,8 @@ def summary() -> str:
         [
             [
                 "100 boulders at two lines on talus",
-                f"means within {means[0]}, deviations within {deviations[0]}",
-                f"`{by_table}`: means within {means[1]}, deviations within {deviations[1]}",
+                f"means {means[0]}, deviations {deviations[0]}",
+                f"`{by_table}`: means {means[1]}, deviations {deviations[1]}",
             ],
             [
                 "run-outs on a pasture",
@@ -150,7 +173,7 @@ def sites() -> str:
         [
             "[Vaujany](vaujany.md)",
             "speed, height, energy at two lines on talus",
-            f"means within {vaujany('talus', 'mean')}, deviations within "
+            f"means {vaujany('talus', 'mean')}, deviations "
             f"{vaujany('talus', 'std')}, largest energies "
             f"{largest('energy_translational', 'talus')}",
             "`talus` is calibrated on some slopes of the recipe, and tested on others",
@@ -196,8 +219,8 @@ def vaujany_models() -> str:
     return table(
         [
             "by",
-            "means within",
-            "deviations within",
+            "means",
+            "deviations",
             "largest energies, EL1 and EL2",
             "largest heights",
         ],
@@ -307,7 +330,7 @@ def tables() -> str:
             "100 boulders at two lines of [Vaujany](validation/field/vaujany.md), on slopes "
             "not used for calibration",
             "`talus`",
-            f"means within {vaujany('talus', 'mean')}, deviations within "
+            f"means {vaujany('talus', 'mean')}, deviations "
             f"{vaujany('talus', 'std')}, largest energies "
             f"{largest('energy_translational', 'talus')}, largest heights "
             f"{largest('passing_height', 'talus')}",
@@ -315,8 +338,7 @@ def tables() -> str:
         [
             "the same",
             "`rocky-slope`",
-            f"means within {vaujany('rocky-slope', 'mean')}, deviations within "
-            f"{vaujany('rocky-slope', 'std')}",
+            f"means {vaujany('rocky-slope', 'mean')}, deviations {vaujany('rocky-slope', 'std')}",
         ],
         [
             "half of the runs of [Tschamut](validation/field/tschamut.md)",
@@ -374,7 +396,7 @@ def forest_table() -> str:
 
 BLOCKS: dict[str, Callable[[], str]] = {
     "summary": summary,
-    "default-runaway": default_runaway,
+    "default-directions": default_directions,
     "sites": sites,
     "vaujany-models": vaujany_models,
     "vaujany-lines": vaujany_lines,

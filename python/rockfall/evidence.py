@@ -76,6 +76,12 @@ def largest_error(rows: Iterable[Evidence]) -> int:
     return round(max(abs(row.error) for row in rows))
 
 
+def error_range(rows: Iterable[Evidence]) -> tuple[int, int]:
+    """Lowest and highest error of rows with observations [%]."""
+    errors = [round(row.error) for row in rows]
+    return min(errors), max(errors)
+
+
 @cache
 def table() -> tuple[Evidence, ...]:
     """Return all rows."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rockfall.evidence import evidence, largest_error, only, table
+from rockfall.evidence import error_range, evidence, largest_error, only, table
 from rockfall.language import LANGUAGES, catalogue
 
 ROOT = Path(__file__).parents[2]
@@ -172,6 +172,10 @@ def test_rows_are_chosen_by_site_place_quantity_and_model():
         f"{quantity}_mean" for quantity in ("speed", "passing_height", "energy_translational")
     ]
     assert largest_error(rows) == round(max(abs(row.error) for row in rows))
+    assert error_range(rows) == (
+        round(min(row.error for row in rows)),
+        round(max(row.error for row in rows)),
+    )
     with pytest.raises(LookupError, match="0 rows of vaujany, EL3"):
         only("vaujany", "EL3", "speed_mean", "talus")
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.analysis.validity.remark import Remark, sum_of
-from rockfall.evidence import evidence, largest_error
+from rockfall.evidence import error_range, evidence, largest_error
 from rockfall.grounds import block_radius, other_tables
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.grounds.impact_tables import open_table, own_table
@@ -120,15 +120,17 @@ def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     sites = [*evidence("vaujany"), *evidence("tschamut", "held-out", "run_out_*")]
     judged = [row for row in sites if row.model in {*JUDGED_TABLES, *names}]
     means, deviations = (
-        largest_error(row for row in judged if row.quantity.endswith(statistic))
+        error_range(row for row in judged if row.quantity.endswith(statistic))
         for statistic in ("_mean", "_std")
     )
     text = say(
         "model.tables",
         drawn=_part_of_all(tables, values),
         grounds=", ".join(names),
-        means=means,
-        deviations=deviations,
+        mean_low=means[0],
+        mean_high=means[1],
+        std_low=deviations[0],
+        std_high=deviations[1],
     )
     yield Remark(text, True)
     thrown = [*_largest_thrown(tables, case)]
