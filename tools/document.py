@@ -92,7 +92,7 @@ files, but no inputs. Several files are written all together or not at all.
 GROUNDS = """# The shipped table of grounds
 
 This page lists `python/rockfall/data/grounds.csv`, from which it is made. Each row is a classical
-rebound, or a ground by tables of impacts. Models, parameters, units and how far the values are
+rebound, or a ground by impact tables. Models, parameters, units and how far the values are
 confirmed: [grounds](grounds.md).
 """
 

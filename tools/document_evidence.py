@@ -18,8 +18,8 @@ QUANTITIES = {
 }
 STATISTICS = {"mean": "mean", "std": "deviation", "max": "largest of 100"}
 MODELS = {  # at Vaujany, as pages name them
-    "talus": "table of impacts `talus`",
-    "rocky-slope": "table of impacts `rocky-slope`",
+    "talus": "impact table `talus`",
+    "rocky-slope": "impact table `rocky-slope`",
     "vaujany-observed": "set `vaujany-observed`, the default",
     "bourrier2009, B": "set `bourrier2009`, method B",
     "bourrier2009, A": "set `bourrier2009`, method A",
@@ -129,7 +129,7 @@ def summary() -> str:
     passed = [forest("forest", model) for model in (default, by_table)]
     means, deviations = zip(*within.values(), strict=True)
     return table(
-        ["compared with", "default set", "tables of impacts"],
+        ["compared with", "default set", "impact tables"],
         [
             [
                 "100 boulders at two lines on talus",
@@ -212,7 +212,7 @@ def sites() -> str:
             "tested with substitute files",
         ],
     ]
-    return table(["site", "what", "by tables of impacts", "evidence"], rows)
+    return table(["site", "what", "by impact tables", "evidence"], rows)
 
 
 def vaujany_models() -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Make the tables of impacts that are shipped with the program, from its laboratory of blocks and,
+"""Make the impact tables that are shipped with the program, from its laboratory of blocks and,
 `rocky-slope`, from that of rocks:
 
     python tools/ship_tables.py [--contacts FOLDER] [ploughed-compact ... | rocky-slope]
